@@ -1,0 +1,378 @@
+"""What the configuration files may say: one struct per table, the range beside the name.
+
+Unknown keys, missing keys and values out of range are refused. Nothing physical and nothing that
+safety depends on has a default. `load.py` reads the files into one frozen `Settings`.
+"""
+
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from daemon.record import Mode, StopCategory
+
+Positive = Annotated[float, Meta(gt=0)]
+NonNegative = Annotated[float, Meta(ge=0)]
+Ratio = Annotated[float, Meta(ge=0, le=1)]
+NodeId = Annotated[int, Meta(ge=1, le=127)]
+
+
+class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One table of a file."""
+
+
+# --- robot.toml -----------------------------------------------------------------------------
+
+
+class Geometry(Table):
+    thigh_length_m: Annotated[float, Meta(gt=0.2, le=0.7)]
+    shank_length_m: Annotated[float, Meta(gt=0.2, le=0.7)]
+    shoe_length_m: Annotated[float, Meta(gt=0.05, le=0.5)]
+    recline_deg: Annotated[float, Meta(ge=0, le=90)]
+    rail_x_m: Annotated[float, Meta(ge=-2, le=2)]
+    rail_y_m: Annotated[float, Meta(ge=-2, le=2)]
+    rail_angle_deg: Annotated[float, Meta(ge=-180, le=180)]
+    thigh_offset_deg: Annotated[float, Meta(ge=-45, le=45)]
+
+
+class Segment(Table):
+    """One link of the exoskeleton; its centre of mass in link lengths from the proximal joint."""
+
+    mass_kg: Annotated[float, Meta(ge=0, le=50)]
+    com_ratio: Annotated[float, Meta(ge=0, le=1.5)]
+    com_offset_deg: Annotated[float, Meta(ge=-180, le=180)]
+    inertia_kg_m2: Annotated[float, Meta(ge=0, le=10)]
+
+
+class Slide(Table):
+    mass_kg: Annotated[float, Meta(ge=0, le=50)]
+    drive_mass_kg: Annotated[float, Meta(ge=0, le=200)]
+
+
+class Hip(Table):
+    drive_inertia_kg_m2: Annotated[float, Meta(ge=0, le=20)]
+
+
+class Springs(Table):
+    hip_stiffness_nm_per_rad: Annotated[float, Meta(ge=0, le=500)]
+    hip_rest_rad: Annotated[float, Meta(ge=-20, le=20)]
+    slide_stiffness_n_per_m: Annotated[float, Meta(ge=0, le=5000)]
+    slide_rest_m: Annotated[float, Meta(ge=-20, le=20)]
+
+
+class Dampers(Table):
+    hip_nm_s_per_rad: Annotated[float, Meta(ge=0, le=50)]
+    knee_nm_s_per_rad: Annotated[float, Meta(ge=0, le=50)]
+    ankle_nm_s_per_rad: Annotated[float, Meta(ge=0, le=50)]
+    slide_joint_nm_s_per_rad: Annotated[float, Meta(ge=0, le=50)]
+
+
+class HipFriction(Table):
+    """Friction law (13) at the hip and its time constant, eq. (11)."""
+
+    stribeck_nm: Annotated[float, Meta(gt=0, le=100)]
+    coulomb_nm: Annotated[float, Meta(gt=0, le=100)]
+    viscous_nm_s_per_rad: Annotated[float, Meta(ge=0, le=100)]
+    transition_rad_per_s: Annotated[float, Meta(gt=0, le=1)]
+    peak_rad_per_s: Annotated[float, Meta(gt=0, le=2)]
+    edge_rad_per_s: Annotated[float, Meta(gt=0, le=2)]
+    time_constant_s: Annotated[float, Meta(gt=0, le=1)]
+
+
+class SlideFriction(Table):
+    """Friction law (13) at the slide and its time constant, eq. (11)."""
+
+    stribeck_n: Annotated[float, Meta(gt=0, le=1000)]
+    coulomb_n: Annotated[float, Meta(gt=0, le=1000)]
+    viscous_n_s_per_m: Annotated[float, Meta(ge=0, le=2000)]
+    transition_m_per_s: Annotated[float, Meta(gt=0, le=1)]
+    peak_m_per_s: Annotated[float, Meta(gt=0, le=2)]
+    edge_m_per_s: Annotated[float, Meta(gt=0, le=2)]
+    time_constant_s: Annotated[float, Meta(gt=0, le=1)]
+
+
+class Friction(Table):
+    hip: HipFriction
+    slide: SlideFriction
+
+
+class Patient(Table):
+    """Adds the leg's segments to the exoskeleton's (Winter's table)."""
+
+    mass_kg: Annotated[float, Meta(ge=20, le=160)]
+    height_m: Annotated[float, Meta(ge=1.0, le=2.2)]
+
+
+class ObserverTuning(Table):
+    """Standard deviations per 10 ms step and of the measurement (observer.md 3.1)."""
+
+    process_hip_angle_rad: Positive
+    process_slide_position_m: Positive
+    process_hip_velocity_rad_per_s: Positive
+    process_slide_velocity_m_per_s: Positive
+    process_hip_friction_nm: Positive
+    process_slide_friction_n: Positive
+    process_hip_patient_nm: Positive
+    process_slide_patient_n: Positive
+    measurement_hip_angle_rad: Positive
+    measurement_slide_position_m: Positive
+    coriolis: bool
+    velocity_gated: bool
+    """Disturbance noise scaled by the gate a(v): standstill is absorbed into friction (Fig. 5)."""
+    integrator: Literal["semi_implicit", "rk4"]
+    substeps: Annotated[int, Meta(ge=1, le=10)]
+    gate_nis: Annotated[float, Meta(ge=20, le=1000)]
+
+
+class Robot(Table):
+    """robot.toml."""
+
+    geometry: Geometry
+    thigh: Segment
+    shank: Segment
+    shoe: Segment
+    slide: Slide
+    hip: Hip
+    springs: Springs
+    dampers: Dampers
+    friction: Friction
+    observer: ObserverTuning
+    patient: Patient | None = None
+
+
+# --- limits.toml ----------------------------------------------------------------------------
+
+Category = Literal["S2", "S1", "S0"]
+
+
+class AxisLimits(Table):
+    """Limits of one axis at the joint: rad, rad/s, N·m for the hip; m, m/s, N for the slide."""
+
+    position_min_si: float
+    position_max_si: float
+    soft_margin_si: Positive
+    """Distance before the hard limit where the speed that is allowed begins to fall."""
+    velocity_max_si: Positive
+    effort_max_si: Positive
+    effort_rate_max_si_per_s: Positive
+    power_max_w: Positive
+    tracking_max_si: Positive
+    following_error_si: Positive
+    """Written into the drive (6065h)."""
+    temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
+    quick_stop_deceleration_si_per_s2: Positive
+    """Written into the drive (6085h) and used for stopping paths."""
+    static_load_tolerance_si: Positive
+    """Enable refuses when the load at hold differs from g(q) by more."""
+    brake: bool
+
+
+class HipLimits(Table):
+    """[hip] of limits.toml."""
+
+    position_min_deg: Annotated[float, Meta(ge=-60, le=120)]
+    position_max_deg: Annotated[float, Meta(ge=-60, le=120)]
+    soft_margin_deg: Annotated[float, Meta(gt=0, le=30)]
+    velocity_max_rad_per_s: Annotated[float, Meta(gt=0, le=6)]
+    torque_max_nm: Annotated[float, Meta(gt=0, le=120)]
+    torque_rate_max_nm_per_s: Annotated[float, Meta(gt=0, le=5000)]
+    power_max_w: Annotated[float, Meta(gt=0, le=500)]
+    tracking_max_deg: Annotated[float, Meta(gt=0, le=45)]
+    following_error_deg: Annotated[float, Meta(gt=0, le=45)]
+    temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
+    quick_stop_deceleration_rad_per_s2: Annotated[float, Meta(gt=0, le=200)]
+    static_load_tolerance_nm: Annotated[float, Meta(gt=0, le=60)]
+    brake: bool
+
+
+class SlideLimits(Table):
+    """[slide] of limits.toml."""
+
+    position_min_m: Annotated[float, Meta(ge=-1, le=2)]
+    position_max_m: Annotated[float, Meta(ge=-1, le=2)]
+    soft_margin_m: Annotated[float, Meta(gt=0, le=0.3)]
+    velocity_max_m_per_s: Annotated[float, Meta(gt=0, le=5)]
+    force_max_n: Annotated[float, Meta(gt=0, le=1500)]
+    force_rate_max_n_per_s: Annotated[float, Meta(gt=0, le=50000)]
+    power_max_w: Annotated[float, Meta(gt=0, le=2000)]
+    tracking_max_m: Annotated[float, Meta(gt=0, le=0.5)]
+    following_error_m: Annotated[float, Meta(gt=0, le=0.5)]
+    temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
+    quick_stop_deceleration_m_per_s2: Annotated[float, Meta(gt=0, le=200)]
+    static_load_tolerance_n: Annotated[float, Meta(gt=0, le=600)]
+    brake: bool
+
+
+class Singularity(Table):
+    """Distance to the mechanism's singularity as |sin| of the angle between shank and shoe."""
+
+    soft_ratio: Annotated[float, Meta(gt=0, lt=1)]
+    stop_ratio: Annotated[float, Meta(gt=0, lt=1)]
+
+
+class Communication(Table):
+    """When silence is a verdict."""
+
+    sample_age_max_cycles: Annotated[int, Meta(ge=1, le=10)]
+    heartbeat_timeout_ms: Annotated[int, Meta(ge=20, le=500)]
+    """Of a drive's heartbeat, as the core judges it."""
+    gateway_silence_ms: Annotated[int, Meta(ge=50, le=1000)]
+    overruns_in_a_row: Annotated[int, Meta(ge=1, le=20)]
+    mode_switch_cycles: Annotated[int, Meta(ge=2, le=20)]
+    encoder_frozen_cycles: Annotated[int, Meta(ge=2, le=200)]
+    encoder_jump_ratio: Annotated[float, Meta(gt=1, le=10)]
+    """A step between two SYNCs larger than this many times velocity_max is a jump."""
+
+
+class Stop(Table):
+    """How stopping is judged (escalation, design 5)."""
+
+    obey_cycles: Annotated[int, Meta(ge=1, le=20)]
+    """Cycles until a drive must show the state that it was sent into."""
+    standstill_cycles: Annotated[int, Meta(ge=1, le=100)]
+    standstill_hip_rad_per_s: Annotated[float, Meta(gt=0, le=0.5)]
+    standstill_slide_m_per_s: Annotated[float, Meta(gt=0, le=0.5)]
+    ramp_margin_ratio: Annotated[float, Meta(gt=1, le=5)]
+    """Speed may be this many times what the quick-stop ramp allows before it counts as disobeyed."""
+    assist_fade_ms: Annotated[int, Meta(ge=20, le=2000)]
+
+
+class Limits(Table):
+    """limits.toml. `stop_category` names every cause that a category may be chosen for."""
+
+    hip: HipLimits
+    slide: SlideLimits
+    singularity: Singularity
+    communication: Communication
+    stop: Stop
+    stop_category: dict[str, Category]
+
+
+# --- trainer file (demo.toml, vcan.toml, trainer.toml) ---------------------------------------
+
+
+class Bus(Table):
+    """Python-can's own words for the interface."""
+
+    interface: Literal["socketcan", "remote", "virtual"]
+    channel: Annotated[str, Meta(min_length=1)]
+    bitrate_bit_per_s: Literal[125_000, 250_000, 500_000, 800_000, 1_000_000]
+    load_max_ratio: Annotated[float, Meta(gt=0, le=0.8)]
+
+
+class Cycle(Table):
+    """The grid. The drives' 60C2h is written from `period_ms`."""
+
+    period_ms: Literal[10]
+    window_ms: Annotated[float, Meta(ge=1, le=8)]
+    master_node_id: NodeId
+    master_heartbeat_ms: Annotated[int, Meta(ge=10, le=100)]
+    drive_heartbeat_ms: Annotated[int, Meta(ge=10, le=200)]
+    drive_detection_ms: Annotated[int, Meta(ge=20, le=100)]
+    """1016h in the drives: the master's silence until they stop by themselves."""
+    rpdo_timeout_ms: Annotated[int, Meta(ge=20, le=100)]
+    realtime_priority: Annotated[int, Meta(ge=0, le=90)]
+    """SCHED_FIFO priority of the core where the machine allows it; 0 asks for none."""
+
+
+class Leg(Table):
+    """One leg: two drive files, by path relative to this file."""
+
+    name: Literal["right", "left"]
+    hip: str
+    slide: str
+
+
+class Impedance(Table):
+    """Guidance of `gait` and position hold: a spring and a damper about the reference."""
+
+    hip_stiffness_nm_per_rad: Annotated[float, Meta(gt=0, le=1000)]
+    hip_damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=100)]
+    slide_stiffness_n_per_m: Annotated[float, Meta(gt=0, le=20000)]
+    slide_damping_n_s_per_m: Annotated[float, Meta(ge=0, le=2000)]
+
+
+class Gait(Table):
+    """The periodic reference: harmonics of hip and knee in degrees, [a_k, b_k] per harmonic."""
+
+    guidance: Literal["impedance", "position"]
+    announce_s: Annotated[float, Meta(ge=0.5, le=30)]
+    approach_hip_rad_per_s: Annotated[float, Meta(gt=0, le=1)]
+    approach_slide_m_per_s: Annotated[float, Meta(gt=0, le=1)]
+    ramp_strides: Annotated[int, Meta(ge=1, le=10)]
+    cadence_max_hz: Annotated[float, Meta(gt=0, le=1)]
+    hip_mean_deg: float
+    hip_harmonics_deg: tuple[tuple[float, float], ...]
+    knee_mean_deg: float
+    knee_harmonics_deg: tuple[tuple[float, float], ...]
+    impedance: Impedance
+
+
+class Sinusoid(Table):
+    """One part of an excite scenario: a sine, or a step, between two times."""
+
+    axis: Literal["hip", "slide"]
+    kind: Literal["sine", "step"]
+    amplitude_si: float
+    frequency_hz: Annotated[float, Meta(ge=0, le=5)]
+    start_s: NonNegative
+    end_s: Positive
+
+
+class Excite(Table):
+    """An open-loop scenario about g(q), with or without an artificial disturbance."""
+
+    hip_window_deg: Annotated[float, Meta(gt=0, le=40)]
+    slide_window_m: Annotated[float, Meta(gt=0, le=0.6)]
+    duration_max_s: Annotated[float, Meta(gt=0, le=600)]
+    torque: tuple[Sinusoid, ...]
+    artificial: tuple[Sinusoid, ...] = ()
+
+
+class Zenoh(Table):
+    """Where the gateway listens: loopback or a Unix socket, unless somebody decides otherwise."""
+
+    trainer: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]+$")]
+    listen: Annotated[tuple[str, ...], Meta(min_length=1)]
+
+
+class Paths(Table):
+    """Where the two processes meet and what outlives them; relative to the trainer file."""
+
+    runtime: str
+    """A directory on a tmpfs: the ring and the sockets of the seam."""
+    state: str
+    """A directory that survives a restart: stored pose and latched verdict."""
+
+
+class Shutdown(Table):
+    """What the operator knows about a stop: said by `check`, and by STATUS= at the end."""
+
+    effect: Annotated[str, Meta(min_length=10)]
+
+
+class Trainer(Table):
+    """The file that `--config` names."""
+
+    robot: str
+    limits: str
+    bus: Bus
+    cycle: Cycle
+    leg: Annotated[tuple[Leg, ...], Meta(min_length=1, max_length=2)]
+    hold: Impedance
+    gait: Gait
+    excite: dict[str, Excite]
+    zenoh: Zenoh
+    paths: Paths
+    shutdown: Shutdown
+    sim: str | None = None
+    """plant.toml of the virtual drives, for `gaitd sim` and `gaitd demo`; the service ignores it."""
+
+
+CATEGORIES: dict[str, StopCategory] = {
+    "S2": StopCategory.S2,
+    "S1": StopCategory.S1,
+    "S0": StopCategory.S0,
+}
+
+CONFIGURABLE_MODES = (Mode.HOLD, Mode.GAIT, Mode.EXCITE)

@@ -1,0 +1,284 @@
+"""What crosses the seam between core and gateway: records out, levels in, and the words for both.
+
+The core fills one `CycleRecord` in each cycle: everything that the cycle knew, decided and sent.
+The gateway, the black box, replay and the golden tests read the same record. `Level` is what the
+gateway sends to the core, whole, once a cycle. Encodings are msgspec msgpack arrays: adding a
+field at the end of a struct, with a default, keeps old recordings readable.
+
+`_si` means SI units at the joint: rad, rad/s, N·m for the hip; m, m/s, N for the slide.
+"""
+
+from enum import IntEnum
+from typing import Final
+
+import msgspec
+
+STATE_COUNT: Final = 8
+"""Of the observer: two positions, two velocities, two frictions, two disturbances."""
+
+
+class Mode(IntEnum):
+    """The service's modes (design 4.5). Everything from HOLD on drives the legs."""
+
+    OFF = 0
+    BRINGING_UP = 1
+    READY = 2
+    STOPPING = 3
+    FAULT = 4
+    HOLD = 10
+    GAIT = 11
+    TORQUE = 12
+    EXCITE = 13
+
+    @property
+    def active(self) -> bool:
+        """Whether the drives are enabled on purpose in this mode."""
+        return self >= Mode.HOLD
+
+
+class StopCategory(IntEnum):
+    """How to stop, milder first (design 5)."""
+
+    NONE = 0
+    S2 = 1
+    """Assist fades, brake and hold position with the drives enabled."""
+    S1 = 2
+    """Quick stop of both axes, held in quick stop active (or brake, then off)."""
+    S0 = 3
+    """Disable voltage."""
+
+
+class Cause(IntEnum):
+    """Why the machine stopped or does not start. `daemon/causes.py` holds text and remedy."""
+
+    NONE = 0
+    # somebody asked
+    STOP_REQUESTED = 1
+    SHUTDOWN = 2
+    DURATION_OVER = 3
+    # the gateway and ourselves
+    GATEWAY_SILENT = 10
+    CYCLE_OVERRUN = 11
+    COMMAND_NOT_FINITE = 12
+    # the patient's and the bystander's means
+    HAND_SWITCH_OPEN = 20
+    STO_ACTIVE = 21
+    # a drive and its bus
+    BUS_DOWN = 30
+    DRIVE_SILENT = 31
+    HEARTBEAT_LOST = 32
+    DRIVE_REBOOTED = 33
+    DRIVE_NOT_OPERATIONAL = 34
+    DRIVE_FAULT = 35
+    EMERGENCY = 36
+    DRIVE_LEFT_ENABLED = 37
+    MODE_NOT_SHOWN = 38
+    NOT_FOLLOWING = 39
+    BRING_UP_FAILED = 40
+    BUS_OFF = 41
+    TRANSMIT_QUEUE_FULL = 42
+    # what the drive reports of the joint
+    ENCODER_FROZEN = 50
+    ENCODER_JUMP = 51
+    WRONG_SIGN = 52
+    UNREFERENCED = 53
+    # limits at the joint, from raw drive values
+    POSITION_LIMIT = 60
+    VELOCITY_LIMIT = 61
+    EFFORT_LIMIT = 62
+    POWER_LIMIT = 63
+    TRACKING_LIMIT = 64
+    TEMPERATURE_LIMIT = 65
+    SINGULARITY = 66
+    # the observer may add stops, never take one away
+    OBSERVER_INVALID = 70
+    STATIC_LOAD_WRONG = 71
+    # escalation
+    STOP_NOT_OBEYED = 80
+
+
+class RequestKind(IntEnum):
+    """What a client may ask of the core, one outstanding request at a time. Stop is a counter."""
+
+    NONE = 0
+    ENABLE = 1
+    DISABLE = 2
+    RESET = 3
+    MODE = 4
+
+
+class Outcome(IntEnum):
+    """What became of a request."""
+
+    PENDING = 0
+    DONE = 1
+    REFUSED = 2
+
+
+class Verdict(msgspec.Struct, frozen=True, array_like=True):
+    """The judgement of one cycle, or the latched one: how to stop, why, where, by how much."""
+
+    category: StopCategory = StopCategory.NONE
+    cause: Cause = Cause.NONE
+    drive: str = ""
+    """Name of the drive (`right/hip`) or leg that the cause is about; empty if of none."""
+    value: float = 0.0
+    limit: float = 0.0
+    detail: str = ""
+
+
+class ModeRequest(msgspec.Struct, frozen=True, array_like=True):
+    """Arguments of RequestKind.MODE; what a mode does not use stays at its default."""
+
+    mode: Mode = Mode.HOLD
+    cadence_hz: float = 0.0
+    """Strides per second, for GAIT."""
+    amplitude_ratio: float = 0.0
+    """0..1 of the normative gait, for GAIT."""
+    duration_s: float = 0.0
+    """Mandatory for GAIT and EXCITE."""
+    scenario: str = ""
+    """Name of an excite scenario of the configuration, for EXCITE."""
+
+
+class Request(msgspec.Struct, frozen=True, array_like=True):
+    """One request of a client, an edge by its id."""
+
+    id: int = 0
+    kind: RequestKind = RequestKind.NONE
+    for_cycle: int = 0
+    """The newest cycle that the asker had seen; an old one is refused."""
+    mode: ModeRequest = ModeRequest()
+
+
+class Setpoint(msgspec.Struct, frozen=True, array_like=True):
+    """A controller's assist, for mode TORQUE (a later issue gives it its lease)."""
+
+    lease: int = 0
+    seq: int = 0
+    for_cycle: int = 0
+    hip_assist_nm: float = 0.0
+    slide_assist_n: float = 0.0
+
+
+class Level(msgspec.Struct, frozen=True, array_like=True):
+    """What the gateway tells the core, whole, every cycle. A foreign boot id voids all but stop."""
+
+    core_boot_id: str
+    seq: int
+    for_cycle: int
+    """The newest record that the gateway had read: the age of this level in the core's cycles."""
+    stop_count: int
+    """Any increase stops, whatever else is in the datagram."""
+    request: Request = Request()
+    setpoints: tuple[Setpoint, ...] = ()
+
+
+class RequestResult(msgspec.Struct, frozen=True, array_like=True):
+    """The newest request that the core has seen, and what it did about it."""
+
+    id: int = 0
+    outcome: Outcome = Outcome.PENDING
+    reason: str = ""
+
+
+class DriveRecord(msgspec.Struct, frozen=True, array_like=True):
+    """One drive in one cycle, in SI units at the joint; None where nothing is known."""
+
+    name: str
+    """`LEG/AXIS`, for example `right/hip`."""
+    nmt_state: int
+    power_state: int
+    """drives.signals.PowerState."""
+    statusword: int
+    mode_display: int
+    fresh: bool
+    sample_age_cycles: int
+    late_count: int
+    heartbeat_age_ms: float
+    position_si: float | None
+    velocity_si: float | None
+    """From encoder differences, for safety; the observer's estimate is in the leg."""
+    effort_si: float | None
+    """What the drive exerts, from its measured current or torque."""
+    target_effort_si: float
+    """What was sent in this cycle (acts from the next SYNC); 0 unless in torque mode."""
+    referenced: bool
+    hand_switch_closed: bool
+    sto_released: bool
+    temperature_degc: float | None
+    emergency_code: int
+    emergency_text: str
+    emergency_count: int
+    protocol_error_count: int
+
+
+class LegRecord(msgspec.Struct, frozen=True, array_like=True):
+    """One leg's estimate in one cycle, as the observer gave it; see observer/leg_observer.py."""
+
+    name: str
+    state: tuple[float, ...]
+    """STATE_COUNT values in the order of observer/states.py."""
+    std: tuple[float, ...]
+    covariance: tuple[float, ...]
+    """Lower triangle, row by row: 36 values."""
+    innovation: tuple[float, float]
+    nis: float
+    net: tuple[float, float]
+    """Patient minus friction: what stays observable at standstill; N·m, N."""
+    net_std: tuple[float, float]
+    validity: tuple[int, int]
+    """observer.status.Validity of hip and slide."""
+    status: int
+    """observer.status.Status bits."""
+    measured: tuple[float, float]
+    """Position given to the observer: rad, m; NaN for a missing sample."""
+    effort_used: tuple[float, float]
+    """Torque and force given to the observer, after any artificial disturbance: N·m, N."""
+    reference: tuple[float, float]
+    """Where the mode wants the leg: rad, m; the present pose when it wants nothing."""
+    artificial: tuple[float, float] = (0.0, 0.0)
+    """The artificial disturbance of EXCITE: seen = measured - this."""
+
+
+class CycleTiming(msgspec.Struct, frozen=True, array_like=True):
+    """Where the time of one cycle went, measured by the loop (the previous cycle's where noted)."""
+
+    lateness_ns: int
+    """SYNC sent after its grid point."""
+    collect_ns: int
+    """From SYNC to the last TPDO, or the window."""
+    work_ns: int
+    """Python work of the previous cycle: decode to records."""
+    overrun_count: int
+    """Grid points missed since start; skipped, never caught up."""
+
+
+class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
+    """Everything that one cycle knew, decided and sent."""
+
+    seq: int
+    """Of records: also counts those written while there is no SYNC."""
+    cycle: int
+    """Of the 10 ms grid since start."""
+    sync_mono_ns: int
+    sync_utc_ns: int
+    dt_s: float
+    """True time since the SYNC before."""
+    mode: Mode
+    verdict: Verdict
+    """Latched: the harshest since the last reset."""
+    events: tuple[str, ...]
+    """What happened in this cycle, each one line; the gateway gives them sequence and time."""
+    request: RequestResult
+    progress: str
+    """One human line: the bring-up step, the announcement, the stride."""
+    level_age_cycles: int
+    stop_count: int
+    gait_phase: float
+    """0..1 of the stride, or -1 when no gait plays."""
+    drives: tuple[DriveRecord, ...]
+    legs: tuple[LegRecord, ...]
+    timing: CycleTiming
+    bus_load_ratio: float = 0.0
+    tx_dropped_count: int = 0

@@ -1,0 +1,308 @@
+"""The seam between core and gateway: a ring of records in a file, and two datagram sockets.
+
+Out of the core: every `CycleRecord` goes into the next slot of a ring in a memory-mapped file (on
+a tmpfs), and eight bytes over AF_UNIX wake the gateway. Into the core: one `Level` per datagram.
+
+Layout of the ring file, little endian::
+
+    0     8  magic b"GAITDRB1"
+    8     4  slot size in bytes
+    12    4  slot count
+    16    4  length of the header text
+    20    -  header text: `RingHeader` as msgpack, up to HEADER_SIZE
+    HEADER_SIZE + (seq % slot count) * slot size:
+          0  8  record seq, written last; 0 while the slot is being written
+          8  4  length
+          12 -  record as msgpack
+
+A reader takes seq, copies, and takes seq again: a slot that was overwritten meanwhile shows in the
+numbers. The file outlives both processes: it is the black box. Sequence numbers begin at 1.
+"""
+
+import contextlib
+import mmap
+import socket
+import struct
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from daemon.record import CycleRecord, Level
+
+MAGIC: Final = b"GAITDRB1"
+HEADER_SIZE: Final = 16384
+SLOT_SIZE: Final = 4096
+SLOT_COUNT: Final = 3000
+"""30 s of 10 ms."""
+
+_PREFIX: Final = struct.Struct("<8sIII")
+_SLOT: Final = struct.Struct("<QI")
+_SEQ: Final = struct.Struct("<Q")
+
+RING_NAME: Final = "records.ring"
+GATEWAY_SOCKET_NAME: Final = "gateway.sock"
+CORE_SOCKET_NAME: Final = "core.sock"
+LEVEL_SIZE_MAX: Final = 8192
+
+
+class RingError(Exception):
+    """A file is not a ring that we can read: names the file and what is wrong with it."""
+
+
+class RingHeader(msgspec.Struct, frozen=True):
+    """What does not change while a core lives, written once at the head of the ring."""
+
+    core_boot_id: str
+    start_utc_ns: int
+    period_ns: int
+    trainer: str
+    drive_names: tuple[str, ...]
+    leg_names: tuple[str, ...]
+    config_hashes: dict[str, str]
+    """SHA-256 of each configuration file, by the name it was read under."""
+    version: str
+    robot: dict[str, object]
+    """robot.toml as it was read, so that a recording explains itself."""
+    limits: dict[str, object]
+    """limits.toml as it was read."""
+
+
+class RingWriter:
+    """The core's end. `write` costs a few microseconds and never blocks."""
+
+    def __init__(self, path: Path, header: RingHeader) -> None:
+        """Create the file anew and map it.
+
+        Raises:
+            OSError: the directory does not exist or cannot be written.
+        """
+        text = msgspec.msgpack.encode(header)
+        if _PREFIX.size + len(text) > HEADER_SIZE:
+            raise ValueError(f"ring header of {len(text)} bytes does not fit {HEADER_SIZE}")
+        temporary = path.with_suffix(".new")
+        size = HEADER_SIZE + SLOT_COUNT * SLOT_SIZE
+        with temporary.open("wb") as file:
+            file.write(_PREFIX.pack(MAGIC, SLOT_SIZE, SLOT_COUNT, len(text)) + text)
+            file.truncate(size)
+        with temporary.open("r+b") as file:
+            self._map = mmap.mmap(file.fileno(), size)
+        # A reader that has the old ring open keeps it; a new reader finds the whole new one.
+        temporary.replace(path)
+        self._encoder = msgspec.msgpack.Encoder()
+
+    def write(self, record: CycleRecord) -> None:
+        """Put a record into its slot, sequence number last."""
+        data = self._encoder.encode(record)
+        if len(data) > SLOT_SIZE - _SLOT.size:
+            raise ValueError(f"record {record.seq} of {len(data)} bytes does not fit its slot")
+        offset = HEADER_SIZE + (record.seq % SLOT_COUNT) * SLOT_SIZE
+        _SLOT.pack_into(self._map, offset, 0, len(data))
+        self._map[offset + _SLOT.size : offset + _SLOT.size + len(data)] = data
+        _SEQ.pack_into(self._map, offset, record.seq)
+
+    def close(self) -> None:
+        """Unmap; the file stays."""
+        self._map.close()
+
+
+class RingReader:
+    """Any reader's end: the gateway live, replay afterwards."""
+
+    def __init__(self, path: Path) -> None:
+        """Open and check the file.
+
+        Raises:
+            FileNotFoundError: there is none yet.
+            RingError: it is not a ring of this version.
+        """
+        with path.open("rb") as file:
+            self.inode = path.stat().st_ino
+            try:
+                self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+            except ValueError as error:
+                raise RingError(f"{path}: is empty, not a ring of records") from error
+        if len(self._map) < HEADER_SIZE:
+            raise RingError(f"{path}: {len(self._map)} bytes are too few for a ring of records")
+        magic, self._slot_size, self._slot_count, length = _PREFIX.unpack_from(self._map, 0)
+        if magic != MAGIC:
+            raise RingError(f"{path}: begins with {magic!r}, a ring of records with {MAGIC!r}")
+        if len(self._map) < HEADER_SIZE + self._slot_size * self._slot_count:
+            raise RingError(f"{path}: shorter than its header says")
+        text = self._map[_PREFIX.size : _PREFIX.size + length]
+        try:
+            self.header = msgspec.msgpack.decode(text, type=RingHeader)
+        except msgspec.MsgspecError as error:
+            raise RingError(f"{path}: header cannot be read: {error}") from error
+        self._decoder = msgspec.msgpack.Decoder(CycleRecord)
+
+    def newest_seq(self) -> int:
+        """The highest sequence number in the ring, 0 if there is none."""
+        return max(self._seq_at(slot) for slot in range(self._slot_count))
+
+    def read(self, seq: int) -> CycleRecord | None:
+        """The record with this number, or None if it is not there (yet, or any more)."""
+        offset = HEADER_SIZE + (seq % self._slot_count) * self._slot_size
+        found, length = _SLOT.unpack_from(self._map, offset)
+        if found != seq or not 0 < length <= self._slot_size - _SLOT.size:
+            return None
+        data = self._map[offset + _SLOT.size : offset + _SLOT.size + length]
+        if _SEQ.unpack_from(self._map, offset)[0] != seq:
+            return None
+        return self._decoder.decode(data)
+
+    def since(self, seq: int) -> list[CycleRecord]:
+        """All records after `seq` that are still there, oldest first."""
+        newest = self.newest_seq()
+        first = max(seq + 1, newest - self._slot_count + 1, 1)
+        found = (self.read(number) for number in range(first, newest + 1))
+        return [record for record in found if record is not None]
+
+    def close(self) -> None:
+        """Unmap."""
+        self._map.close()
+
+    def _seq_at(self, slot: int) -> int:
+        return _SEQ.unpack_from(self._map, HEADER_SIZE + slot * self._slot_size)[0]
+
+
+def _bound_socket(path: Path) -> socket.socket:
+    path.unlink(missing_ok=True)
+    bound = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+    bound.setblocking(False)
+    bound.bind(str(path))
+    return bound
+
+
+class Datagrams:
+    """One end of the two AF_UNIX datagram sockets; sending never blocks and never raises.
+
+    A peer that is not there, or whose queue is full, is the peer's matter: its silence is judged
+    by age (the core by the age of the level, the gateway by the age of the record).
+    """
+
+    def __init__(self, own: Path, peer: Path) -> None:
+        """Bind our own socket, replacing a left-over one.
+
+        Raises:
+            OSError: the directory does not exist or cannot be written.
+        """
+        self._socket = _bound_socket(own)
+        self._own = own
+        self._peer = str(peer)
+
+    def fileno(self) -> int:
+        """For poll()."""
+        return self._socket.fileno()
+
+    def send(self, data: bytes) -> bool:
+        """Send one datagram; False if the peer did not take it."""
+        try:
+            self._socket.sendto(data, self._peer)
+        except OSError:
+            return False
+        return True
+
+    def drain(self) -> list[bytes]:
+        """All datagrams that wait, oldest first."""
+        waiting: list[bytes] = []
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                waiting.append(self._socket.recv(LEVEL_SIZE_MAX))
+        return waiting
+
+    def close(self) -> None:
+        """Close and remove our own socket."""
+        self._socket.close()
+        self._own.unlink(missing_ok=True)
+
+
+class CoreSeam:
+    """The core's two hands on the seam: records out, levels in."""
+
+    def __init__(self, runtime: Path, header: RingHeader) -> None:
+        """Create ring and socket in the runtime directory."""
+        self._ring = RingWriter(runtime / RING_NAME, header)
+        self._datagrams = Datagrams(runtime / CORE_SOCKET_NAME, runtime / GATEWAY_SOCKET_NAME)
+        self._decoder = msgspec.msgpack.Decoder(Level)
+        self.refused_count = 0
+        """Datagrams that were no level: counted, and otherwise as if they had not come."""
+
+    def publish(self, record: CycleRecord) -> None:
+        """Write a record and wake the gateway."""
+        self._ring.write(record)
+        self._datagrams.send(_SEQ.pack(record.seq))
+
+    def levels(self) -> list[Level]:
+        """All levels that wait, oldest first: stop counts are read over all of them."""
+        levels: list[Level] = []
+        for data in self._datagrams.drain():
+            try:
+                levels.append(self._decoder.decode(data))
+            except msgspec.MsgspecError:
+                self.refused_count += 1
+        return levels
+
+    def close(self) -> None:
+        """Leave; the ring file stays for who wants to know."""
+        self._ring.close()
+        self._datagrams.close()
+
+
+class GatewaySeam:
+    """The gateway's two hands on the seam; the core may come, go and come again."""
+
+    def __init__(self, runtime: Path) -> None:
+        """Bind the wake socket; the ring is opened when there is one."""
+        self._path = runtime / RING_NAME
+        self._datagrams = Datagrams(runtime / GATEWAY_SOCKET_NAME, runtime / CORE_SOCKET_NAME)
+        self._encoder = msgspec.msgpack.Encoder()
+        self._ring: RingReader | None = None
+        self._seq = 0
+
+    @property
+    def header(self) -> RingHeader | None:
+        """Of the ring that is open now, None before the first core."""
+        return self._ring.header if self._ring else None
+
+    def fileno(self) -> int:
+        """For poll(): readable when the core has written."""
+        return self._datagrams.fileno()
+
+    def records(self) -> list[CycleRecord]:
+        """All records since the last call, oldest first. Follows the core into a new ring.
+
+        Raises:
+            RingError: the file is there but is no ring of ours.
+        """
+        woken = [_SEQ.unpack(data)[0] for data in self._datagrams.drain() if len(data) == _SEQ.size]
+        self._follow()
+        if self._ring is None or not woken:
+            return []
+        ring, newest = self._ring, woken[-1]
+        first = max(self._seq + 1, newest - SLOT_COUNT + 1)
+        found = [record for seq in range(first, newest + 1) if (record := ring.read(seq))]
+        self._seq = max(self._seq, newest)
+        return found
+
+    def send(self, level: Level) -> bool:
+        """Send a level to the core; False if no core took it."""
+        return self._datagrams.send(self._encoder.encode(level))
+
+    def close(self) -> None:
+        """Leave."""
+        if self._ring:
+            self._ring.close()
+        self._datagrams.close()
+
+    def _follow(self) -> None:
+        """Open the ring, or the new one if a core has started since."""
+        try:
+            inode = self._path.stat().st_ino
+        except FileNotFoundError:
+            return
+        if self._ring is None or self._ring.inode != inode:
+            if self._ring:
+                self._ring.close()
+            self._ring = RingReader(self._path)
+            self._seq = 0

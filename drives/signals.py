@@ -1,0 +1,119 @@
+"""What this package takes and gives in the cycle: raw drive numbers with names, nothing of legs.
+
+Fields that hold a drive's own numbers end in `_counts`, `_raw` or `_permille`; only `pdo.py`
+packs them and only `units.py` converts them.
+"""
+
+from dataclasses import dataclass
+from enum import Enum, IntEnum, IntFlag
+
+
+class NmtState(IntEnum):
+    """CiA 301 NMT states as the heartbeat carries them; UNKNOWN until the first one is heard."""
+
+    UNKNOWN = 0xFF
+    BOOT_UP = 0x00
+    STOPPED = 0x04
+    OPERATIONAL = 0x05
+    PRE_OPERATIONAL = 0x7F
+
+
+class PowerState(IntEnum):
+    """CiA 402 power states; UNKNOWN means that no statusword has been seen yet."""
+
+    UNKNOWN = 0
+    NOT_READY_TO_SWITCH_ON = 1
+    SWITCH_ON_DISABLED = 2
+    READY_TO_SWITCH_ON = 3
+    SWITCHED_ON = 4
+    OPERATION_ENABLED = 5
+    QUICK_STOP_ACTIVE = 6
+    FAULT_REACTION_ACTIVE = 7
+    FAULT = 8
+
+
+class OperationMode(IntEnum):
+    """Modes of operation, objects 6060h and 6061h."""
+
+    NONE = 0
+    HOMING = 6
+    CYCLIC_SYNC_POSITION = 8
+    CYCLIC_SYNC_TORQUE = 10
+
+
+class PowerRequest(Enum):
+    """What the core wants of a drive's power stage; `cia402.py` turns it into controlwords."""
+
+    DISABLE_VOLTAGE = "disable_voltage"
+    READY = "ready"
+    """Powered down but prepared: ready to switch on, no torque."""
+    ENABLE = "enable"
+    QUICK_STOP = "quick_stop"
+    FAULT_RESET = "fault_reset"
+    """One rising edge of bit 7 for each request, which ends in switch on disabled."""
+
+
+class Input(IntFlag):
+    """The digital inputs that matter, after the profile has applied bit numbers and polarity."""
+
+    NONE = 0
+    HAND_SWITCH_CLOSED = 1
+    STO_RELEASED = 2
+    NEGATIVE_LIMIT = 4
+    POSITIVE_LIMIT = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Emergency:
+    """One EMCY message (CiA 301 7.2.7), decoded."""
+
+    node_id: int
+    code: int
+    error_register: int
+    vendor_bytes: bytes
+    text: str
+    time_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class DriveFeedback:
+    """All that one drive told us up to the end of this cycle's window."""
+
+    node_id: int
+    nmt_state: NmtState
+    power_state: PowerState
+    statusword: int
+    following: bool
+    """Statusword bit 12 in a cyclic mode: the drive follows the target."""
+    warning: bool
+    mode_display: int
+    """6061h as it came; compare with OperationMode."""
+    position_counts: int
+    torque_raw: int
+    """The profile's torque source: current in mA, torque in per mille, as the profile says."""
+    inputs: Input
+    temperature_degc: float | None
+    fresh: bool
+    """Every cyclic TPDO of this cycle arrived inside the window, at its mapped length."""
+    sample_age_cycles: int
+    """Cycles since the last complete sample; 0 when fresh."""
+    late_count: int
+    """TPDOs that came after their window closed, since bring-up."""
+    heartbeat_age_ns: int
+    rebooted: bool
+    """A boot-up message was seen since bring-up: the drive lost its configuration."""
+    emergency: Emergency | None
+    """The newest EMCY with a code that has not been cleared by code 0000h."""
+    emergency_count: int
+    protocol_error_count: int
+    """Frames of a wrong length or content, which were not used."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriveCommand:
+    """All that goes to one drive at the end of a cycle; it acts from the next SYNC."""
+
+    power: PowerRequest
+    mode: OperationMode
+    target_position_counts: int
+    target_torque_permille: int
