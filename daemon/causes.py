@@ -38,7 +38,6 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
     Cause.SHUTDOWN: CauseText(
         "the service was asked to end", Blame.OPERATOR, "start the service again"
     ),
-    Cause.DURATION_OVER: CauseText("the exercise is over", Blame.PERSON, "nothing to do"),
     Cause.GATEWAY_SILENT: CauseText(
         "the gateway fell silent", Blame.SERVICE, "see the gateway's log; reset when it is back"
     ),
@@ -102,13 +101,12 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         "frames could not be sent", Blame.MACHINE, "check that another node acknowledges; reset"
     ),
     Cause.ENCODER_FROZEN: CauseText(
-        "an encoder stands still while its drive is moving", Blame.DRIVE, "check the encoder"
+        "an encoder stands still while its drive pushes: frozen, or the joint is blocked",
+        Blame.DRIVE,
+        "free the joint, check the encoder, then reset",
     ),
     Cause.ENCODER_JUMP: CauseText(
         "an encoder jumped farther than the joint can move", Blame.DRIVE, "check the encoder"
-    ),
-    Cause.WRONG_SIGN: CauseText(
-        "a joint moves against its torque", Blame.DRIVE, "check wiring and the sign in its file"
     ),
     Cause.UNREFERENCED: CauseText(
         "an axis does not know its position", Blame.OPERATOR, "reference the axis"
@@ -148,7 +146,6 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
 FIXED_CATEGORY: Final[dict[Cause, StopCategory]] = {
     Cause.ENCODER_FROZEN: StopCategory.S0,
     Cause.ENCODER_JUMP: StopCategory.S0,
-    Cause.WRONG_SIGN: StopCategory.S0,
     Cause.UNREFERENCED: StopCategory.S0,
     Cause.DRIVE_SILENT: StopCategory.S1,
     Cause.HEARTBEAT_LOST: StopCategory.S1,
@@ -164,9 +161,7 @@ FIXED_CATEGORY: Final[dict[Cause, StopCategory]] = {
 }
 """Fixed by the design, section 5: a file cannot choose them."""
 
-DOUBTFUL_FEEDBACK: Final = frozenset(
-    {Cause.ENCODER_FROZEN, Cause.ENCODER_JUMP, Cause.WRONG_SIGN, Cause.UNREFERENCED}
-)
+DOUBTFUL_FEEDBACK: Final = frozenset({Cause.ENCODER_FROZEN, Cause.ENCODER_JUMP, Cause.UNREFERENCED})
 """S0 for the axis of the cause, S1 for all others."""
 
 LOST_DRIVE: Final = frozenset(

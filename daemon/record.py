@@ -55,7 +55,6 @@ class Cause(IntEnum):
     # somebody asked
     STOP_REQUESTED = 1
     SHUTDOWN = 2
-    DURATION_OVER = 3
     # the gateway and ourselves
     GATEWAY_SILENT = 10
     CYCLE_OVERRUN = 11
@@ -80,8 +79,7 @@ class Cause(IntEnum):
     # what the drive reports of the joint
     ENCODER_FROZEN = 50
     ENCODER_JUMP = 51
-    WRONG_SIGN = 52
-    UNREFERENCED = 53
+    UNREFERENCED = 52
     # limits at the joint, from raw drive values
     POSITION_LIMIT = 60
     VELOCITY_LIMIT = 61

@@ -21,6 +21,7 @@ numbers. The file outlives both processes: it is the black box. Sequence numbers
 
 import contextlib
 import mmap
+import os
 import socket
 import struct
 from pathlib import Path
@@ -39,6 +40,9 @@ SLOT_COUNT: Final = 3000
 _PREFIX: Final = struct.Struct("<8sIII")
 _SLOT: Final = struct.Struct("<QI")
 _SEQ: Final = struct.Struct("<Q")
+
+_OVERWRITTEN_SOON: Final = 100
+"""The oldest slots of a full ring are not worth beginning with: the core is about to reuse them."""
 
 RING_NAME: Final = "records.ring"
 GATEWAY_SOCKET_NAME: Final = "gateway.sock"
@@ -117,7 +121,7 @@ class RingReader:
             RingError: it is not a ring of this version.
         """
         with path.open("rb") as file:
-            self.inode = path.stat().st_ino
+            self.inode = os.fstat(file.fileno()).st_ino
             try:
                 self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
             except ValueError as error:
@@ -259,6 +263,12 @@ class GatewaySeam:
         self._encoder = msgspec.msgpack.Encoder()
         self._ring: RingReader | None = None
         self._seq = 0
+        # A ring that was there before us is history; one that appears later is read from its start.
+        # What cannot be read is said by `records`, as long as no core replaces it.
+        with contextlib.suppress(RingError):
+            self._follow()
+        if self._ring is not None:
+            self._seq = self._ring.newest_seq()
 
     @property
     def header(self) -> RingHeader | None:
@@ -279,10 +289,21 @@ class GatewaySeam:
         self._follow()
         if self._ring is None or not woken:
             return []
-        ring, newest = self._ring, woken[-1]
-        first = max(self._seq + 1, newest - SLOT_COUNT + 1)
-        found = [record for seq in range(first, newest + 1) if (record := ring.read(seq))]
-        self._seq = max(self._seq, newest)
+        found = self._forward(self._ring)
+        # Wakes are few in the socket's queue, and may be those of a core before this one: they
+        # only say that there is something; what there is stands in the ring.
+        if not found and max(woken) > self._seq:
+            oldest = self._ring.newest_seq() - SLOT_COUNT + _OVERWRITTEN_SOON
+            self._seq = max(oldest, self._seq)
+            found = self._forward(self._ring)
+        return found
+
+    def _forward(self, ring: RingReader) -> list[CycleRecord]:
+        """All records that follow the last one read, without a gap."""
+        found: list[CycleRecord] = []
+        while (record := ring.read(self._seq + 1)) is not None:
+            found.append(record)
+            self._seq += 1
         return found
 
     def send(self, level: Level) -> bool:
@@ -302,7 +323,7 @@ class GatewaySeam:
         except FileNotFoundError:
             return
         if self._ring is None or self._ring.inode != inode:
-            if self._ring:
-                self._ring.close()
-            self._ring = RingReader(self._path)
+            before, self._ring = self._ring, RingReader(self._path)
+            if before:
+                before.close()
             self._seq = 0

@@ -1,9 +1,10 @@
-"""What passes between a virtual drive's protocol side and the plant behind it: one order, one sample, flags.
+"""What passes between a virtual drive's protocol side and the plant behind it.
 
-The slave turns its object dictionary (counts, rpm, per mille, mA) into joint SI with its own personality and hands
-the plant an `AxisActuation`; the plant closes the drive's own loops on the simulated motor, and gives back an
-`AxisSample` and `AxisFlag`s. Everything here is at the joint: rad and N m for the hip, m and N for the slide, with
-the joint's sign. Only the motor current is the motor's, still with the joint's sign.
+The slave turns its object dictionary (counts, rpm, per mille, mA) into joint SI with its own
+personality and hands the plant an `AxisActuation`; the plant closes the drive's own loops on the
+simulated motor, and gives back an `AxisSample` and `AxisFlag`s. Everything here is at the joint:
+rad and N·m for the hip, m and N for the slide, with the joint's sign. Only the motor current is
+the motor's, still with the joint's sign.
 """
 
 from dataclasses import dataclass
@@ -18,16 +19,17 @@ class Actuation(IntEnum):
     TORQUE = 1
     """Cyclic synchronous torque: the current loop follows `target_effort_si`."""
     POSITION = 2
-    """Cyclic synchronous position: the drive's position, velocity and current loops follow `target_position_si`,
-    reached from the previous target over `interpolation_s`."""
+    """Cyclic synchronous position: the drive's position, velocity and current loops follow
+    `target_position_si`, reached from the previous target over `interpolation_s`."""
     RAMP = 3
-    """Decelerate with `deceleration_si` at the drive's velocity loop, then hold; STANDSTILL when reached."""
+    """Decelerate with `deceleration_si` at the drive's velocity loop, then hold position;
+    STANDSTILL when reached."""
     HOLD = 4
     """Hold the position that the axis has when the order arrives."""
 
 
 class AxisFlag(IntFlag):
-    """What the plant's side of the drive has seen; a newly raised flag ends `Trainer.advance` early."""
+    """What the plant has seen; a newly raised flag ends `Trainer.advance` early."""
 
     NONE = 0
     STANDSTILL = 1
@@ -45,7 +47,7 @@ class AxisFlag(IntFlag):
 
 @dataclass(frozen=True, slots=True)
 class AxisActuation:
-    """One axis's order: the drive's mode and the limits in force, joint SI (rad, N m; m, N)."""
+    """One axis's order: the drive's mode and the limits in force, joint SI (rad, N·m; m, N)."""
 
     actuation: Actuation
     target_effort_si: float

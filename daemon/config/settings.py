@@ -15,6 +15,10 @@ Positive = Annotated[float, Meta(gt=0)]
 NonNegative = Annotated[float, Meta(ge=0)]
 Ratio = Annotated[float, Meta(ge=0, le=1)]
 NodeId = Annotated[int, Meta(ge=1, le=127)]
+Degrees = Annotated[float, Meta(ge=-180, le=180)]
+Harmonic = tuple[Degrees, Degrees]
+Locator = Annotated[str, Meta(pattern=r"^(tcp|udp|tls|quic|ws)/.+:[0-9]+$|^unixsock-stream//.+$")]
+Text = Annotated[str, Meta(min_length=1)]
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -24,7 +28,9 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 # --- robot.toml -----------------------------------------------------------------------------
 
 
-class Geometry(Table):
+class Geometry(Table, frozen=True):
+    """Link lengths, recline of the trunk from vertical, and the rail (observer.md 2.1)."""
+
     thigh_length_m: Annotated[float, Meta(gt=0.2, le=0.7)]
     shank_length_m: Annotated[float, Meta(gt=0.2, le=0.7)]
     shoe_length_m: Annotated[float, Meta(gt=0.05, le=0.5)]
@@ -35,7 +41,7 @@ class Geometry(Table):
     thigh_offset_deg: Annotated[float, Meta(ge=-45, le=45)]
 
 
-class Segment(Table):
+class Segment(Table, frozen=True):
     """One link of the exoskeleton; its centre of mass in link lengths from the proximal joint."""
 
     mass_kg: Annotated[float, Meta(ge=0, le=50)]
@@ -44,30 +50,38 @@ class Segment(Table):
     inertia_kg_m2: Annotated[float, Meta(ge=0, le=10)]
 
 
-class Slide(Table):
+class Slide(Table, frozen=True):
+    """The carriage: `mass_kg` weighs, the drive's reflected mass is inertia alone."""
+
     mass_kg: Annotated[float, Meta(ge=0, le=50)]
     drive_mass_kg: Annotated[float, Meta(ge=0, le=200)]
 
 
-class Hip(Table):
+class Hip(Table, frozen=True):
+    """The hip drive's inertia, reflected to the joint."""
+
     drive_inertia_kg_m2: Annotated[float, Meta(ge=0, le=20)]
 
 
-class Springs(Table):
+class Springs(Table, frozen=True):
+    """Weight compensation at both drives; the rest position lies where the spring is slack."""
+
     hip_stiffness_nm_per_rad: Annotated[float, Meta(ge=0, le=500)]
     hip_rest_rad: Annotated[float, Meta(ge=-20, le=20)]
     slide_stiffness_n_per_m: Annotated[float, Meta(ge=0, le=5000)]
     slide_rest_m: Annotated[float, Meta(ge=-20, le=20)]
 
 
-class Dampers(Table):
+class Dampers(Table, frozen=True):
+    """Passive joint dampers, of the relative angular velocity of the two links."""
+
     hip_nm_s_per_rad: Annotated[float, Meta(ge=0, le=50)]
     knee_nm_s_per_rad: Annotated[float, Meta(ge=0, le=50)]
     ankle_nm_s_per_rad: Annotated[float, Meta(ge=0, le=50)]
     slide_joint_nm_s_per_rad: Annotated[float, Meta(ge=0, le=50)]
 
 
-class HipFriction(Table):
+class HipFriction(Table, frozen=True):
     """Friction law (13) at the hip and its time constant, eq. (11)."""
 
     stribeck_nm: Annotated[float, Meta(gt=0, le=100)]
@@ -79,7 +93,7 @@ class HipFriction(Table):
     time_constant_s: Annotated[float, Meta(gt=0, le=1)]
 
 
-class SlideFriction(Table):
+class SlideFriction(Table, frozen=True):
     """Friction law (13) at the slide and its time constant, eq. (11)."""
 
     stribeck_n: Annotated[float, Meta(gt=0, le=1000)]
@@ -91,19 +105,21 @@ class SlideFriction(Table):
     time_constant_s: Annotated[float, Meta(gt=0, le=1)]
 
 
-class Friction(Table):
+class Friction(Table, frozen=True):
+    """Both axes."""
+
     hip: HipFriction
     slide: SlideFriction
 
 
-class Patient(Table):
+class Patient(Table, frozen=True):
     """Adds the leg's segments to the exoskeleton's (Winter's table)."""
 
     mass_kg: Annotated[float, Meta(ge=20, le=160)]
     height_m: Annotated[float, Meta(ge=1.0, le=2.2)]
 
 
-class ObserverTuning(Table):
+class ObserverTuning(Table, frozen=True):
     """Standard deviations per 10 ms step and of the measurement (observer.md 3.1)."""
 
     process_hip_angle_rad: Positive
@@ -124,7 +140,7 @@ class ObserverTuning(Table):
     gate_nis: Annotated[float, Meta(ge=20, le=1000)]
 
 
-class Robot(Table):
+class Robot(Table, frozen=True):
     """robot.toml."""
 
     geometry: Geometry
@@ -145,7 +161,7 @@ class Robot(Table):
 Category = Literal["S2", "S1", "S0"]
 
 
-class AxisLimits(Table):
+class AxisLimits(Table, frozen=True):
     """Limits of one axis at the joint: rad, rad/s, N·m for the hip; m, m/s, N for the slide."""
 
     position_min_si: float
@@ -167,7 +183,7 @@ class AxisLimits(Table):
     brake: bool
 
 
-class HipLimits(Table):
+class HipLimits(Table, frozen=True):
     """[hip] of limits.toml."""
 
     position_min_deg: Annotated[float, Meta(ge=-60, le=120)]
@@ -185,7 +201,7 @@ class HipLimits(Table):
     brake: bool
 
 
-class SlideLimits(Table):
+class SlideLimits(Table, frozen=True):
     """[slide] of limits.toml."""
 
     position_min_m: Annotated[float, Meta(ge=-1, le=2)]
@@ -203,14 +219,14 @@ class SlideLimits(Table):
     brake: bool
 
 
-class Singularity(Table):
+class Singularity(Table, frozen=True):
     """Distance to the mechanism's singularity as |sin| of the angle between shank and shoe."""
 
     soft_ratio: Annotated[float, Meta(gt=0, lt=1)]
     stop_ratio: Annotated[float, Meta(gt=0, lt=1)]
 
 
-class Communication(Table):
+class Communication(Table, frozen=True):
     """When silence is a verdict."""
 
     sample_age_max_cycles: Annotated[int, Meta(ge=1, le=10)]
@@ -224,7 +240,7 @@ class Communication(Table):
     """A step between two SYNCs larger than this many times velocity_max is a jump."""
 
 
-class Stop(Table):
+class Stop(Table, frozen=True):
     """How stopping is judged (escalation, design 5)."""
 
     obey_cycles: Annotated[int, Meta(ge=1, le=20)]
@@ -233,11 +249,11 @@ class Stop(Table):
     standstill_hip_rad_per_s: Annotated[float, Meta(gt=0, le=0.5)]
     standstill_slide_m_per_s: Annotated[float, Meta(gt=0, le=0.5)]
     ramp_margin_ratio: Annotated[float, Meta(gt=1, le=5)]
-    """Speed may be this many times what the quick-stop ramp allows before it counts as disobeyed."""
+    """A speed of this many times what the quick-stop ramp allows counts as disobeyed."""
     assist_fade_ms: Annotated[int, Meta(ge=20, le=2000)]
 
 
-class Limits(Table):
+class Limits(Table, frozen=True):
     """limits.toml. `stop_category` names every cause that a category may be chosen for."""
 
     hip: HipLimits
@@ -251,16 +267,16 @@ class Limits(Table):
 # --- trainer file (demo.toml, vcan.toml, trainer.toml) ---------------------------------------
 
 
-class Bus(Table):
+class Bus(Table, frozen=True):
     """Python-can's own words for the interface."""
 
     interface: Literal["socketcan", "remote", "virtual"]
-    channel: Annotated[str, Meta(min_length=1)]
+    channel: Text
     bitrate_bit_per_s: Literal[125_000, 250_000, 500_000, 800_000, 1_000_000]
     load_max_ratio: Annotated[float, Meta(gt=0, le=0.8)]
 
 
-class Cycle(Table):
+class Cycle(Table, frozen=True):
     """The grid. The drives' 60C2h is written from `period_ms`."""
 
     period_ms: Literal[10]
@@ -275,15 +291,15 @@ class Cycle(Table):
     """SCHED_FIFO priority of the core where the machine allows it; 0 asks for none."""
 
 
-class Leg(Table):
+class Leg(Table, frozen=True):
     """One leg: two drive files, by path relative to this file."""
 
     name: Literal["right", "left"]
-    hip: str
-    slide: str
+    hip: Text
+    slide: Text
 
 
-class Impedance(Table):
+class Impedance(Table, frozen=True):
     """Guidance of `gait` and position hold: a spring and a damper about the reference."""
 
     hip_stiffness_nm_per_rad: Annotated[float, Meta(gt=0, le=1000)]
@@ -292,7 +308,7 @@ class Impedance(Table):
     slide_damping_n_s_per_m: Annotated[float, Meta(ge=0, le=2000)]
 
 
-class Gait(Table):
+class Gait(Table, frozen=True):
     """The periodic reference: harmonics of hip and knee in degrees, [a_k, b_k] per harmonic."""
 
     guidance: Literal["impedance", "position"]
@@ -301,15 +317,18 @@ class Gait(Table):
     approach_slide_m_per_s: Annotated[float, Meta(gt=0, le=1)]
     ramp_strides: Annotated[int, Meta(ge=1, le=10)]
     cadence_max_hz: Annotated[float, Meta(gt=0, le=1)]
-    hip_mean_deg: float
-    hip_harmonics_deg: tuple[tuple[float, float], ...]
-    knee_mean_deg: float
-    knee_harmonics_deg: tuple[tuple[float, float], ...]
+    hip_mean_deg: Degrees
+    hip_harmonics_deg: Annotated[tuple[Harmonic, ...], Meta(min_length=1, max_length=12)]
+    knee_mean_deg: Degrees
+    knee_harmonics_deg: Annotated[tuple[Harmonic, ...], Meta(min_length=1, max_length=12)]
     impedance: Impedance
 
 
-class Sinusoid(Table):
-    """One part of an excite scenario: a sine, or a step, between two times."""
+class Sinusoid(Table, frozen=True):
+    """One part of an excite scenario, between two times; parts of one axis add up.
+
+    A sine is amplitude * sin(2 pi f (t - start)); a step is the amplitude, and has frequency 0.
+    """
 
     axis: Literal["hip", "slide"]
     kind: Literal["sine", "step"]
@@ -319,7 +338,7 @@ class Sinusoid(Table):
     end_s: Positive
 
 
-class Excite(Table):
+class Excite(Table, frozen=True):
     """An open-loop scenario about g(q), with or without an artificial disturbance."""
 
     hip_window_deg: Annotated[float, Meta(gt=0, le=40)]
@@ -329,33 +348,35 @@ class Excite(Table):
     artificial: tuple[Sinusoid, ...] = ()
 
 
-class Zenoh(Table):
+class Zenoh(Table, frozen=True):
     """Where the gateway listens: loopback or a Unix socket, unless somebody decides otherwise."""
 
     trainer: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]+$")]
-    listen: Annotated[tuple[str, ...], Meta(min_length=1)]
+    listen: Annotated[tuple[Locator, ...], Meta(min_length=1)]
+    listen_beyond_loopback: bool = False
+    """Only with true may `listen` hold what another machine can reach."""
 
 
-class Paths(Table):
+class Paths(Table, frozen=True):
     """Where the two processes meet and what outlives them; relative to the trainer file."""
 
-    runtime: str
+    runtime: Text
     """A directory on a tmpfs: the ring and the sockets of the seam."""
-    state: str
+    state: Text
     """A directory that survives a restart: stored pose and latched verdict."""
 
 
-class Shutdown(Table):
+class Shutdown(Table, frozen=True):
     """What the operator knows about a stop: said by `check`, and by STATUS= at the end."""
 
     effect: Annotated[str, Meta(min_length=10)]
 
 
-class Trainer(Table):
+class Trainer(Table, frozen=True):
     """The file that `--config` names."""
 
-    robot: str
-    limits: str
+    robot: Text
+    limits: Text
     bus: Bus
     cycle: Cycle
     leg: Annotated[tuple[Leg, ...], Meta(min_length=1, max_length=2)]
@@ -365,8 +386,8 @@ class Trainer(Table):
     zenoh: Zenoh
     paths: Paths
     shutdown: Shutdown
-    sim: str | None = None
-    """plant.toml of the virtual drives, for `gaitd sim` and `gaitd demo`; the service ignores it."""
+    sim: Text | None = None
+    """plant.toml of the virtual drives, for `gaitd sim` and `demo`; the service ignores it."""
 
 
 CATEGORIES: dict[str, StopCategory] = {

@@ -1,0 +1,102 @@
+"""What our pictures have in common: colours, axes, and lines of any length at a fixed cost."""
+
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+Values = NDArray[np.float64]
+
+ESTIMATE: Final = "#1f5fa8"
+TRUTH: Final = "#e07b00"
+FRICTION: Final = "#7a5230"
+MEASURED: Final = "#6b7280"
+GOOD: Final = "#2e7d32"
+BAD: Final = "#c62828"
+FAINT: Final = "#9aa3ad"
+GRID: Final = "#e3e6ea"
+TEXT: Final = "#1f2937"
+
+BUCKETS: Final = 3000
+"""Points of a line on paper; a longer line is drawn as the extremes of so many stretches."""
+
+
+def style(axes: Axes, title: str = "", unit: str = "") -> None:
+    """A quiet frame: a grid, no box, the unit at the axis."""
+    axes.set_axisbelow(True)
+    axes.grid(visible=True, color=GRID, linewidth=0.7)
+    axes.tick_params(colors=TEXT, labelsize=8, length=3, color=FAINT)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color(FAINT)
+    if title:
+        axes.set_title(title, loc="left", fontsize=10, color=TEXT, fontweight="bold")
+    if unit:
+        axes.set_ylabel(unit, fontsize=8, color=TEXT)
+
+
+def extremes(time: Values, values: Values, buckets: int = BUCKETS) -> tuple[Values, Values]:
+    """The line as it looks: its smallest and largest value in each stretch of time, in turn.
+
+    Args:
+        time: shape (n,), increasing.
+        values: shape (n,); NaN is a gap, and stays one where a whole stretch has nothing else.
+        buckets: stretches; a line with at most twice as many points is given back as it is.
+    """
+    count = len(time)
+    if count <= 2 * buckets:
+        return time, values
+    edges = np.linspace(0, count, buckets + 1).astype(np.intp)[:-1]
+    low = np.fmin.reduceat(values, edges)
+    high = np.fmax.reduceat(values, edges)
+    line = np.empty(2 * buckets)
+    line[0::2], line[1::2] = low, high
+    return np.repeat(time[edges], 2), line
+
+
+def band(axes: Axes, time: Values, low: Values, high: Values, colour: str, label: str = "") -> None:
+    """A filled band, drawn at a fixed cost."""
+    count = len(time)
+    if count > 2 * BUCKETS:
+        edges = np.linspace(0, count, BUCKETS + 1).astype(np.intp)[:-1]
+        time = time[edges]
+        low, high = np.fmin.reduceat(low, edges), np.fmax.reduceat(high, edges)
+    axes.fill_between(time, low, high, color=colour, alpha=0.18, linewidth=0, label=label or None)
+
+
+def line(
+    axes: Axes, time: Values, values: Values, colour: str, label: str = "", width: float = 1.1
+) -> None:
+    """A line, drawn at a fixed cost."""
+    shown = extremes(time, values)
+    axes.plot(*shown, color=colour, linewidth=width, label=label or None, solid_joinstyle="round")
+
+
+def legend(axes: Axes) -> None:
+    """Beside the title, where it hides no line."""
+    axes.legend(
+        fontsize=7.5,
+        frameon=False,
+        loc="lower right",
+        bbox_to_anchor=(1.0, 0.98),
+        ncols=4,
+        borderaxespad=0.1,
+        columnspacing=1.2,
+        handlelength=1.6,
+        labelcolor=TEXT,
+    )
+
+
+def stretches(flags: NDArray[np.bool_], time: Values) -> list[tuple[float, float]]:
+    """Where a flag is up, as (begin, length) in the unit of `time`, for `broken_barh`."""
+    if len(flags) == 0:
+        return []
+    padded = np.concatenate(([False], flags, [False]))
+    change = np.flatnonzero(padded[1:] != padded[:-1])
+    last = len(time) - 1
+    return [
+        (float(time[begin]), float(time[min(end, last)] - time[begin]))
+        for begin, end in zip(change[0::2], change[1::2], strict=True)
+    ]

@@ -1,0 +1,124 @@
+"""The picture of a replay: pose, speed, friction and patient of both axes, and what to believe."""
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from analysis.drawing import (
+    BAD,
+    ESTIMATE,
+    FAINT,
+    FRICTION,
+    MEASURED,
+    TEXT,
+    band,
+    legend,
+    line,
+    stretches,
+    style,
+)
+from analysis.estimates import Estimates
+from analysis.recording import Recording
+from observer.status import Status, Validity
+
+AXES: Final = (("hip", "rad", "rad/s", "N·m"), ("slide", "m", "m/s", "N"))
+"""Name, and units of position, speed and effort."""
+SIGMAS: Final = 3.0
+DPI: Final = 130
+HARMLESS: Final = frozenset({Status.VALID, Status.WARM_UP, Status.ARTIFICIAL})
+
+
+def draw(recording: Recording, estimates: Estimates, path: Path) -> None:
+    """Draw a PNG.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    figure = Figure(figsize=(14, 10.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    rows, strip = 4, 0.22
+    grid = figure.subplots(
+        rows + 1,
+        2,
+        sharex=True,
+        squeeze=False,
+        height_ratios=[1, 1, 1, 1.35, strip * _bits(estimates)],
+    )
+    for index in range(2):
+        _column([grid[row][index] for row in range(rows)], recording, estimates, index)
+        _status_strip(grid[rows][index], estimates)
+    name = Path(recording.source).name
+    minutes, seconds = divmod(recording.duration_s, 60)
+    figure.suptitle(
+        f"{name} · {len(recording.time_s)} samples · {minutes:.0f} min {seconds:04.1f} s",
+        fontsize=12,
+        color=TEXT,
+    )
+    figure.savefig(path, dpi=DPI, format="png")
+
+
+def _column(panels: list[Axes], recording: Recording, estimates: Estimates, index: int) -> None:
+    name, position, velocity, effort = AXES[index]
+    time = estimates.time_s - estimates.time_s[0]
+    place, speed, friction, patient = panels
+
+    style(place, f"{name} position", position)
+    line(place, time, recording.position[:, index], MEASURED, "measured", 2.2)
+    line(place, time, estimates.state[:, index], ESTIMATE, "estimate", 0.9)
+    style(speed, f"{name} speed", velocity)
+    line(speed, time, estimates.state[:, 2 + index], ESTIMATE)
+    style(friction, f"{name} friction", effort)
+    line(friction, time, estimates.state[:, 4 + index], FRICTION)
+
+    style(patient, f"{name} patient", effort)
+    value, std = estimates.state[:, 6 + index], estimates.std[:, 6 + index]
+    split = np.where(estimates.validity[:, index] == Validity.OK, value, np.nan)
+    band(patient, time, value - SIGMAS * std, value + SIGMAS * std, ESTIMATE, "±3σ")
+    line(patient, time, estimates.net[:, index], FAINT, "net: patient − friction", 0.8)
+    line(patient, time, value, ESTIMATE, "", 0.5)
+    line(patient, time, split, ESTIMATE, "patient, where it can be split from friction", 1.5)
+    patient.axhline(0, color=FAINT, linewidth=0.6)
+    _limit_to(patient, split, estimates.net[:, index])
+    for panel in (place, patient):
+        legend(panel)
+
+
+def _limit_to(panel: Axes, *values: np.ndarray) -> None:
+    """Show the values and some air; a band that grows at rest may leave the picture."""
+    known = np.concatenate([one[np.isfinite(one)] for one in values])
+    if len(known):
+        low, high = np.percentile(known, [0.05, 99.95])
+        air = 0.15 * max(high - low, 1e-3)
+        panel.set_ylim(low - air, high + air)
+
+
+def _shown(estimates: Estimates) -> list[Status]:
+    seen = int(np.bitwise_or.reduce(estimates.status)) if len(estimates.status) else 0
+    return [bit for bit in Status if bit & seen and bit is not Status.VALID]
+
+
+def _bits(estimates: Estimates) -> int:
+    return max(len(_shown(estimates)) + 1, 2)
+
+
+def _status_strip(panel: Axes, estimates: Estimates) -> None:
+    """One row for each status bit that was ever up, and one for what is not valid."""
+    time = estimates.time_s - estimates.time_s[0]
+    bits = _shown(estimates)
+    style(panel, "status")
+    invalid = (estimates.status & Status.VALID) == 0
+    panel.broken_barh(stretches(invalid, time), (-0.4, 0.8), color=BAD)
+    for row, bit in enumerate(bits, start=1):
+        colour = FAINT if bit in HARMLESS else ESTIMATE
+        panel.broken_barh(
+            stretches((estimates.status & bit) != 0, time), (row - 0.4, 0.8), color=colour
+        )
+    names = ["not valid", *((bit.name or "").lower().replace("_", " ") for bit in bits)]
+    panel.set_yticks(range(len(names)), names)
+    panel.set_ylim(len(names) - 0.5, -0.5)
+    panel.set_xlim(float(time[0]), float(max(time[-1], time[0] + 1e-3)))
+    panel.set_xlabel("time [s]", fontsize=8, color=TEXT)

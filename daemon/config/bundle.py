@@ -1,0 +1,54 @@
+"""The whole configuration as the service takes it: every file read, hashed and decoded."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from daemon.config.settings import Limits, Robot, Trainer
+from daemon.config.trainer import TrainerFile
+from drives.profile import DriveDescription
+
+
+@dataclass(frozen=True, slots=True)
+class LegDrives:
+    """The two drives of one leg, and the axis files that describe them."""
+
+    name: str
+    """`right` or `left`."""
+    hip: DriveDescription
+    slide: DriveDescription
+    hip_file: Path
+    slide_file: Path
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """One configuration, read once; nothing keeps a file open or reads one again."""
+
+    file: TrainerFile
+    """The trainer file with its resolved paths."""
+    robot: Robot
+    limits: Limits
+    legs: tuple[LegDrives, ...]
+    hashes: Mapping[str, str]
+    """SHA-256 of each file that was read, by its path as a person finds it."""
+
+    @property
+    def trainer(self) -> Trainer:
+        """What the trainer file says."""
+        return self.file.trainer
+
+    @property
+    def runtime(self) -> Path:
+        """Absolute: the directory of ring and sockets."""
+        return self.file.runtime
+
+    @property
+    def state(self) -> Path:
+        """Absolute: the directory that outlives a restart."""
+        return self.file.state
+
+    @property
+    def drives(self) -> tuple[DriveDescription, ...]:
+        """All drives, leg by leg, hip before slide: the order of the records."""
+        return tuple(drive for leg in self.legs for drive in (leg.hip, leg.slide))

@@ -1,0 +1,122 @@
+"""robot.toml in the terms of the observer: the only place where degrees become radians for it."""
+
+import math
+
+from daemon.config.settings import Robot, Segment
+from observer.friction import FrictionParameters
+from observer.leg_model import integrator_named
+from observer.leg_observer import ObserverTuning
+from observer.mechanism import (
+    Dampers,
+    Geometry,
+    LegParameters,
+    Link,
+    Slide,
+    Springs,
+    with_patient,
+)
+from observer.mechanism import leg_parameters as compose
+
+
+def leg_parameters(robot: Robot) -> LegParameters:
+    """Geometry, inertia, springs and dampers of one leg, the patient's in it if there is one."""
+    geometry = leg_geometry(robot)
+    return compose(
+        geometry,
+        leg_links(robot),
+        Slide(robot.slide.mass_kg, robot.slide.drive_mass_kg),
+        robot.hip.drive_inertia_kg_m2,
+        Springs(
+            robot.springs.hip_stiffness_nm_per_rad,
+            robot.springs.hip_rest_rad,
+            robot.springs.slide_stiffness_n_per_m,
+            robot.springs.slide_rest_m,
+        ),
+        Dampers(
+            robot.dampers.hip_nm_s_per_rad,
+            robot.dampers.knee_nm_s_per_rad,
+            robot.dampers.ankle_nm_s_per_rad,
+            robot.dampers.slide_joint_nm_s_per_rad,
+        ),
+    )
+
+
+def leg_geometry(robot: Robot) -> Geometry:
+    """[geometry] in rad."""
+    table = robot.geometry
+    return Geometry(
+        table.thigh_length_m,
+        table.shank_length_m,
+        table.shoe_length_m,
+        math.radians(table.recline_deg),
+        table.rail_x_m,
+        table.rail_y_m,
+        math.radians(table.rail_angle_deg),
+        math.radians(table.thigh_offset_deg),
+    )
+
+
+def leg_links(robot: Robot) -> tuple[Link, Link, Link]:
+    """Thigh, shank and shoe: the machine's, with the patient's segments where there is one."""
+    machine = (_link(robot.thigh), _link(robot.shank), _link(robot.shoe))
+    if robot.patient is None:
+        return machine
+    mass_kg, height_m = robot.patient.mass_kg, robot.patient.height_m
+    return with_patient(machine, leg_geometry(robot), mass_kg, height_m)
+
+
+def friction_parameters(robot: Robot) -> tuple[FrictionParameters, FrictionParameters]:
+    """Friction of hip (N m, rad/s) and slide (N, m/s)."""
+    hip, slide = robot.friction.hip, robot.friction.slide
+    return (
+        FrictionParameters(
+            hip.stribeck_nm,
+            hip.coulomb_nm,
+            hip.viscous_nm_s_per_rad,
+            hip.transition_rad_per_s,
+            hip.peak_rad_per_s,
+            hip.edge_rad_per_s,
+            hip.time_constant_s,
+        ),
+        FrictionParameters(
+            slide.stribeck_n,
+            slide.coulomb_n,
+            slide.viscous_n_s_per_m,
+            slide.transition_m_per_s,
+            slide.peak_m_per_s,
+            slide.edge_m_per_s,
+            slide.time_constant_s,
+        ),
+    )
+
+
+def observer_tuning(robot: Robot) -> ObserverTuning:
+    """Noise, integrator and gate of the observer."""
+    table = robot.observer
+    return ObserverTuning(
+        process_std=(
+            table.process_hip_angle_rad,
+            table.process_slide_position_m,
+            table.process_hip_velocity_rad_per_s,
+            table.process_slide_velocity_m_per_s,
+            table.process_hip_friction_nm,
+            table.process_slide_friction_n,
+            table.process_hip_patient_nm,
+            table.process_slide_patient_n,
+        ),
+        measurement_std=(table.measurement_hip_angle_rad, table.measurement_slide_position_m),
+        coriolis=table.coriolis,
+        velocity_gated=table.velocity_gated,
+        integrator=integrator_named(table.integrator),
+        substeps=table.substeps,
+        gate_nis=table.gate_nis,
+    )
+
+
+def _link(segment: Segment) -> Link:
+    return Link(
+        segment.mass_kg,
+        segment.com_ratio,
+        math.radians(segment.com_offset_deg),
+        segment.inertia_kg_m2,
+    )

@@ -1,0 +1,278 @@
+"""TOML into a struct, or an error that says where, what, and what would have been right.
+
+msgspec judges; this file only finds the one value that it refused and puts its place and its range
+into words. Nothing is ever defaulted, coerced or ignored.
+"""
+
+import difflib
+import hashlib
+import math
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Final, NamedTuple, TypeVar, cast, get_args, get_origin
+
+import msgspec
+from msgspec import inspect
+
+T = TypeVar("T")
+
+_VALUE_LENGTH_MAX: Final = 60
+
+
+class Words(str):
+    """Words about a value in place of the value itself, shown without quotes: `(missing)`."""
+
+    __slots__ = ()
+
+
+MISSING: Final = Words("(missing)")
+
+
+class ConfigError(Exception):
+    """The operator's matter: a file says something that we refuse to run with.
+
+    `file`, `key` (dotted), `value` (as it stands in the file) and `allowed` are what a person needs
+    to correct it; `key` is empty when the file as a whole is meant.
+    """
+
+    def __init__(self, file: Path | str, key: str, value: object, allowed: str) -> None:
+        self.file = str(file)
+        self.key = key
+        self.value = value if isinstance(value, Words) else Words(_shown(value))
+        self.allowed = allowed
+        place = f"{self.file}: {key} = {self.value}" if key else self.file
+        super().__init__(f"{place}: {allowed}")
+
+    @property
+    def line(self) -> str:
+        """The one line for stderr, the same in every command."""
+        return f"configuration error: {self}"
+
+
+class Document(NamedTuple):
+    """One TOML file as it was read: hashed and decoded from the same bytes."""
+
+    path: Path
+    sha256: str
+    table: dict[str, Any]
+
+
+class _Fault(NamedTuple):
+    key: str
+    value: object
+    allowed: str
+
+
+class _Part(NamedTuple):
+    value: object
+    kind: object
+    key: str
+
+
+def read_toml(path: Path) -> Document:
+    """Read, hash and parse one file.
+
+    Raises:
+        ConfigError: there is no such file, it is not UTF-8, or its syntax is wrong (line, column).
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        reason = (error.strerror or "cannot be read").lower()
+        raise ConfigError(path, "", "", f"{reason}; a readable TOML file is needed") from error
+    return Document(path, hashlib.sha256(data).hexdigest(), _parsed(path, data))
+
+
+def load_toml(path: Path, kind: type[T]) -> T:
+    """Read one TOML file into a msgspec struct.
+
+    Raises:
+        ConfigError: as `read_toml` and `decoded`.
+    """
+    return decoded(read_toml(path), kind)
+
+
+def decoded(document: Document, kind: type[T]) -> T:
+    """Turn a document into a struct.
+
+    Raises:
+        ConfigError: unknown or missing key, wrong type, out of range, not a finite number.
+    """
+    fault = _fault(document.table, kind, "")
+    if fault is not None:
+        raise ConfigError(document.path, *fault)
+    return msgspec.convert(document.table, kind)
+
+
+def described(kind: object) -> str:
+    """What a value of this type may be, in words, for example `a number > 0 and <= 120`."""
+    return _words(inspect.type_info(kind))
+
+
+def _parsed(path: Path, data: bytes) -> dict[str, Any]:
+    try:
+        text = data.decode()
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        allowed = "a TOML file is UTF-8 text"
+        raise ConfigError(path, f"line {line}", Words("(not UTF-8)"), allowed) from error
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _syntax_error(path, text, str(error)) from error
+
+
+def _syntax_error(path: Path, text: str, message: str) -> ConfigError:
+    place = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)$", message)
+    if place is None:
+        return ConfigError(path, "", "", f"TOML syntax: {message}")
+    lines = text.splitlines() or [""]
+    line = int(place[1]) if place[1] else len(lines)
+    content = lines[min(line, len(lines)) - 1]
+    column = int(place[2]) if place[2] else len(content) + 1
+    reason = message[: place.start()]
+    where = f"line {line}, column {column}"
+    return ConfigError(path, where, Words(f"`{content.strip()}`"), f"TOML syntax: {reason}")
+
+
+def _fault(value: object, kind: object, key: str) -> _Fault | None:
+    """The first value below `key` that `kind` does not allow, depth first, in the file's order."""
+    for inner in _inside(value, _bare(kind), key):
+        fault = inner if isinstance(inner, _Fault) else _fault(*inner)
+        if fault is not None:
+            return fault
+    return None if _allowed(value, kind) else _Fault(key, value, described(kind))
+
+
+def _inside(value: object, kind: object, key: str) -> Iterator[_Part | _Fault]:
+    """What is one level deeper."""
+    origin, arguments = get_origin(kind), get_args(kind)
+    if isinstance(value, dict) and isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        yield from _fields(cast("dict[str, object]", value), kind, key)
+    elif isinstance(value, dict) and origin is dict:
+        for name, item in cast("dict[str, object]", value).items():
+            yield _Part(item, arguments[1], _dotted(key, name))
+    elif isinstance(value, list) and origin in (tuple, list):
+        items = cast("list[object]", value)
+        same = len(arguments) == 1 or arguments[1:] == (...,)
+        kinds = (arguments[0],) * len(items) if same else arguments
+        for index, (item, item_kind) in enumerate(zip(items, kinds, strict=False)):
+            yield _Part(item, item_kind, f"{key}[{index}]")
+
+
+def _fields(
+    table: dict[str, object], kind: type[msgspec.Struct], key: str
+) -> Iterator[_Part | _Fault]:
+    fields = {field.encode_name: field for field in msgspec.structs.fields(kind)}
+    for name, value in table.items():
+        if name in fields:
+            yield _Part(value, fields[name].type, _dotted(key, name))
+        else:
+            yield _Fault(_dotted(key, name), value, _unknown(name, list(fields)))
+    for name, field in fields.items():
+        if field.required and name not in table:
+            yield _Fault(_dotted(key, name), MISSING, described(field.type))
+
+
+def _unknown(name: str, known: list[str]) -> str:
+    near = difflib.get_close_matches(name, known, n=1)
+    hint = f" Did you mean `{near[0]}`?" if near else ""
+    return f"unknown key.{hint} Known here: {', '.join(known)}"
+
+
+def _allowed(value: object, kind: object) -> bool:
+    # msgspec lets NaN pass a range, because no comparison with it is true.
+    if isinstance(value, float) and not math.isfinite(value):
+        return False
+    try:
+        msgspec.convert(value, kind)
+    except msgspec.ValidationError:
+        return False
+    return True
+
+
+def _bare(kind: object) -> object:
+    """The type without `Annotated`, and without the None of an optional table."""
+    if get_origin(kind) is Annotated:
+        return _bare(get_args(kind)[0])
+    options = [option for option in get_args(kind) if option is not type(None)]
+    if type(None) in get_args(kind) and len(options) == 1:
+        return _bare(options[0])
+    return kind
+
+
+def _dotted(key: str, name: str) -> str:
+    return f"{key}.{name}" if key else name
+
+
+def _shown(value: object) -> str:
+    """A value as TOML would write it, cut to a readable length."""
+    match value:
+        case None:
+            text = str(MISSING)
+        case bool():
+            return "true" if value else "false"
+        case str():
+            text = f'"{value}"'
+        case dict():
+            text = "{" + ", ".join(cast("dict[str, object]", value)) + "}"
+        case Path():
+            return str(value)
+        case _:
+            text = repr(value)
+    return text if len(text) <= _VALUE_LENGTH_MAX else text[: _VALUE_LENGTH_MAX - 1] + "…"
+
+
+def _words(info: inspect.Type) -> str:
+    match info:
+        case inspect.FloatType():
+            return "a finite number" if not _range(info) else f"a number {_range(info)}"
+        case inspect.IntType():
+            return f"a whole number {_range(info)}".rstrip()
+        case inspect.StrType():
+            return _words_of_text(info)
+        case inspect.BoolType():
+            return "true or false"
+        case inspect.LiteralType(values=values):
+            return "one of " + ", ".join(_shown(value) for value in values)
+        case inspect.EnumType(cls=cls):
+            return "one of " + ", ".join(_shown(member.value) for member in cls)
+        case inspect.UnionType(types=types):
+            known = (kind for kind in types if not isinstance(kind, inspect.NoneType))
+            return " or ".join(_words(kind) for kind in known)
+        case inspect.CollectionType() | inspect.TupleType():
+            return _words_of_list(info)
+        case inspect.DictType(value_type=value_type):
+            return f"a table of names, each with {_words(value_type)}"
+        case inspect.StructType(fields=fields):
+            return "a table with " + ", ".join(field.encode_name for field in fields)
+        case _:
+            return type(info).__name__.removesuffix("Type").lower()
+
+
+def _range(info: inspect.FloatType | inspect.IntType) -> str:
+    bounds = ((">", info.gt), (">=", info.ge), ("<", info.lt), ("<=", info.le))
+    return " and ".join(f"{sign} {bound:g}" for sign, bound in bounds if bound is not None)
+
+
+def _words_of_text(info: inspect.StrType) -> str:
+    if info.pattern is not None:
+        return f"text that matches {info.pattern}"
+    if info.min_length is not None and info.min_length > 1:
+        return f"text of at least {info.min_length} characters"
+    return "text" if info.min_length is None else "text that is not empty"
+
+
+def _words_of_list(info: inspect.CollectionType | inspect.TupleType) -> str:
+    if isinstance(info, inspect.TupleType):
+        return f"a list of {len(info.item_types)}: {', '.join(map(_words, info.item_types))}"
+    least, most = info.min_length, info.max_length
+    count = {
+        (False, False): "a list",
+        (True, False): f"a list of at least {least}",
+        (False, True): f"a list of at most {most}",
+        (True, True): f"a list of {least} to {most}",
+    }[least is not None, most is not None]
+    return f"{count}, each {_words(info.item_type)}"

@@ -1,0 +1,98 @@
+"""From mode OFF to READY: the drives' bring-up, told to the core step by step."""
+
+from collections.abc import Generator, Sequence
+
+from daemon.core import modes
+from daemon.core.joints import Joint
+from daemon.core.modes import Event
+from daemon.core.state import Axis, Core
+from daemon.record import Cause, Mode, Verdict
+from drives.bringup import DriveReport, Progress, bring_up
+from drives.drive import Drive, DriveGroup
+from drives.errors import BringUpRefused, BusError, DriveSilent
+from drives.plan import CycleSettings, DrivePlan
+from drives.port import DrivePort
+from drives.units import axis_scaling
+
+
+def bring_up_core(
+    core: Core, plans: Sequence[DrivePlan], port: DrivePort, cycle: CycleSettings
+) -> Generator[Progress, None, bool]:
+    """Bring up all drives; True if the core is READY now, False if it is OFF with a cause.
+
+    Raises:
+        BringUpRefused: a drive is not the one of the files, or refuses what they ask. Another try
+            would say the same.
+    """
+    core.mode = modes.next_mode(core.mode, Event.BRING_UP_BEGUN)
+    core.events.append("bring-up begun")
+    try:
+        reports = yield from _told(core, bring_up(plans, port, cycle))
+    except BringUpRefused as refused:
+        fail(core, Cause.BRING_UP_FAILED, refused.drive, str(refused))
+        raise
+    except DriveSilent as silent:
+        fail(core, Cause.DRIVE_SILENT, silent.drive, str(silent))
+        return False
+    except BusError as error:
+        fail(core, Cause.BUS_DOWN, "", error.what)
+        return False
+    _take_over(core, plans, reports, port.now_ns())
+    return True
+
+
+def fail(core: Core, cause: Cause, drive: str, detail: str) -> None:
+    """Back to OFF, with the reason; told as an event only when it is another one than before."""
+    if core.mode == Mode.BRINGING_UP:
+        core.mode = modes.next_mode(core.mode, Event.DRIVES_LOST)
+    verdict = Verdict(core.config.categories.of(cause), cause, drive, detail=detail)
+    if verdict != core.verdict:
+        core.events.append(f"bring-up failed: {detail}")
+    core.verdict = verdict
+    core.progress = ""
+
+
+def _told(
+    core: Core, steps: Generator[Progress, None, tuple[DriveReport, ...]]
+) -> Generator[Progress, None, tuple[DriveReport, ...]]:
+    """The same steps, each one put into the core's progress line on its way."""
+    while True:
+        try:
+            progress = next(steps)
+        except StopIteration as stop:
+            return stop.value
+        core.progress = (
+            f"{progress.done_count}/{progress.total_count} {progress.drive} {progress.text}"
+        )
+        yield progress
+
+
+def _take_over(
+    core: Core, plans: Sequence[DrivePlan], reports: Sequence[DriveReport], now_ns: int
+) -> None:
+    """The drives are in the core's hands from now on; nothing of an earlier life remains."""
+    core.drives = DriveGroup([Drive(plan.description, now_ns) for plan in plans])
+    for axis, plan, report in zip(core.axes, plans, reports, strict=True):
+        _begin(axis, plan, report)
+    for leg in core.legs:
+        leg.plan, leg.reference, leg.estimate = None, None, None
+        leg.observer_started, leg.observer_bad_cycles = False, 0
+    core.verdict = Verdict()
+    core.load_checked = False
+    core.mode = modes.next_mode(core.mode, Event.BRING_UP_DONE)
+    core.progress = ""
+    unreferenced = ", ".join(axis.name for axis in core.axes if not axis.referenced)
+    core.events.append(
+        "drives are up" + (f", not referenced: {unreferenced}" if unreferenced else "")
+    )
+
+
+def _begin(axis: Axis, plan: DrivePlan, report: DriveReport) -> None:
+    axis.scaling = axis_scaling(plan.description, report.base)
+    axis.referenced = report.absolute or report.homed
+    axis.joint = Joint()
+    axis.feedback = None
+    axis.stop = None
+    axis.effort_sent_si = 0.0
+    axis.reached_enabled, axis.unready_cycles = False, 0
+    axis.emergencies_seen = 0

@@ -1,0 +1,152 @@
+"""A core and its bring-up plans from the configuration: the only place that knows both."""
+
+import math
+from dataclasses import dataclass
+
+import msgspec
+
+from daemon.config.bundle import LegDrives, Settings
+from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
+from daemon.config.settings import Limits, Trainer
+from daemon.core.reference import gait_shape
+from daemon.core.safety import AxisLimits, Categories, Thresholds, hip_limits, slide_limits
+from daemon.core.state import Axis, Core, CoreConfig, Leg
+from daemon.core.stopping import StopRules
+from daemon.seam import RingHeader
+from drives.plan import CycleSettings, DrivePlan, plan
+from drives.profile import DriveDescription
+from drives.units import DriveLimits, axis_scaling, expected_base
+from observer.leg_observer import LegObserver
+
+NS_PER_MS = 1_000_000
+SECOND_LEG_PHASE = 0.5
+"""The second leg walks half a stride behind the first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Built:
+    """A core that has not met its drives yet, and how to meet them."""
+
+    core: Core
+    plans: tuple[DrivePlan, ...]
+    cycle: CycleSettings
+
+
+def build(settings: Settings, boot_id: str) -> Built:
+    """Everything of the core that the configuration decides."""
+    friction = friction_parameters(settings.robot)
+    limits = settings.limits
+    by_axis = (
+        hip_limits(limits, friction[0].stribeck),
+        slide_limits(limits, friction[1].stribeck),
+    )
+    legs = tuple(
+        _leg(settings, leg, by_axis, index * SECOND_LEG_PHASE)
+        for index, leg in enumerate(settings.legs)
+    )
+    config = _core_config(settings.trainer, limits, settings.robot.patient is not None)
+    cycle = cycle_settings(settings.trainer)
+    plans = tuple(
+        plan(drive, drive_limits(limits, axis, by_axis[axis]), cycle)
+        for leg in settings.legs
+        for axis, drive in enumerate((leg.hip, leg.slide))
+    )
+    return Built(Core(boot_id=boot_id, config=config, legs=legs), plans, cycle)
+
+
+def cycle_settings(trainer: Trainer) -> CycleSettings:
+    """[cycle] as bring-up needs it."""
+    cycle = trainer.cycle
+    return CycleSettings(
+        period_ms=cycle.period_ms,
+        master_node_id=cycle.master_node_id,
+        drive_heartbeat_ms=cycle.drive_heartbeat_ms,
+        drive_detection_ms=cycle.drive_detection_ms,
+        rpdo_timeout_ms=cycle.rpdo_timeout_ms,
+    )
+
+
+def drive_limits(limits: Limits, axis: int, bounds: AxisLimits) -> DriveLimits:
+    """What is written into the drive of axis 0 (hip) or 1 (slide): defence in depth."""
+    hip_si, slide_si = math.radians(limits.hip.following_error_deg), limits.slide.following_error_m
+    return DriveLimits(
+        position_min_si=bounds.position_min_si,
+        position_max_si=bounds.position_max_si,
+        velocity_max_si=bounds.velocity_max_si,
+        effort_max_si=bounds.effort_max_si,
+        following_error_si=hip_si if axis == 0 else slide_si,
+        quick_stop_deceleration_si_per_s2=bounds.quick_stop_deceleration_si_per_s2,
+    )
+
+
+def ring_header(settings: Settings, boot_id: str, start_utc_ns: int, version: str) -> RingHeader:
+    """What a recording says of itself."""
+    return RingHeader(
+        core_boot_id=boot_id,
+        start_utc_ns=start_utc_ns,
+        period_ns=settings.trainer.cycle.period_ms * NS_PER_MS,
+        trainer=settings.trainer.zenoh.trainer,
+        drive_names=tuple(drive.name for drive in settings.drives),
+        leg_names=tuple(leg.name for leg in settings.legs),
+        config_hashes=dict(settings.hashes),
+        version=version,
+        robot=msgspec.to_builtins(settings.robot),
+        limits=msgspec.to_builtins(settings.limits),
+    )
+
+
+def _core_config(trainer: Trainer, limits: Limits, patient_configured: bool) -> CoreConfig:
+    period_ms = trainer.cycle.period_ms
+    communication, stop = limits.communication, limits.stop
+    return CoreConfig(
+        period_ns=period_ms * NS_PER_MS,
+        thresholds=Thresholds(
+            sample_age_max_cycles=communication.sample_age_max_cycles,
+            heartbeat_timeout_ns=communication.heartbeat_timeout_ms * NS_PER_MS,
+            gateway_silence_cycles=communication.gateway_silence_ms // period_ms,
+            overruns_in_a_row=communication.overruns_in_a_row,
+            encoder_frozen_cycles=communication.encoder_frozen_cycles,
+            encoder_jump_ratio=communication.encoder_jump_ratio,
+            singularity_stop_ratio=limits.singularity.stop_ratio,
+            mode_switch_cycles=communication.mode_switch_cycles,
+        ),
+        categories=Categories(limits.stop_category),
+        stop_rules=StopRules(
+            obey_cycles=stop.obey_cycles,
+            standstill_cycles=stop.standstill_cycles,
+            ramp_margin_ratio=stop.ramp_margin_ratio,
+            period_s=period_ms * 1e-3,
+        ),
+        hold=trainer.hold,
+        gait=trainer.gait,
+        excite=dict(trainer.excite),
+        patient_configured=patient_configured,
+    )
+
+
+def _leg(
+    settings: Settings, drives: LegDrives, bounds: tuple[AxisLimits, AxisLimits], phase: float
+) -> Leg:
+    parameters = leg_parameters(settings.robot)
+    hip_friction, slide_friction = friction_parameters(settings.robot)
+    observer = LegObserver(
+        parameters, hip_friction, slide_friction, observer_tuning(settings.robot)
+    )
+    return Leg(
+        name=drives.name,
+        parameters=parameters,
+        shape=gait_shape(settings.trainer.gait),
+        axes=(_axis(drives.hip, bounds[0]), _axis(drives.slide, bounds[1])),
+        observer=observer,
+        phase_offset=phase,
+    )
+
+
+def _axis(drive: DriveDescription, bounds: AxisLimits) -> Axis:
+    return Axis(
+        name=drive.name,
+        node_id=drive.node_id,
+        limits=bounds,
+        # Until the drive has told its torque base, the one that its file expects.
+        scaling=axis_scaling(drive, expected_base(drive)),
+    )

@@ -1,0 +1,188 @@
+"""One cycle of 10 ms, in the order of time: CAN frames in, CAN frames and a record out.
+
+frames -> drives: decode, state -> units: SI at the joint -> observer: estimate
+       -> safety: verdict -> modes: next mode -> safety: bound the command -> units
+       -> drives: encode -> frames             ... and all of it in one CycleRecord
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from daemon.core import conduct, guidance, inbox, joints, recording, safety
+from daemon.core.state import Axis, Core, Leg
+from daemon.core.tick import Tick
+from daemon.record import Cause, CycleRecord, Level, Mode, Verdict
+from drives.bus import Frame
+from drives.bus_state import BusCondition
+from drives.signals import DriveFeedback, OperationMode, PowerState
+from observer.leg_observer import PoseError
+from observer.mechanism import gravity, singularity_ratio
+from observer.status import Validity
+
+
+def step(
+    core: Core, frames: Sequence[Frame], levels: Sequence[Level], tick: Tick
+) -> tuple[list[Frame], CycleRecord]:
+    """One cycle with the drives: everything between the TPDOs of a SYNC and the RPDOs after it."""
+    drives = core.drives
+    if drives is None:
+        raise RuntimeError("a cycle needs drives that have been brought up")
+    drives.feed(frames, tick.sync_ns)
+    sense(core, drives.end_of_window(tick.cycle, tick.sync_ns), tick)
+    observe(core, tick)
+    orders = inbox.hear(core, levels, tick.cycle)
+    found = judge(core, orders, tick)
+    conduct.change_mode(core, found, orders, tick.cycle)
+    commands = guidance.command(core, tick.cycle)
+    outgoing = drives.frames(commands)
+    return outgoing, recording.record(core, tick)
+
+
+def rest(core: Core, levels: Sequence[Level], tick: Tick) -> CycleRecord:
+    """One cycle without drives: nothing to sense and nothing to send, but heard and told."""
+    orders = inbox.hear(core, levels, tick.cycle)
+    conduct.answer(core, orders, tick.cycle)
+    return recording.record(core, tick)
+
+
+def react(core: Core, frames: Sequence[Frame], tick: Tick) -> list[Frame]:
+    """Between two windows: what came is fed, and an alarm is answered at once by all drives."""
+    drives = core.drives
+    if drives is None or not drives.feed_between(frames, tick.sync_ns):
+        return []
+    if not conduct.driving(core):
+        return []
+    for axis, feedback in zip(core.axes, drives.peek(tick.sync_ns), strict=True):
+        axis.feedback = feedback
+    found = judge(core, inbox.NO_ORDERS, tick)
+    if found.cause == Cause.NONE:
+        return []
+    conduct.stop(core, found, tick.cycle)
+    return drives.frames(guidance.command(core, tick.cycle))
+
+
+def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
+    """What each joint does, and whether its drive is where it should be."""
+    for axis, feedback in zip(core.axes, feedbacks, strict=True):
+        axis.feedback = feedback
+        axis.joint = joints.measure(axis.joint, feedback, axis.scaling, tick.sync_ns)
+        axis.referenced = axis.referenced and not feedback.rebooted
+        _count_readiness(core, axis, feedback)
+    for leg in core.legs:
+        _place(leg)
+
+
+def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
+    if not conduct.enable_wanted(core, axis):
+        axis.reached_enabled, axis.unready_cycles = False, 0
+        return
+    ready = (
+        feedback.power_state == PowerState.OPERATION_ENABLED
+        and feedback.mode_display == OperationMode.CYCLIC_SYNC_TORQUE
+        and feedback.following
+    )
+    axis.reached_enabled = axis.reached_enabled or ready
+    axis.unready_cycles = 0 if ready else axis.unready_cycles + 1
+
+
+def _place(leg: Leg) -> None:
+    """Where the mechanism is by the raw encoders: load that holds it, distance to singularity."""
+    hip, slide = leg.axes
+    if not (hip.joint.known and slide.joint.known):
+        return
+    pose = np.array((hip.joint.position_si, slide.joint.position_si))
+    leg.singularity_ratio = float(singularity_ratio(leg.parameters, pose))
+    if leg.singularity_ratio > 0:
+        load = gravity(leg.parameters, pose)
+        hip.gravity_si, slide.gravity_si = float(load[0]), float(load[1])
+    reference = leg.reference
+    tracked = reference is not None and reference.guided
+    for index, axis in enumerate(leg.axes):
+        target_si = reference.position[index] if reference is not None and tracked else math.nan
+        axis.tracking_si = axis.joint.position_si - target_si if tracked else 0.0
+
+
+def observe(core: Core, tick: Tick) -> None:
+    """Feed each leg's observer with this cycle's samples; what did not come is NaN."""
+    for leg in core.legs:
+        hip, slide = leg.axes
+        leg.artificial = conduct.artificial(leg)
+        leg.measured = (_sampled_si(hip), _sampled_si(slide))
+        leg.effort_used = (
+            hip.joint.effort_si - leg.artificial[0],
+            slide.joint.effort_si - leg.artificial[1],
+        )
+        referenced = hip.referenced and slide.referenced
+        if not leg.observer_started:
+            if not (referenced and hip.joint.fresh and slide.joint.fresh):
+                continue
+            if not _start_observer(leg):
+                continue
+        leg.estimate = estimate = leg.observer.step(
+            leg.measured,
+            leg.effort_used,
+            tick.dt_s,
+            late=tick.late,
+            unreferenced=not referenced,
+            artificial=leg.artificial != (0.0, 0.0) or conduct.is_artificial(leg),
+        )
+        bad = Validity.BAD in estimate.validity
+        leg.observer_bad_cycles = leg.observer_bad_cycles + 1 if bad else 0
+
+
+def _start_observer(leg: Leg) -> bool:
+    """Begin at the measured pose; a pose that no leg can have is refused, and enabling with it."""
+    try:
+        leg.observer.reset(leg.measured)
+    except PoseError:
+        return False
+    leg.observer_started = True
+    return True
+
+
+def _sampled_si(axis: Axis) -> float:
+    return axis.joint.position_si if axis.joint.fresh else math.nan
+
+
+def judge(core: Core, orders: inbox.Orders, tick: Tick) -> Verdict:
+    """Gather what safety looks at, and let it judge."""
+    drives = core.drives
+    service = safety.ServiceSituation(
+        stop_requested=orders.stop,
+        shutdown_requested=tick.shutdown,
+        level_age_cycles=tick.cycle - core.level_cycle,
+        overruns_in_a_row=tick.overruns_in_a_row,
+        bus_off=drives is not None and drives.bus_state.condition is BusCondition.OFF,
+        bus_error=tick.bus_error,
+        tx_dropped_in_a_row=tick.tx_dropped_in_a_row,
+    )
+    axes = [_situation(core, axis) for axis in core.axes]
+    legs = [
+        safety.LegSituation(leg.name, leg.singularity_ratio, leg.observer_bad_cycles)
+        for leg in core.legs
+    ]
+    config = core.config
+    return safety.judge(
+        service, axes, legs, config.thresholds, config.categories, driving=conduct.driving(core)
+    )
+
+
+def _situation(core: Core, axis: Axis) -> safety.AxisSituation:
+    feedback = axis.feedback
+    if feedback is None:
+        raise RuntimeError(f"{axis.name} is judged before it was sensed")
+    return safety.AxisSituation(
+        name=axis.name,
+        feedback=feedback,
+        joint=axis.joint,
+        limits=axis.limits,
+        referenced=axis.referenced,
+        tracking_si=axis.tracking_si if core.mode != Mode.STOPPING else 0.0,
+        enable_wanted=conduct.enable_wanted(core, axis),
+        reached_enabled=axis.reached_enabled,
+        unready_cycles=axis.unready_cycles,
+        mode_wanted=OperationMode.CYCLIC_SYNC_TORQUE,
+        new_emergency=feedback.emergency_count > axis.emergencies_seen,
+    )

@@ -1,0 +1,354 @@
+"""The 10 ms grid: when SYNC leaves, how long to listen, when to send, and what if it is late.
+
+One turn, on absolute grid points:
+
+    until the grid point  keep polling: an emergency is answered at once
+    at the grid point     SYNC (and our heartbeat), then collect the drives' samples: until they are
+                          complete, or the window closes
+    then                  one cycle (`cycle.py`), its frames sent, its record published
+    at the end            the watchdog is fed, once for every cycle finished in time
+
+Rules:
+1. Grid points that were missed are skipped and counted, never caught up in a burst.
+2. A command whose cycle is over is not sent late; it counts as dropped.
+3. The watchdog is fed in every mode, whatever the drives do. A silent drive is a verdict.
+4. SYNC and heartbeat leave only from here and from bring-up's steps, never from a timer.
+5. An exception in a cycle is a bug of ours: the drives are stopped once more, then the process
+   ends, and the drives' own detection is the backstop.
+"""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final, Protocol
+
+from msgspec.structs import replace
+
+from daemon.clock import Clock
+from daemon.core import conduct, cycle
+from daemon.core.bringing import bring_up_core, fail
+from daemon.core.state import Core
+from daemon.core.tick import Tick
+from daemon.record import Cause, CycleRecord, CycleTiming, Level, Mode
+from drives.bus import Bus, Frame
+from drives.configurator import Configurator
+from drives.errors import BringUpRefused, BusError
+from drives.nmt import SYNC_FRAME, NmtCommand, heartbeat_frame, nmt_frame
+from drives.plan import CycleSettings, DrivePlan
+from drives.signals import DriveCommand, OperationMode, PowerRequest, PowerState
+
+RETRY_NS: Final = 1_000_000_000
+"""Between two tries to bring up drives that do not answer."""
+SEND_MARGIN_NS: Final = 500_000
+"""Commands go out at the latest this long before the next SYNC."""
+POWER_OFF_CYCLES: Final = 50
+"""At the end, drives may take this long to show that they are without power."""
+BLIND_STOP_CYCLES: Final = 50
+STATUS_CYCLES: Final = 100
+
+
+class ExitCode(IntEnum):
+    """How the process ends (design 4.1)."""
+
+    ENDED = 0
+    CONFIGURATION = 2
+    REFUSED = 3
+    BUG = 4
+
+
+class Seam(Protocol):
+    """What the loop needs of the seam: `daemon.seam.CoreSeam`, or a list in a test."""
+
+    def publish(self, record: CycleRecord) -> None:
+        """Hand a record over."""
+        ...
+
+    def levels(self) -> list[Level]:
+        """All levels that wait."""
+        ...
+
+
+class Supervisor(Protocol):
+    """What the loop needs of systemd: `daemon.sd_notify.Notifier`."""
+
+    def send(self, *lines: str) -> None:
+        """Tell it."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class LoopSettings:
+    """What the loop needs beside the core."""
+
+    plans: tuple[DrivePlan, ...]
+    cycle: CycleSettings
+    period_ns: int
+    window_ns: int
+    heartbeat_cycles: int
+    """Our heartbeat goes out with every so many SYNCs."""
+    master_node_id: int
+    bus_load_ratio: float
+    open_bus: Callable[[], Bus]
+
+
+class Loop:
+    """The grid around one core. `run` returns when the service was asked to end, and could."""
+
+    def __init__(
+        self, core: Core, settings: LoopSettings, seam: Seam, clock: Clock, supervisor: Supervisor
+    ) -> None:
+        self._core = core
+        self._settings = settings
+        self._seam = seam
+        self._clock = clock
+        self._supervisor = supervisor
+        self._bus: Bus | None = None
+        self._cycle = 0
+        self._grid_ns = clock.now_ns() + settings.period_ns
+        self._sync_ns = 0
+        self._sync_count = 0
+        self._retry_ns = 0
+        self._shutdown = False
+        self._timing = CycleTiming(0, 0, 0, 0)
+        self._overruns_in_a_row = 0
+        self._dropped_count = 0
+        self._dropped_in_a_row = 0
+        self._was_complete = False
+        self._nmt_stopped: tuple[int, ...] = ()
+        self._power_off_cycles = 0
+        self._status = ""
+
+    def run(self, asked_to_end: Callable[[], bool]) -> ExitCode:
+        """Turn until asked to end, and then until everything is at rest and without power."""
+        try:
+            while not (asked_to_end() and self.may_end()):
+                self.turn(shutdown=asked_to_end())
+        except BringUpRefused:
+            self._tell(cycle.rest(self._core, [], self._tick(self._grid_ns)))
+            return ExitCode.REFUSED
+        except Exception:
+            self._stop_blindly()
+            raise
+        finally:
+            self._supervisor.send("STOPPING=1", f"STATUS={conduct.progress(self._core)}")
+            self.leave()
+        return ExitCode.ENDED
+
+    # --- one turn ---------------------------------------------------------------------------
+
+    def turn(self, *, shutdown: bool = False) -> None:
+        """From one grid point to the next.
+
+        Args:
+            shutdown: the service was asked to end: what moves is stopped.
+
+        Raises:
+            BringUpRefused: a drive is not the one of the files, or refuses what they ask.
+        """
+        self._shutdown = shutdown
+        if self._core.mode == Mode.OFF and self._clock.now_ns() >= self._retry_ns:
+            self._bring_up()
+        levels: list[Level] = []
+        try:
+            self._await_grid_point()
+            levels = self._seam.levels()
+            record = self._cycle_once(levels)
+        except BusError as error:
+            self._lose_bus(error)
+            record = cycle.rest(self._core, levels, self._tick(self._clock.now_ns()))
+        self._tell(record)
+        self._advance_grid()
+
+    def _await_grid_point(self) -> None:
+        """Poll the bus until the grid point; answer what cannot wait."""
+        bus = self._bus
+        if bus is None or self._core.drives is None:
+            self._clock.sleep_until(self._grid_ns)
+            return
+        while True:
+            frames = bus.receive_until(self._grid_ns, self._clock)
+            if not frames:
+                return
+            answer = cycle.react(self._core, frames, self._tick(self._clock.now_ns()))
+            if answer:
+                bus.send_urgent(answer, self._grid_ns, self._clock)
+
+    def _cycle_once(self, levels: Sequence[Level]) -> CycleRecord:
+        begun_ns = self._clock.now_ns()
+        bus, core = self._bus, self._core
+        timing = replace(self._timing, lateness_ns=begun_ns - self._grid_ns)
+        if bus is None or core.drives is None:
+            self._timing = replace(timing, collect_ns=0, work_ns=0)
+            return cycle.rest(core, levels, self._tick(begun_ns))
+        frames = self._sync_and_collect(bus, begun_ns)
+        collected_ns = self._clock.now_ns()
+        self._timing = replace(timing, collect_ns=collected_ns - begun_ns)
+        tick = self._tick(begun_ns)
+        self._sync_ns = begun_ns
+        outgoing, record = cycle.step(core, frames, levels, tick)
+        self._send(bus, outgoing)
+        self._timing = replace(self._timing, work_ns=self._clock.now_ns() - collected_ns)
+        return record
+
+    def _sync_and_collect(self, bus: Bus, sync_ns: int) -> list[Frame]:
+        """SYNC out, and what the drives answer inside the window."""
+        settings, drives = self._settings, self._core.drives
+        if conduct.silenced(self._core) or drives is None:
+            return []
+        # What waits in the socket came before this SYNC: it is not an answer to it.
+        drives.feed_between(bus.drain(), sync_ns)
+        outgoing = [SYNC_FRAME]
+        self._sync_count += 1
+        if self._sync_count % settings.heartbeat_cycles == 0:
+            outgoing.append(heartbeat_frame(settings.master_node_id))
+        bus.send(outgoing)
+        missing = set(drives.cyclic_ids)
+        frames: list[Frame] = []
+        # After an incomplete window the whole of this one is waited for: what comes first may be
+        # the answer that was late.
+        while missing or not self._was_complete:
+            came = bus.receive_until(sync_ns + settings.window_ns, self._clock)
+            if not came:
+                break
+            frames += came
+            missing -= {frame.can_id for frame in came}
+        self._was_complete = not missing
+        return frames
+
+    def _send(self, bus: Bus, outgoing: Sequence[Frame]) -> None:
+        """Commands, if they still belong to this cycle; NMT stop where escalation came so far."""
+        if conduct.silenced(self._core):
+            return
+        if self._clock.now_ns() > self._grid_ns + self._settings.period_ns - SEND_MARGIN_NS:
+            dropped = len(outgoing)
+        else:
+            dropped = bus.send(outgoing)
+        self._dropped_count += dropped
+        self._dropped_in_a_row = self._dropped_in_a_row + 1 if dropped else 0
+        stopped = conduct.nmt_stopped(self._core)
+        for node_id in set(stopped) - set(self._nmt_stopped):
+            bus.send_urgent([nmt_frame(NmtCommand.STOP, node_id)], self._grid_ns, self._clock)
+        self._nmt_stopped = stopped
+
+    # --- bring-up and loss ------------------------------------------------------------------
+
+    def _bring_up(self) -> None:
+        """All steps of the bring-up, with a record for every 10 ms that they take."""
+        core, settings = self._core, self._settings
+        self._retry_ns = self._clock.now_ns() + RETRY_NS
+        try:
+            if self._bus is None:
+                self._bus = settings.open_bus()
+        except BusError as error:
+            fail(core, Cause.BUS_DOWN, "", error.what)
+            return
+        port = Configurator(self._bus, self._clock)
+        for _ in bring_up_core(core, settings.plans, port, settings.cycle):
+            if self._clock.now_ns() >= self._grid_ns:
+                self._tell(cycle.rest(core, self._seam.levels(), self._tick(self._grid_ns)))
+                self._skip_to_next_grid_point()
+        self._retry_ns = self._clock.now_ns() + RETRY_NS
+        self._was_complete, self._nmt_stopped = False, ()
+        if core.verdict.cause == Cause.BUS_DOWN:
+            self._close_bus()
+        self._skip_to_next_grid_point()
+
+    def _skip_to_next_grid_point(self) -> None:
+        """On the same grid, without calling it an overrun: nothing was due in between."""
+        late_ns = max(self._clock.now_ns() - self._grid_ns, 0)
+        points = 1 + late_ns // self._settings.period_ns
+        self._grid_ns += points * self._settings.period_ns
+        self._cycle += points
+
+    def _lose_bus(self, error: BusError) -> None:
+        conduct.lose_bus(self._core, error.what)
+        self._retry_ns = self._clock.now_ns() + RETRY_NS
+        self._close_bus()
+
+    def _close_bus(self) -> None:
+        if self._bus is not None:
+            self._bus.close()
+            self._bus = None
+
+    # --- records and the grid ---------------------------------------------------------------
+
+    def _tick(self, sync_ns: int) -> Tick:
+        since_ns = sync_ns - self._sync_ns if self._sync_ns else self._settings.period_ns
+        return Tick(
+            cycle=self._cycle,
+            sync_ns=sync_ns,
+            sync_utc_ns=self._clock.utc_ns(),
+            dt_s=since_ns * 1e-9,
+            timing=self._timing,
+            late=self._overruns_in_a_row > 0,
+            overruns_in_a_row=self._overruns_in_a_row,
+            tx_dropped_in_a_row=self._dropped_in_a_row,
+            tx_dropped_count=self._dropped_count,
+            bus_load_ratio=self._settings.bus_load_ratio,
+            shutdown=self._shutdown,
+        )
+
+    def _tell(self, record: CycleRecord) -> None:
+        self._seam.publish(record)
+        if record.seq == 1:
+            self._supervisor.send("READY=1")
+        if self._cycle % STATUS_CYCLES == 0:
+            status = f"{record.mode.name.lower()}: {record.progress}"
+            if status != self._status:
+                self._supervisor.send(f"STATUS={status}")
+                self._status = status
+
+    def _advance_grid(self) -> None:
+        """To the next grid point; those that are over are skipped and counted."""
+        period_ns = self._settings.period_ns
+        self._grid_ns += period_ns
+        self._cycle += 1
+        missed = max(self._clock.now_ns() - self._grid_ns, 0) // period_ns
+        if missed == 0:
+            self._overruns_in_a_row = 0
+            self._supervisor.send("WATCHDOG=1")
+            return
+        self._grid_ns += missed * period_ns
+        self._cycle += missed
+        self._overruns_in_a_row += missed
+        count = self._timing.overrun_count + missed
+        self._timing = replace(self._timing, overrun_count=count)
+
+    # --- the end ----------------------------------------------------------------------------
+
+    def may_end(self) -> bool:
+        """At rest, and without power for as far as the drives tell."""
+        core = self._core
+        if core.drives is None:
+            return True
+        if core.mode.active or core.mode == Mode.STOPPING:
+            return False
+        conduct.power_off(core, self._cycle)
+        self._power_off_cycles += 1
+        powered = {PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE}
+        states = {axis.feedback.power_state for axis in core.axes if axis.feedback is not None}
+        return not states & powered or self._power_off_cycles > POWER_OFF_CYCLES
+
+    def _stop_blindly(self) -> None:
+        """Quick stop again and again without looking, for as long as a stop takes."""
+        bus, drives = self._bus, self._core.drives
+        if bus is None or drives is None:
+            return
+        stop = DriveCommand(PowerRequest.QUICK_STOP, OperationMode.CYCLIC_SYNC_TORQUE, 0, 0)
+        # A bus that is gone as well leaves the drives to their own detection.
+        with suppress(BusError):
+            for _ in range(BLIND_STOP_CYCLES):
+                own = heartbeat_frame(self._settings.master_node_id)
+                bus.send([SYNC_FRAME, own, *drives.frames([stop] * len(drives.drives))])
+                self._clock.sleep_until(self._clock.now_ns() + self._settings.period_ns)
+
+    def leave(self) -> None:
+        """Let go of the drives: without this their watch over us would end in a fault."""
+        bus, core = self._bus, self._core
+        if bus is not None and core.drives is not None and not core.mode.active:
+            deadline_ns = self._clock.now_ns() + self._settings.period_ns
+            resets = [nmt_frame(NmtCommand.RESET_COMMUNICATION, a.node_id) for a in core.axes]
+            with suppress(BusError):
+                bus.send_urgent(resets, deadline_ns, self._clock)
+        self._close_bus()

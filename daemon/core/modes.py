@@ -1,0 +1,208 @@
+"""The modes of the service as a table, and the guards in front of its rows.
+
+Rules:
+1. A transition is a row of `TRANSITIONS`; what has no row is impossible, and a request for it is
+   refused with the mode's name.
+2. Nothing is enabled but by the request ENABLE in READY. Enabling, resetting a fault and enabling
+   again are three requests. A restart, a drive's reboot or a cause that went away enables nothing.
+3. A stop needs no permission and no valid state: every mode has a row for it, or nothing moves.
+4. A stop with a verdict ends in FAULT and stays there until RESET; DISABLE ends in READY.
+5. TORQUE has its rows; its guard refuses as long as no lease can be held.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+from daemon.record import Mode, ModeRequest, RequestKind
+
+
+class Event(Enum):
+    """What may change the mode."""
+
+    BRING_UP_BEGUN = "bring-up begun"
+    BRING_UP_DONE = "bring-up done"
+    DRIVES_LOST = "drives lost"
+    """A drive went away, or the bus did, while nothing was enabled."""
+    DRIVE_FAULTY = "drive faulty"
+    ENABLE = "enable"
+    DISABLE = "disable"
+    RESET = "reset"
+    TO_HOLD = "mode hold"
+    TO_GAIT = "mode gait"
+    TO_TORQUE = "mode torque"
+    TO_EXCITE = "mode excite"
+    EXERCISE_OVER = "exercise over"
+    STOP = "stop"
+    AT_REST_WELL = "at rest, as asked"
+    AT_REST_STOPPED = "at rest, by a verdict"
+
+
+TRANSITIONS: Mapping[tuple[Mode, Event], Mode] = {
+    (Mode.OFF, Event.BRING_UP_BEGUN): Mode.BRINGING_UP,
+    (Mode.BRINGING_UP, Event.BRING_UP_DONE): Mode.READY,
+    (Mode.BRINGING_UP, Event.DRIVES_LOST): Mode.OFF,
+    (Mode.BRINGING_UP, Event.DRIVE_FAULTY): Mode.FAULT,
+    (Mode.READY, Event.ENABLE): Mode.HOLD,
+    (Mode.READY, Event.RESET): Mode.OFF,
+    (Mode.READY, Event.DRIVES_LOST): Mode.OFF,
+    (Mode.READY, Event.DRIVE_FAULTY): Mode.FAULT,
+    (Mode.HOLD, Event.TO_GAIT): Mode.GAIT,
+    (Mode.HOLD, Event.TO_TORQUE): Mode.TORQUE,
+    (Mode.HOLD, Event.TO_EXCITE): Mode.EXCITE,
+    (Mode.HOLD, Event.DISABLE): Mode.STOPPING,
+    (Mode.HOLD, Event.STOP): Mode.STOPPING,
+    (Mode.GAIT, Event.TO_HOLD): Mode.HOLD,
+    (Mode.GAIT, Event.EXERCISE_OVER): Mode.HOLD,
+    (Mode.GAIT, Event.DISABLE): Mode.STOPPING,
+    (Mode.GAIT, Event.STOP): Mode.STOPPING,
+    (Mode.TORQUE, Event.TO_HOLD): Mode.HOLD,
+    (Mode.TORQUE, Event.EXERCISE_OVER): Mode.HOLD,
+    (Mode.TORQUE, Event.DISABLE): Mode.STOPPING,
+    (Mode.TORQUE, Event.STOP): Mode.STOPPING,
+    (Mode.EXCITE, Event.TO_HOLD): Mode.HOLD,
+    (Mode.EXCITE, Event.EXERCISE_OVER): Mode.HOLD,
+    (Mode.EXCITE, Event.DISABLE): Mode.STOPPING,
+    (Mode.EXCITE, Event.STOP): Mode.STOPPING,
+    (Mode.STOPPING, Event.AT_REST_WELL): Mode.READY,
+    (Mode.STOPPING, Event.AT_REST_STOPPED): Mode.FAULT,
+    (Mode.FAULT, Event.RESET): Mode.OFF,
+}
+
+_EVENT_OF_KIND = {
+    RequestKind.ENABLE: Event.ENABLE,
+    RequestKind.DISABLE: Event.DISABLE,
+    RequestKind.RESET: Event.RESET,
+}
+
+_EVENT_OF_MODE = {
+    Mode.HOLD: Event.TO_HOLD,
+    Mode.GAIT: Event.TO_GAIT,
+    Mode.TORQUE: Event.TO_TORQUE,
+    Mode.EXCITE: Event.TO_EXCITE,
+}
+
+
+class IllegalTransitionError(Exception):
+    """Our own bug: the core tried a transition that has no row."""
+
+
+def next_mode(mode: Mode, event: Event) -> Mode:
+    """The row of the table.
+
+    Raises:
+        IllegalTransitionError: there is none.
+    """
+    try:
+        return TRANSITIONS[mode, event]
+    except KeyError as error:
+        raise IllegalTransitionError(f"no transition for {event.value!r} in {mode.name}") from error
+
+
+def event_of(kind: RequestKind, wanted: ModeRequest) -> Event | None:
+    """The event that a request asks for; None for a request that names no mode one can ask for."""
+    if kind == RequestKind.MODE:
+        return _EVENT_OF_MODE.get(wanted.mode)
+    return _EVENT_OF_KIND.get(kind)
+
+
+@dataclass(frozen=True, slots=True)
+class Circumstances:
+    """What the guards look at, gathered by the cycle."""
+
+    mode: Mode
+    gateway_alive: bool
+    at_rest: bool
+    hand_switch_closed: bool
+    sto_released: bool
+    unreferenced: tuple[str, ...]
+    """Names of the axes that do not know their position."""
+    outside: tuple[str, ...]
+    """Names of the axes outside their range, or of the leg near its singularity."""
+    drives_powered: bool
+    """All drives are enabled and their static load has been compared."""
+    cadence_max_hz: float
+    scenarios: Mapping[str, float]
+    """Excite scenarios by name, with their longest duration in s."""
+    artificial: frozenset[str]
+    """Those scenarios with an artificial disturbance."""
+    patient_configured: bool
+    guidance: str
+
+
+def refusal(kind: RequestKind, wanted: ModeRequest, now: Circumstances) -> str:
+    """Why a request is refused; empty if it may go ahead."""
+    event = event_of(kind, wanted)
+    if event is None:
+        return f"{wanted.mode.name.lower()} is not a mode that can be asked for"
+    if (now.mode, event) not in TRANSITIONS:
+        return f"{event.value!r} is not possible in mode {now.mode.name.lower()}"
+    if event == Event.ENABLE:
+        return _refuse_enable(now)
+    if event == Event.RESET:
+        return _refuse_reset(now)
+    if event == Event.TO_TORQUE:
+        return "mode torque needs a lease, and no lease can be acquired yet"
+    if event in {Event.TO_GAIT, Event.TO_EXCITE} and not now.drives_powered:
+        return "the drives are not holding yet"
+    if event == Event.TO_GAIT:
+        return _refuse_gait(wanted, now)
+    if event == Event.TO_EXCITE:
+        return _refuse_excite(wanted, now)
+    return ""
+
+
+def _refuse_enable(now: Circumstances) -> str:
+    if not now.gateway_alive:
+        return "the gateway is not alive"
+    if not now.hand_switch_closed:
+        return "the hand switch is open"
+    if not now.sto_released:
+        return "safe torque off is active"
+    if now.unreferenced:
+        return f"not referenced: {', '.join(now.unreferenced)}"
+    if not now.at_rest:
+        return "the leg is moving"
+    if now.outside:
+        return f"outside its range: {', '.join(now.outside)}"
+    return ""
+
+
+def _refuse_reset(now: Circumstances) -> str:
+    if now.mode == Mode.FAULT and not now.at_rest:
+        return "the leg is moving"
+    if now.mode == Mode.FAULT and not now.hand_switch_closed:
+        return "the hand switch is open"
+    if now.mode == Mode.FAULT and not now.sto_released:
+        return "safe torque off is active"
+    return ""
+
+
+def _refuse_gait(wanted: ModeRequest, now: Circumstances) -> str:
+    if now.guidance != "impedance":
+        return f"guidance {now.guidance!r} cannot be played yet, only 'impedance'"
+    if not 0 < wanted.cadence_hz <= now.cadence_max_hz:
+        return f"cadence_hz = {wanted.cadence_hz:g}, allowed > 0 and <= {now.cadence_max_hz:g}"
+    if not 0 < wanted.amplitude_ratio <= 1:
+        return f"amplitude_ratio = {wanted.amplitude_ratio:g}, allowed > 0 and <= 1"
+    if not 0 < wanted.duration_s <= DURATION_MAX_S:
+        return f"duration_s = {wanted.duration_s:g}, allowed > 0 and <= {DURATION_MAX_S:g}"
+    return ""
+
+
+DURATION_MAX_S = 3600.0
+"""One request plays an hour at most."""
+
+
+def _refuse_excite(wanted: ModeRequest, now: Circumstances) -> str:
+    longest_s = now.scenarios.get(wanted.scenario)
+    if longest_s is None:
+        known = ", ".join(sorted(now.scenarios))
+        return f"scenario = {wanted.scenario!r}, configured are: {known}"
+    if not 0 < wanted.duration_s <= longest_s:
+        return f"duration_s = {wanted.duration_s:g}, allowed > 0 and <= {longest_s:g}"
+    if wanted.scenario in now.artificial and now.patient_configured:
+        return (
+            "an artificial disturbance is only for the empty machine, and a patient is configured"
+        )
+    return ""

@@ -1,0 +1,84 @@
+"""The core's process: configuration in, real-time wishes, the loop until somebody ends it.
+
+Everything is built, compiled and warm before the drives are brought up; from then on nothing is
+imported, compiled or allocated that stays.
+"""
+
+import signal
+import sys
+import traceback
+import uuid
+from importlib.metadata import version
+from types import FrameType
+
+from daemon.clock import MonotonicClock
+from daemon.config.bundle import Settings
+from daemon.core import realtime
+from daemon.core.build import NS_PER_MS, Built, build, ring_header
+from daemon.core.loop import ExitCode, Loop, LoopSettings
+from daemon.core.warm import warm_up
+from daemon.sd_notify import Notifier
+from daemon.seam import CoreSeam
+from drives.bus import CanBus
+from drives.busload import bus_load
+
+
+class EndRequest:
+    """SIGTERM and SIGINT as a question that the loop asks once a turn."""
+
+    def __init__(self) -> None:
+        self._asked = False
+        signal.signal(signal.SIGTERM, self._ask)
+        signal.signal(signal.SIGINT, self._ask)
+
+    def __call__(self) -> bool:
+        """Whether somebody has asked the process to end."""
+        return self._asked
+
+    def _ask(self, _signal: int, _frame: FrameType | None) -> None:
+        self._asked = True
+
+
+def run_core(settings: Settings, notify_address: str | None) -> ExitCode:
+    """Run the core until it is asked to end; both axes are at rest and without power then."""
+    asked_to_end = EndRequest()
+    clock = MonotonicClock()
+    boot_id = uuid.uuid4().hex
+    built = build(settings, boot_id)
+    warm_up(build(settings, boot_id))
+    settings.runtime.mkdir(parents=True, exist_ok=True)
+    header = ring_header(settings, boot_id, clock.utc_ns(), version("gaitd"))
+    seam = CoreSeam(settings.runtime, header)
+    supervisor = Notifier(notify_address)
+    loop = Loop(built.core, loop_settings(settings, built), seam, clock, supervisor)
+    for refused in realtime.prepare(settings.trainer.cycle.realtime_priority):
+        built.core.events.append(refused)
+        print(f"gaitd core: {refused}", file=sys.stderr)
+    try:
+        code = loop.run(asked_to_end)
+    except Exception:  # noqa: BLE001 - the one broad catch: our bug ends the process as ours
+        # The loop has stopped the drives; whoever reads the journal gets all that we know.
+        traceback.print_exc()
+        code = ExitCode.BUG
+    finally:
+        seam.close()
+        supervisor.close()
+    if code == ExitCode.REFUSED:
+        print(f"gaitd core: {built.core.verdict.detail}", file=sys.stderr)
+    return code
+
+
+def loop_settings(settings: Settings, built: Built) -> LoopSettings:
+    """The grid and the bus, as the configuration wants them."""
+    cycle, bus = settings.trainer.cycle, settings.trainer.bus
+    load = bus_load(settings.drives, built.cycle, cycle.master_heartbeat_ms, bus.bitrate_bit_per_s)
+    return LoopSettings(
+        plans=built.plans,
+        cycle=built.cycle,
+        period_ns=cycle.period_ms * NS_PER_MS,
+        window_ns=int(cycle.window_ms * NS_PER_MS),
+        heartbeat_cycles=max(cycle.master_heartbeat_ms // cycle.period_ms, 1),
+        master_node_id=cycle.master_node_id,
+        bus_load_ratio=load.ratio,
+        open_bus=lambda: CanBus.open(bus.interface, bus.channel, bus.bitrate_bit_per_s),
+    )

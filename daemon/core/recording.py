@@ -1,0 +1,143 @@
+"""The record of one cycle from the state of the core; nothing is computed here that decides."""
+
+from daemon.core import conduct
+from daemon.core.reference import GaitPlay, gait_phase
+from daemon.core.state import Axis, Core, Leg
+from daemon.core.tick import Tick
+from daemon.record import STATE_COUNT, CycleRecord, DriveRecord, LegRecord
+from drives.signals import Input, NmtState, PowerState
+from observer.status import Status, Validity
+
+NAN = float("nan")
+NS_PER_MS = 1_000_000
+
+
+def record(core: Core, tick: Tick) -> CycleRecord:
+    """Everything that this cycle knew, decided and sent; takes the events with it."""
+    core.seq += 1
+    events, core.events = tuple(core.events), []
+    return CycleRecord(
+        seq=core.seq,
+        cycle=tick.cycle,
+        sync_mono_ns=tick.sync_ns,
+        sync_utc_ns=tick.sync_utc_ns,
+        dt_s=tick.dt_s,
+        mode=core.mode,
+        verdict=core.verdict,
+        events=events,
+        request=core.result,
+        progress=conduct.progress(core),
+        level_age_cycles=tick.cycle - core.level_cycle,
+        stop_count=core.stop_count or 0,
+        gait_phase=_phase(core),
+        drives=tuple(_drive(axis) for axis in core.axes),
+        legs=tuple(_leg(leg) for leg in core.legs),
+        timing=tick.timing,
+        bus_load_ratio=tick.bus_load_ratio,
+        tx_dropped_count=tick.tx_dropped_count,
+    )
+
+
+def _phase(core: Core) -> float:
+    plan = core.legs[0].plan
+    return gait_phase(plan) if isinstance(plan, GaitPlay) else -1.0
+
+
+def _drive(axis: Axis) -> DriveRecord:
+    feedback, joint = axis.feedback, axis.joint
+    if feedback is None:
+        return _unseen(axis.name)
+    emergency = feedback.emergency
+    known = joint.known
+    return DriveRecord(
+        name=axis.name,
+        nmt_state=feedback.nmt_state,
+        power_state=feedback.power_state,
+        statusword=feedback.statusword,
+        mode_display=feedback.mode_display,
+        fresh=joint.fresh,
+        sample_age_cycles=feedback.sample_age_cycles,
+        late_count=feedback.late_count,
+        heartbeat_age_ms=feedback.heartbeat_age_ns / NS_PER_MS,
+        position_si=joint.position_si if known else None,
+        velocity_si=joint.velocity_si if known else None,
+        effort_si=joint.effort_si if known else None,
+        target_effort_si=axis.effort_sent_si,
+        referenced=axis.referenced,
+        hand_switch_closed=Input.HAND_SWITCH_CLOSED in feedback.inputs,
+        sto_released=Input.STO_RELEASED in feedback.inputs,
+        temperature_degc=feedback.temperature_degc,
+        emergency_code=emergency.code if emergency else 0,
+        emergency_text=emergency.text if emergency else "",
+        emergency_count=feedback.emergency_count,
+        protocol_error_count=feedback.protocol_error_count,
+    )
+
+
+def _unseen(name: str) -> DriveRecord:
+    """A drive of which nothing has been seen since its bring-up, or that has had none."""
+    return DriveRecord(
+        name=name,
+        nmt_state=NmtState.UNKNOWN,
+        power_state=PowerState.UNKNOWN,
+        statusword=0,
+        mode_display=0,
+        fresh=False,
+        sample_age_cycles=0,
+        late_count=0,
+        heartbeat_age_ms=0.0,
+        position_si=None,
+        velocity_si=None,
+        effort_si=None,
+        target_effort_si=0.0,
+        referenced=False,
+        hand_switch_closed=False,
+        sto_released=False,
+        temperature_degc=None,
+        emergency_code=0,
+        emergency_text="",
+        emergency_count=0,
+        protocol_error_count=0,
+    )
+
+
+def _leg(leg: Leg) -> LegRecord:
+    estimate = leg.estimate
+    reference = leg.reference.position if leg.reference else leg.measured
+    if estimate is None:
+        unknown = (NAN,) * STATE_COUNT
+        return LegRecord(
+            name=leg.name,
+            state=unknown,
+            std=unknown,
+            covariance=(NAN,) * (STATE_COUNT * (STATE_COUNT + 1) // 2),
+            innovation=(NAN, NAN),
+            nis=NAN,
+            net=(NAN, NAN),
+            net_std=(NAN, NAN),
+            validity=(Validity.BAD, Validity.BAD),
+            status=Status.UNREFERENCED if not _referenced(leg) else Status.WARM_UP,
+            measured=leg.measured,
+            effort_used=leg.effort_used,
+            reference=reference,
+        )
+    return LegRecord(
+        name=leg.name,
+        state=estimate.state,
+        std=estimate.std,
+        covariance=estimate.covariance,
+        innovation=estimate.innovation,
+        nis=estimate.nis,
+        net=estimate.net,
+        net_std=estimate.net_std,
+        validity=estimate.validity,
+        status=estimate.status,
+        measured=leg.measured,
+        effort_used=leg.effort_used,
+        reference=reference,
+        artificial=leg.artificial,
+    )
+
+
+def _referenced(leg: Leg) -> bool:
+    return all(axis.referenced for axis in leg.axes)

@@ -1,0 +1,424 @@
+"""What stands between a number and a leg: `judge` finds why to stop, `bound` limits what is sent.
+
+Rules:
+1. Everything is judged from raw drive values (encoder differences, measured current, statusword,
+   inputs, ages). The observer may only add a stop (`_judge_leg`), never take one away.
+2. A cause has one category: fixed by the design, or chosen in `limits.toml` (`Categories`).
+3. The harshest verdict of a cycle counts; of equals the first in the order of the checks below,
+   which goes from what a person did to what follows from it.
+4. A milder verdict never replaces a harsher one (`worse`). Verdicts latch until a reset.
+5. A number that is not finite stops the machine; it is never replaced by zero.
+
+Nothing here knows whether the drives are real.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from daemon.causes import FIXED_CATEGORY
+from daemon.config.settings import CATEGORIES, HipLimits, Limits, SlideLimits
+from daemon.core.joints import Joint
+from daemon.record import Cause, StopCategory, Verdict
+from drives.signals import DriveFeedback, Input, NmtState, PowerState
+
+NO_VERDICT = Verdict()
+
+
+class AxisLimits(NamedTuple):
+    """Limits of one axis in SI units at the joint: rad and N·m, or m and N."""
+
+    position_min_si: float
+    position_max_si: float
+    soft_margin_si: float
+    velocity_max_si: float
+    effort_max_si: float
+    effort_rate_max_si_per_s: float
+    power_max_w: float
+    tracking_max_si: float
+    temperature_max_degc: float
+    quick_stop_deceleration_si_per_s2: float
+    static_load_tolerance_si: float
+    standstill_si_per_s: float
+    breakaway_si: float
+    """Static friction of the axis: pushing harder than this and more must move it."""
+    brake: bool
+
+
+def hip_limits(limits: Limits, breakaway_nm: float) -> AxisLimits:
+    """[hip] of limits.toml in SI units."""
+    hip: HipLimits = limits.hip
+    return AxisLimits(
+        position_min_si=math.radians(hip.position_min_deg),
+        position_max_si=math.radians(hip.position_max_deg),
+        soft_margin_si=math.radians(hip.soft_margin_deg),
+        velocity_max_si=hip.velocity_max_rad_per_s,
+        effort_max_si=hip.torque_max_nm,
+        effort_rate_max_si_per_s=hip.torque_rate_max_nm_per_s,
+        power_max_w=hip.power_max_w,
+        tracking_max_si=math.radians(hip.tracking_max_deg),
+        temperature_max_degc=hip.temperature_max_degc,
+        quick_stop_deceleration_si_per_s2=hip.quick_stop_deceleration_rad_per_s2,
+        static_load_tolerance_si=hip.static_load_tolerance_nm,
+        standstill_si_per_s=limits.stop.standstill_hip_rad_per_s,
+        breakaway_si=breakaway_nm,
+        brake=hip.brake,
+    )
+
+
+def slide_limits(limits: Limits, breakaway_n: float) -> AxisLimits:
+    """[slide] of limits.toml in SI units."""
+    slide: SlideLimits = limits.slide
+    return AxisLimits(
+        position_min_si=slide.position_min_m,
+        position_max_si=slide.position_max_m,
+        soft_margin_si=slide.soft_margin_m,
+        velocity_max_si=slide.velocity_max_m_per_s,
+        effort_max_si=slide.force_max_n,
+        effort_rate_max_si_per_s=slide.force_rate_max_n_per_s,
+        power_max_w=slide.power_max_w,
+        tracking_max_si=slide.tracking_max_m,
+        temperature_max_degc=slide.temperature_max_degc,
+        quick_stop_deceleration_si_per_s2=slide.quick_stop_deceleration_m_per_s2,
+        static_load_tolerance_si=slide.static_load_tolerance_n,
+        standstill_si_per_s=limits.stop.standstill_slide_m_per_s,
+        breakaway_si=breakaway_n,
+        brake=slide.brake,
+    )
+
+
+class Categories:
+    """The stop category of every cause: the design's where it fixes one, else the file's."""
+
+    def __init__(self, chosen: Mapping[str, str]) -> None:
+        """`chosen` is `stop_category` of limits.toml, whose keys the loader has checked."""
+        self._by_cause = {Cause[name.upper()]: CATEGORIES[text] for name, text in chosen.items()}
+        self._by_cause |= FIXED_CATEGORY
+
+    def of(self, cause: Cause) -> StopCategory:
+        """The category; S1 for a cause that neither names, so that nothing goes unstopped."""
+        return self._by_cause.get(cause, StopCategory.S1)
+
+
+class Thresholds(NamedTuple):
+    """What the judgement needs beside the limits of an axis, from limits.toml."""
+
+    sample_age_max_cycles: int
+    heartbeat_timeout_ns: int
+    gateway_silence_cycles: int
+    overruns_in_a_row: int
+    encoder_frozen_cycles: int
+    encoder_jump_ratio: float
+    singularity_stop_ratio: float
+    mode_switch_cycles: int
+    """How long a drive may take to show a mode and to follow in it."""
+
+
+@dataclass(frozen=True, slots=True)
+class AxisSituation:
+    """All that is known of one axis when it is judged."""
+
+    name: str
+    feedback: DriveFeedback
+    joint: Joint
+    limits: AxisLimits
+    referenced: bool
+    tracking_si: float
+    """Distance to the reference; 0 where nothing is tracked."""
+    enable_wanted: bool
+    reached_enabled: bool
+    """It has been enabled, in its mode and following, since it was asked to."""
+    unready_cycles: int
+    """Cycles in a row in which it should be that and was not."""
+    mode_wanted: int
+    new_emergency: bool
+    """An EMCY that asks for a stop has come since the last reset."""
+
+
+@dataclass(frozen=True, slots=True)
+class LegSituation:
+    """All that is known of one leg when it is judged."""
+
+    name: str
+    singularity_ratio: float
+    """|sin| of the angle between shank and shoe; 0 where the mechanism does not close."""
+    observer_bad_cycles: int
+    """Cycles in a row for which the observer has been of no use while it should be."""
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceSituation:
+    """All that is known of the bus, the gateway and ourselves when a cycle is judged."""
+
+    stop_requested: bool
+    shutdown_requested: bool
+    level_age_cycles: int
+    overruns_in_a_row: int
+    bus_off: bool
+    bus_error: str
+    tx_dropped_in_a_row: int
+
+
+OBSERVER_BAD_MAX_CYCLES = 50
+"""Half a second without a usable estimate: longer than any gap that the filter predicts over."""
+TX_DROPPED_MAX = 3
+ENABLE_CYCLES = 25
+"""From the request to operation enabled: three transitions of two cycles each, and patience."""
+FREEZE_DECELERATION_RATIO = 3.0
+"""Losing speed this many times faster than a quick stop, to the very same count, is no motion."""
+FROZEN_PUSH_RATIO = 2.5
+"""Friction hides a change of effort of twice the breakaway, from one sign to the other. More than
+that without a single count means that the count, or the joint, is stuck. A patient who leans
+steadily on a held leg changes nothing, and is not taken for a fault."""
+
+Finding = tuple[Cause, float, float, str]
+"""Cause, value, limit, detail."""
+
+
+def worse(latched: Verdict, found: Verdict) -> Verdict:
+    """The harsher of two verdicts; the one that was there first if they are equal."""
+    return found if found.category > latched.category else latched
+
+
+def judge(
+    service: ServiceSituation,
+    axes: Sequence[AxisSituation],
+    legs: Sequence[LegSituation],
+    thresholds: Thresholds,
+    categories: Categories,
+    *,
+    driving: bool,
+) -> Verdict:
+    """The harshest reason to stop that this cycle gives, or NO_VERDICT.
+
+    Args:
+        service: bus, gateway and ourselves.
+        axes: every axis of every leg.
+        legs: every leg.
+        thresholds: when something counts.
+        categories: how to stop for what.
+        driving: the drives are, or were just, enabled. While they are not, only the loss or the
+            fault of a drive counts, because there is no motion to stop.
+    """
+    verdict = NO_VERDICT
+    for name, (cause, value, limit, detail) in _findings(service, axes, legs, thresholds, driving):
+        category = categories.of(cause)
+        if category > verdict.category:
+            verdict = Verdict(category, cause, name, value, limit, detail)
+    return verdict
+
+
+def _findings(
+    service: ServiceSituation,
+    axes: Sequence[AxisSituation],
+    legs: Sequence[LegSituation],
+    thresholds: Thresholds,
+    driving: bool,
+) -> Iterator[tuple[str, Finding]]:
+    if driving:
+        for finding in _judge_service(service, thresholds):
+            yield "", finding
+    for finding in _judge_bus(service):
+        yield "", finding
+    checks = DRIVING_CHECKS if driving else RESTING_CHECKS
+    for axis in axes:
+        for check in checks:
+            for finding in check(axis, thresholds):
+                yield axis.name, finding
+    if driving:
+        for leg in legs:
+            for finding in _judge_leg(leg, thresholds):
+                yield leg.name, finding
+
+
+def _judge_service(service: ServiceSituation, thresholds: Thresholds) -> Iterator[Finding]:
+    if service.stop_requested:
+        yield Cause.STOP_REQUESTED, 0.0, 0.0, ""
+    if service.shutdown_requested:
+        yield Cause.SHUTDOWN, 0.0, 0.0, ""
+    if service.level_age_cycles > thresholds.gateway_silence_cycles:
+        yield (
+            Cause.GATEWAY_SILENT,
+            float(service.level_age_cycles),
+            float(thresholds.gateway_silence_cycles),
+            "cycles since the gateway's newest word",
+        )
+    if service.overruns_in_a_row >= thresholds.overruns_in_a_row:
+        yield (
+            Cause.CYCLE_OVERRUN,
+            float(service.overruns_in_a_row),
+            float(thresholds.overruns_in_a_row),
+            "grid points missed in a row",
+        )
+
+
+def _judge_bus(service: ServiceSituation) -> Iterator[Finding]:
+    if service.bus_error:
+        yield Cause.BUS_DOWN, 0.0, 0.0, service.bus_error
+    if service.bus_off:
+        yield Cause.BUS_OFF, 0.0, 0.0, "the controller reports bus-off"
+    if service.tx_dropped_in_a_row >= TX_DROPPED_MAX:
+        yield (
+            Cause.TRANSMIT_QUEUE_FULL,
+            float(service.tx_dropped_in_a_row),
+            float(TX_DROPPED_MAX),
+            "cycles in a row whose frames were not all sent",
+        )
+
+
+def _inputs(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
+    if not axis.joint.known:
+        return
+    if Input.HAND_SWITCH_CLOSED not in axis.feedback.inputs:
+        yield Cause.HAND_SWITCH_OPEN, 0.0, 1.0, ""
+    if Input.STO_RELEASED not in axis.feedback.inputs:
+        yield Cause.STO_ACTIVE, 0.0, 1.0, ""
+
+
+def _communication(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
+    feedback = axis.feedback
+    if feedback.rebooted:
+        yield Cause.DRIVE_REBOOTED, 0.0, 0.0, "boot-up message in operation"
+    elif feedback.heartbeat_age_ns > thresholds.heartbeat_timeout_ns:
+        yield (
+            Cause.HEARTBEAT_LOST,
+            feedback.heartbeat_age_ns * 1e-6,
+            thresholds.heartbeat_timeout_ns * 1e-6,
+            "ms since its last heartbeat",
+        )
+    elif feedback.nmt_state not in {NmtState.OPERATIONAL, NmtState.UNKNOWN}:
+        yield Cause.DRIVE_NOT_OPERATIONAL, 0.0, 0.0, feedback.nmt_state.name
+    elif feedback.sample_age_cycles > thresholds.sample_age_max_cycles:
+        yield (
+            Cause.DRIVE_SILENT,
+            float(feedback.sample_age_cycles),
+            float(thresholds.sample_age_max_cycles),
+            "cycles without a complete sample",
+        )
+
+
+def _fault(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
+    emergency = axis.feedback.emergency
+    if axis.feedback.power_state in {PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE}:
+        detail = f"{emergency.code:04X}h {emergency.text}" if emergency else "no EMCY seen"
+        yield Cause.DRIVE_FAULT, 0.0, 0.0, detail
+    if axis.new_emergency and emergency is not None:
+        yield Cause.EMERGENCY, 0.0, 0.0, f"{emergency.code:04X}h {emergency.text}"
+
+
+def _power(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
+    """A drive that should be enabled, in its mode and following, and is not."""
+    if not axis.enable_wanted or not axis.joint.fresh:
+        return
+    feedback = axis.feedback
+    enabled = feedback.power_state == PowerState.OPERATION_ENABLED
+    if not enabled and (axis.reached_enabled or axis.unready_cycles > ENABLE_CYCLES):
+        yield Cause.DRIVE_LEFT_ENABLED, 0.0, 0.0, feedback.power_state.name
+        return
+    patience = thresholds.mode_switch_cycles if axis.reached_enabled else ENABLE_CYCLES
+    if axis.unready_cycles <= patience:
+        return
+    if feedback.mode_display != axis.mode_wanted:
+        yield (
+            Cause.MODE_NOT_SHOWN,
+            float(feedback.mode_display),
+            float(axis.mode_wanted),
+            "mode of operation display",
+        )
+    elif not feedback.following:
+        yield Cause.NOT_FOLLOWING, 0.0, 1.0, "statusword bit 12"
+
+
+def _encoder(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
+    joint, limits = axis.joint, axis.limits
+    if not axis.referenced:
+        yield Cause.UNREFERENCED, 0.0, 1.0, ""
+    if not joint.fresh or joint.elapsed_s <= 0:
+        return
+    reach_si = thresholds.encoder_jump_ratio * limits.velocity_max_si * joint.elapsed_s
+    if abs(joint.step_si) > reach_si:
+        yield Cause.ENCODER_JUMP, abs(joint.step_si), reach_si, "between two samples"
+    if joint.still_cycles < thresholds.encoder_frozen_cycles:
+        return
+    possible_si = (
+        FREEZE_DECELERATION_RATIO * limits.quick_stop_deceleration_si_per_s2 * joint.elapsed_s
+    )
+    if joint.still_cycles == thresholds.encoder_frozen_cycles and (
+        joint.speed_before_still_si > possible_si
+    ):
+        yield Cause.ENCODER_FROZEN, joint.speed_before_still_si, possible_si, "speed lost at once"
+        return
+    change_si = abs(joint.effort_si - joint.effort_before_still_si)
+    if change_si > FROZEN_PUSH_RATIO * limits.breakaway_si:
+        yield (
+            Cause.ENCODER_FROZEN,
+            change_si,
+            FROZEN_PUSH_RATIO * limits.breakaway_si,
+            "effort changed without a count of motion",
+        )
+
+
+def _limits(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
+    joint, limits = axis.joint, axis.limits
+    if not joint.known:
+        return
+    if joint.position_si < limits.position_min_si:
+        yield Cause.POSITION_LIMIT, joint.position_si, limits.position_min_si, "below"
+    if joint.position_si > limits.position_max_si:
+        yield Cause.POSITION_LIMIT, joint.position_si, limits.position_max_si, "above"
+    temperature_degc = axis.feedback.temperature_degc
+    if temperature_degc is not None and temperature_degc > limits.temperature_max_degc:
+        yield Cause.TEMPERATURE_LIMIT, temperature_degc, limits.temperature_max_degc, "degC"
+    for cause, value, limit in (
+        (Cause.VELOCITY_LIMIT, abs(joint.velocity_si), limits.velocity_max_si),
+        (Cause.EFFORT_LIMIT, abs(joint.effort_si), limits.effort_max_si * EFFORT_MARGIN_RATIO),
+        (Cause.POWER_LIMIT, joint.effort_si * joint.velocity_si, limits.power_max_w),
+        (Cause.TRACKING_LIMIT, abs(axis.tracking_si), limits.tracking_max_si),
+    ):
+        if value > limit:
+            yield cause, value, limit, ""
+
+
+EFFORT_MARGIN_RATIO = 1.1
+"""The command is bounded at the limit; the current loop may ring a little beyond it."""
+
+Check = Callable[[AxisSituation, Thresholds], Iterator[Finding]]
+RESTING_CHECKS: tuple[Check, ...] = (_communication, _fault)
+DRIVING_CHECKS: tuple[Check, ...] = (_inputs, _communication, _fault, _encoder, _limits, _power)
+
+
+def _judge_leg(leg: LegSituation, thresholds: Thresholds) -> Iterator[Finding]:
+    if leg.singularity_ratio < thresholds.singularity_stop_ratio:
+        yield (
+            Cause.SINGULARITY,
+            leg.singularity_ratio,
+            thresholds.singularity_stop_ratio,
+            "|sin| between shank and shoe",
+        )
+    if leg.observer_bad_cycles > OBSERVER_BAD_MAX_CYCLES:
+        yield (
+            Cause.OBSERVER_INVALID,
+            float(leg.observer_bad_cycles),
+            float(OBSERVER_BAD_MAX_CYCLES),
+            "cycles without a usable estimate",
+        )
+
+
+def bound(wanted_si: float, last_si: float, limits: AxisLimits, dt_s: float) -> float | None:
+    """The effort that may be sent: inside the limit, and not faster than the rate from the last.
+
+    Args:
+        wanted_si: total effort that guidance asks for (g(q) and all).
+        last_si: the effort sent in the cycle before, itself bounded.
+        limits: of the axis.
+        dt_s: nominal time between two commands.
+
+    Returns:
+        The bounded effort, or None if a number is not finite: then the machine stops.
+    """
+    if not (math.isfinite(wanted_si) and math.isfinite(last_si)):
+        return None
+    step_si = limits.effort_rate_max_si_per_s * dt_s
+    slow_si = min(max(wanted_si, last_si - step_si), last_si + step_si)
+    return min(max(slow_si, -limits.effort_max_si), limits.effort_max_si)

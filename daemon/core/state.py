@@ -1,0 +1,114 @@
+"""The mutable part of the core: what one cycle leaves for the next. Only `cycle.py` changes it."""
+
+from dataclasses import dataclass, field
+
+from observer.leg_observer import LegEstimate, LegObserver
+
+from daemon.config.settings import Excite, Gait, Impedance
+from daemon.core.joints import Joint
+from daemon.core.reference import ExcitePlay, GaitPlay, GaitShape, Hold, Reference
+from daemon.core.safety import AxisLimits, Categories, Thresholds
+from daemon.core.stopping import DriveStop, StopRules
+from daemon.record import Mode, Request, RequestResult, Verdict
+from drives.drive import DriveGroup
+from drives.signals import DriveFeedback
+from drives.units import AxisScaling
+from observer.mechanism import LegParameters
+
+Plan = Hold | GaitPlay | ExcitePlay
+
+
+@dataclass(frozen=True, slots=True)
+class CoreConfig:
+    """What the core took from the configuration; never changes while it lives."""
+
+    period_ns: int
+    thresholds: Thresholds
+    categories: Categories
+    stop_rules: StopRules
+    hold: Impedance
+    gait: Gait
+    excite: dict[str, Excite]
+    patient_configured: bool
+
+    @property
+    def period_s(self) -> float:
+        """Nominal time between two SYNCs."""
+        return self.period_ns * 1e-9
+
+
+@dataclass(slots=True)
+class Axis:
+    """One axis: what it is, and what is known of it."""
+
+    name: str
+    """`right/hip`: as in the records."""
+    node_id: int
+    limits: AxisLimits
+    scaling: AxisScaling
+    referenced: bool = False
+    joint: Joint = field(default_factory=Joint)
+    feedback: DriveFeedback | None = None
+    stop: DriveStop | None = None
+    effort_sent_si: float = 0.0
+    gravity_si: float = 0.0
+    tracking_si: float = 0.0
+    reached_enabled: bool = False
+    unready_cycles: int = 0
+    emergencies_seen: int = 0
+    """Count of EMCYs at the last reset: only later ones stop."""
+
+
+@dataclass(slots=True)
+class Leg:
+    """One leg: two axes, an observer, and what it is meant to do."""
+
+    name: str
+    parameters: LegParameters
+    shape: GaitShape
+    axes: tuple[Axis, Axis]
+    observer: LegObserver
+    phase_offset: float
+    plan: Plan | None = None
+    reference: Reference | None = None
+    estimate: LegEstimate | None = None
+    measured: tuple[float, float] = (float("nan"), float("nan"))
+    effort_used: tuple[float, float] = (0.0, 0.0)
+    artificial: tuple[float, float] = (0.0, 0.0)
+    singularity_ratio: float = 1.0
+    observer_started: bool = False
+    observer_bad_cycles: int = 0
+
+
+@dataclass(slots=True)
+class Core:
+    """Everything that one cycle leaves for the next."""
+
+    boot_id: str
+    config: CoreConfig
+    legs: tuple[Leg, ...]
+    drives: DriveGroup | None = None
+    """None until the drives have been brought up, and after they were lost."""
+    mode: Mode = Mode.OFF
+    verdict: Verdict = field(default_factory=Verdict)
+    """Latched until a reset; in mode OFF the reason why the drives are not there."""
+    disabling: bool = False
+    """STOPPING because somebody asked to disable, not because of a verdict."""
+    reset_cycles_left: int = 0
+    """Cycles for which a requested fault reset is still being tried."""
+    load_settle_cycles: int = 0
+    load_checked: bool = False
+    request: Request | None = None
+    """Accepted, and not finished yet."""
+    result: RequestResult = field(default_factory=RequestResult)
+    stop_count: int | None = None
+    level_cycle: int = 0
+    """`for_cycle` of the newest level: the gateway's age is counted from here."""
+    seq: int = 0
+    events: list[str] = field(default_factory=list)
+    progress: str = ""
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """All axes of all legs, in the order of the records."""
+        return tuple(axis for leg in self.legs for axis in leg.axes)

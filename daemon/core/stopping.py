@@ -1,0 +1,155 @@
+"""How a latched verdict becomes what each drive is told, and what happens if it does not obey.
+
+Rules:
+1. The verdict's category says how (design 5): S2 keeps the drives enabled and the core brakes and
+   holds; S1 is a quick stop of every drive, held there, or off after standstill where the axis
+   has a brake; S0 is disable voltage.
+2. Doubtful feedback of an axis is S0 for it and S1 for all others: no axis is asked to hold by an
+   encoder that cannot be trusted. A lost drive gets NMT stop and a quick stop, the others S1.
+3. Obedience is judged each cycle from statusword and encoder, never from what was sent. A drive
+   that does not show the state in time, or whose speed does not fall along the ramp, is taken one
+   step further: quick stop, disable voltage, NMT stop, silence of the master (no SYNC, no
+   heartbeat), so that the drives' own detection acts.
+4. Nothing here ever goes back a step; only a reset begins anew.
+"""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+from daemon.causes import DOUBTFUL_FEEDBACK, LOST_DRIVE
+from daemon.core.joints import Joint
+from daemon.core.safety import AxisLimits
+from daemon.record import StopCategory, Verdict
+from drives.signals import DriveFeedback, PowerRequest, PowerState
+
+
+class Step(IntEnum):
+    """How far one drive has been taken, milder first."""
+
+    HOLD = 0
+    """S2: enabled, braked and held by the core."""
+    QUICK_STOP = 1
+    DISABLE = 2
+    NMT_STOP = 3
+    SILENCE = 4
+    """No SYNC and no heartbeat any more: the drives' own detection stops them."""
+
+
+class DriveStop(NamedTuple):
+    """One drive on its way to rest."""
+
+    step: Step
+    since_cycle: int
+    """When this step was first commanded."""
+    start_speed_si: float
+    """Speed at that moment: the ramp begins here."""
+    at_rest_cycles: int = 0
+    has_rested: bool = False
+    """It has come to rest in this step: from now on it is held, and no longer on a ramp."""
+    disobeyed: bool = False
+    """It had to be taken further than its verdict asked."""
+
+
+class StopRules(NamedTuple):
+    """From limits.toml, [stop]."""
+
+    obey_cycles: int
+    standstill_cycles: int
+    ramp_margin_ratio: float
+    period_s: float
+
+
+HELD_SPEED_RATIO = 10.0
+"""A drive at rest counts as loose when pushed this many times faster than standstill."""
+RAMP_FLOOR_RATIO = 3.0
+"""Around zero the ramp's bound is this many times standstill: encoder noise is no motion."""
+
+_BY_CATEGORY = {
+    StopCategory.NONE: Step.HOLD,
+    StopCategory.S2: Step.HOLD,
+    StopCategory.S1: Step.QUICK_STOP,
+    StopCategory.S0: Step.DISABLE,
+}
+
+_POWERED = frozenset({PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE})
+
+
+def first_step(verdict: Verdict, drive: str) -> Step:
+    """Where the stop of one drive begins, for a verdict that may be about another one."""
+    about_this = verdict.drive == drive
+    if verdict.cause in DOUBTFUL_FEEDBACK and not about_this:
+        return Step.QUICK_STOP
+    if verdict.cause in LOST_DRIVE and about_this:
+        return Step.NMT_STOP
+    return _BY_CATEGORY[verdict.category]
+
+
+def begin(step: Step, joint: Joint, cycle: int, *, disobeyed: bool = False) -> DriveStop:
+    """The stop of one drive as it starts, or restarts one step further."""
+    return DriveStop(step, cycle, abs(joint.velocity_si), disobeyed=disobeyed)
+
+
+def harsher(stop: DriveStop, step: Step, joint: Joint, cycle: int) -> DriveStop:
+    """The stop taken to `step` if that is further than it is."""
+    return begin(step, joint, cycle, disobeyed=stop.disobeyed) if step > stop.step else stop
+
+
+def advance(
+    stop: DriveStop,
+    feedback: DriveFeedback,
+    joint: Joint,
+    limits: AxisLimits,
+    rules: StopRules,
+    cycle: int,
+) -> DriveStop:
+    """The stop after this cycle: further if it was not obeyed, at rest if it was."""
+    at_rest = abs(joint.velocity_si) < limits.standstill_si_per_s
+    stop = stop._replace(at_rest_cycles=stop.at_rest_cycles + 1 if at_rest else 0)
+    stop = stop._replace(has_rested=stop.has_rested or is_at_rest(stop, rules))
+    if feedback.fresh and not _obeyed(stop, feedback, joint, limits, rules, cycle):
+        return begin(Step(min(stop.step + 1, Step.SILENCE)), joint, cycle, disobeyed=True)
+    if stop.step == Step.QUICK_STOP and limits.brake and is_at_rest(stop, rules):
+        return begin(Step.DISABLE, joint, cycle, disobeyed=stop.disobeyed)
+    return stop
+
+
+def is_at_rest(stop: DriveStop, rules: StopRules) -> bool:
+    """Standing still for long enough to be called at rest."""
+    return stop.at_rest_cycles >= rules.standstill_cycles
+
+
+def request(step: Step) -> PowerRequest:
+    """What the drive is told in this step."""
+    if step == Step.HOLD:
+        return PowerRequest.ENABLE
+    return PowerRequest.QUICK_STOP if step == Step.QUICK_STOP else PowerRequest.DISABLE_VOLTAGE
+
+
+def _obeyed(
+    stop: DriveStop,
+    feedback: DriveFeedback,
+    joint: Joint,
+    limits: AxisLimits,
+    rules: StopRules,
+    cycle: int,
+) -> bool:
+    elapsed_cycles = cycle - stop.since_cycle
+    if elapsed_cycles <= rules.obey_cycles:
+        return True
+    if stop.step == Step.QUICK_STOP and feedback.power_state == PowerState.OPERATION_ENABLED:
+        return False
+    if stop.step >= Step.DISABLE:
+        # Without power there is no ramp to follow: gravity, springs and the patient move the leg.
+        return feedback.power_state not in _POWERED
+    return abs(joint.velocity_si) <= _allowed_speed_si(stop, limits, rules, elapsed_cycles)
+
+
+def _allowed_speed_si(
+    stop: DriveStop, limits: AxisLimits, rules: StopRules, elapsed_cycles: int
+) -> float:
+    floor_si = limits.standstill_si_per_s
+    if stop.has_rested:
+        return HELD_SPEED_RATIO * floor_si
+    ramp_s = (elapsed_cycles - rules.obey_cycles) * rules.period_s
+    on_ramp_si = stop.start_speed_si - limits.quick_stop_deceleration_si_per_s2 * ramp_s
+    return rules.ramp_margin_ratio * max(on_ramp_si, 0.0) + RAMP_FLOOR_RATIO * floor_si

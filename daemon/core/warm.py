@@ -1,0 +1,33 @@
+"""Compile and load every kernel that the cycle calls, with the types that it calls them with.
+
+A first call costs up to seconds, so it must never happen between two SYNCs.
+"""
+
+import numpy as np
+
+from daemon.core import reference
+from daemon.core.build import Built
+from observer.mechanism import singularity_ratio
+
+STEPS = 20
+
+
+def warm_up(built: Built) -> None:
+    """Call everything once on a core that is thrown away afterwards."""
+    period_s = built.core.config.period_s
+    for leg in built.core.legs:
+        angles = reference.gait_angles(leg.shape, 0.0, 0.0)
+        pose = reference.joints_of_angles(leg.parameters, angles)
+        reference.angles_of_joints(leg.parameters, pose)
+        load = reference.load_at(leg.parameters, pose)
+        singularity_ratio(leg.parameters, np.array(pose))
+        leg.observer.reset(np.array(pose))
+        for _ in range(STEPS):
+            leg.observer.step(
+                np.array(pose),
+                np.array(load),
+                period_s,
+                late=False,
+                unreferenced=False,
+                artificial=False,
+            )

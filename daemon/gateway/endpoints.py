@@ -1,0 +1,55 @@
+"""Zenoh endpoints as text: which of them a program on another machine could reach.
+
+The service listens on loopback or on a Unix socket, unless `zenoh.listen_beyond_loopback` says
+that somebody decided otherwise. Their form is checked by `config/settings.py`.
+"""
+
+import ipaddress
+from collections.abc import Sequence
+from typing import Final
+
+UNIX_SOCKET: Final = "unixsock-stream"
+
+ALLOWED: Final = (
+    "a Unix socket or a loopback address such as 127.0.0.1;"
+    " anything else only with listen_beyond_loopback = true"
+)
+
+_EVERYWHERE: Final = {"0.0.0.0": "127.0.0.1", "[::]": "[::1]"}
+
+
+def is_local(endpoint: str) -> bool:
+    """Whether only programs on this machine can reach it."""
+    return endpoint.startswith(f"{UNIX_SOCKET}/") or _is_loopback(_host_and_port(endpoint)[0])
+
+
+def refused(listen: Sequence[str], *, beyond_loopback: bool) -> tuple[int, str] | None:
+    """The first endpoint that may not be listened on: its index and itself. None: all may."""
+    for index, endpoint in enumerate(listen):
+        if not (beyond_loopback or is_local(endpoint)):
+            return index, endpoint
+    return None
+
+
+def to_connect(endpoint: str) -> str:
+    """Where a client on the same machine connects to reach what listens on `endpoint`."""
+    host, port = _host_and_port(endpoint)
+    if endpoint.startswith(f"{UNIX_SOCKET}/") or host not in _EVERYWHERE:
+        return endpoint
+    return f"{endpoint.partition('/')[0]}/{_EVERYWHERE[host]}:{port}"
+
+
+def _host_and_port(endpoint: str) -> tuple[str, str]:
+    """Without the metadata (`?`) and settings (`#`) that Zenoh allows after the port."""
+    address = endpoint.partition("/")[2].partition("?")[0].partition("#")[0]
+    host, _, port = address.rpartition(":")
+    return host, port
+
+
+def _is_loopback(host: str) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host.removeprefix("[").removesuffix("]")).is_loopback
+    except ValueError:
+        return False

@@ -1,0 +1,250 @@
+"""Records into events: what changed from one record to the next, said once, with a priority.
+
+Priorities follow IEC 60601-1-8: high needs an immediate reaction, medium a prompt one, low
+attention; info is no alarm. A verdict is the alarm; the mode change that follows from it is not
+another one. Inputs and states of a drive count only while it has told them.
+
+The core says what it did in lines of its own (`CycleRecord.events`). They are passed on, but for a
+line that only names the cause of a new verdict: that one is said here, with priority and remedy.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from enum import Enum
+from typing import Final, NamedTuple
+
+from daemon import wire
+from daemon.causes import CAUSE_TEXT
+from daemon.gateway.translate import Stamp, head, power_state_name
+from daemon.record import (
+    Cause,
+    CycleRecord,
+    DriveRecord,
+    Mode,
+    RequestKind,
+    StopCategory,
+    Verdict,
+)
+from daemon.words import NMT_STATES, name_of
+
+HISTORY_COUNT: Final = 200
+"""Events that a late joiner gets."""
+
+
+class Priority(Enum):
+    """How urgent an event is."""
+
+    HIGH = "high"
+    MEDIUM = "medium"
+    LOW = "low"
+    INFO = "info"
+
+
+class Kind(Enum):
+    """What sort of event it is."""
+
+    CORE = "core"
+    MODE = "mode"
+    STOP = "stop"
+    REQUEST = "request"
+    DRIVE = "drive"
+    EMERGENCY = "emergency"
+    INPUT = "input"
+    NOTE = "note"
+
+
+ASKED: Final = frozenset({Cause.STOP_REQUESTED, Cause.SHUTDOWN})
+"""Somebody wanted this stop."""
+PASSING: Final = frozenset(
+    {"not_ready_to_switch_on", "ready_to_switch_on", "switched_on", "fault_reaction_active"}
+)
+"""Power states on the way to another one, which are no event."""
+BY_PERSON: Final = frozenset({Cause.HAND_SWITCH_OPEN, Cause.STO_ACTIVE})
+"""Somebody used what is there to stop the machine."""
+
+
+class Happening(NamedTuple):
+    """An event without its place in the history."""
+
+    priority: Priority
+    kind: Kind
+    text: str
+    remedy: str = ""
+    cause: Cause | None = None
+    subject: str | None = None
+
+
+CORE_BACK: Final = Happening(Priority.LOW, Kind.CORE, "records from the core arrive again")
+
+
+def happenings(before: CycleRecord | None, now: CycleRecord) -> list[Happening]:
+    """Everything that happened from the record before to this one, of the same core."""
+    if before is None:
+        said = [Happening(Priority.INFO, Kind.CORE, f"core is there, mode {name_of(now.mode)}")]
+        latched = _verdict_change(Verdict(), now.verdict)
+        return said + latched + [_note(line) for line in now.events]
+    stops = _verdict_change(before.verdict, now.verdict)
+    title = CAUSE_TEXT[now.verdict.cause].title
+    notes = [_note(line) for line in now.events if not (stops and title in line)]
+    modes = _mode_change(before.mode, now.mode) if _no_mode_among(notes) else []
+    past = {drive.name: drive for drive in before.drives}
+    seen = [drive for drive in now.drives if drive.name in past]
+    drives = [said for drive in seen for said in _drive_changes(past[drive.name], drive)]
+    return [*drives, *stops, *modes, *notes]
+
+
+def core_lost(silence_ms: int) -> Happening:
+    """The core fell silent."""
+    text = f"no record from the core for {silence_ms} ms: nothing that was shown is valid"
+    remedy = "the drives stop by themselves; see the core's log"
+    return Happening(Priority.HIGH, Kind.CORE, text, remedy)
+
+
+def asked(name: str, client: str) -> Happening:
+    """A client's request goes to the core."""
+    return Happening(Priority.INFO, Kind.REQUEST, f"{name}, asked by {client}")
+
+
+def answered(name: str, client: str, outcome: str, reason: str) -> Happening:
+    """A client got its answer from the gateway."""
+    said = f"{name}, asked by {client}: {outcome}"
+    return Happening(Priority.INFO, Kind.REQUEST, f"{said}: {reason}" if reason else said)
+
+
+class EventLog:
+    """The bounded history, and the identity of each event.
+
+    An id is BOOT-RECORD-INDEX: the number of the newest record, and the how manieth event since.
+    """
+
+    def __init__(self) -> None:
+        self.history: deque[wire.Event] = deque(maxlen=HISTORY_COUNT)
+        self._place = ("", 0)
+        self._index = 0
+
+    def add(
+        self,
+        said: Iterable[Happening],
+        stamp: Stamp,
+        record_seq: int,
+        time_ns: int,
+        next_seq: Callable[[], int],
+    ) -> list[wire.Event]:
+        """Give events their identity and keep them."""
+        place = (stamp.core_boot_id or "", record_seq)
+        if place != self._place:
+            self._place, self._index = place, 0
+        made = [self._event(item, stamp, time_ns, next_seq()) for item in said]
+        self.history.extend(made)
+        return made
+
+    def _event(self, item: Happening, stamp: Stamp, time_ns: int, seq: int) -> wire.Event:
+        self._index += 1
+        boot_id, record_seq = self._place
+        return wire.Event(
+            **head(stamp, seq),
+            id=f"{boot_id}-{record_seq}-{self._index}",
+            time_ns=time_ns,
+            priority=item.priority.value,
+            kind=item.kind.value,
+            text=item.text,
+            remedy=item.remedy,
+            cause=name_of(item.cause) if item.cause is not None else None,
+            subject=item.subject,
+        )
+
+
+def _note(line: str) -> Happening:
+    """A line of the core, sorted by its first word."""
+    word = line.partition(" ")[0]
+    kind = Kind.REQUEST if word.upper() in RequestKind.__members__ else Kind.NOTE
+    return Happening(Priority.INFO, Kind.MODE if " -> " in line and word == "mode" else kind, line)
+
+
+def _no_mode_among(said: Iterable[Happening]) -> bool:
+    return all(item.kind is not Kind.MODE for item in said)
+
+
+def _mode_change(before: Mode, now: Mode) -> list[Happening]:
+    if before is now:
+        return []
+    text = f"mode {name_of(before)} → {name_of(now)}"
+    priority = Priority.MEDIUM if now is Mode.FAULT else Priority.INFO
+    return [Happening(priority, Kind.MODE, text)]
+
+
+def _verdict_change(before: Verdict, now: Verdict) -> list[Happening]:
+    if (before.category, before.cause, before.drive) == (now.category, now.cause, now.drive):
+        return []
+    if now.category is StopCategory.NONE and now.cause is Cause.NONE:
+        return [Happening(Priority.INFO, Kind.STOP, "the verdict is cleared")]
+    return [_stop(now)]
+
+
+def _stop(verdict: Verdict) -> Happening:
+    text = CAUSE_TEXT[verdict.cause]
+    words = [f"stop {verdict.category.name}: {text.title}"]
+    if verdict.drive:
+        words.append(f"({verdict.drive})")
+    if verdict.limit:
+        words.append(f"{verdict.value:.4g}, limit {verdict.limit:.4g}")
+    if verdict.detail:
+        words.append(f"- {verdict.detail}")
+    priority = _priority(verdict.cause)
+    subject = verdict.drive or None
+    return Happening(priority, Kind.STOP, " ".join(words), text.remedy, verdict.cause, subject)
+
+
+def _priority(cause: Cause) -> Priority:
+    if cause in ASKED:
+        return Priority.LOW
+    return Priority.MEDIUM if cause in BY_PERSON else Priority.HIGH
+
+
+def _drive_changes(before: DriveRecord, now: DriveRecord) -> list[Happening]:
+    said = [*_state_changes(before, now), *_emergency_changes(before, now)]
+    if _has_spoken(before) and _has_spoken(now):
+        said += _input_changes(before, now)
+    return said
+
+
+def _has_spoken(drive: DriveRecord) -> bool:
+    """Whether a statusword, and with it the inputs, has come from this drive."""
+    return power_state_name(drive.power_state) != "unknown"
+
+
+def _state_changes(before: DriveRecord, now: DriveRecord) -> Iterator[Happening]:
+    if before.nmt_state != now.nmt_state:
+        nmt_state = NMT_STATES.get(now.nmt_state, "unknown")
+        yield _of(now, Priority.INFO, Kind.DRIVE, f"NMT state {nmt_state}")
+    state = power_state_name(now.power_state)
+    if before.power_state != now.power_state and state not in PASSING:
+        priority = Priority.MEDIUM if state == "fault" else Priority.INFO
+        yield _of(now, priority, Kind.DRIVE, state.replace("_", " "))
+    if before.referenced != now.referenced:
+        text = "knows its position" if now.referenced else "does not know its position any more"
+        priority = Priority.INFO if now.referenced else Priority.MEDIUM
+        yield _of(now, priority, Kind.DRIVE, text)
+
+
+def _emergency_changes(before: DriveRecord, now: DriveRecord) -> Iterator[Happening]:
+    if now.emergency_count > before.emergency_count and now.emergency_code:
+        text = f"EMCY 0x{now.emergency_code:04X}: {now.emergency_text}"
+        yield _of(now, Priority.HIGH, Kind.EMERGENCY, text)
+    elif before.emergency_code and not now.emergency_code:
+        yield _of(now, Priority.INFO, Kind.EMERGENCY, "EMCY cleared")
+
+
+def _input_changes(before: DriveRecord, now: DriveRecord) -> Iterator[Happening]:
+    if before.hand_switch_closed != now.hand_switch_closed:
+        state = "closed" if now.hand_switch_closed else "open"
+        priority = Priority.INFO if now.hand_switch_closed else Priority.MEDIUM
+        yield _of(now, priority, Kind.INPUT, f"hand switch {state}")
+    if before.sto_released != now.sto_released:
+        state = "released" if now.sto_released else "active"
+        priority = Priority.INFO if now.sto_released else Priority.MEDIUM
+        yield _of(now, priority, Kind.INPUT, f"safe torque off {state}")
+
+
+def _of(drive: DriveRecord, priority: Priority, kind: Kind, text: str) -> Happening:
+    return Happening(priority, kind, f"{drive.name}: {text}", subject=drive.name)

@@ -1,0 +1,116 @@
+"""Many records into one `health`: lateness, work, and what got lost between us and the drives.
+
+A sample is missed when its cycle's window closed without it. It is late when its frame came before
+the next record (the drive's late count rose there), and lost when it did not.
+"""
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from statistics import median
+from typing import Final
+
+from daemon import wire
+from daemon.gateway.translate import Stamp, finite, head
+from daemon.record import CycleRecord, DriveRecord
+
+LATENESS_BOUND_US: Final = (50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000)
+
+_OPERATIONAL: Final = 0x05
+"""NMT state in which TPDOs come."""
+
+
+@dataclass(slots=True)
+class _Tally:
+    """Missed samples of one drive."""
+
+    missed_count: int = 0
+    lost_count: int = 0
+    late_count: int = 0
+    missed_before: bool = False
+
+    def note(self, drive: DriveRecord) -> None:
+        if self.missed_before and drive.late_count == self.late_count:
+            self.lost_count += 1
+        self.late_count = drive.late_count
+        self.missed_before = drive.nmt_state == _OPERATIONAL and not drive.fresh
+        self.missed_count += self.missed_before
+
+
+@dataclass(slots=True)
+class Counters:
+    """What the gateway itself lost, since its start."""
+
+    record_missed_count: int = 0
+    record_skipped_count: int = 0
+    level_dropped_count: int = 0
+    inquiry_dropped_count: int = 0
+
+
+@dataclass(slots=True)
+class HealthWindow:
+    """Collects one second of records; the histogram and the tallies live as long as the core."""
+
+    counters: Counters = field(default_factory=Counters)
+    _histogram: list[int] = field(default_factory=lambda: [0] * (len(LATENESS_BOUND_US) + 1))
+    _records: list[CycleRecord] = field(default_factory=list)
+    _wakes_ns: list[int] = field(default_factory=list)
+    _tallies: dict[str, _Tally] = field(default_factory=dict)
+
+    def core_started(self) -> None:
+        """Forget the core before."""
+        self._histogram = [0] * (len(LATENESS_BOUND_US) + 1)
+        self._records.clear()
+        self._tallies.clear()
+
+    def note(self, record: CycleRecord) -> None:
+        """Take one record."""
+        self._records.append(record)
+        self._histogram[bisect_left(LATENESS_BOUND_US, record.timing.lateness_ns / 1e3)] += 1
+        for drive in record.drives:
+            self._tallies.setdefault(drive.name, _Tally()).note(drive)
+
+    def note_wake(self, work_ns: int) -> None:
+        """Take the length of one turn of the gateway's loop."""
+        self._wakes_ns.append(work_ns)
+
+    def close(self, stamp: Stamp, seq: int) -> wire.Health:
+        """Say what the second was like, and begin the next."""
+        records, self._records = self._records, []
+        wakes_ns, self._wakes_ns = self._wakes_ns, []
+        newest = records[-1] if records else None
+        lateness_ns = [record.timing.lateness_ns for record in records]
+        return wire.Health(
+            **head(stamp, seq),
+            lateness_bound_us=LATENESS_BOUND_US,
+            lateness_count=tuple(self._histogram),
+            lateness_p50_us=median(lateness_ns) / 1e3 if lateness_ns else None,
+            lateness_max_us=_max_us(lateness_ns),
+            collect_max_us=_max_us([record.timing.collect_ns for record in records]),
+            work_max_us=_max_us([record.timing.work_ns for record in records]),
+            overrun_count=newest.timing.overrun_count if newest else None,
+            record_count=len(records),
+            bus_load_ratio=finite(newest.bus_load_ratio) if newest else None,
+            drives=tuple(self._drive_health(drive) for drive in (newest.drives if newest else ())),
+            tx_dropped_count=newest.tx_dropped_count if newest else None,
+            record_missed_count=self.counters.record_missed_count,
+            record_skipped_count=self.counters.record_skipped_count,
+            level_dropped_count=self.counters.level_dropped_count,
+            inquiry_dropped_count=self.counters.inquiry_dropped_count,
+            gateway_wake_max_us=_max_us(wakes_ns),
+        )
+
+    def _drive_health(self, drive: DriveRecord) -> wire.DriveHealth:
+        tally = self._tallies[drive.name]
+        return wire.DriveHealth(
+            name=drive.name,
+            missed_count=tally.missed_count,
+            late_count=drive.late_count,
+            lost_count=tally.lost_count,
+            protocol_error_count=drive.protocol_error_count,
+            heartbeat_age_ms=finite(drive.heartbeat_age_ms),
+        )
+
+
+def _max_us(values_ns: Sequence[int]) -> float | None:
+    return max(values_ns) / 1e3 if values_ns else None

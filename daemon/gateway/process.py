@@ -1,0 +1,48 @@
+"""The gateway's process: opens the seam and Zenoh, turns until it is told to end, closes both.
+
+One thread of ours. It sleeps in poll() and is woken by the core's datagram, by a query, or after
+20 ms without either, so that the core goes on hearing us.
+"""
+
+import select
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Final
+
+from daemon.clock import Clock
+from daemon.gateway.publish import Mailbox, ZenohOutlet
+from daemon.gateway.service import LEVEL_PERIOD_NS, Gateway
+from daemon.gateway.session import open_session
+from daemon.seam import GatewaySeam
+
+_POLL_MS: Final = LEVEL_PERIOD_NS // 1_000_000
+
+
+def serve(
+    trainer: str, listen: Sequence[str], runtime: Path, clock: Clock, ended: Callable[[], bool]
+) -> None:
+    """Run the gateway until `ended` says so, which is asked at least every 20 ms.
+
+    Raises:
+        zenoh.ZError: an endpoint cannot be listened on.
+        OSError: the runtime directory does not exist or cannot be written.
+    """
+    # Order matters at the end: the outlet undeclares, then the session closes (an open one would
+    # hang the process), and only then the mailbox goes, because callbacks may use it until then.
+    with (
+        closing(GatewaySeam(runtime)) as seam,
+        closing(Mailbox()) as mailbox,
+        closing(open_session(listen)) as session,
+        closing(ZenohOutlet(session, trainer, mailbox)) as outlet,
+        closing(Gateway(seam, outlet, clock, trainer, listen)) as gateway,
+    ):
+        poller = select.poll()
+        poller.register(seam.fileno(), select.POLLIN)
+        poller.register(mailbox.fileno(), select.POLLIN)
+        while not ended():
+            poller.poll(_POLL_MS)
+            begun_ns = clock.now_ns()
+            gateway.turn(begun_ns, mailbox.drain())
+            gateway.health.counters.inquiry_dropped_count = mailbox.dropped_count
+            gateway.health.note_wake(clock.now_ns() - begun_ns)

@@ -1,0 +1,344 @@
+"""One turn of the gateway: records in, messages out; queries in, level out.
+
+In the order of time: read the records that are new; say their events; publish the young ones;
+judge the core's silence; take queries; answer what has an answer; send the level; say what is said
+once a second. Nothing in it waits, and it is told the time.
+"""
+
+import logging
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple, Protocol
+
+import msgspec
+
+from daemon import wire
+from daemon.clock import Clock
+from daemon.gateway import control, events, translate
+from daemon.gateway.alive import SILENCE_NS, Presence
+from daemon.gateway.health import HealthWindow
+from daemon.gateway.translate import Stamp
+from daemon.record import CycleRecord, Outcome
+from daemon.seam import GatewaySeam, RingError, RingHeader
+from daemon.words import name_of
+
+LEVEL_PERIOD_NS: Final = 20_000_000
+DRIVES_PERIOD_NS: Final = 100_000_000
+SECOND_NS: Final = 1_000_000_000
+YOUNG_RECORD_COUNT: Final = 20
+"""What is older is not published: after a stall nobody wants to see the past as the present."""
+STATUS_EVENT_COUNT: Final = 20
+
+_LEG_MESSAGES: Final = (
+    ("estimate", translate.estimate),
+    ("activity", translate.activity),
+    ("friction", translate.friction),
+)
+"""The controller's first: it is the one that counts the milliseconds."""
+
+_LOG_LEVEL: Final = {
+    events.Priority.HIGH.value: logging.ERROR,
+    events.Priority.MEDIUM.value: logging.WARNING,
+    events.Priority.LOW.value: logging.INFO,
+    events.Priority.INFO.value: logging.INFO,
+}
+
+
+class Inquiry(Protocol):
+    """A query to control/NAME that waits for its only answer."""
+
+    name: str
+    payload: bytes
+
+    def answer(self, message: msgspec.Struct, *, failed: bool = False) -> None:
+        """Send the reply and finish the query."""
+        ...
+
+
+class Outlet(Protocol):
+    """Where messages go; `publish.ZenohOutlet`, or a list in a test."""
+
+    def next_seq(self, *parts: str) -> int:
+        """The next sequence number of a key."""
+        ...
+
+    def put(self, message: msgspec.Struct, *parts: str) -> None:
+        """Publish."""
+        ...
+
+    def put_event(self, event: wire.Event) -> None:
+        """Publish an event and keep it for late joiners."""
+        ...
+
+    def show_alive(self, alive: bool) -> None:
+        """Hold the liveliness token or let it go."""
+        ...
+
+
+class Waiting(NamedTuple):
+    """A query whose answer is outstanding, and who asked."""
+
+    inquiry: Inquiry
+    client: str
+
+
+class Gateway:
+    """Everything between the seam and the outlet."""
+
+    def __init__(
+        self,
+        seam: GatewaySeam,
+        outlet: Outlet,
+        clock: Clock,
+        trainer: str,
+        listen: Sequence[str],
+    ) -> None:
+        self._seam, self._outlet, self._clock = seam, outlet, clock
+        self._trainer, self._listen = trainer, tuple(listen)
+        self._log = logging.getLogger("gaitd.gateway")
+        self._desk = control.Desk(first_level_seq=clock.now_ns() // 1_000_000)
+        self._presence = Presence()
+        self._events = events.EventLog()
+        self.health = HealthWindow()
+        self._waiting: dict[int, Waiting] = {}
+        self._ticket = 0
+        self._boot_id = ""
+        self._newest: CycleRecord | None = None
+        self._ring_trouble = ""
+        self._safety_said: tuple[object, ...] | None = None
+        self._level_due_ns = self._drives_due_ns = 0
+        self._second_due_ns = clock.now_ns() + SECOND_NS
+
+    def turn(self, now_ns: int, inquiries: Sequence[Inquiry]) -> None:
+        """One turn of the loop."""
+        records = self._records()
+        self._hear(records, now_ns)
+        for inquiry in inquiries:
+            self._take(inquiry, now_ns)
+        self._settle(self._desk.tick(now_ns))
+        self._say_safety(now_ns)
+        if records or inquiries or now_ns >= self._level_due_ns:
+            self._level_due_ns = now_ns + LEVEL_PERIOD_NS
+            self._send_level()
+        if now_ns >= self._second_due_ns:
+            self._second_due_ns = _next_due(self._second_due_ns, SECOND_NS, now_ns)
+            seq = self._outlet.next_seq(wire.HEALTH)
+            self._outlet.put(self.health.close(self._stamp(), seq), wire.HEALTH)
+
+    def _send_level(self) -> None:
+        level = self._desk.level()
+        if level and not self._seam.send(level) and self._presence.heard:
+            self.health.counters.level_dropped_count += 1
+
+    def close(self) -> None:
+        """Answer whoever still waits."""
+        for ticket in tuple(self._waiting):
+            answer = control.Answer(ticket, Outcome.PENDING, "the gateway ends")
+            self._settle([answer])
+
+    # --- records ------------------------------------------------------------------------------
+
+    def _records(self) -> list[CycleRecord]:
+        try:
+            records = self._seam.records()
+        except RingError as error:
+            # Said once: the file stays what it is until another core writes it.
+            if str(error) != self._ring_trouble:
+                self._ring_trouble = str(error)
+                self._log.error("%s", error)
+            return []
+        self._ring_trouble = ""
+        return records
+
+    def _hear(self, records: Sequence[CycleRecord], now_ns: int) -> None:
+        header = self._seam.header
+        if records and header:
+            first_sight = self._newest is None or header.core_boot_id != self._boot_id
+            back = not first_sight and not self._presence.heard
+            self._presence.hear(now_ns)
+            if first_sight:
+                self._meet(header)
+            # Estimates first: everything else of this turn can wait for a millisecond.
+            self._publish(records)
+            for record in records:
+                self._hear_one(record)
+            if back:
+                self._say([events.CORE_BACK], self._clock.utc_ns())
+            # The newest record has all that became of stops and of the one request.
+            self._settle(self._desk.hear(self._boot_id, records[-1]))
+            self._say_drives(now_ns)
+        elif self._presence.falls_silent(now_ns):
+            self._say([events.core_lost(SILENCE_NS // 1_000_000)], self._clock.utc_ns())
+            self._settle(self._desk.lose_core())
+        self._outlet.show_alive(self._presence.heard)
+
+    def _meet(self, header: RingHeader) -> None:
+        """A core that we have not heard before."""
+        self._boot_id = header.core_boot_id
+        self._newest = None
+        self.health.core_started()
+
+    def _hear_one(self, record: CycleRecord) -> None:
+        before, self._newest = self._newest, record
+        if before is not None:
+            self.health.counters.record_missed_count += max(record.seq - before.seq - 1, 0)
+        self.health.note(record)
+        self._say(events.happenings(before, record), record.sync_utc_ns)
+
+    def _publish(self, records: Sequence[CycleRecord]) -> None:
+        young = [r for r in records if records[-1].seq - r.seq < YOUNG_RECORD_COUNT]
+        self.health.counters.record_skipped_count += len(records) - len(young)
+        for record in young:
+            self._say_legs(record)
+
+    # --- messages -----------------------------------------------------------------------------
+
+    def _stamp(self) -> Stamp:
+        return translate.stamp_of(self._boot_id, self._newest) if self._newest else Stamp()
+
+    def _head(self, *parts: str) -> dict[str, Any]:
+        return translate.head(self._stamp(), self._outlet.next_seq(*parts))
+
+    def _say_legs(self, record: CycleRecord) -> None:
+        stamp, outlet = translate.stamp_of(self._boot_id, record), self._outlet
+        for leg in record.legs:
+            view = translate.look(leg, record, stamp)
+            for name, make in _LEG_MESSAGES:
+                parts = (leg.name, name)
+                outlet.put(make(view, outlet.next_seq(*parts)), *parts)
+
+    def _say_drives(self, now_ns: int) -> None:
+        if self._newest is None or now_ns < self._drives_due_ns:
+            return
+        self._drives_due_ns = _next_due(self._drives_due_ns, DRIVES_PERIOD_NS, now_ns)
+        for drive in self._newest.drives:
+            parts = ("drives", *drive.name.split("/"))
+            seq = self._outlet.next_seq(*parts)
+            self._outlet.put(translate.drive_state(drive, self._stamp(), seq), *parts)
+
+    def _say_safety(self, now_ns: int) -> None:
+        record = self._newest if self._presence.heard else None
+        said = (record.mode, record.verdict) if record else ()
+        # Shares its second with `health`, which sets the next one after this.
+        if said == self._safety_said and now_ns < self._second_due_ns:
+            return
+        self._safety_said = said
+        self._outlet.put(self._safety(self._outlet.next_seq(wire.SAFETY)), wire.SAFETY)
+
+    def _safety(self, seq: int) -> wire.Safety:
+        header = self._seam.header
+        record = self._newest if self._presence.heard else None
+        return translate.safety(record, header.limits if header else None, self._stamp(), seq)
+
+    def _say(self, said: Sequence[events.Happening], time_ns: int) -> None:
+        record_seq = self._newest.seq if self._newest else 0
+        made = self._events.add(
+            said, self._stamp(), record_seq, time_ns, lambda: self._outlet.next_seq(wire.EVENTS)
+        )
+        for event in made:
+            self._outlet.put_event(event)
+            self._log.log(_LOG_LEVEL[event.priority], "%s", event.text, extra={"event": event})
+
+    # --- requests -----------------------------------------------------------------------------
+
+    def _take(self, inquiry: Inquiry, now_ns: int) -> None:
+        route = control.ROUTES.get(inquiry.name)
+        if route is None:
+            known = ", ".join(control.ROUTES)
+            self._reject(inquiry, f"control/{inquiry.name} is none of: {known}")
+            return
+        self._ticket += 1
+        try:
+            ask = control.read_ask(inquiry.name, inquiry.payload)
+        except control.BadPayloadError as error:
+            # A stop is a stop, whatever was sent along with it.
+            if route is not control.Route.STOP:
+                self._reject(inquiry, str(error))
+                return
+            ask = wire.Ask()
+        self._waiting[self._ticket] = Waiting(inquiry, ask.client)
+        self._route(route, inquiry.name, ask, now_ns)
+
+    def _route(self, route: control.Route, name: str, ask: wire.Ask, now_ns: int) -> None:
+        ticket = self._ticket
+        match route:
+            case control.Route.STOP:
+                self._desk.stop(ticket, now_ns)
+            case control.Route.CORE:
+                answer = self._desk.ask(ticket, name, ask, now_ns)
+                if answer is None:
+                    self._say([events.asked(name, ask.client)], self._clock.utc_ns())
+                else:
+                    self._settle([answer])
+            case control.Route.LEASE:
+                self._settle([control.Answer(ticket, Outcome.REFUSED, control.NO_LEASE)])
+            case control.Route.GATEWAY:
+                self._waiting.pop(ticket).inquiry.answer(self._information(name))
+
+    def _settle(self, answers: Sequence[control.Answer]) -> None:
+        """Send answers, and say as events what became of requests."""
+        for answer in answers:
+            waiting = self._waiting.pop(answer.ticket)
+            inquiry, outcome = waiting.inquiry, name_of(answer.outcome)
+            inquiry.answer(self._reply(inquiry.name, answer.outcome, answer.reason))
+            if not answer.by_core:
+                told = events.answered(inquiry.name, waiting.client, outcome, answer.reason)
+                self._say([told], self._clock.utc_ns())
+
+    def _reject(self, inquiry: Inquiry, reason: str) -> None:
+        inquiry.answer(self._reply(inquiry.name, Outcome.REFUSED, reason), failed=True)
+        self._log.warning("query refused: %s", reason)
+
+    def _reply(self, name: str, outcome: Outcome, reason: str) -> wire.Reply:
+        record = self._newest if self._presence.heard else None
+        return wire.Reply(
+            **self._head(wire.CONTROL, name),
+            request=name,
+            outcome=name_of(outcome),
+            reason=reason,
+            mode=name_of(record.mode) if record else None,
+        )
+
+    def _information(self, name: str) -> msgspec.Struct:
+        match name:
+            case "status":
+                return self._status()
+            case "config":
+                return self._configuration()
+            case _:
+                return wire.Schemas(**self._head(wire.CONTROL, name), schemas=wire.schemas())
+
+    def _status(self) -> wire.Status:
+        header, stamp = self._seam.header, self._stamp()
+        head = self._head(wire.CONTROL, "status")
+        seq: int = head["seq"]
+        record = self._newest if self._presence.heard else None
+        drives = record.drives if record else ()
+        views = [translate.look(leg, record, stamp) for leg in record.legs] if record else []
+        return wire.Status(
+            **head,
+            version=header.version if header else None,
+            safety=self._safety(seq),
+            drives=tuple(translate.drive_state(drive, stamp, seq) for drive in drives),
+            legs=tuple(translate.activity(view, seq) for view in views),
+            events=tuple(self._events.history)[-STATUS_EVENT_COUNT:],
+        )
+
+    def _configuration(self) -> wire.Configuration:
+        header = self._seam.header
+        return wire.Configuration(
+            **self._head(wire.CONTROL, "config"),
+            version=header.version if header else None,
+            trainer=self._trainer,
+            listen=self._listen,
+            period_ns=header.period_ns if header else None,
+            drive_names=header.drive_names if header else (),
+            leg_names=header.leg_names if header else (),
+            config_hashes=header.config_hashes if header else {},
+            robot=header.robot if header else {},
+            limits=header.limits if header else {},
+        )
+
+
+def _next_due(due_ns: int, period_ns: int, now_ns: int) -> int:
+    """On the grid of `due_ns` as long as it is kept, else a period from now: no bursts."""
+    return due_ns + period_ns if due_ns + period_ns > now_ns else now_ns + period_ns

@@ -1,0 +1,343 @@
+"""Records into messages: what may be shown is decided here, and only here.
+
+Rules of validity, per axis of a leg (design section 3):
+
+    ok                   everything is given
+    split_unobservable   pose, speed and net value are given; patient and friction are null
+    bad                  everything of the axis is null
+
+Unreferenced, out of workspace, inconsistent and uncalibrated make both axes bad, whatever the
+record says of them. What is no finite number is null in any case. Raw measurements and the
+innovation are no estimates: they stay, so that somebody can see why an axis is bad.
+"""
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, Final, NamedTuple
+
+from daemon import wire
+from daemon.causes import CAUSE_TEXT
+from daemon.record import (
+    STATE_COUNT,
+    CycleRecord,
+    DriveRecord,
+    LegRecord,
+    StopCategory,
+    Verdict,
+)
+from daemon.words import NMT_STATES, POWER_STATES, StatusBit, Validity, name_of
+
+NEVER_SHOWN: Final = (
+    StatusBit.UNREFERENCED
+    | StatusBit.OUT_OF_WORKSPACE
+    | StatusBit.INCONSISTENT
+    | StatusBit.UNCALIBRATED
+)
+"""Bits that make both axes bad."""
+
+_NEVER_SHOWN_BITS: Final = int(NEVER_SHOWN)
+
+COVARIANCE_COUNT: Final = STATE_COUNT * (STATE_COUNT + 1) // 2
+
+# Indices into the state: two axes, each with position, velocity, friction, patient.
+_VELOCITY: Final = (2, 3)
+_PATIENT: Final = (6, 7)
+_FIRST_SPLIT_INDEX: Final = 4
+"""From here on a state needs friction and patient to be told apart."""
+
+Number = float | None
+
+
+class Stamp(NamedTuple):
+    """Where a message comes from: the head of all messages but for `seq`."""
+
+    core_boot_id: str | None = None
+    cycle: int | None = None
+    sample_time_ns: int | None = None
+
+
+class View(NamedTuple):
+    """One leg in one record after the rules of validity: what its three messages are made from."""
+
+    leg: LegRecord
+    record: CycleRecord
+    common: dict[str, Any]
+    """The fields of `wire.Estimated`, without `seq`."""
+    state: tuple[Number, ...]
+    std: tuple[Number, ...]
+    net: tuple[Number, ...]
+    net_std: tuple[Number, ...]
+    validity: tuple[Validity, Validity]
+    covariance: tuple[float, ...] | None
+    """Of all eight states, as the observer gave it."""
+
+
+def stamp_of(core_boot_id: str, record: CycleRecord) -> Stamp:
+    """The stamp of everything that is made from this record."""
+    return Stamp(core_boot_id, record.cycle, record.sync_utc_ns)
+
+
+def head(stamp: Stamp, seq: int) -> dict[str, Any]:
+    """The fields of `wire.Stated`."""
+    return {"seq": seq, **stamp._asdict()}
+
+
+def finite(value: float | None) -> Number:
+    """The number, or None for what is none."""
+    return value if value is not None and math.isfinite(value) else None
+
+
+def look(leg: LegRecord, record: CycleRecord, stamp: Stamp) -> View:
+    """Apply the rules of validity to one leg's estimate."""
+    validity = _validity(leg)
+    state = tuple(
+        finite(value) if _visible(index, validity) else None
+        for index, value in enumerate(leg.state)
+    )
+    net = tuple(
+        finite(value) if of_axis is not Validity.BAD else None
+        for of_axis, value in zip(validity, leg.net, strict=True)
+    )
+    return View(
+        leg=leg,
+        record=record,
+        common=_common(leg, record, stamp, validity),
+        state=state,
+        std=_where(state, leg.std),
+        net=net,
+        net_std=_where(net, leg.net_std),
+        validity=validity,
+        covariance=leg.covariance if _is_covariance(leg.covariance) else None,
+    )
+
+
+def estimate(view: View, seq: int) -> wire.Estimate:
+    """LEG/estimate."""
+    leg, record, state, std = view.leg, view.record, view.state, view.std
+    return wire.Estimate(
+        **view.common,
+        seq=seq,
+        hip_angle_rad=state[0],
+        hip_angle_rad_std=std[0],
+        slide_position_m=state[1],
+        slide_position_m_std=std[1],
+        hip_velocity_rad_per_s=state[2],
+        hip_velocity_rad_per_s_std=std[2],
+        slide_velocity_m_per_s=state[3],
+        slide_velocity_m_per_s_std=std[3],
+        **_friction(view),
+        **_patient_and_net(view),
+        covariance=None if Validity.BAD in view.validity else view.covariance,
+        innovation_hip_rad=finite(leg.innovation[0]),
+        innovation_slide_m=finite(leg.innovation[1]),
+        nis=finite(leg.nis),
+        measured_hip_angle_rad=finite(leg.measured[0]),
+        measured_slide_position_m=finite(leg.measured[1]),
+        hip_torque_nm=finite(leg.effort_used[0]),
+        slide_force_n=finite(leg.effort_used[1]),
+        artificial_hip_nm=finite(leg.artificial[0]),
+        artificial_slide_n=finite(leg.artificial[1]),
+        reference_hip_angle_rad=finite(leg.reference[0]),
+        reference_slide_position_m=finite(leg.reference[1]),
+        gait_phase_ratio=_phase(record),
+        dt_s=finite(record.dt_s),
+    )
+
+
+def activity(view: View, seq: int) -> wire.Activity:
+    """LEG/activity."""
+    hip, slide, both = _power(view, (0,)), _power(view, (1,)), _power(view, (0, 1))
+    return wire.Activity(
+        **view.common,
+        seq=seq,
+        **_patient_and_net(view),
+        hip_patient_power_w=hip[0],
+        hip_patient_power_w_std=hip[1],
+        slide_patient_power_w=slide[0],
+        slide_patient_power_w_std=slide[1],
+        patient_power_w=both[0],
+        patient_power_w_std=both[1],
+        gait_phase_ratio=_phase(view.record),
+    )
+
+
+def friction(view: View, seq: int) -> wire.Friction:
+    """LEG/friction."""
+    return wire.Friction(**view.common, seq=seq, **_friction(view))
+
+
+def drive_state(drive: DriveRecord, stamp: Stamp, seq: int) -> wire.DriveState:
+    """drives/NAME."""
+    return wire.DriveState(
+        **head(stamp, seq),
+        name=drive.name,
+        nmt_state=NMT_STATES.get(drive.nmt_state, "unknown"),
+        power_state=power_state_name(drive.power_state),
+        statusword=f"0x{drive.statusword:04X}",
+        mode_display=drive.mode_display,
+        fresh=drive.fresh,
+        sample_age_cycles=drive.sample_age_cycles,
+        late_count=drive.late_count,
+        heartbeat_age_ms=finite(drive.heartbeat_age_ms),
+        position_si=finite(drive.position_si),
+        velocity_si=finite(drive.velocity_si),
+        effort_si=finite(drive.effort_si),
+        target_effort_si=finite(drive.target_effort_si),
+        referenced=drive.referenced,
+        hand_switch_closed=drive.hand_switch_closed,
+        sto_released=drive.sto_released,
+        temperature_degc=finite(drive.temperature_degc),
+        emergency_code=f"0x{drive.emergency_code:04X}" if drive.emergency_code else None,
+        emergency_text=drive.emergency_text,
+        emergency_count=drive.emergency_count,
+        protocol_error_count=drive.protocol_error_count,
+    )
+
+
+def power_state_name(power_state: int) -> str:
+    """CiA 402 state by its number in the record."""
+    return POWER_STATES[power_state] if 0 <= power_state < len(POWER_STATES) else POWER_STATES[0]
+
+
+def judgement(verdict: Verdict) -> wire.Judgement:
+    """The verdict with what a person needs to know."""
+    text = CAUSE_TEXT[verdict.cause]
+    stops = verdict.category is not StopCategory.NONE
+    return wire.Judgement(
+        category=verdict.category.name if stops else "none",
+        cause=name_of(verdict.cause),
+        drive=verdict.drive or None,
+        value=finite(verdict.value) if stops else None,
+        limit=finite(verdict.limit) if stops else None,
+        detail=verdict.detail,
+        text=text.title,
+        remedy=text.remedy,
+    )
+
+
+def safety(
+    record: CycleRecord | None, limits: dict[str, object] | None, stamp: Stamp, seq: int
+) -> wire.Safety:
+    """`safety`; without a record, because the core is silent, nothing but `valid = false`."""
+    if record is None:
+        return wire.Safety(
+            **head(stamp, seq),
+            valid=False,
+            mode=None,
+            active=None,
+            verdict=None,
+            progress=None,
+            lease_holder=None,
+            level_age_cycles=None,
+            stop_count=None,
+            limits=None,
+        )
+    return wire.Safety(
+        **head(stamp, seq),
+        valid=True,
+        mode=name_of(record.mode),
+        active=record.mode.active,
+        verdict=judgement(record.verdict),
+        progress=record.progress,
+        # Torque mode is the only one with a lease, and this service does not offer it.
+        lease_holder=None,
+        level_age_cycles=record.level_age_cycles,
+        stop_count=record.stop_count,
+        limits=limits,
+    )
+
+
+def _visible(index: int, validity: tuple[Validity, Validity]) -> bool:
+    of_axis = validity[index % 2]
+    return of_axis is Validity.OK or (
+        of_axis is Validity.SPLIT_UNOBSERVABLE and index < _FIRST_SPLIT_INDEX
+    )
+
+
+def _where(values: Sequence[Number], others: Sequence[float]) -> tuple[Number, ...]:
+    """`others` where `values` has a number, else None."""
+    pairs = zip(values, others, strict=True)
+    return tuple(None if value is None else finite(other) for value, other in pairs)
+
+
+def _is_covariance(values: Sequence[float]) -> bool:
+    return len(values) == COVARIANCE_COUNT and all(map(math.isfinite, values))
+
+
+def _validity(leg: LegRecord) -> tuple[Validity, Validity]:
+    """Validity of hip and slide after the bits that overrule it."""
+    if leg.status & _NEVER_SHOWN_BITS:
+        return Validity.BAD, Validity.BAD
+    return Validity(leg.validity[0]), Validity(leg.validity[1])
+
+
+def _common(
+    leg: LegRecord, record: CycleRecord, stamp: Stamp, validity: tuple[Validity, Validity]
+) -> dict[str, Any]:
+    return {
+        **stamp._asdict(),
+        "leg": leg.name,
+        "mode": name_of(record.mode),
+        "status": _status_names(leg.status),
+        "status_bits": f"0x{leg.status:04X}",
+        "hip_validity": name_of(validity[0]),
+        "slide_validity": name_of(validity[1]),
+    }
+
+
+@lru_cache(maxsize=256)
+def _status_names(status: int) -> tuple[str, ...]:
+    """Few combinations occur, and 15 tests of an IntFlag take as long as all the rest."""
+    return tuple(name_of(bit) for bit in StatusBit if bit & status)
+
+
+def _friction(view: View) -> dict[str, Any]:
+    return {
+        "hip_friction_nm": view.state[4],
+        "hip_friction_nm_std": view.std[4],
+        "slide_friction_n": view.state[5],
+        "slide_friction_n_std": view.std[5],
+    }
+
+
+def _patient_and_net(view: View) -> dict[str, Any]:
+    return {
+        "hip_patient_nm": view.state[6],
+        "hip_patient_nm_std": view.std[6],
+        "slide_patient_n": view.state[7],
+        "slide_patient_n_std": view.std[7],
+        "hip_net_nm": view.net[0],
+        "hip_net_nm_std": view.net_std[0],
+        "slide_net_n": view.net[1],
+        "slide_net_n_std": view.net_std[1],
+    }
+
+
+def _phase(record: CycleRecord) -> Number:
+    return finite(record.gait_phase) if record.gait_phase >= 0 else None
+
+
+def _power(view: View, axes: tuple[int, ...]) -> tuple[Number, Number]:
+    """Patient's power over these axes in W, and its standard deviation to first order.
+
+    P = sum of effort times speed, so its gradient is the speed with respect to the effort and the
+    effort with respect to the speed; the variance is the gradient's quadratic form of covariance.
+    """
+    gradient: list[tuple[int, float]] = []
+    for axis in axes:
+        speed, effort = view.state[_VELOCITY[axis]], view.state[_PATIENT[axis]]
+        if speed is None or effort is None:
+            return None, None
+        gradient += [(_PATIENT[axis], speed), (_VELOCITY[axis], effort)]
+    power = sum(gradient[2 * k][1] * gradient[2 * k + 1][1] for k in range(len(axes)))
+    if view.covariance is None:
+        return power, None
+    variance = sum(g * h * view.covariance[_packed(i, j)] for i, g in gradient for j, h in gradient)
+    return power, math.sqrt(max(variance, 0.0))
+
+
+def _packed(row: int, column: int) -> int:
+    """Index of an element in the lower triangle, row by row."""
+    low, high = sorted((row, column))
+    return high * (high + 1) // 2 + low

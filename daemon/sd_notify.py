@@ -1,0 +1,28 @@
+"""Tell systemd how we are (sd_notify(3)): READY=1, WATCHDOG=1, STATUS=, STOPPING=1.
+
+Twenty lines instead of a library: the protocol is one datagram, and the send must never block or
+raise in the 10 ms loop. Without a supervisor nothing is sent.
+"""
+
+import contextlib
+import socket
+
+
+class Notifier:
+    """One datagram socket to the supervisor named by NOTIFY_SOCKET."""
+
+    def __init__(self, address: str | None) -> None:
+        """`address` is the value of NOTIFY_SOCKET: a path, `@name` for the abstract namespace."""
+        self._address = "\0" + address[1:] if address and address[0] == "@" else address
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+        self._socket.setblocking(False)
+
+    def send(self, *lines: str) -> None:
+        """Send `KEY=value` lines; a supervisor that does not listen is the supervisor's matter."""
+        if self._address:
+            with contextlib.suppress(OSError):
+                self._socket.sendto("\n".join(lines).encode(), self._address)
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()

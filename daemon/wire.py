@@ -1,0 +1,435 @@
+"""The wire contract: every message on Zenoh as a struct, and the JSON Schemas made from them.
+
+A message is JSON (UTF-8) on a key below `gaitd/TRAINER/`, with the encoding
+`application/json;gaitd.NAME.v1`. The rules for all of them:
+
+1. A number that is not valid is `null`, never 0 and never NaN. Silence of more than 200 ms means
+   the same for everything that the key says.
+2. Names of fields end in their unit; `_std` is the standard deviation of the field before it.
+3. Modes, causes, stop categories and states are lower-case names, stop categories `S0` to `S2`.
+4. A later version may add fields and names: a reader ignores what it does not know. What comes in
+   (`control/*`, `setpoint`) is read strictly: an unknown field is refused.
+
+Reading order: `words.py` (names and shared types), then here: messages out, requests in, keys and
+schemas.
+"""
+
+from typing import Annotated, Any, Final, Literal
+
+import msgspec
+from msgspec import Meta
+
+from daemon.words import (
+    NMT_STATES,
+    POWER_STATES,
+    CategoryName,
+    CauseName,
+    FlagBits,
+    Flags,
+    HipAngle,
+    HipFriction,
+    HipNet,
+    HipPatient,
+    ModeName,
+    OutcomeName,
+    Phase,
+    PriorityName,
+    SlideFriction,
+    SlideNet,
+    SlidePatient,
+    SlidePosition,
+    Std,
+    ValidityName,
+)
+
+# --- messages out ----------------------------------------------------------------------------
+
+
+class Stated(msgspec.Struct, frozen=True, kw_only=True):
+    """Head of what is also said while there is no record of the core: then three are null."""
+
+    seq: Annotated[int, Meta(description="Counts the messages of this key; a gap is a loss.")]
+    core_boot_id: Annotated[str | None, Meta(description="Another one: the core has restarted.")]
+    cycle: Annotated[int | None, Meta(description="Cycle of the 10 ms grid since core start.")]
+    sample_time_ns: Annotated[
+        int | None, Meta(description="UTC of that cycle's SYNC in ns since 1970; for records only.")
+    ]
+
+
+class Sampled(Stated, frozen=True, kw_only=True):
+    """Head of what is made from one record of the core."""
+
+    core_boot_id: Annotated[str, Meta(description="Another one: the core has restarted.")]
+    cycle: Annotated[int, Meta(description="Cycle of the 10 ms grid since core start.")]
+    sample_time_ns: Annotated[
+        int, Meta(description="UTC of that cycle's SYNC in ns since 1970; for records only.")
+    ]
+
+
+class Estimated(Sampled, frozen=True, kw_only=True):
+    """Head of what holds an estimate of one leg."""
+
+    leg: Annotated[str, Meta(description="right or left")]
+    mode: ModeName
+    status: Flags
+    status_bits: FlagBits
+    hip_validity: ValidityName
+    slide_validity: ValidityName
+
+
+class Estimate(Estimated, frozen=True, kw_only=True):
+    """Everything that the observer knows of one leg, every cycle, for a controller."""
+
+    hip_angle_rad: HipAngle
+    hip_angle_rad_std: Std
+    slide_position_m: SlidePosition
+    slide_position_m_std: Std
+    hip_velocity_rad_per_s: Annotated[float | None, Meta(description="Speed of the hip angle.")]
+    hip_velocity_rad_per_s_std: Std
+    slide_velocity_m_per_s: Annotated[float | None, Meta(description="Speed of the slide.")]
+    slide_velocity_m_per_s_std: Std
+    hip_friction_nm: HipFriction
+    hip_friction_nm_std: Std
+    slide_friction_n: SlideFriction
+    slide_friction_n_std: Std
+    hip_patient_nm: HipPatient
+    hip_patient_nm_std: Std
+    slide_patient_n: SlidePatient
+    slide_patient_n_std: Std
+    hip_net_nm: HipNet
+    hip_net_nm_std: Std
+    slide_net_n: SlideNet
+    slide_net_n_std: Std
+    covariance: Annotated[
+        tuple[float, ...] | None,
+        Meta(
+            description="Lower triangle, row by row, 36 values, SI; order of the states: hip angle,"
+            " slide position, their velocities, frictions (hip, slide), patient (hip, slide)."
+            " Null when an axis is bad."
+        ),
+    ]
+    innovation_hip_rad: Annotated[float | None, Meta(description="Measured minus predicted.")]
+    innovation_slide_m: Annotated[float | None, Meta(description="Measured minus predicted.")]
+    nis: Annotated[float | None, Meta(description="Normalised innovation squared; 2 on average.")]
+    measured_hip_angle_rad: HipAngle
+    measured_slide_position_m: SlidePosition
+    hip_torque_nm: Annotated[
+        float | None,
+        Meta(description="Drive's torque at the hip as the observer used it: over the past cycle."),
+    ]
+    slide_force_n: Annotated[
+        float | None,
+        Meta(
+            description="Drive's force at the slide as the observer used it: over the past cycle."
+        ),
+    ]
+    artificial_hip_nm: Annotated[
+        float | None, Meta(description="Artificial disturbance: used = measured - this.")
+    ]
+    artificial_slide_n: Annotated[
+        float | None, Meta(description="Artificial disturbance: used = measured - this.")
+    ]
+    reference_hip_angle_rad: HipAngle
+    reference_slide_position_m: SlidePosition
+    gait_phase_ratio: Phase
+    dt_s: Annotated[float | None, Meta(description="True time since the SYNC before.")]
+
+
+class Activity(Estimated, frozen=True, kw_only=True):
+    """What the patient does with one leg, every cycle, for a display."""
+
+    hip_patient_nm: HipPatient
+    hip_patient_nm_std: Std
+    slide_patient_n: SlidePatient
+    slide_patient_n_std: Std
+    hip_patient_power_w: Annotated[
+        float | None, Meta(description="Patient's torque times hip speed; positive: works along.")
+    ]
+    hip_patient_power_w_std: Std
+    slide_patient_power_w: Annotated[
+        float | None, Meta(description="Patient's force times slide speed; positive: works along.")
+    ]
+    slide_patient_power_w_std: Std
+    patient_power_w: Annotated[float | None, Meta(description="Sum of both axes.")]
+    patient_power_w_std: Std
+    hip_net_nm: HipNet
+    hip_net_nm_std: Std
+    slide_net_n: SlideNet
+    slide_net_n_std: Std
+    gait_phase_ratio: Phase
+
+
+class Friction(Estimated, frozen=True, kw_only=True):
+    """Friction of one leg's axes, every cycle."""
+
+    hip_friction_nm: HipFriction
+    hip_friction_nm_std: Std
+    slide_friction_n: SlideFriction
+    slide_friction_n_std: Std
+
+
+class DriveState(Sampled, frozen=True, kw_only=True):
+    """One drive, ten times a second. `_si`: rad, N·m at the hip; m, N at the slide."""
+
+    name: Annotated[str, Meta(description="LEG/AXIS, for example right/hip")]
+    nmt_state: Annotated[
+        str, Meta(description="CiA 301 state.", extra_json_schema={"enum": [*NMT_STATES.values()]})
+    ]
+    power_state: Annotated[
+        str, Meta(description="CiA 402 state.", extra_json_schema={"enum": [*POWER_STATES]})
+    ]
+    statusword: Annotated[str, Meta(description="Object 6041h, hexadecimal.")]
+    mode_display: Annotated[int, Meta(description="Object 6061h: 10 torque, 8 position.")]
+    fresh: Annotated[bool, Meta(description="Its samples came inside this cycle's window.")]
+    sample_age_cycles: Annotated[int, Meta(description="Cycles since the last whole sample.")]
+    late_count: Annotated[int, Meta(description="TPDOs after their window, since bring-up.")]
+    heartbeat_age_ms: Annotated[float | None, Meta(description="Since its last heartbeat.")]
+    position_si: Annotated[float | None, Meta(description="Measured at the joint: rad or m.")]
+    velocity_si: Annotated[float | None, Meta(description="From encoder differences.")]
+    effort_si: Annotated[float | None, Meta(description="From measured current: N·m or N.")]
+    target_effort_si: Annotated[float | None, Meta(description="Sent in this cycle: N·m or N.")]
+    referenced: Annotated[bool, Meta(description="The drive knows its position.")]
+    hand_switch_closed: Annotated[bool, Meta(description="As the drive input reads it.")]
+    sto_released: Annotated[bool, Meta(description="Safe torque off is not active.")]
+    temperature_degc: Annotated[float | None, Meta(description="Of the power stage.")]
+    emergency_code: Annotated[
+        str | None, Meta(description="Newest EMCY code, hexadecimal; null when there is none.")
+    ]
+    emergency_text: Annotated[str, Meta(description="Its meaning; empty when there is none.")]
+    emergency_count: Annotated[int, Meta(description="EMCY messages since bring-up.")]
+    protocol_error_count: Annotated[int, Meta(description="Frames that could not be used.")]
+
+
+class Judgement(msgspec.Struct, frozen=True, kw_only=True):
+    """How the machine was told to stop, why, and what to do about it; latched until reset."""
+
+    category: CategoryName
+    cause: CauseName
+    drive: Annotated[str | None, Meta(description="Drive or leg of the cause; null if of none.")]
+    value: Annotated[float | None, Meta(description="What was seen, in the unit of the limit.")]
+    limit: Annotated[float | None, Meta(description="What was allowed.")]
+    detail: Annotated[str, Meta(description="What else is known; may be empty.")]
+    text: Annotated[str, Meta(description="The cause in words.")]
+    remedy: Annotated[str, Meta(description="What a person can do.")]
+
+
+class Safety(Stated, frozen=True, kw_only=True):
+    """Whether and how the machine is safe: on change, and once a second."""
+
+    valid: Annotated[
+        bool, Meta(description="False: no records from the core; all that follows is null.")
+    ]
+    mode: Annotated[ModeName | None, Meta(description="Null when not valid.")]
+    active: Annotated[bool | None, Meta(description="The drives are enabled on purpose.")]
+    verdict: Annotated[Judgement | None, Meta(description="Null when not valid.")]
+    progress: Annotated[str | None, Meta(description="One line for people.")]
+    lease_holder: Annotated[str | None, Meta(description="Who may command torque; null: nobody.")]
+    level_age_cycles: Annotated[
+        int | None, Meta(description="Age of the newest word from the gateway at the core.")
+    ]
+    stop_count: Annotated[int | None, Meta(description="Stops that the core has seen.")]
+    limits: Annotated[
+        dict[str, Any] | None, Meta(description="Limits in force: limits.toml as it was read.")
+    ]
+
+
+class Event(Stated, frozen=True, kw_only=True):
+    """Something happened. A bounded history reaches late joiners (AdvancedSubscriber)."""
+
+    id: Annotated[str, Meta(description="BOOT-RECORD-INDEX; an event that is said twice has one.")]
+    time_ns: Annotated[int, Meta(description="UTC in ns since 1970.")]
+    priority: PriorityName
+    kind: Annotated[
+        str,
+        Meta(
+            description="What sort of event.",
+            extra_json_schema={
+                "enum": ["core", "mode", "stop", "request", "drive", "emergency", "input", "note"]
+            },
+        ),
+    ]
+    text: Annotated[str, Meta(description="What happened, in words.")]
+    remedy: Annotated[str, Meta(description="What a person can do; may be empty.")]
+    cause: Annotated[CauseName | None, Meta(description="Of a stop, else null.")]
+    subject: Annotated[str | None, Meta(description="Drive or leg; null if of none.")]
+
+
+class DriveHealth(msgspec.Struct, frozen=True, kw_only=True):
+    """Communication with one drive."""
+
+    name: Annotated[str, Meta(description="LEG/AXIS")]
+    missed_count: Annotated[
+        int, Meta(description="Cycles without its sample, since gateway start.")
+    ]
+    late_count: Annotated[int, Meta(description="TPDOs after their window, since bring-up.")]
+    lost_count: Annotated[int, Meta(description="Missed and not late: never came.")]
+    protocol_error_count: Annotated[int, Meta(description="Frames that could not be used.")]
+    heartbeat_age_ms: Annotated[float | None, Meta(description="Since its last heartbeat.")]
+
+
+class Health(Stated, frozen=True, kw_only=True):
+    """How the service itself is, once a second."""
+
+    lateness_bound_us: Annotated[
+        tuple[int, ...],
+        Meta(description="Upper bounds of the histogram's classes; one more: above."),
+    ]
+    lateness_count: Annotated[
+        tuple[int, ...], Meta(description="SYNCs per class of lateness since the core's start.")
+    ]
+    lateness_p50_us: Annotated[float | None, Meta(description="Of SYNC, in the last second.")]
+    lateness_max_us: Annotated[float | None, Meta(description="Of SYNC, in the last second.")]
+    collect_max_us: Annotated[float | None, Meta(description="SYNC to last TPDO, last second.")]
+    work_max_us: Annotated[float | None, Meta(description="Python work of a cycle, last second.")]
+    overrun_count: Annotated[int | None, Meta(description="Grid points missed since core start.")]
+    record_count: Annotated[int, Meta(description="Records in the last second; 100 is right.")]
+    bus_load_ratio: Annotated[float | None, Meta(description="0..1 of the CAN bit rate.")]
+    drives: Annotated[tuple[DriveHealth, ...], Meta(description="Communication, by drive.")]
+    tx_dropped_count: Annotated[int | None, Meta(description="CAN frames not sent.")]
+    record_missed_count: Annotated[int, Meta(description="Records this gateway never saw.")]
+    record_skipped_count: Annotated[int, Meta(description="Records too old to publish.")]
+    level_dropped_count: Annotated[int, Meta(description="Words to the core that it did not take.")]
+    inquiry_dropped_count: Annotated[int, Meta(description="Queries never answered: too many.")]
+    gateway_wake_max_us: Annotated[
+        float | None, Meta(description="Longest work of the gateway on one wake, last second.")
+    ]
+
+
+class Reply(Stated, frozen=True, kw_only=True):
+    """Answer to acquire, release, enable, disable, stop, reset, mode, and to what is no request."""
+
+    request: Annotated[str, Meta(description="NAME of control/NAME.")]
+    outcome: OutcomeName
+    reason: Annotated[str, Meta(description="Why it was refused, or what there is to know.")]
+    mode: Annotated[ModeName | None, Meta(description="The mode now; null when nobody knows.")]
+
+
+class Status(Stated, frozen=True, kw_only=True):
+    """Answer to status: all that a person asks first."""
+
+    version: Annotated[str | None, Meta(description="Of the core.")]
+    safety: Annotated[Safety, Meta(description="As published now.")]
+    drives: Annotated[tuple[DriveState, ...], Meta(description="As published now.")]
+    legs: Annotated[tuple[Activity, ...], Meta(description="As published now.")]
+    events: Annotated[tuple[Event, ...], Meta(description="The newest, oldest first.")]
+
+
+class Configuration(Stated, frozen=True, kw_only=True):
+    """Answer to config: what the service runs with."""
+
+    version: Annotated[str | None, Meta(description="Of the core.")]
+    trainer: Annotated[str, Meta(description="TRAINER in the keys.")]
+    listen: Annotated[tuple[str, ...], Meta(description="Zenoh endpoints of this service.")]
+    period_ns: Annotated[int | None, Meta(description="Of the cycle.")]
+    drive_names: Annotated[tuple[str, ...], Meta(description="drives/NAME")]
+    leg_names: Annotated[tuple[str, ...], Meta(description="LEG in the keys.")]
+    config_hashes: Annotated[dict[str, str], Meta(description="SHA-256 by file.")]
+    robot: Annotated[dict[str, Any], Meta(description="robot.toml as it was read.")]
+    limits: Annotated[dict[str, Any], Meta(description="limits.toml as it was read.")]
+
+
+class Schemas(Stated, frozen=True, kw_only=True):
+    """Answer to schema: the JSON Schema of each message by its full name."""
+
+    schemas: Annotated[
+        dict[str, dict[str, Any]], Meta(description="By `gaitd.NAME.v1`, as in the encodings.")
+    ]
+
+
+# --- requests in -----------------------------------------------------------------------------
+
+
+class Ask(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Payload of a query to control/*; an empty payload says the same as `{}`."""
+
+    client: Annotated[str, Meta(max_length=64, description="Who asks; stands in the event.")] = (
+        "somebody"
+    )
+    for_cycle: Annotated[
+        Annotated[int, Meta(ge=0)] | None,
+        Meta(description="Newest cycle the asker had seen; too old is refused. Null: now."),
+    ] = None
+
+
+class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Payload of a query to control/mode."""
+
+    mode: Annotated[
+        Literal["hold", "gait", "torque", "excite"], Meta(description="The mode to go to.")
+    ]
+    cadence_hz: Annotated[float, Meta(ge=0, le=2, description="Strides per second, gait.")] = 0.0
+    amplitude_ratio: Annotated[float, Meta(ge=0, le=1, description="Of the full gait.")] = 0.0
+    duration_s: Annotated[
+        float, Meta(ge=0, le=7200, description="Mandatory for gait and excite.")
+    ] = 0.0
+    scenario: Annotated[
+        str, Meta(max_length=64, description="Name in the configuration, excite.")
+    ] = ""
+
+
+class SetpointMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A controller's assist on top of gravity, LEG/setpoint; needs mode torque and its lease."""
+
+    lease: Annotated[int, Meta(ge=1, description="As acquire gave it.")]
+    seq: Annotated[int, Meta(ge=0, description="Strictly rising.")]
+    for_cycle: Annotated[int, Meta(ge=0, description="Cycle of the estimate it answers.")]
+    hip_assist_nm: Annotated[float, Meta(ge=-120, le=120, description="On top of gravity.")]
+    slide_assist_n: Annotated[float, Meta(ge=-1500, le=1500, description="On top of gravity.")]
+
+
+# --- tables and schemas ----------------------------------------------------------------------
+
+MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {
+    "estimate": Estimate,
+    "activity": Activity,
+    "friction": Friction,
+    "drives": DriveState,
+    "safety": Safety,
+    "events": Event,
+    "health": Health,
+    "reply": Reply,
+    "status": Status,
+    "config": Configuration,
+    "schema": Schemas,
+    "ask": Ask,
+    "mode": ModeAsk,
+    "setpoint": SetpointMessage,
+}
+"""NAME in `gaitd.NAME.v1` of each message."""
+
+NAME_OF: Final = {kind: name for name, kind in MESSAGES.items()}
+
+ALIVE: Final = "alive"
+EVENTS: Final = "events"
+HEALTH: Final = "health"
+SAFETY: Final = "safety"
+CONTROL: Final = "control"
+
+
+def key(trainer: str, *parts: str) -> str:
+    """A Zenoh key, for example `gaitd/trainer/right/activity`."""
+    return "/".join(("gaitd", trainer, *parts))
+
+
+def schema_name(kind: type[msgspec.Struct]) -> str:
+    """`gaitd.NAME.v1`, the schema in the encoding of a message."""
+    return f"gaitd.{NAME_OF[kind]}.v1"
+
+
+def encoding(kind: type[msgspec.Struct]) -> str:
+    """The Zenoh encoding of a message."""
+    return f"application/json;{schema_name(kind)}"
+
+
+def schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
+    """JSON Schema of a message, its root object inlined (readers such as Foxglove require it)."""
+    made = msgspec.json.schema(kind)
+    definitions: dict[str, Any] = dict(made.get("$defs", {}))
+    root: dict[str, Any] = definitions.pop(kind.__name__)
+    root["$id"] = schema_name(kind)
+    return {**root, "$defs": definitions} if definitions else root
+
+
+def schemas() -> dict[str, dict[str, Any]]:
+    """JSON Schema of every message by its full name."""
+    return {schema_name(kind): schema(kind) for kind in MESSAGES.values()}

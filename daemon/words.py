@@ -1,0 +1,147 @@
+"""The words of the wire contract: enums as names, and the types that many messages share.
+
+`status` and `validity` are the observer's words; they are defined here once more, because a reader
+of Zenoh knows nothing of the observer (a test compares the two). Everything here has a description
+that ends up in the JSON Schemas of `wire.py`.
+"""
+
+from enum import Enum, IntEnum, IntFlag
+from typing import Annotated, Any, Final
+
+from msgspec import Meta
+
+from daemon.record import Cause, Mode, Outcome, StopCategory
+
+
+class StatusBit(IntFlag):
+    """What the observer says about its estimate, `status` in each message that holds one."""
+
+    VALID = 1 << 0
+    WARM_UP = 1 << 1
+    PREDICT_ONLY = 1 << 2
+    GATED = 1 << 3
+    STANDSTILL_HIP = 1 << 4
+    STANDSTILL_SLIDE = 1 << 5
+    NEAR_SINGULAR = 1 << 6
+    OUT_OF_WORKSPACE = 1 << 7
+    LATE = 1 << 8
+    INCONSISTENT = 1 << 9
+    UNREFERENCED = 1 << 10
+    ARTIFICIAL = 1 << 11
+    INPUT_SATURATED = 1 << 12
+    NEAR_LIMIT = 1 << 13
+    UNCALIBRATED = 1 << 14
+
+
+class Validity(IntEnum):
+    """How much of one axis' estimate may be shown."""
+
+    OK = 0
+    SPLIT_UNOBSERVABLE = 1
+    """At rest only patient minus friction is observable: both null, the net value given."""
+    BAD = 2
+    """Nothing may be shown: all null."""
+
+
+POWER_STATES: Final = (
+    "unknown",
+    "not_ready_to_switch_on",
+    "switch_on_disabled",
+    "ready_to_switch_on",
+    "switched_on",
+    "operation_enabled",
+    "quick_stop_active",
+    "fault_reaction_active",
+    "fault",
+)
+"""CiA 402 power states, in the order of DriveRecord.power_state."""
+
+NMT_STATES: Final = {
+    0x00: "boot_up",
+    0x04: "stopped",
+    0x05: "operational",
+    0x7F: "pre_operational",
+    0xFF: "unknown",
+}
+"""CiA 301 NMT states, by the byte of the heartbeat."""
+
+
+def name_of(member: Enum) -> str:
+    """The name of a mode, cause, outcome or status bit as it stands on the wire."""
+    return member.name.lower()
+
+
+def _names(kind: type[Enum]) -> dict[str, Any]:
+    return {"enum": [name_of(member) for member in kind]}
+
+
+ModeName = Annotated[str, Meta(description="Mode of the service.", extra_json_schema=_names(Mode))]
+CauseName = Annotated[
+    str,
+    Meta(description="Cause of a stop, `none` if there is none.", extra_json_schema=_names(Cause)),
+]
+CategoryName = Annotated[
+    str,
+    Meta(
+        description="Stop category: S2 brake and hold, S1 quick stop, S0 voltage off, or none.",
+        extra_json_schema={"enum": ["none", *(c.name for c in StopCategory if c)]},
+    ),
+]
+OutcomeName = Annotated[
+    str,
+    Meta(
+        description="done, refused, or pending: nobody said in time what became of it.",
+        extra_json_schema=_names(Outcome),
+    ),
+]
+ValidityName = Annotated[
+    str,
+    Meta(
+        description="ok; split_unobservable: at rest patient and friction cannot be told apart, "
+        "both are null and the net value is given; bad: all values of the axis are null.",
+        extra_json_schema=_names(Validity),
+    ),
+]
+PriorityName = Annotated[
+    str,
+    Meta(
+        description="As in IEC 60601-1-8: high, medium, low; info is no alarm.",
+        extra_json_schema={"enum": ["high", "medium", "low", "info"]},
+    ),
+]
+Flags = Annotated[
+    tuple[Annotated[str, Meta(extra_json_schema=_names(StatusBit))], ...],
+    Meta(description="What the observer says about this estimate, by name."),
+]
+FlagBits = Annotated[str, Meta(description="The same as hexadecimal bits, as in recordings.")]
+Std = Annotated[
+    float | None,
+    Meta(description="Standard deviation of the field of the same name; null where that is null."),
+]
+HipAngle = Annotated[float | None, Meta(description="Hip angle, positive in flexion.")]
+SlidePosition = Annotated[float | None, Meta(description="Slide position along its rail.")]
+HipPatient = Annotated[
+    float | None,
+    Meta(description="Patient's torque at the hip; positive drives the hip angle up."),
+]
+SlidePatient = Annotated[
+    float | None,
+    Meta(description="Patient's force at the slide; positive drives the slide position up."),
+]
+HipFriction = Annotated[
+    float | None, Meta(description="Friction torque at the hip; positive opposes positive speed.")
+]
+SlideFriction = Annotated[
+    float | None, Meta(description="Friction force at the slide; positive opposes positive speed.")
+]
+HipNet = Annotated[
+    float | None,
+    Meta(description="Patient minus friction at the hip: observable also at standstill."),
+]
+SlideNet = Annotated[
+    float | None,
+    Meta(description="Patient minus friction at the slide: observable also at standstill."),
+]
+Phase = Annotated[
+    float | None, Meta(description="Phase 0..1 of the stride; null when no gait plays.")
+]

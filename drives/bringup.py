@@ -1,0 +1,301 @@
+"""Bring-up: all drives of a bus from unknown to OPERATIONAL, one bounded step at a time.
+
+`bring_up` is a generator: each `next` does one step of one drive (at most two SDO transfers) or
+waits one slice, and yields what it did, so the core can feed its watchdog and tell people between
+steps. It ends with one `DriveReport` for each drive, or with an error:
+
+    BringUpRefused   identity or configuration: with drive, object, value and abort text
+    DriveSilent      no answer, or a reboot on the way: worth another try
+    BusError         the bus itself
+
+Rules:
+1.  All drives are reset before any is configured, and none is started before all are configured.
+2.  A boot-up message is counted from before the reset was sent, so it cannot be missed; a second
+    one within SETTLE_NS of the first is the same boot, any later one is a reboot: DriveSilent.
+3.  Everything written is read back. A drive that answers something else is refused.
+4.  Nothing is enabled and no fault is reset, whatever state a drive is found in: it is reported.
+5.  Our own heartbeat is not sent here: the drives' watch begins with the first one of the cycle.
+"""
+
+from collections.abc import Callable, Generator, Sequence
+from typing import Final, NamedTuple
+
+from drives.cia402 import decode_statusword
+from drives.emcy_codes import meaning
+from drives.errors import BringUpRefused, DriveSilent
+from drives.nmt import SYNC_FRAME, NmtCommand, nmt_frame
+from drives.objects import SdoTarget, examine, read, switch_off, write, write_range
+from drives.pdo import PdoLayout, layouts
+from drives.plan import CycleSettings, DrivePlan, Step, StepKind
+from drives.port import DrivePort
+from drives.profile import DriveDescription
+from drives.signals import NmtState, PowerState
+from drives.units import DriveBase, base_from_raw
+
+BOOT_TIMEOUT_NS: Final = 2_000_000_000
+"""For a boot-up message after NMT reset communication; EPOS4 needs some hundred ms."""
+SETTLE_NS: Final = 50_000_000
+HEARTBEAT_PATIENCE: Final = 4
+"""Heartbeat times that a drive may take until it is heard, and until it shows a new NMT state."""
+FIRST_SAMPLE_SYNCS: Final = 20
+"""SYNCs until every drive must have sent a complete sample."""
+SLICE_NS: Final = 10_000_000
+"""Longest wait between two yields."""
+
+_POSITION: Final = Step(StepKind.REPORT, "position", 0x6064, signed=True)
+
+
+class Progress(NamedTuple):
+    """What bring-up has just done."""
+
+    drive: str
+    text: str
+    done_count: int
+    total_count: int
+
+
+class DriveReport(NamedTuple):
+    """What bring-up found of one drive, now OPERATIONAL and answering SYNC."""
+
+    name: str
+    base: DriveBase
+    """Read from the drive: for `units.axis_scaling`."""
+    power_state: PowerState
+    statusword: int
+    position_counts: int
+    torque_raw: int
+    absolute: bool
+    """The encoder knows its position after power-on (axis file)."""
+    homed: bool
+    """The drive itself says that it is referenced (EPOS4: statusword bit 15)."""
+    error_register: int
+    error_code: int
+    error_text: str
+    emergencies: tuple[bytes, ...]
+    """EMCY data that came during bring-up."""
+
+
+class _Found:
+    """One drive on its way, and what its steps have read."""
+
+    def __init__(self, plan: DrivePlan) -> None:
+        self.plan = plan
+        self.description: DriveDescription = plan.description
+        self.name = plan.description.name
+        self.node_id = plan.description.node_id
+        self.reset_ns = 0
+        self.boot_up_count = 0
+        self.booted = False
+        self.values: dict[tuple[int, int], int] = {}
+
+    def target(self, port: DrivePort) -> SdoTarget:
+        """Where this drive's SDO transfers go."""
+        return SdoTarget(port, self.name, self.node_id)
+
+
+Texts = Generator[str, None, None]
+"""Each yield ends a bounded piece of work and says what it was."""
+
+
+def bring_up(
+    plans: Sequence[DrivePlan], port: DrivePort, cycle: CycleSettings
+) -> Generator[Progress, None, tuple[DriveReport, ...]]:
+    """Run the plans of all drives of one bus; the generator's return value are the reports.
+
+    Raises:
+        BringUpRefused, DriveSilent, BusError: see the head of this file.
+    """
+    drives = [_Found(plan) for plan in plans]
+    total_count = sum(len(plan.steps) for plan in plans) + 2
+    done_count = 0
+    for drive, step in _ordered(drives):
+        for text in _run(step, drive, port, cycle):
+            yield Progress(drive.name, text, done_count, total_count)
+        done_count += 1
+    for texts in (_start(drives, port, cycle), _first_samples(drives, port, cycle)):
+        for text in texts:
+            yield Progress("", text, done_count, total_count)
+        done_count += 1
+    return tuple(_report(drive, port) for drive in drives)
+
+
+def _ordered(drives: Sequence[_Found]) -> list[tuple[_Found, Step]]:
+    """All resets first: no drive may still act while another is being configured."""
+    every = [(drive, step) for drive in drives for step in drive.plan.steps]
+    resets = [pair for pair in every if pair[1].kind is StepKind.RESET]
+    return resets + [pair for pair in every if pair[1].kind is not StepKind.RESET]
+
+
+def _run(step: Step, drive: _Found, port: DrivePort, cycle: CycleSettings) -> Texts:
+    match step.kind:
+        case StepKind.RESET:
+            _reset(drive, port)
+        case StepKind.BOOT:
+            yield from _await_boot(drive, port, str(step))
+        case StepKind.HEAR:
+            yield from _await_heartbeat(drive, port, cycle, str(step))
+        case StepKind.CHECK | StepKind.COMPARE | StepKind.REPORT:
+            drive.values[step.index, step.sub] = examine(step, drive.target(port))
+        case StepKind.SWITCH_OFF:
+            switch_off(step, drive.target(port))
+        case StepKind.WRITE:
+            write(step, drive.target(port), step.value)
+        case StepKind.RANGE:
+            write_range(step, drive.target(port))
+        case StepKind.SEED_POSITION:
+            position_counts = read(_POSITION, drive.target(port))
+            write(step, drive.target(port), max(step.value, min(step.second, position_counts)))
+    _check_no_reboot(drive, port)
+    yield str(step)
+
+
+# --- waiting --------------------------------------------------------------------------------------
+
+
+def _until(
+    port: DrivePort, deadline_ns: int, text: str, met: Callable[[], bool]
+) -> Generator[str, None, bool]:
+    """Listen in slices until the condition is met or the deadline is over; which of the two."""
+    while not met():
+        now_ns = port.now_ns()
+        if now_ns >= deadline_ns:
+            return False
+        port.wait(min(deadline_ns, now_ns + SLICE_NS))
+        yield text
+    return True
+
+
+def _reset(drive: _Found, port: DrivePort) -> None:
+    drive.reset_ns = port.now_ns()
+    port.wait(drive.reset_ns)  # what is already there was said before the reset
+    drive.boot_up_count = port.traffic(drive.node_id).boot_up_count
+    port.send((nmt_frame(NmtCommand.RESET_COMMUNICATION, drive.node_id),))
+
+
+def _await_boot(drive: _Found, port: DrivePort, text: str) -> Texts:
+    def booted() -> bool:
+        return port.traffic(drive.node_id).boot_up_count > drive.boot_up_count
+
+    deadline_ns = drive.reset_ns + BOOT_TIMEOUT_NS
+    if not (yield from _until(port, deadline_ns, text, booted)):
+        waited = f"no boot-up message within {BOOT_TIMEOUT_NS / 1e9:g} s of NMT reset communication"
+        raise DriveSilent(drive.name, f"{waited}: no power, no cable, another node id or bit rate?")
+    yield from _until(port, port.now_ns() + SETTLE_NS, text, lambda: False)
+    drive.boot_up_count = port.traffic(drive.node_id).boot_up_count
+    drive.booted = True
+
+
+def _await_heartbeat(drive: _Found, port: DrivePort, cycle: CycleSettings, text: str) -> Texts:
+    before = port.traffic(drive.node_id).heartbeat_count
+
+    def heard() -> bool:
+        traffic = port.traffic(drive.node_id)
+        new = traffic.heartbeat_count > before
+        return new and traffic.nmt_state is NmtState.PRE_OPERATIONAL
+
+    if not (yield from _until(port, _heartbeat_deadline_ns(port, cycle), text, heard)):
+        state = port.traffic(drive.node_id).nmt_state.name
+        raise DriveSilent(drive.name, f"no heartbeat in PRE-OPERATIONAL (it shows {state})")
+
+
+def _heartbeat_deadline_ns(port: DrivePort, cycle: CycleSettings) -> int:
+    return port.now_ns() + HEARTBEAT_PATIENCE * cycle.drive_heartbeat_ms * 1_000_000
+
+
+def _check_no_reboot(drive: _Found, port: DrivePort) -> None:
+    if drive.booted and port.traffic(drive.node_id).boot_up_count > drive.boot_up_count:
+        raise DriveSilent(drive.name, "it rebooted during bring-up and lost its configuration")
+
+
+# --- all drives together --------------------------------------------------------------------------
+
+
+def _start(drives: Sequence[_Found], port: DrivePort, cycle: CycleSettings) -> Texts:
+    text = "NMT start"
+    port.send([nmt_frame(NmtCommand.START, drive.node_id) for drive in drives])
+    deadline_ns = _heartbeat_deadline_ns(port, cycle)
+    for drive in drives:
+
+        def started(node_id: int = drive.node_id) -> bool:
+            return port.traffic(node_id).nmt_state is NmtState.OPERATIONAL
+
+        if not (yield from _until(port, deadline_ns, text, started)):
+            raise DriveSilent(drive.name, "it does not become OPERATIONAL after NMT start")
+        _check_no_reboot(drive, port)
+    yield text
+
+
+def _first_samples(drives: Sequence[_Found], port: DrivePort, cycle: CycleSettings) -> Texts:
+    missing: list[str] = []
+    for _ in range(FIRST_SAMPLE_SYNCS):
+        before = {drive.name: _sample_counts(drive, port) for drive in drives}
+        deadline_ns = port.now_ns() + cycle.period_ms * 1_000_000
+        port.send((SYNC_FRAME,))
+        yield from _until(port, deadline_ns, "first samples", lambda: False)
+        missing = [
+            drive.name
+            for drive in drives
+            if any(
+                n <= b for n, b in zip(_sample_counts(drive, port), before[drive.name], strict=True)
+            )
+        ]
+        if not missing:
+            break
+    for name in missing:
+        raise DriveSilent(name, f"no complete sample within {FIRST_SAMPLE_SYNCS} SYNCs")
+    for drive in drives:
+        _check_no_reboot(drive, port)
+        _check_lengths(drive, port)
+
+
+def _cyclic(drive: _Found) -> tuple[PdoLayout, PdoLayout]:
+    pdos = layouts(drive.description.profile, drive.node_id)
+    return pdos.status, pdos.torque
+
+
+def _sample_counts(drive: _Found, port: DrivePort) -> tuple[int, ...]:
+    counts = port.traffic(drive.node_id).pdo_count
+    return tuple(counts.get(layout.can_id, 0) for layout in _cyclic(drive))
+
+
+def _check_lengths(drive: _Found, port: DrivePort) -> None:
+    for layout in _cyclic(drive):
+        data = port.traffic(drive.node_id).pdo_data[layout.can_id]
+        if len(data) != layout.size:
+            found = f"{layout} has {len(data)} bytes instead of the {layout.size} that are mapped"
+            raise BringUpRefused(drive.name, "", "", found)
+
+
+def _report(drive: _Found, port: DrivePort) -> DriveReport:
+    traffic = port.traffic(drive.node_id)
+    status, torque = _cyclic(drive)
+    statusword, position_counts, _ = status.codec.unpack(traffic.pdo_data[status.can_id])
+    torque_raw, _ = torque.codec.unpack(traffic.pdo_data[torque.can_id])
+    profile = drive.description.profile
+    error_code = drive.values[0x603F, 0]
+    homed_bit = profile.referenced_bit
+    return DriveReport(
+        name=drive.name,
+        base=_base(drive),
+        power_state=decode_statusword(statusword),
+        statusword=statusword,
+        position_counts=position_counts,
+        torque_raw=torque_raw,
+        absolute=drive.description.axis.encoder.absolute,
+        homed=homed_bit is not None and bool(statusword >> homed_bit & 1),
+        error_register=drive.values[0x1001, 0],
+        error_code=error_code,
+        error_text=meaning(error_code, profile.emergency_table).text if error_code else "",
+        emergencies=tuple(traffic.emergencies),
+    )
+
+
+def _base(drive: _Found) -> DriveBase:
+    base = drive.description.profile.torque_base
+    torque, current, constant = base.rated_torque, base.rated_current, base.torque_constant
+    return base_from_raw(
+        drive.description,
+        drive.values[torque.index, torque.sub],
+        drive.values[current.index, current.sub],
+        None if constant is None else drive.values[constant.index, constant.sub],
+    )

@@ -1,0 +1,217 @@
+"""The CiA 402 power state machine, seen from the master: statusword in, one controlword out.
+
+Rules of this file, all in the two tables below:
+
+1.  One transition at a time. A word is chosen from the state that the drive last *showed*, never
+    from what was sent before; while the drive has not moved yet, the same word goes out again.
+2.  Bit 3 (enable operation) is raised by ENABLE alone, and only from switched on onwards. 0Fh is
+    never sent from switch on disabled or ready to switch on, so a drive without the automatic
+    transition 4 works the same as one with it.
+3.  QUICK_STOP never energises: from ready to switch on and switched on it is transition 7 or 10
+    (to switch on disabled), and only from operation enabled is it transition 11 (the ramp).
+4.  Nothing but FAULT_RESET raises bit 7, and one request raises it once: low for at least one
+    cycle, high for one, low again until the request has gone away. It ends in switch on disabled;
+    enabling is another request. A fault that is still there stays there, and we do not try again.
+5.  Disable voltage (bit 1 low) beats quick stop (bit 2 low) beats the rest, in the drive.
+6.  An unknown state (no statusword yet, or a bit pattern that the standard does not know) is
+    answered with quick stop: it brakes a drive that should be on and energises none that is off.
+
+                 +----------------------+  0,1 automatic
+                 | not ready (NRTSO)    |-------------+
+                 +----------------------+             v
+     15 fault reset edge                   +----------------------+
+   +-------------------------------------->| switch on disabled   |<--------------------+
+   |                                       +----------------------+<---------+          |
+   |                                     2 |    ^ 7                          |          |
+   |                                       v    |                            | 10       |
+   |                                   +----------------------+              |          |
+   |                             +---->| ready to switch on   |<--+          |          |
+   |                             |     +----------------------+   |          |          |
+   |                             |          3 |    ^ 6           |          |          |
+   |                             | 8          v    |             |          |     9,12 |
+   |                             |     +----------------------+  |          |          |
+   |                             |     | switched on          |--+----------+          |
+   |                             |     +----------------------+                        |
+   |                             |          4 |    ^ 5                                |
+   |                             |            v    |                                  |
+   |                             |     +----------------------+                        |
+   |                             +-----| operation enabled    |------------------------+
+   |                                   +----------------------+                        |
+   |                                       11 |    ^ 16 (605Ah = 5..8 only)            |
+   |                                          v    |                                   |
+   |                                   +----------------------+                        |
+   |                                   | quick stop active    |------------------------+
+   |                                   +----------------------+
+   |    +-------+  14 automatic  +-----------------------+  13 from any state
+   +----| fault |<---------------| fault reaction active |<---------------
+        +-------+                +-----------------------+
+
+Source: CiA 402-2 (state machine, controlword, statusword), as reproduced by the manuals of Toshiba
+VF-S15, Kollmorgen AKD and MovingCap; the numbers are the standard's.
+"""
+
+from enum import Enum
+from typing import Final, NamedTuple
+
+from drives.signals import PowerRequest, PowerState
+
+SHUTDOWN: Final = 0x0006
+SWITCH_ON: Final = 0x0007
+ENABLE_OPERATION: Final = 0x000F
+DISABLE_VOLTAGE: Final = 0x0000
+QUICK_STOP: Final = 0x0002
+FAULT_RESET: Final = 0x0080
+
+STATUS_WARNING: Final = 0x0080
+STATUS_FOLLOWS: Final = 0x1000
+"""Bit 12 in the cyclic modes: the drive follows the target; otherwise it ignores it."""
+
+_OFF = PowerState.SWITCH_ON_DISABLED
+_READY = PowerState.READY_TO_SWITCH_ON
+_ON = PowerState.SWITCHED_ON
+_ENABLED = PowerState.OPERATION_ENABLED
+_STOPPING = PowerState.QUICK_STOP_ACTIVE
+_REACTING = PowerState.FAULT_REACTION_ACTIVE
+_FAULT = PowerState.FAULT
+
+
+class Transition(NamedTuple):
+    """One arrow of the figure; `controlword` is None where the drive moves by itself."""
+
+    number: int
+    source: PowerState
+    target: PowerState
+    controlword: int | None
+    meaning: str
+
+
+TRANSITIONS: Final = (
+    Transition(1, PowerState.NOT_READY_TO_SWITCH_ON, _OFF, None, "initialised"),
+    Transition(2, _OFF, _READY, SHUTDOWN, "shutdown"),
+    Transition(3, _READY, _ON, SWITCH_ON, "switch on"),
+    Transition(4, _ON, _ENABLED, ENABLE_OPERATION, "enable operation"),
+    Transition(5, _ENABLED, _ON, SWITCH_ON, "disable operation"),
+    Transition(6, _ON, _READY, SHUTDOWN, "shutdown"),
+    Transition(7, _READY, _OFF, QUICK_STOP, "quick stop or disable voltage, no torque"),
+    Transition(8, _ENABLED, _READY, SHUTDOWN, "shutdown, by 605Bh"),
+    Transition(9, _ENABLED, _OFF, DISABLE_VOLTAGE, "disable voltage, coasts"),
+    Transition(10, _ON, _OFF, QUICK_STOP, "quick stop or disable voltage, no torque"),
+    Transition(11, _ENABLED, _STOPPING, QUICK_STOP, "quick stop, by 605Ah"),
+    Transition(12, _STOPPING, _OFF, DISABLE_VOLTAGE, "disable voltage, or by itself (605Ah 0..4)"),
+    Transition(13, _ENABLED, _REACTING, None, "fault, from any state, by 605Eh"),
+    Transition(14, _REACTING, _FAULT, None, "reaction over"),
+    Transition(15, _FAULT, _OFF, FAULT_RESET, "fault reset, rising edge, once the cause is gone"),
+    Transition(16, _STOPPING, _ENABLED, ENABLE_OPERATION, "enable operation, only 605Ah 5..8"),
+)
+"""The standard's transitions (0, power on, is before anything that we could see)."""
+
+_WORDS: Final[dict[PowerRequest, dict[PowerState, int]]] = {
+    # Power down, ramp or not: from every state by bit 1.
+    PowerRequest.DISABLE_VOLTAGE: dict.fromkeys(PowerState, DISABLE_VOLTAGE),
+    # Transitions 7, 10, 11; in quick stop active it keeps the drive there.
+    PowerRequest.QUICK_STOP: dict.fromkeys(PowerState, QUICK_STOP),
+    # Prepared, without torque: 2, 6, 8; from quick stop active only transition 12 leads there.
+    PowerRequest.READY: {
+        PowerState.UNKNOWN: QUICK_STOP,
+        PowerState.NOT_READY_TO_SWITCH_ON: DISABLE_VOLTAGE,
+        _OFF: SHUTDOWN,
+        _READY: SHUTDOWN,
+        _ON: SHUTDOWN,
+        _ENABLED: SHUTDOWN,
+        _STOPPING: DISABLE_VOLTAGE,
+        _REACTING: DISABLE_VOLTAGE,
+        _FAULT: DISABLE_VOLTAGE,
+    },
+    # 2, 3, 4, then held. Quick stop active: see next_word().
+    PowerRequest.ENABLE: {
+        PowerState.UNKNOWN: QUICK_STOP,
+        PowerState.NOT_READY_TO_SWITCH_ON: DISABLE_VOLTAGE,
+        _OFF: SHUTDOWN,
+        _READY: SWITCH_ON,
+        _ON: ENABLE_OPERATION,
+        _ENABLED: ENABLE_OPERATION,
+        _STOPPING: DISABLE_VOLTAGE,
+        _REACTING: DISABLE_VOLTAGE,
+        _FAULT: DISABLE_VOLTAGE,
+    },
+    # What goes out beside the one edge: a drive that carries a load keeps braking or holding it.
+    PowerRequest.FAULT_RESET: {
+        PowerState.UNKNOWN: QUICK_STOP,
+        PowerState.NOT_READY_TO_SWITCH_ON: DISABLE_VOLTAGE,
+        _OFF: DISABLE_VOLTAGE,
+        _READY: DISABLE_VOLTAGE,
+        _ON: DISABLE_VOLTAGE,
+        _ENABLED: QUICK_STOP,
+        _STOPPING: QUICK_STOP,
+        _REACTING: DISABLE_VOLTAGE,
+        _FAULT: DISABLE_VOLTAGE,
+    },
+}
+
+
+class ResetEdge(Enum):
+    """How far the one rising edge of the present FAULT_RESET request has come."""
+
+    IDLE = "idle"
+    """No reset is requested."""
+    LOWERED = "lowered"
+    """Bit 7 has been low for a cycle since the request came."""
+    SPENT = "spent"
+    """The edge went out; whatever the drive made of it, this request raises no other."""
+
+
+class Sent(NamedTuple):
+    """The word that goes out, and the memory that the next one needs."""
+
+    controlword: int = DISABLE_VOLTAGE
+    edge: ResetEdge = ResetEdge.IDLE
+
+
+def _decode(low_bits: int) -> PowerState:
+    if low_bits & 0x4F in _BY_4F:
+        return _BY_4F[low_bits & 0x4F]
+    return _BY_6F.get(low_bits & 0x6F, PowerState.UNKNOWN)
+
+
+_BY_4F: Final = {
+    0x00: PowerState.NOT_READY_TO_SWITCH_ON,
+    0x40: _OFF,
+    0x0F: _REACTING,
+    0x08: _FAULT,
+}
+_BY_6F: Final = {0x21: _READY, 0x23: _ON, 0x27: _ENABLED, 0x07: _STOPPING}
+_STATE: Final = tuple(_decode(low_bits) for low_bits in range(0x80))
+
+
+def decode_statusword(statusword: int) -> PowerState:
+    """The state that a statusword shows; UNKNOWN for a pattern that the standard does not have.
+
+    Source: CiA 402-2, statusword 6041h: masks 4Fh and 6Fh.
+    """
+    return _STATE[statusword & 0x7F]
+
+
+def next_word(state: PowerState, request: PowerRequest, sent: Sent, *, resume: bool) -> Sent:
+    """The next controlword on the way from `state` to what is requested.
+
+    Args:
+        state: as the newest statusword shows it.
+        request: what the core wants, as a level.
+        sent: what this function returned in the cycle before.
+        resume: whether ENABLE leaves quick stop active by transition 16, torque going on, which a
+            drive must support (605Ah 5..8); otherwise it goes the long way by transition 12.
+    """
+    if request is PowerRequest.FAULT_RESET:
+        return _reset(state, sent)
+    if resume and request is PowerRequest.ENABLE and state is _STOPPING:
+        return Sent(ENABLE_OPERATION)
+    return Sent(_WORDS[request][state])
+
+
+def _reset(state: PowerState, sent: Sent) -> Sent:
+    word = _WORDS[PowerRequest.FAULT_RESET][state]
+    if sent.edge is ResetEdge.IDLE:
+        return Sent(word, ResetEdge.LOWERED)
+    if sent.edge is ResetEdge.LOWERED and state is _FAULT:
+        return Sent(FAULT_RESET, ResetEdge.SPENT)
+    return Sent(word, sent.edge)

@@ -1,0 +1,212 @@
+"""The `DrivePort` over a `Bus`: canopen's SDO client, without canopen's threads.
+
+canopen's client waits for a queue that a Notifier thread fills. Here the waiting client reads the
+bus itself and hands each frame on, so bring-up needs no thread, and runs the same on a bus in
+memory whose time is simulated. Of canopen 2.4.1: `SdoClient`, `Network.notify`, abort texts.
+What is worked around, with where it was seen:
+
+- A late reply to an earlier request can satisfy the next one (client.py compares the object only
+  in upload): replies of another kind, or for another object, are counted and dropped.
+- A timeout sends an abort for 0000h:00; ours names the object of the transfer.
+- The default retry would send a request twice; a drive that does not answer once is silent.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import canopen
+from canopen.sdo.client import SdoClient
+from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
+
+from drives.bus import Bus, Clock, Frame
+from drives.bus_state import BusCondition, BusMonitor
+from drives.emcy import EMERGENCY_ID
+from drives.errors import BusError, SdoAborted, SdoGarbled, SdoTimeout
+from drives.nmt import HEARTBEAT_ID, HeartbeatWatch
+from drives.port import NodeTraffic
+
+SDO_TIMEOUT_NS: Final = 300_000_000
+SEND_PATIENCE_NS: Final = 20_000_000
+"""How long a full transmit queue may refuse a frame of bring-up."""
+
+_SDO_REQUEST_ID: Final = 0x600
+_SDO_REPLY_ID: Final = 0x580
+_SERVICE: Final = 0x780
+_NODE: Final = 0x07F
+_TPDO_SERVICES: Final = frozenset((0x180, 0x280, 0x380, 0x480))
+
+_SDO_BYTES: Final = 8
+_COMMAND: Final = 0xE0
+_ABORT: Final = 0x80
+_REPLY_TO: Final = {0x20: 0x60, 0x40: 0x40, 0x00: 0x20, 0x60: 0x00}
+"""Command specifiers (CiA 301 7.2.4.3): download, upload; download segment, upload segment."""
+_WITH_OBJECT: Final = frozenset((0x60, 0x40, _ABORT))
+"""Replies whose bytes 1..3 name the object; so do the requests that they answer."""
+
+
+class Configurator:
+    """SDO, NMT and listening for bring-up; owns nothing but its view of the traffic."""
+
+    def __init__(self, bus: Bus, clock: Clock) -> None:
+        self._bus = bus
+        self._clock = clock
+        self._network = _Network(self._send_one)
+        self._clients: dict[int, _Client] = {}
+        self._traffic: dict[int, NodeTraffic] = {}
+        self._watches: dict[int, HeartbeatWatch] = {}
+        self.bus_state = BusMonitor()
+
+    def now_ns(self) -> int:
+        """As `DrivePort.now_ns`."""
+        return self._clock.now_ns()
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        """As `DrivePort.send`."""
+        deadline_ns = self._clock.now_ns() + SEND_PATIENCE_NS
+        left = self._bus.send_urgent(frames, deadline_ns, self._clock)
+        if left:
+            what = f"the transmit queue stays full: {left} frames of bring-up did not leave"
+            raise BusError("in bring-up", what)
+
+    def wait(self, until_ns: int) -> None:
+        """As `DrivePort.wait`."""
+        for frame in self._bus.receive_until(until_ns, self._clock):
+            self._take(frame)
+
+    def traffic(self, node_id: int) -> NodeTraffic:
+        """As `DrivePort.traffic`."""
+        return self._traffic.setdefault(node_id, NodeTraffic())
+
+    def read(self, node_id: int, index: int, sub: int) -> bytes:
+        """As `DrivePort.read`."""
+        return self._transfer(node_id, index, sub, lambda client: client.upload(index, sub))
+
+    def write(self, node_id: int, index: int, sub: int, data: bytes) -> None:
+        """As `DrivePort.write`."""
+
+        def download(client: _Client) -> bytes:
+            client.download(index, sub, data)
+            return b""
+
+        self._transfer(node_id, index, sub, download)
+
+    def _transfer(
+        self, node_id: int, index: int, sub: int, run: "Callable[[_Client], bytes]"
+    ) -> bytes:
+        client = self._client(node_id)
+        client.timed_out = False
+        try:
+            return bytes(run(client))
+        except SdoAbortedError as abort:
+            text = SdoAbortedError.CODES.get(abort.code, "unknown abort code")
+            raise SdoAborted(index, sub, abort.code, text) from abort
+        except SdoCommunicationError as error:
+            if client.timed_out:
+                raise SdoTimeout(index, sub, SDO_TIMEOUT_NS) from error
+            raise SdoGarbled(index, sub, str(error)) from error
+
+    def _client(self, node_id: int) -> "_Client":
+        client = self._clients.get(node_id)
+        if client is None:
+            client = self._clients[node_id] = _Client(node_id, self._network, self._await_reply)
+        return client
+
+    def _await_reply(self, client: "_Client") -> None:
+        deadline_ns = self._clock.now_ns() + SDO_TIMEOUT_NS
+        while client.responses.empty():
+            if self._clock.now_ns() >= deadline_ns:
+                client.timed_out = True
+                return
+            self.wait(deadline_ns)
+
+    def _send_one(self, frame: Frame) -> None:
+        self.send((frame,))
+
+    def _take(self, frame: Frame) -> None:
+        if frame.is_error:
+            self.bus_state.feed(frame)
+            if self.bus_state.condition is BusCondition.OFF:
+                raise BusError("in bring-up", "the controller is bus-off: wiring, bit rate?")
+            return
+        service, node_id = frame.can_id & _SERVICE, frame.can_id & _NODE
+        if service == _SDO_REPLY_ID:
+            self._network.notify(frame.can_id, bytearray(frame.data), 0.0)
+        elif service == HEARTBEAT_ID:
+            self._take_heartbeat(node_id, frame.data)
+        elif service == EMERGENCY_ID and node_id:
+            self.traffic(node_id).emergencies.append(frame.data)
+        elif service in _TPDO_SERVICES:
+            traffic = self.traffic(node_id)
+            traffic.pdo_count[frame.can_id] = traffic.pdo_count.get(frame.can_id, 0) + 1
+            traffic.pdo_data[frame.can_id] = frame.data
+
+    def _take_heartbeat(self, node_id: int, data: bytes) -> None:
+        watch = self._watches.setdefault(node_id, HeartbeatWatch())
+        traffic = self.traffic(node_id)
+        strange_count, boot_up_count = watch.strange_count, watch.boot_up_count
+        watch.feed(data, self._clock.now_ns())
+        traffic.boot_up_count = watch.boot_up_count
+        traffic.nmt_state = watch.state
+        if watch.strange_count == strange_count and watch.boot_up_count == boot_up_count:
+            traffic.heartbeat_count += 1
+
+
+class _Network(canopen.Network):
+    """canopen's network without a bus of its own: it sends through ours and never listens."""
+
+    def __init__(self, send: Callable[[Frame], None]) -> None:
+        super().__init__()
+        self._send = send
+
+    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
+        if remote:
+            raise NotImplementedError("no remote frames: some drives have none")
+        self._send(Frame(can_id, bytes(data)))
+
+
+class _Client(SdoClient):
+    """One node's SDO client, which reads the bus while it waits."""
+
+    def __init__(
+        self, node_id: int, network: _Network, await_reply: "Callable[[_Client], None]"
+    ) -> None:
+        empty = canopen.ObjectDictionary()
+        super().__init__(_SDO_REQUEST_ID + node_id, _SDO_REPLY_ID + node_id, empty)
+        # The reply is there, or the waiting is over, before the queue is asked.
+        self.RESPONSE_TIMEOUT = 0
+        self.network = network
+        self._await_reply = await_reply
+        self._object = bytes(3)
+        self._reply = _ABORT
+        self.timed_out = False
+        self.stray_count = 0
+        """Replies that did not belong to the pending request."""
+        network.subscribe(self.tx_cobid, self.on_response)
+
+    def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        if self._belongs(bytes(data)):
+            super().on_response(can_id, data, timestamp)
+        else:
+            self.stray_count += 1
+
+    def request_response(self, sdo_request: bytes) -> bytes:
+        request = bytes(sdo_request)
+        self._reply = _REPLY_TO[request[0] & _COMMAND]
+        if self._reply in _WITH_OBJECT:
+            self._object = request[1:4]
+        return super().request_response(sdo_request)
+
+    def read_response(self) -> bytes:
+        self._await_reply(self)
+        return super().read_response()
+
+    def abort(self, abort_code: int = 0x0800_0000) -> None:
+        self.send_request(bytes((_ABORT,)) + self._object + abort_code.to_bytes(4, "little"))
+
+    def _belongs(self, data: bytes) -> bool:
+        if len(data) != _SDO_BYTES:
+            return False
+        command = data[0] & _COMMAND
+        if command not in (self._reply, _ABORT):
+            return False
+        return command not in _WITH_OBJECT or data[1:4] == self._object

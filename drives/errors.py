@@ -1,0 +1,102 @@
+"""What can go wrong with drives and their bus, by whose matter it is.
+
+operator   DescriptionError: a profile or axis file says something that cannot be.
+machine    BusError: the interface is not there, went away, or refuses to work.
+drive      DriveSilent: it does not answer (unpowered, unplugged): worth another try.
+           BringUpRefused: it answers, but is not the drive that the files describe, or refuses what
+           they ask of it: another try would say the same.
+           SdoAborted, SdoTimeout, SdoGarbled: one SDO transfer, on its way to one of the two above.
+ours       CommandNotFinite: somebody wants to send NaN or infinity to a motor.
+"""
+# ruff: noqa: N818 - the names say what happened, in the words of whoever catches them
+
+
+class DrivesError(Exception):
+    """Root of everything that this package raises on purpose."""
+
+
+class DescriptionError(DrivesError):
+    """A profile or axis file is wrong; the loader that knows the file's name adds it.
+
+    `part` is "profile" or "axis"; `key` is dotted; `allowed` says what would have been right.
+    """
+
+    def __init__(self, part: str, key: str, value: object, allowed: str) -> None:
+        self.part = part
+        self.key = key
+        self.value = value
+        self.allowed = allowed
+        super().__init__(f"{part}: {key} = {value!r}: {allowed}")
+
+
+class BusError(DrivesError):
+    """The CAN interface cannot be opened or has stopped working."""
+
+    def __init__(self, channel: str, what: str) -> None:
+        self.channel = channel
+        self.what = what
+        super().__init__(f"CAN bus {channel}: {what}")
+
+
+class SdoAborted(DrivesError):
+    """The drive answered an SDO request with an abort code (CiA 301 7.2.4.3.17)."""
+
+    def __init__(self, index: int, sub: int, code: int, text: str) -> None:
+        self.index = index
+        self.sub = sub
+        self.code = code
+        self.text = text
+        super().__init__(f"{index:04X}h:{sub:02X} aborted with {code:08X}h, {text}")
+
+
+class SdoTimeout(DrivesError):
+    """The drive did not answer an SDO request in time."""
+
+    def __init__(self, index: int, sub: int, waited_ns: int) -> None:
+        self.index = index
+        self.sub = sub
+        self.waited_ns = waited_ns
+        super().__init__(f"no answer for {index:04X}h:{sub:02X} within {waited_ns / 1e6:.0f} ms")
+
+
+class SdoGarbled(DrivesError):
+    """The drive answered an SDO request with something that is no answer to it."""
+
+    def __init__(self, index: int, sub: int, what: str) -> None:
+        self.index = index
+        self.sub = sub
+        super().__init__(f"{index:04X}h:{sub:02X}: {what}")
+
+
+class DriveSilent(DrivesError):
+    """A drive does not answer, or rebooted on the way; bring-up may be tried again."""
+
+    def __init__(self, drive: str, what: str) -> None:
+        self.drive = drive
+        self.what = what
+        super().__init__(f"drive {drive}: {what}")
+
+
+class BringUpRefused(DrivesError):
+    """A drive is not what the files describe, or refuses a setting; nothing was enabled.
+
+    `place` is `index:sub` in hex, or empty when the refusal is about no object; `value` is what we
+    wanted or found; `reason` holds the abort text or the comparison that failed.
+    """
+
+    def __init__(self, drive: str, place: str, value: str, reason: str) -> None:
+        self.drive = drive
+        self.place = place
+        self.value = value
+        self.reason = reason
+        what = f" {place} = {value}" if place else ""
+        super().__init__(f"drive {drive}{what}: {reason}")
+
+
+class CommandNotFinite(DrivesError):
+    """A command that is not finite was about to be sent: our bug, and never replaced by 0."""
+
+    def __init__(self, quantity: str, value: float) -> None:
+        self.quantity = quantity
+        self.value = value
+        super().__init__(f"{quantity} to be sent is {value}")

@@ -1,0 +1,91 @@
+"""The command line: one thin file per subcommand, and only the one that was asked for is imported.
+
+`gaitd NAME` imports `gaitd/NAME.py` and runs its function `command`; typer reads the options
+from that function's signature. An error of configuration is one line on stderr and exit code 2 in
+every command.
+"""
+
+import importlib
+import sys
+from collections.abc import Callable
+from importlib.metadata import version
+from typing import Annotated, Final, cast
+
+import typer
+
+from daemon.config.strict import ConfigError
+
+EXIT_CONFIGURATION: Final = 2
+
+COMMANDS: Final = {
+    "run": "The service: core and gateway.",
+    "core": "The real-time half of the service alone.",
+    "gateway": "The other half: Zenoh, events, black box.",
+    "check": "Validate a configuration and say what it means at the joint.",
+    "sim": "The virtual drives of a configuration, in real time.",
+    "demo": "Virtual drives, service and a scripted patient; a live view; the errors at the end.",
+    "replay": "The observer over a recorded file, as fast as it can.",
+    "doctor": "What this machine can and cannot do for gaitd.",
+    "bench": "The project's benchmarks.",
+    "status": "What a running service does.",
+    "enable": "Let a running service enable its drives.",
+    "disable": "Stop in an orderly way and switch the drives off.",
+    "stop": "Stop now.",
+    "reset": "Reset a latched stop once its cause is gone.",
+    "mode": "Choose what the enabled leg does: hold, gait, excite.",
+}
+"""In the order of `gaitd --help`. A name here is a file of this package."""
+
+
+def build(chosen: str | None) -> typer.Typer:
+    """The whole command line, in which only the chosen command is more than its name."""
+    app = typer.Typer(
+        add_completion=False,
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        help="Drive service of a home gait trainer.",
+    )
+    app.callback()(_common)
+    for name, line in COMMANDS.items():
+        app.command(name, short_help=line)(_function(name) if name == chosen else _only_a_name)
+    return app
+
+
+def main() -> None:
+    """Entry point of the `gaitd` script."""
+    chosen = next((word for word in sys.argv[1:] if not word.startswith("-")), None)
+    try:
+        build(chosen)()
+    except ConfigError as error:
+        print(error.line, file=sys.stderr)
+        sys.exit(EXIT_CONFIGURATION)
+
+
+def _function(name: str) -> Callable[..., None]:
+    module = importlib.import_module(f"gaitd.{name}")
+    return cast("Callable[..., None]", module.command)
+
+
+def _only_a_name() -> None:
+    raise AssertionError("typer runs only the command that was chosen")
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"gaitd {version('gaitd')}")
+        raise typer.Exit
+
+
+def _common(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Print the version.", callback=_print_version, is_eager=True
+        ),
+    ] = False,
+) -> None:
+    pass
+
+
+if __name__ == "__main__":
+    main()

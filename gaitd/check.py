@@ -1,0 +1,195 @@
+"""`gaitd check`: validate a configuration without a bus, and say what it means at the joint."""
+
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import typer
+
+if TYPE_CHECKING:
+    from daemon.config.check import AxisMeaning, Report
+
+
+class Section(NamedTuple):
+    """One table of the report."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def command(
+    config: Annotated[Path, typer.Option("--config", help="trainer file", dir_okay=False)],
+    json: Annotated[bool, typer.Option("--json", help="the report as one JSON object")] = False,
+) -> None:
+    """Validate all that needs no bus and print what it means at the joint. Exit 0, or 2."""
+    import msgspec
+
+    from daemon.config.check import examine, refuse
+    from daemon.config.load import load
+
+    settings = load(config)
+    report = examine(settings)
+    if json:
+        print(msgspec.json.encode(report).decode())
+    elif sys.stdout.isatty():
+        _print_tables(sections(report))
+    else:
+        print("\n\n".join(plain(section) for section in sections(report)))
+    refuse(settings, report)
+    if not json:
+        print(f"\n{config}: good for one {' and one '.join(report.legs)} leg")
+
+
+def sections(report: "Report") -> tuple[Section, ...]:
+    """The report as tables of words."""
+    return (
+        _axes(report),
+        _limits(report),
+        _stops(report),
+        _sweeps(report),
+        _power(report),
+        _bus(report),
+        Section("SIGTERM", ("what happens",), tuple((line,) for line in report.shutdown)),
+        Section("Warnings", ("",), tuple((line,) for line in report.warnings or ("none",))),
+        Section("SHA-256", ("file", "hash"), tuple(report.sha256.items())),
+    )
+
+
+def plain(section: Section) -> str:
+    """A table as aligned text, for pipes and logs."""
+    lines = (section.columns, *section.rows) if any(section.columns) else section.rows
+    widths = [max(len(line[i]) for line in lines) for i in range(len(section.columns))]
+    texts = (
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+        for line in lines
+    )
+    return "\n".join((section.title, *(f"  {text}" for text in texts)))
+
+
+def _print_tables(tables: tuple[Section, ...]) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    console = Console()
+    for section in tables:
+        table = Table(
+            title=section.title,
+            title_justify="left",
+            title_style="bold",
+            box=SIMPLE_HEAD,
+            show_header=any(section.columns),
+        )
+        for column in section.columns:
+            table.add_column(column, overflow="fold")
+        for row in section.rows:
+            table.add_row(*(escape(cell) for cell in row))
+        console.print(table)
+
+
+def _axes(report: "Report") -> Section:
+    columns = ("axis", "node", "drive", "one count", "one per mille", "one mA", "torque limit")
+    rows = tuple(_axis(axis) for axis in report.axes)
+    return Section(f"At the joint, with {report.patient} in the machine", columns, rows)
+
+
+def _axis(axis: "AxisMeaning") -> tuple[str, ...]:
+    position, effort, scale = _units(axis)
+    return (
+        axis.name,
+        str(axis.node_id),
+        axis.drive,
+        f"{axis.position_per_count * scale:+.4g} {position}",
+        f"{axis.effort_per_permille:+.4g} {effort}",
+        f"{axis.effort_per_ma:+.4g} {effort}",
+        f"{axis.effort_limit_si:g} {effort} of {axis.effort_drive_limit_si:.1f} "
+        f"({axis.effort_nominal_si:.1f} for long)",
+    )
+
+
+def _units(axis: "AxisMeaning") -> tuple[str, str, float]:
+    """What a person reads at this joint, and the factor from SI to it."""
+    return ("deg", "N m", 180.0 / math.pi) if axis.rotary else ("mm", "N", 1e3)
+
+
+def _limits(report: "Report") -> Section:
+    columns = ("axis", "position", "counts", "speed", "raw", "torque raw", "quick stop", "silence")
+    rows = tuple(_limits_of(axis) for axis in report.axes)
+    return Section("Written into the drives", columns, rows)
+
+
+def _limits_of(axis: "AxisMeaning") -> tuple[str, ...]:
+    unit, _, scale = _units(axis)
+    low, high = axis.position_limits_si
+    low_counts, high_counts = axis.position_limits_counts
+    return (
+        axis.name,
+        f"{low * scale:g} to {high * scale:g} {unit}",
+        f"{low_counts} to {high_counts}",
+        f"{axis.speed_limit_si_per_s * scale:.0f} {unit}/s",
+        str(axis.speed_limit_raw),
+        str(axis.torque_limit_raw),
+        f"{axis.quick_stop_s:.2f} s, then {'brake' if axis.brake else 'held'}",
+        f"{axis.silence_detection_ms} ms",
+    )
+
+
+def _stops(report: "Report") -> Section:
+    rows = tuple(
+        (stop.category, stop.title, stop.cause, "design" if stop.fixed else "limits file")
+        for stop in report.stops
+    )
+    return Section("How it stops for what", ("", "what", "cause", "chosen by"), rows)
+
+
+def _sweeps(report: "Report") -> Section:
+    columns = ("stop at the highest cadence", "hip", "slide", "least |sin|", "ends", "")
+    rows = tuple(
+        (
+            sweep.kind,
+            f"{sweep.hip_deg[0]:.1f} to {sweep.hip_deg[1]:.1f} deg",
+            f"{sweep.slide_m[0]:.3f} to {sweep.slide_m[1]:.3f} m",
+            f"{sweep.least_singularity_ratio:.2f}",
+            _end(sweep.hip_end_speed_rad_per_s, sweep.slide_end_speed_m_per_s),
+            "inside" if sweep.stays_inside else "LEAVES THE WORKSPACE",
+        )
+        for sweep in report.sweeps
+    )
+    return Section("Workspace, swept over a stride", columns, rows)
+
+
+def _end(hip_rad_per_s: float, slide_m_per_s: float) -> str:
+    if hip_rad_per_s:
+        return f"hip at {hip_rad_per_s:.1f} rad/s"
+    return f"slide at {slide_m_per_s:.1f} m/s" if slide_m_per_s else "at rest"
+
+
+def _power(report: "Report") -> Section:
+    drift = report.drift
+    rows = (
+        (
+            "hip",
+            f"{drift.hip_moved_deg:.1f} deg ({drift.hip_from_deg:.1f} to {drift.hip_to_deg:.1f})",
+            f"{drift.hip_speed_rad_per_s:.2f} rad/s",
+        ),
+        (
+            "slide",
+            f"{drift.slide_moved_m:.3f} m ({drift.slide_from_m:.3f} to {drift.slide_to_m:.3f})",
+            f"{drift.slide_speed_m_per_s:.2f} m/s",
+        ),
+    )
+    columns = ("axis", "moves at most", "as fast as")
+    return Section("Without power, from rest at any pose of the gait", columns, rows)
+
+
+def _bus(report: "Report") -> Section:
+    bus = report.bus
+    rows = (
+        ("interface", f"{bus.interface} {bus.channel}, {bus.bitrate_bit_per_s} bit/s"),
+        ("load at worst", f"{bus.load_ratio:.1%}, allowed {bus.load_max_ratio:.0%}"),
+        ("frames of a cycle", f"{bus.burst_ms:.2f} ms, the window is {bus.window_ms:g} ms"),
+    )
+    return Section("Bus", ("", ""), rows)

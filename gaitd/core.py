@@ -1,0 +1,17 @@
+"""`gaitd core`: the process that owns the CAN bus, the cycle and safety."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def command(
+    config: Annotated[Path, typer.Option("--config", help="trainer file", dir_okay=False)],
+) -> None:
+    """The core alone; `gaitd run` starts it together with the gateway."""
+    from daemon.config.load import load
+    from daemon.core.process import run_core
+
+    raise typer.Exit(run_core(load(config), os.environ.get("NOTIFY_SOCKET")))

@@ -1,0 +1,220 @@
+"""The stage of an act: a folder of its own, free ports, virtual drives and service as processes.
+
+Nothing outlives an act. The processes get SIGTERM in their order, SIGKILL when their time is over,
+and SIGTERM from the kernel should the demonstration itself be killed.
+"""
+
+import contextlib
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Generator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from daemon.config.robot import leg_parameters
+from daemon.config.settings import Robot
+from gaitd.demonstration.script import ActError
+from gaitd.remote import Target
+from observer.mechanism import gravity
+
+SERVICE_END_S: Final = 15.0
+"""The service stops both axes before it ends."""
+DRIVES_END_S: Final = 5.0
+TAIL_LINES: Final = 12
+END_WITH_PARENT: Final = (
+    "import ctypes, os, sys; ctypes.CDLL(None).prctl(1, 15); os.execv(sys.argv[1], sys.argv[1:])"
+)
+"""Asks the kernel for SIGTERM when we are gone, however we went (PR_SET_PDEATHSIG), and becomes the
+command behind it. A function between fork and exec would do the same, but not beside threads."""
+
+
+class NoConfigsError(Exception):
+    """The folder of configurations is not where we are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """Where everything of one act is."""
+
+    folder: Path
+    config: Path
+    truth: Path
+    control: Path
+    """Socket of the virtual drives: faults and the patient, by command."""
+    target: Target
+    leg: str
+    drives: "Troupe"
+    service: "Troupe"
+
+    def patient(self, programme: str) -> None:
+        """Start one of the patient's programmes."""
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+            sender.sendto(f"patient {programme}".encode(), str(self.control))
+
+    def check(self) -> None:
+        """Both processes live.
+
+        Raises:
+            ActError: one has ended, with the last lines that it said.
+        """
+        for troupe in (self.drives, self.service):
+            troupe.check()
+
+
+class Troupe:
+    """One process with its output in a file."""
+
+    def __init__(self, name: str, arguments: list[str], log: Path) -> None:
+        """Start `python -m gaitd ARGUMENTS` in a session of its own: Ctrl-C reaches us alone."""
+        self._name = name
+        self._log = log
+        with log.open("wb") as output:
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", END_WITH_PARENT, sys.executable, "-m", "gaitd", *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+
+    def check(self) -> None:
+        """It lives.
+
+        Raises:
+            ActError: it does not.
+        """
+        code = self._process.poll()
+        if code is not None:
+            raise ActError(f"{self._name} ended with {code}; its last words:\n{self.last_words()}")
+
+    def last_words(self) -> str:
+        """The end of its output."""
+        lines = self._log.read_text(encoding="utf-8", errors="replace").splitlines()
+        return "\n".join(f"    {line}" for line in lines[-TAIL_LINES:]) or "    (nothing)"
+
+    def end(self, patience_s: float) -> int:
+        """End it and return its exit code."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGTERM)
+            try:
+                self._process.wait(patience_s)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+        return self._process.returncode
+
+
+@contextlib.contextmanager
+def stage(configs: Path, *, empty: bool) -> Generator[Stage]:
+    """Everything of one act, started; ended whatever happens.
+
+    Args:
+        configs: the project's folder of configurations.
+        empty: nobody is in the trainer, and its springs carry it alone.
+    """
+    folder = Path(tempfile.mkdtemp(prefix="gaitd-demo-"))
+    with contextlib.ExitStack() as ending:
+        ending.callback(shutil.rmtree, folder, ignore_errors=True)
+        config, endpoint = write_configs(configs, folder / "configs", empty=empty)
+        truth, control = folder / "truth.csv", folder / "sim.sock"
+        drives = Troupe(
+            "gaitd sim",
+            ["sim", "--config", str(config), "--truth", str(truth), "--control", str(control)],
+            folder / "sim.log",
+        )
+        ending.callback(drives.end, DRIVES_END_S)
+        service = Troupe("gaitd run", ["run", "--config", str(config)], folder / "run.log")
+        ending.callback(service.end, SERVICE_END_S)
+        table = tomllib.loads(config.read_text(encoding="utf-8"))
+        target = Target((endpoint,), table["zenoh"]["trainer"])
+        leg = table["leg"][0]["name"]
+        yield Stage(folder, config, truth, control, target, leg, drives, service)
+
+
+def find_configs() -> Path:
+    """The folder of configurations: of the clone that we run from, or where we are.
+
+    Raises:
+        NoConfigsError: neither has one.
+    """
+    candidates = [Path(__file__).resolve().parents[2] / "configs", Path.cwd() / "configs"]
+    for candidate in candidates:
+        if (candidate / "demo.toml").exists():
+            return candidate
+    raise NoConfigsError("configs/demo.toml is not here; run the demonstration in a clone")
+
+
+def write_configs(configs: Path, folder: Path, *, empty: bool) -> tuple[Path, str]:
+    """Copy the configurations, with ports that are free and paths of this act.
+
+    Returns: the trainer file, and the Zenoh endpoint it listens on.
+    """
+    shutil.copytree(configs, folder)
+    bus_port, zenoh_port = _free_ports(2)
+    endpoint = f"tcp/127.0.0.1:{zenoh_port}"
+    trainer, plant = folder / "demo.toml", folder / "plant.toml"
+    values = {
+        "channel": f'"ws://127.0.0.1:{bus_port}/"',
+        "listen": f'["{endpoint}"]',
+        "runtime": '"../run"',
+        "state": '"../state"',
+    }
+    if empty:
+        balance(folder / "robot_empty.toml", plant)
+        values["robot"] = '"robot_empty.toml"'
+        _rewrite(plant, {"robot": '"robot_empty.toml"'})
+    _rewrite(trainer, values)
+    return trainer, endpoint
+
+
+def balance(robot_file: Path, plant_file: Path) -> None:
+    """Turn the springs until they carry the machine where the virtual drives start it.
+
+    Springs set for a patient push the empty machine up to its stop, as its file says; whoever runs
+    an experiment on it turns them down first.
+    """
+    text = robot_file.read_text(encoding="utf-8")
+    robot = msgspec.toml.decode(text, type=Robot)
+    start = tomllib.loads(plant_file.read_text(encoding="utf-8"))["start"]
+    pose = np.array((np.radians(start["hip_deg"]), start["slide_m"]))
+    load = gravity(leg_parameters(robot), pose)
+    springs = robot.springs
+    hip_rest_rad = springs.hip_rest_rad + load[0] / springs.hip_stiffness_nm_per_rad
+    slide_rest_m = springs.slide_rest_m + load[1] / springs.slide_stiffness_n_per_m
+    _rewrite(
+        robot_file,
+        {"hip_rest_rad": f"{hip_rest_rad:.6f}", "slide_rest_m": f"{slide_rest_m:.6f}"},
+    )
+
+
+def _rewrite(file: Path, values: dict[str, str]) -> None:
+    """Give keys that stand once in a TOML file other values; comments stay."""
+    text = file.read_text(encoding="utf-8")
+    for key, value in values.items():
+        text, count = re.subn(
+            rf"^{key}(\s*)=[^#\n]*", lambda _, k=key, v=value: f"{k} = {v}  ", text, flags=re.M
+        )
+        if count != 1:
+            raise ValueError(f"{file.name} has {count} lines with the key {key}, 1 was expected")
+    file.write_text(text, encoding="utf-8")
+
+
+def _free_ports(count: int) -> list[int]:
+    """Ports of the loopback interface that nobody listens on now."""
+    with contextlib.ExitStack() as holding:
+        ports: list[int] = []
+        for _ in range(count):
+            holder = holding.enter_context(socket.socket())
+            holder.bind(("127.0.0.1", 0))
+            ports.append(holder.getsockname()[1])
+        return ports

@@ -1,0 +1,225 @@
+"""The real loop against the virtual machine in one thread, faster than time, bit for bit the same.
+
+Nothing of the service is replaced but its ends: `WorldBus` stands in for the CAN socket, and time
+passes only while somebody waits on it; `Gateway` stands in for the other process, keeps every
+record and asks for what a script says. What runs in between is the product.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final
+
+from daemon.config.bundle import Settings
+from daemon.core.build import build
+from daemon.core.loop import Loop
+from daemon.core.process import loop_settings
+from daemon.record import (
+    CycleRecord,
+    Level,
+    ModeRequest,
+    Outcome,
+    Request,
+    RequestKind,
+    RequestResult,
+)
+from drives.bus import Clock, Frame
+from sim_drives.frame import Frame as WorldFrame
+from sim_drives.world import World
+
+BOOT_ID: Final = "lockstep"
+NS_PER_S: Final = 1_000_000_000
+UTC_OF_START_NS: Final = 1_767_225_600_000_000_000
+
+
+class WorldClock:
+    """Simulated time: what the world says. Sleeping lets the world go on."""
+
+    def __init__(self, bus: "WorldBus") -> None:
+        self._bus = bus
+
+    def now_ns(self) -> int:
+        """Simulated time."""
+        return self._bus.now_ns
+
+    def utc_ns(self) -> int:
+        """A fixed date plus simulated time."""
+        return UTC_OF_START_NS + self._bus.now_ns
+
+    def sleep_until(self, deadline_ns: int) -> None:
+        """Let the world go on; what it sends meanwhile waits on the bus."""
+        self._bus.let_pass(deadline_ns)
+
+
+class WorldBus:
+    """A `drives.bus.Bus` whose other end is a `World`. Frames take no time on this wire."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._waiting: list[Frame] = []
+        self.sent: list[Frame] = []
+        """Every frame of the master's, in order, with its simulated time."""
+
+    @property
+    def now_ns(self) -> int:
+        """The world's time."""
+        return self._world.now_ns
+
+    def send(self, frames: Sequence[Frame]) -> int:
+        """All frames reach all drives now; nothing is dropped."""
+        for frame in frames:
+            self.sent.append(frame._replace(time_ns=self.now_ns))
+            self._world.receive(WorldFrame(frame.can_id, frame.data))
+        return 0
+
+    def send_urgent(self, frames: Sequence[Frame], deadline_ns: int, clock: Clock) -> int:
+        """As `send`."""
+        del deadline_ns, clock
+        return self.send(frames)
+
+    def drain(self) -> list[Frame]:
+        """What the drives have sent up to now."""
+        self.let_pass(self.now_ns)
+        frames, self._waiting = self._waiting, []
+        return frames
+
+    def receive_until(self, deadline_ns: int, clock: Clock) -> list[Frame]:
+        """Let time pass to the next frame, at most to the deadline."""
+        del clock
+        frames = self.drain()
+        while not frames and self.now_ns < deadline_ns:
+            self.let_pass(min(max(self._world.next_event_ns(), self.now_ns), deadline_ns))
+            frames, self._waiting = self._waiting, []
+        return frames
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+    def let_pass(self, until_ns: int) -> None:
+        """Time passes; what the drives send meanwhile waits."""
+        if until_ns < self.now_ns:
+            return
+        for timed in self._world.advance_to(until_ns):
+            self._waiting.append(Frame(timed.can_id, timed.data, timed.time_ns))
+
+
+class Gateway:
+    """The other end of the seam: hears every record, and asks when a script tells it to."""
+
+    def __init__(self, on_record: Callable[[CycleRecord], None] | None = None) -> None:
+        self.records: list[CycleRecord] = []
+        self.silent = False
+        """A gateway that hangs: no levels any more."""
+        self._on_record = on_record
+        self._seq = 0
+        self._stop_count = 0
+        self._request = Request()
+
+    # --- the loop's side --------------------------------------------------------------------
+
+    def publish(self, record: CycleRecord) -> None:
+        """Keep it, and let the script look at it."""
+        self.records.append(record)
+        if self._on_record is not None:
+            self._on_record(record)
+
+    def levels(self) -> list[Level]:
+        """One level for each turn, made when the newest record had been read."""
+        if self.silent or not self.records:
+            return []
+        self._seq += 1
+        cycle = self.records[-1].cycle
+        return [Level(BOOT_ID, self._seq, cycle, self._stop_count, self._request)]
+
+    # --- the script's side ------------------------------------------------------------------
+
+    def ask(self, kind: RequestKind, wanted: ModeRequest | None = None) -> None:
+        """Ask for something once; the answer comes in the records."""
+        cycle = self.records[-1].cycle if self.records else 0
+        self._request = Request(self._request.id + 1, kind, cycle, wanted or ModeRequest())
+
+    def stop(self) -> None:
+        """Stop, whatever else is going on."""
+        self._stop_count += 1
+
+    def outcome(self) -> RequestResult:
+        """What became of the newest request."""
+        result = self.records[-1].request
+        return result if result.id == self._request.id else RequestResult(self._request.id)
+
+
+class Lockstep:
+    """One service and one virtual machine, turned as far as a script wants."""
+
+    def __init__(
+        self,
+        settings: Settings,
+        world: World,
+        on_record: Callable[[CycleRecord], None] | None = None,
+    ) -> None:
+        built = build(settings, BOOT_ID)
+        self.world = world
+        self.core = built.core
+        self.bus = WorldBus(world)
+        self.gateway = Gateway(on_record)
+        grid = replace(loop_settings(settings, built), open_bus=lambda: self.bus)
+        self.loop = Loop(built.core, grid, self.gateway, WorldClock(self.bus), _NoSupervisor())
+
+    @property
+    def record(self) -> CycleRecord:
+        """The newest."""
+        return self.gateway.records[-1]
+
+    @property
+    def records(self) -> list[CycleRecord]:
+        """All since the start."""
+        return self.gateway.records
+
+    def run(self, duration_s: float) -> None:
+        """Turn for so much simulated time."""
+        end_ns = self.bus.now_ns + round(duration_s * NS_PER_S)
+        while self.bus.now_ns < end_ns:
+            self.loop.turn()
+
+    def run_until(self, reached: Callable[[CycleRecord], bool], within_s: float) -> CycleRecord:
+        """Turn until a record is as wanted.
+
+        Raises:
+            NotReachedError: none was within that simulated time.
+        """
+        end_ns = self.bus.now_ns + round(within_s * NS_PER_S)
+        while self.bus.now_ns < end_ns:
+            self.loop.turn()
+            if self.records and reached(self.record):
+                return self.record
+        raise NotReachedError(within_s, self.record)
+
+    def request(
+        self, kind: RequestKind, wanted: ModeRequest | None = None, within_s: float = 10.0
+    ) -> RequestResult:
+        """Ask for something and turn until it is answered."""
+        self.gateway.ask(kind, wanted)
+        self.run_until(lambda _: self.gateway.outcome().outcome != Outcome.PENDING, within_s)
+        return self.gateway.outcome()
+
+    def shut_down(self, within_s: float = 10.0) -> None:
+        """As on SIGTERM: stop what moves, switch off, let go of the drives."""
+        end_ns = self.bus.now_ns + round(within_s * NS_PER_S)
+        while not self.loop.may_end() and self.bus.now_ns < end_ns:
+            self.loop.turn(shutdown=True)
+        self.loop.leave()
+
+
+class NotReachedError(Exception):
+    """A script waited for something that did not happen."""
+
+    def __init__(self, within_s: float, record: CycleRecord) -> None:
+        super().__init__(
+            f"not within {within_s:g} s; mode {record.mode.name.lower()}, {record.progress}"
+        )
+
+
+class _NoSupervisor:
+    """Nobody watches a lock-step run."""
+
+    def send(self, *lines: str) -> None:
+        """Nobody listens."""

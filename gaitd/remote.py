@@ -1,0 +1,138 @@
+"""What the commands that talk to a running service share: whom to ask, how, and the exit codes.
+
+Exit codes: 0 done; 1 refused, with the reason; 2 configuration or usage; 4 nobody answered, or
+nobody could say in time what became of the request.
+"""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any, Final, NamedTuple
+
+import typer
+
+EXIT_DONE: Final = 0
+EXIT_REFUSED: Final = 1
+EXIT_NO_ANSWER: Final = 4
+
+DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
+DEFAULT_TRAINER: Final = "trainer"
+CONNECT_TIMEOUT_MS: Final = 1000
+ANSWER_TIMEOUT_S: Final = 10.0
+"""Longer than the gateway lets any request wait."""
+
+ConfigOption = Annotated[
+    Path | None,
+    typer.Option("--config", help="Trainer file of the service: tells endpoint and trainer."),
+]
+EndpointOption = Annotated[
+    str | None,
+    typer.Option(help=f"Zenoh endpoint of the service, without --config {DEFAULT_ENDPOINT}."),
+]
+TrainerOption = Annotated[
+    str | None, typer.Option(help=f"Name in the keys, without --config {DEFAULT_TRAINER}.")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")]
+
+
+class Target(NamedTuple):
+    """A service: where it listens, and the TRAINER of its keys."""
+
+    endpoints: tuple[str, ...]
+    trainer: str
+
+
+class Answer(NamedTuple):
+    """A reply as JSON text, or why there is none."""
+
+    text: str | None
+    trouble: str = ""
+
+
+def find_target(config: Path | None, endpoint: str | None, trainer: str | None) -> Target:
+    """Put together whom to ask; what is named on the command line wins over the file.
+
+    Raises:
+        ConfigError: the trainer file cannot be used.
+    """
+    endpoints, name = (DEFAULT_ENDPOINT,), DEFAULT_TRAINER
+    if config is not None:
+        from daemon.config.trainer import load_trainer
+        from daemon.gateway.endpoints import to_connect
+
+        zenoh = load_trainer(config).trainer.zenoh
+        endpoints, name = tuple(map(to_connect, zenoh.listen)), zenoh.trainer
+    return Target((endpoint,) if endpoint else endpoints, trainer or name)
+
+
+def client_settings(endpoints: tuple[str, ...]) -> dict[str, Any]:
+    """Keys of Zenoh's configuration for a client that asks once and goes."""
+    return {
+        "mode": "client",
+        "connect/endpoints": list(endpoints),
+        "connect/timeout_ms": CONNECT_TIMEOUT_MS,
+        "connect/exit_on_failure": True,
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "transport/link/tx/lease": 1000,
+        "transport/shared_memory/enabled": False,
+    }
+
+
+def ask(target: Target, name: str, payload: dict[str, Any]) -> Answer:
+    """Query control/NAME of a service once."""
+    import zenoh
+
+    from daemon import wire
+
+    zenoh.init_log_from_env_or("off")
+    config = zenoh.Config()
+    for key, value in client_settings(target.endpoints).items():
+        config.insert_json5(key, json.dumps(value))
+    try:
+        session = zenoh.open(config)
+    except zenoh.ZError:
+        return Answer(None, f"no service listens on {' or '.join(target.endpoints)}")
+    selector = wire.key(target.trainer, wire.CONTROL, name)
+    try:
+        replies = session.get(selector, payload=json.dumps(payload), timeout=ANSWER_TIMEOUT_S)
+        for reply in replies:
+            sample = reply.ok or reply.err
+            # Zenoh reports its own timeout as an error reply, without an encoding of ours.
+            if sample is not None and str(sample.encoding).startswith("application/json"):
+                return Answer(sample.payload.to_string())
+    finally:
+        session.close()
+    where = " or ".join(target.endpoints)
+    return Answer(None, f"nobody answers {selector} on {where} within {ANSWER_TIMEOUT_S:g} s")
+
+
+def request(target: Target, name: str, payload: dict[str, Any], *, as_json: bool) -> int:
+    """Ask for one of enable, disable, stop, reset, mode; print what became of it.
+
+    Returns: the exit code.
+    """
+    import msgspec
+
+    from daemon import wire
+
+    answer = ask(target, name, {"client": f"gaitd {name}", **payload})
+    if answer.text is None:
+        return report_silence(name, answer.trouble, as_json=as_json)
+    reply = msgspec.json.decode(answer.text, type=wire.Reply)
+    mode = f" (mode {reply.mode})" if reply.mode else ""
+    reason = f": {reply.reason}" if reply.reason else ""
+    print(answer.text if as_json else f"{name} {reply.outcome}{reason}{mode}")
+    return {"done": EXIT_DONE, "refused": EXIT_REFUSED}.get(reply.outcome, EXIT_NO_ANSWER)
+
+
+def report_silence(name: str, trouble: str, *, as_json: bool) -> int:
+    """Say that nobody answered.
+
+    Returns: the exit code.
+    """
+    if as_json:
+        print(json.dumps({"request": name, "outcome": "unanswered", "reason": trouble}))
+    else:
+        print(f"{name}: {trouble}", file=sys.stderr)
+    return EXIT_NO_ANSWER

@@ -1,0 +1,96 @@
+"""`gaitd run`: core and gateway for a desk or a demo; on a trainer systemd runs the two units."""
+
+import ctypes
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import FrameType
+from typing import Annotated
+
+import typer
+
+POLL_S = 0.05
+GATEWAY_RESTART_S = 1.0
+CORE_END_S = 10.0
+"""The core stops both axes first: a stop takes up to three seconds, and power-off a little."""
+GATEWAY_END_S = 5.0
+KILLED = 4
+"""A core that a signal ended is ours to explain, like any of our own bugs."""
+PR_SET_PDEATHSIG = 1
+
+
+def command(
+    config: Annotated[Path, typer.Option("--config", help="trainer file", dir_okay=False)],
+) -> None:
+    """The service: core and gateway, started, watched and ended together."""
+    raise typer.Exit(_Supervisor(config).run())
+
+
+class _Supervisor:
+    """The core's end is ours, with its exit code; a gateway that dies is started again.
+
+    While the gateway is away the core stops the machine and holds it, and nothing is enabled again
+    by its return.
+    """
+
+    def __init__(self, config: Path) -> None:
+        self._config = config
+        self._ending = False
+        signal.signal(signal.SIGTERM, self._end)
+        signal.signal(signal.SIGINT, self._end)
+
+    def run(self) -> int:
+        core = self._start("core")
+        gateway = self._start("gateway")
+        gateway_ended_s: float | None = None
+        try:
+            while core.poll() is None and not self._ending:
+                time.sleep(POLL_S)
+                if gateway.poll() is None:
+                    continue
+                now_s = time.monotonic()
+                if gateway_ended_s is None:
+                    gateway_ended_s = now_s
+                    if gateway.returncode == 2:
+                        break
+                    print(f"gaitd: gateway ended with {gateway.returncode}", file=sys.stderr)
+                elif now_s - gateway_ended_s > GATEWAY_RESTART_S:
+                    gateway, gateway_ended_s = self._start("gateway"), None
+        finally:
+            code = _finish(core, CORE_END_S)
+            gateway_code = _finish(gateway, GATEWAY_END_S)
+        if code:
+            return code if code > 0 else KILLED
+        return 2 if gateway_code == 2 else 0
+
+    def _start(self, part: str) -> subprocess.Popen[bytes]:
+        # A session of its own: Ctrl-C reaches us alone, and we end the parts in their order.
+        arguments = [sys.executable, "-m", "gaitd", part, "--config", str(self._config)]
+        return subprocess.Popen(
+            arguments,
+            start_new_session=True,
+            preexec_fn=_end_with_parent,  # noqa: PLW1509 - this process has one thread
+        )
+
+    def _end(self, _signal: int, _frame: FrameType | None) -> None:
+        self._ending = True
+
+
+def _end_with_parent() -> None:
+    """Ask the kernel for SIGTERM when the supervisor is gone, however it went."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+def _finish(process: subprocess.Popen[bytes], patience_s: float) -> int:
+    """End a part with SIGTERM, and with SIGKILL when its time is over."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGTERM)
+        try:
+            process.wait(patience_s)
+        except subprocess.TimeoutExpired:
+            print(f"gaitd: pid {process.pid} did not end and is killed", file=sys.stderr)
+            process.kill()
+            process.wait()
+    return process.returncode

@@ -1,0 +1,89 @@
+"""`gaitd status`: what a running service does, on one screen."""
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from typing import Final
+
+import msgspec
+import typer
+
+from daemon import wire
+from gaitd.remote import (
+    EXIT_DONE,
+    EXIT_NO_ANSWER,
+    ConfigOption,
+    EndpointOption,
+    JsonOption,
+    TrainerOption,
+    ask,
+    find_target,
+    report_silence,
+)
+
+EVENT_COUNT: Final = 6
+
+
+def command(
+    config: ConfigOption = None,
+    endpoint: EndpointOption = None,
+    trainer: TrainerOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """What a running service does: mode, verdict, drives, legs, newest events."""
+    answer = ask(find_target(config, endpoint, trainer), "status", {"client": "gaitd status"})
+    if answer.text is None:
+        raise typer.Exit(report_silence("status", answer.trouble, as_json=as_json))
+    message = msgspec.json.decode(answer.text, type=wire.Status)
+    print(answer.text if as_json else "\n".join(lines(message)))
+    raise typer.Exit(EXIT_DONE if message.safety.valid else EXIT_NO_ANSWER)
+
+
+def lines(message: wire.Status) -> Iterator[str]:
+    """The screen, line by line."""
+    yield from _safety_lines(message)
+    yield from map(_drive_line, message.drives)
+    for leg in message.legs:
+        yield (
+            f"{leg.leg:<12} patient {_number(leg.hip_patient_nm, 'N·m', 1)} ({leg.hip_validity}),"
+            f" {_number(leg.slide_patient_n, 'N', 0)} ({leg.slide_validity});"
+            f" {', '.join(leg.status)}"
+        )
+    for event in message.events[-EVENT_COUNT:]:
+        at = datetime.fromtimestamp(event.time_ns * 1e-9, UTC).astimezone()
+        yield f"{at:%H:%M:%S}     {event.priority:<6} {event.text}"
+
+
+def _drive_line(drive: wire.DriveState) -> str:
+    unit, effort_unit = ("rad", "N·m") if drive.name.endswith("hip") else ("m", "N")
+    words = [
+        drive.power_state.replace("_", " "),
+        _number(drive.position_si, unit, 3),
+        _number(drive.effort_si, effort_unit, 1),
+        _number(drive.temperature_degc, "°C", 0),
+    ]
+    troubles = {
+        "not referenced": not drive.referenced,
+        "hand switch open": not drive.hand_switch_closed,
+        "STO active": not drive.sto_released,
+        f"EMCY {drive.emergency_code} {drive.emergency_text}": drive.emergency_code is not None,
+    }
+    words += [text for text, there in troubles.items() if there]
+    return f"{drive.name:<12} {', '.join(words)}"
+
+
+def _safety_lines(message: wire.Status) -> Iterator[str]:
+    safety = message.safety
+    if not safety.valid or safety.verdict is None:
+        yield "mode         unknown: no records arrive from the core"
+        return
+    yield f"mode         {safety.mode}: {safety.progress}"
+    verdict = safety.verdict
+    if verdict.category != "none":
+        where = f" ({verdict.drive})" if verdict.drive else ""
+        detail = f": {verdict.detail}" if verdict.detail else ""
+        yield f"stop {verdict.category}      {verdict.text}{where}{detail}"
+        yield f"remedy       {verdict.remedy}"
+
+
+def _number(value: float | None, unit: str, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f} {unit}"

@@ -1,0 +1,158 @@
+"""The observer over recorded columns: the same `advance`, in one compiled loop, so the same bits.
+
+One row is one cycle. The filter begins at the first complete row; the time step of a row is its
+distance from the row before, so gaps and jitter of a recording count as they did.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.jit import kernel
+from observer.leg_filter import (
+    OUT_COVARIANCE,
+    OUT_INNOVATION,
+    OUT_NET,
+    OUT_NET_STD,
+    OUT_NIS,
+    OUT_SIZE,
+    OUT_STD,
+    advance,
+)
+from observer.leg_memory import MEMORY_SIZE, POINTS_SIZE, SCRATCH_SIZE
+from observer.leg_model import STEP_S
+from observer.leg_observer import Setup
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """A recording of n rows, in order of time."""
+
+    time_s: Vector
+    """Shape (n,)."""
+    position: Matrix
+    """Shape (n, 2): hip angle rad, slide position m, sampled at the row's time; NaN if missing."""
+    effort: Matrix
+    """Shape (n, 2): hip torque N m, slide force N that acted from the row before until this one."""
+    caller_bits: Integers | None = None
+    """Shape (n,): Status bits known from elsewhere; none if None."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BatchEstimates:
+    """What `LegObserver.step` would have given at each of n rows; NaN before the first pose."""
+
+    state: Matrix
+    """Shape (n, 8), in the order and units of `states.STATE_NAMES`."""
+    std: Matrix
+    """Shape (n, 8)."""
+    covariance: Matrix
+    """Shape (n, 36): lower triangles, row by row."""
+    innovation: Matrix
+    """Shape (n, 2): rad, m; NaN where not measured."""
+    nis: Vector
+    """Shape (n,): NaN where not measured."""
+    net: Matrix
+    """Shape (n, 2): patient minus friction, N m, N."""
+    net_std: Matrix
+    """Shape (n, 2)."""
+    status: Integers
+    """Shape (n,): bits of status.Status."""
+    validity: Integers
+    """Shape (n, 2): status.Validity of hip and slide."""
+
+
+def run(setup: Setup, columns: Columns) -> BatchEstimates:
+    """Estimates of a whole recording.
+
+    Args:
+        setup: of `leg_observer.setup_of`, or an observer's `setup`.
+        columns: the recording.
+
+    Raises:
+        ValueError: columns of different lengths.
+    """
+    count = len(columns.time_s)
+    bits = np.zeros(count) if columns.caller_bits is None else columns.caller_bits
+    for name, shape, wanted in (
+        ("position", columns.position.shape, (count, 2)),
+        ("effort", columns.effort.shape, (count, 2)),
+        ("caller_bits", bits.shape, (count,)),
+    ):
+        if shape != wanted:
+            raise ValueError(f"{name} has the shape {shape}, the times ask for {wanted}")
+    numbers = np.empty((count, OUT_SIZE))
+    flags = np.empty((count, 3), dtype=np.int64)
+    _run(
+        *setup,
+        np.ascontiguousarray(columns.time_s, dtype=np.float64),
+        np.ascontiguousarray(columns.position, dtype=np.float64),
+        np.ascontiguousarray(columns.effort, dtype=np.float64),
+        np.ascontiguousarray(bits, dtype=np.int64),
+        np.zeros(MEMORY_SIZE),
+        np.zeros(SCRATCH_SIZE),
+        np.zeros(POINTS_SIZE),
+        numbers,
+        flags,
+    )
+    return BatchEstimates(
+        state=numbers[:, :OUT_STD],
+        std=numbers[:, OUT_STD:OUT_COVARIANCE],
+        covariance=numbers[:, OUT_COVARIANCE:OUT_INNOVATION],
+        innovation=numbers[:, OUT_INNOVATION:OUT_NIS],
+        nis=numbers[:, OUT_NIS],
+        net=numbers[:, OUT_NET:OUT_NET_STD],
+        net_std=numbers[:, OUT_NET_STD:],
+        status=flags[:, 0],
+        validity=flags[:, 1:],
+    )
+
+
+@kernel
+def _run(
+    leg: tuple[float, ...],
+    hip: tuple[float, ...],
+    slide: tuple[float, ...],
+    coriolis_share: float,
+    options: tuple[float, ...],
+    process_std: Vector,
+    measurement_std: Vector,
+    time_s: Vector,
+    position: Matrix,
+    effort: Matrix,
+    bits: Integers,
+    memory: Vector,
+    scratch: Vector,
+    points: Vector,
+    numbers: Matrix,
+    flags: Integers,
+) -> None:
+    for row in range(time_s.size):
+        dt_s = time_s[row] - time_s[row - 1] if row > 0 else STEP_S
+        status, level_hip, level_slide = advance(
+            leg,
+            hip,
+            slide,
+            coriolis_share,
+            options,
+            process_std,
+            measurement_std,
+            memory,
+            scratch,
+            points,
+            position[row, 0],
+            position[row, 1],
+            effort[row, 0],
+            effort[row, 1],
+            dt_s,
+            bits[row],
+            numbers[row],
+        )
+        flags[row, 0] = status
+        flags[row, 1] = level_hip
+        flags[row, 2] = level_slide

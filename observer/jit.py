@@ -1,0 +1,127 @@
+"""How this project compiles: one decorator, and a cache that cannot be stale.
+
+numba's own cache looks at the file of the function that it compiled and at no other, so after an
+edit of `mechanism.py` a cached filter goes on with the old mechanism, silently. Here the cache
+directory is named by a hash over all sources that a kernel can see: those of `observer/`, those of
+the package that the decorated function lives in, and the versions of what turns them into machine
+code. Another source is another directory, so there is nothing to invalidate.
+
+`kernel` is for functions that are called from Python or are large. `inline` is for the pieces that
+kernels are made of: LLVM puts their bodies into the caller, which lets a loop over sigma points
+become vector instructions.
+
+Floating point stays as written (no fastmath): the same inputs give the same bits. Division by zero
+gives inf instead of an exception; kernels guard their divisors.
+"""
+
+import contextlib
+import hashlib
+import importlib.metadata
+import inspect
+import os
+import platform
+import shutil
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import numba
+from numba.core import config as numba_config
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+CONFIG: Final[Any] = numba_config
+"""numba's own configuration, whose attributes come into being at run time."""
+COMPILERS: Final = ("numba", "llvmlite", "numpy")
+"""What turns sources into machine code; with Python's version they are part of the key."""
+DIRECTORIES_KEPT: Final = 12
+"""Older generations of the cache are removed when a new one begins."""
+
+
+def kernel(function: F) -> F:
+    """Compile `function` at its first call with each set of types, cached on disk."""
+    return _compile(function, forceinline=False)
+
+
+def inline(function: F) -> F:
+    """Like `kernel`, for pieces whose body goes into every caller."""
+    return _compile(function, forceinline=True)
+
+
+def _compile(function: F, *, forceinline: bool) -> F:
+    root = _source_root(Path(inspect.getfile(function)))
+    before = CONFIG.CACHE_DIR
+    # numba reads this when it decorates, so each package can have a directory of its own.
+    CONFIG.CACHE_DIR = str(_cache_directory(root))
+    try:
+        compiled: Any = numba.njit(cache=True, error_model="numpy", forceinline=forceinline)
+        return compiled(function)
+    finally:
+        CONFIG.CACHE_DIR = before
+
+
+def source_key(root: Path) -> str:
+    """Name of the cache of kernels under `root`: a hash over everything that they depend on."""
+    digest = hashlib.sha256()
+    for name in COMPILERS:
+        digest.update(f"{name} {importlib.metadata.version(name)}\n".encode())
+    digest.update(f"python {platform.python_version()}\n".encode())
+    for folder in dict.fromkeys((_OBSERVER, root)):
+        for path in sorted(folder.rglob("*.py")):
+            digest.update(f"{path.relative_to(folder)}\n".encode())
+            digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()[:24]
+
+
+def _source_root(path: Path) -> Path:
+    """The top package that the file belongs to, or the file's folder where there is none."""
+    folder = path.resolve().parent
+    while (folder.parent / "__init__.py").exists():
+        folder = folder.parent
+    return folder
+
+
+@cache
+def _cache_directory(root: Path) -> Path:
+    directory = _cache_base() / source_key(root)
+    if not directory.exists():
+        _forget_old_generations(directory.parent)
+        directory.mkdir(parents=True, exist_ok=True)
+    return directory
+
+
+@cache
+def _cache_base() -> Path:
+    """Where the caches live: what numba was told (NUMBA_CACHE_DIR), the user's cache, or /tmp."""
+    told = str(CONFIG.CACHE_DIR)
+    wanted = Path(told) if told else Path.home() / ".cache" / "gaitd" / "numba"
+    try:
+        wanted.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return _temporary_base()
+    return wanted if os.access(wanted, os.W_OK | os.X_OK) else _temporary_base()
+
+
+def _temporary_base() -> Path:
+    """A folder in the system's temporary folder that nobody else can write, else a fresh one.
+
+    A cache is code that will run: one that another user could have filled is not used.
+    """
+    shared = Path(tempfile.gettempdir()) / f"gaitd-numba-{os.getuid()}"
+    shared.mkdir(mode=0o700, exist_ok=True)
+    status = shared.lstat()
+    is_ours = status.st_uid == os.getuid() and not status.st_mode & 0o022
+    return shared if is_ours and not shared.is_symlink() else Path(tempfile.mkdtemp())
+
+
+def _forget_old_generations(base: Path) -> None:
+    # Another process may be at the same work; numba compiles anew what it does not find.
+    with contextlib.suppress(FileNotFoundError):
+        newest_first = sorted(base.iterdir(), key=lambda path: -path.stat().st_mtime_ns)
+        for directory in newest_first[DIRECTORIES_KEPT - 1 :]:
+            shutil.rmtree(directory, ignore_errors=True)
+
+
+_OBSERVER: Final = Path(__file__).resolve().parent

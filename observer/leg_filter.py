@@ -1,0 +1,368 @@
+"""One cycle of the leg observer as one compiled function: predict, gate, correct, judge, report.
+
+Live operation (`leg_observer.py`) and replay (`batch.py`) call the same `advance`, so a replay
+gives the same bits. All that a cycle leaves for the next one is in one flat array, `memory`.
+
+What happens to a sample, in this order:
+1. A torque or position that is no finite number is not used; the cycle is predicted over, with the
+   last good torque. With a position missing on one axis only, the other one still corrects.
+2. A time step that is not positive is a duplicate or out of order: it raises flags, nothing else.
+   One beyond GAP_MAX_S, or more than HOLD_AFTER_CYCLES without samples, ends prediction: the state
+   is held, and the filter begins anew at the next complete sample.
+3. The prediction runs over the true time step; process noise grows with it.
+4. A sample whose NIS is beyond the gate is rejected. After GATED_MAX_IN_A_ROW of them the next one
+   is believed: the filter begins anew there, says so, and is BAD until it has warmed up.
+5. The estimate is judged (bits, level of each axis) and written out.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.cdkf import STEP, compress, correct, innovate, spread
+from observer.friction import STANDSTILL_GATE, FrictionParameters, gate
+from observer.jit import inline, kernel
+from observer.leg_memory import (
+    DISTRUST,
+    EFFORT,
+    GATED,
+    NIS_MEAN,
+    PREDICTED,
+    REST_S,
+    STARTED,
+    WARM_UP,
+    Arrays,
+    N,
+    arrays_in,
+    is_lost,
+    lose,
+    may_start,
+    restart,
+    start,
+    take_efforts,
+)
+from observer.leg_model import (
+    LANES,
+    STEP_S,
+    Integrator,
+    LegModel,
+    runge_kutta,
+    semi_implicit,
+    substeps_for,
+)
+from observer.linkage import pose
+from observer.parameters import LegParameters
+from observer.quantities import Number
+from observer.status import (
+    BAD_BITS,
+    GAP_MAX_S,
+    GATED_MAX_IN_A_ROW,
+    LATE_RATIO,
+    NEAR_SINGULAR_RATIO,
+    NIS_WINDOW_MAX,
+    NIS_WINDOW_SAMPLES,
+    PREDICTED_MAX_CYCLES,
+    REST_MAX_S,
+    Status,
+    Validity,
+)
+
+Vector = NDArray[np.float64]
+
+# Places in `out`: the mean, and then
+OUT_STD: Final = N
+OUT_COVARIANCE: Final = 2 * N
+"""Lower triangle, row by row."""
+OUT_INNOVATION: Final = OUT_COVARIANCE + N * (N + 1) // 2
+OUT_NIS: Final = OUT_INNOVATION + 2
+OUT_NET: Final = OUT_NIS + 1
+OUT_NET_STD: Final = OUT_NET + 2
+OUT_SIZE: Final = OUT_NET_STD + 2
+
+GATED_FRICTION_MOVING: Final = 0.5
+GATED_FRICTION_RESTING: Final = 5.0
+"""Factors on friction's process noise when it is gated by velocity (observer.md 3.1)."""
+WILD_RATE: Final = 100.0
+"""Predicted velocities (rad/s, m/s) that no leg has: the prediction is discarded."""
+
+BOTH: Final = np.array([0, 1], dtype=np.int64)
+HIP_ONLY: Final = np.array([0], dtype=np.int64)
+SLIDE_ONLY: Final = np.array([1], dtype=np.int64)
+
+# numba takes plain integers, not flags.
+LATE_BIT: Final = Status.LATE.value
+GATED_BIT: Final = Status.GATED.value
+PREDICT_ONLY_BIT: Final = Status.PREDICT_ONLY.value
+OUT_OF_WORKSPACE_BIT: Final = Status.OUT_OF_WORKSPACE.value
+INCONSISTENT_BIT: Final = Status.INCONSISTENT.value
+NEAR_SINGULAR_BIT: Final = Status.NEAR_SINGULAR.value
+WARM_UP_BIT: Final = Status.WARM_UP.value
+STANDSTILL_HIP_BIT: Final = Status.STANDSTILL_HIP.value
+STANDSTILL_SLIDE_BIT: Final = Status.STANDSTILL_SLIDE.value
+VALID_BIT: Final = Status.VALID.value
+BAD_MASK: Final = BAD_BITS.value
+OK: Final = Validity.OK.value
+SPLIT_UNOBSERVABLE: Final = Validity.SPLIT_UNOBSERVABLE.value
+BAD: Final = Validity.BAD.value
+RK4: Final = Integrator.RK4.value
+
+
+class Options(NamedTuple):
+    """Tuning as the kernel takes it; all floats, because such a tuple is quick to hand over."""
+
+    gate_nis: float
+    velocity_gated: Number
+    integrator: Number
+    substeps: Number
+
+
+@kernel
+def advance(
+    leg: tuple[float, ...],
+    hip: tuple[float, ...],
+    slide: tuple[float, ...],
+    coriolis_share: float,
+    options_of: tuple[float, ...],
+    process_std: Vector,
+    measurement_std: Vector,
+    memory: Vector,
+    scratch: Vector,
+    points: Vector,
+    position_hip: float,
+    position_slide: float,
+    effort_hip: float,
+    effort_slide: float,
+    dt_s: float,
+    caller_bits: int,
+    out: Vector,
+) -> tuple[int, int, int]:
+    """One cycle; Status, Validity of the hip, Validity of the slide. Numbers go to `out`.
+
+    Physics (leg, hip, slide, coriolis_share) and Options come as plain tuples of floats, which are
+    quicker to hand over than named ones. `process_std` (N) is per step of STEP_S,
+    `measurement_std` (2) in rad and m. `memory` (MEMORY_SIZE) is what the cycle before left, all
+    zero before the first; `scratch` (SCRATCH_SIZE) and `points` (POINTS_SIZE) need no content.
+    Positions are measured now (rad, m; not finite if missing), efforts acted since the cycle
+    before (N m, N), which was `dt_s` ago. `caller_bits` are those of Status that only the caller
+    can know. `out` (OUT_SIZE) gets mean, std, covariance, innovation, nis, net and net std.
+    """
+    model = LegModel(
+        LegParameters(*leg), FrictionParameters(*hip), FrictionParameters(*slide), coriolis_share
+    )
+    options = Options(*options_of)
+    arrays = arrays_in(memory, scratch, points)
+    usable = take_efforts(memory, effort_hip, effort_slide)
+    have_hip = usable and math.isfinite(position_hip)
+    have_slide = usable and math.isfinite(position_slide)
+    out[:] = math.nan
+    memory[PREDICTED : PREDICTED + 2] += 1.0
+    status = caller_bits
+    if not 0.0 < dt_s <= LATE_RATIO * STEP_S:
+        status |= LATE_BIT
+    if memory[STARTED] == 0.0 or dt_s > GAP_MAX_S or is_lost(memory):
+        complete = have_hip and have_slide
+        status |= _begin(model, memory, position_hip, position_slide, complete)
+    elif dt_s > 0.0:
+        arrays.measured[0] = position_hip
+        arrays.measured[1] = position_slide
+        status |= _predict(model, options, process_std, arrays, dt_s)
+        if (have_hip or have_slide) and not is_lost(memory):
+            status |= _measure(model, options, measurement_std, arrays, have_hip, have_slide, out)
+    if memory[STARTED] == 0.0:
+        return status | PREDICT_ONLY_BIT, BAD, BAD
+    _report(arrays, out)
+    return _judge(model, memory, dt_s, status)
+
+
+@inline
+def _begin(model: LegModel, memory: Vector, hip: float, slide: float, complete: bool) -> int:
+    """Begin, or begin anew after a gap, at a complete sample of a possible pose; bits."""
+    possible = complete and may_start(model.leg, hip, slide)
+    if memory[STARTED] == 0.0:
+        if possible:
+            start(memory, hip, slide)
+    elif possible:
+        restart(memory, hip, slide, False)
+    else:
+        lose(memory)
+    return OUT_OF_WORKSPACE_BIT if complete and not possible else 0
+
+
+@inline
+def _predict(model: LegModel, options: Options, process_std: Vector, a: Arrays, dt_s: float) -> int:
+    """Time update over `dt_s`; bits. A prediction that no leg could follow is not taken."""
+    _scale_noise(model, options, process_std, a.mean, dt_s, a.noise)
+    a.backup[:] = a.estimate
+    spread(a.mean, a.root, STEP, N, LANES, a.points)
+    substeps = substeps_for(dt_s, int(options.substeps))
+    step_s = dt_s / substeps
+    effort_hip = a.memory[EFFORT]
+    effort_slide = a.memory[EFFORT + 1]
+    outside = 0
+    for _ in range(substeps):
+        if options.integrator == RK4:
+            outside += runge_kutta(model, effort_hip, effort_slide, step_s, a.points)
+        else:
+            outside += semi_implicit(model, effort_hip, effort_slide, step_s, a.points)
+    compress(a.points, a.noise, STEP, N, LANES, a.mean, a.root, a.work)
+    # 0 * x is not a number if x is not finite, and neither is any sum with it.
+    rate = math.fabs(a.mean[2]) + math.fabs(a.mean[3]) + 0.0 * a.estimate.sum()
+    if not rate < WILD_RATE:
+        a.estimate[:] = a.backup
+        lose(a.memory)
+        return INCONSISTENT_BIT
+    return OUT_OF_WORKSPACE_BIT if outside > 0 else 0
+
+
+@inline
+def _scale_noise(
+    model: LegModel,
+    options: Options,
+    process_std: Vector,
+    mean: Vector,
+    dt_s: float,
+    noise: Vector,
+) -> None:
+    """Process noise of this step: standard deviations grow with the root of time.
+
+    Gated by velocity (`velocity_gated`), a patient's effort does not wander at rest, where nothing
+    shows it; friction wanders more there, and less in motion.
+    """
+    scale = math.sqrt(dt_s / STEP_S)
+    for i in range(N):
+        noise[i] = scale * process_std[i]
+    if options.velocity_gated != 0.0:
+        for axis in range(2):
+            moving = gate(model.hip if axis == 0 else model.slide, mean[2 + axis])
+            noise[4 + axis] *= GATED_FRICTION_MOVING * moving
+            noise[4 + axis] += (
+                scale * process_std[4 + axis] * GATED_FRICTION_RESTING * (1.0 - moving)
+            )
+            noise[6 + axis] *= moving
+
+
+@inline
+def _measure(
+    model: LegModel,
+    options: Options,
+    measurement_std: Vector,
+    a: Arrays,
+    have_hip: bool,
+    have_slide: bool,
+    out: Vector,
+) -> int:
+    """Measurement update by the axes that have a sample, or its rejection; bits."""
+    count = 2 if have_hip and have_slide else 1
+    picks = BOTH if count == 2 else (HIP_ONLY if have_hip else SLIDE_ONLY)
+    nis = innovate(
+        a.mean,
+        a.root,
+        picks,
+        count,
+        a.measured,
+        measurement_std,
+        a.innovation,
+        a.innovation_root,
+        a.work,
+    )
+    per_two = min(nis, options.gate_nis) * 2.0 / count
+    a.memory[NIS_MEAN] += (per_two - a.memory[NIS_MEAN]) / NIS_WINDOW_SAMPLES
+    out[OUT_NIS] = nis
+    for j in range(count):
+        out[OUT_INNOVATION + picks[j]] = a.innovation[j]
+    if not nis <= options.gate_nis:
+        return _reject(model, a, count == 2)
+    correct(
+        a.mean,
+        a.root,
+        N,
+        picks,
+        count,
+        measurement_std,
+        a.innovation,
+        a.innovation_root,
+        a.gain,
+        a.work,
+    )
+    a.memory[GATED] = 0.0
+    for j in range(count):
+        a.memory[PREDICTED + picks[j]] = 0.0
+    return 0
+
+
+@inline
+def _reject(model: LegModel, a: Arrays, complete: bool) -> int:
+    a.memory[GATED] += 1.0
+    too_many = a.memory[GATED] > GATED_MAX_IN_A_ROW
+    if too_many and complete and may_start(model.leg, a.measured[0], a.measured[1]):
+        restart(a.memory, a.measured[0], a.measured[1], True)
+    return GATED_BIT
+
+
+@inline
+def _report(a: Arrays, out: Vector) -> None:
+    """State, standard deviations, covariance and net efforts into `out`."""
+    at = OUT_COVARIANCE
+    for row in range(N):
+        out[row] = a.mean[row]
+        for column in range(row + 1):
+            total = 0.0
+            for k in range(column + 1):
+                total += a.root[row, k] * a.root[column, k]
+            out[at] = total
+            at += 1
+        out[OUT_STD + row] = math.sqrt(out[at - 1])
+    for axis in range(2):
+        out[OUT_NET + axis] = a.mean[6 + axis] - a.mean[4 + axis]
+        total = 0.0
+        for k in range(N):
+            difference = a.root[6 + axis, k] - a.root[4 + axis, k]
+            total += difference * difference
+        out[OUT_NET_STD + axis] = math.sqrt(total)
+
+
+@inline
+def _judge(model: LegModel, memory: Vector, dt_s: float, status: int) -> tuple[int, int, int]:
+    """All bits, and the level of each axis."""
+    leg = model.leg
+    at = pose(leg, memory[0], memory[1])
+    if not at.closes:
+        status |= OUT_OF_WORKSPACE_BIT
+    if -at.delta < NEAR_SINGULAR_RATIO * leg.shank_length_m * leg.shoe_length_m:
+        status |= NEAR_SINGULAR_BIT
+    if memory[NIS_MEAN] > NIS_WINDOW_MAX or memory[DISTRUST] > 0.0:
+        status |= INCONSISTENT_BIT
+    if memory[WARM_UP] > 0.0:
+        status |= WARM_UP_BIT
+    if memory[PREDICTED] > 0.0 or memory[PREDICTED + 1] > 0.0:
+        status |= PREDICT_ONLY_BIT
+    memory[WARM_UP] = max(memory[WARM_UP] - 1.0, 0.0)
+    memory[DISTRUST] = max(memory[DISTRUST] - 1.0, 0.0)
+    if _count_rest(model.hip, memory, 0, dt_s):
+        status |= STANDSTILL_HIP_BIT
+    if _count_rest(model.slide, memory, 1, dt_s):
+        status |= STANDSTILL_SLIDE_BIT
+    level_hip = _level(memory, 0, status)
+    level_slide = _level(memory, 1, status)
+    if BAD not in (level_hip, level_slide):
+        status |= VALID_BIT
+    return status, level_hip, level_slide
+
+
+@inline
+def _count_rest(f: FrictionParameters, memory: Vector, axis: int, dt_s: float) -> bool:
+    resting = gate(f, memory[2 + axis]) < STANDSTILL_GATE
+    if not resting:
+        memory[REST_S + axis] = 0.0
+    elif 0.0 < dt_s <= GAP_MAX_S:
+        memory[REST_S + axis] += dt_s
+    return resting
+
+
+@inline
+def _level(memory: Vector, axis: int, status: int) -> int:
+    if status & BAD_MASK or memory[PREDICTED + axis] > PREDICTED_MAX_CYCLES:
+        return BAD
+    return SPLIT_UNOBSERVABLE if memory[REST_S + axis] > REST_MAX_S else OK

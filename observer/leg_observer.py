@@ -1,0 +1,319 @@
+"""The observer of one leg: samples in, estimates out.
+
+`LegObserver` holds what one leg's filter needs between cycles; `leg_filter.advance` does the work.
+Two observers share nothing.
+
+Conventions: position (hip angle rad, slide position m) is what was measured at this cycle's SYNC;
+effort (hip torque N m, slide force N) is what the drives exerted since the SYNC before; `dt_s` is
+the true time between the two. The patient's effort is the one exerted minus the one seen: along
+the positive axis positive. net = patient - friction is observable always, the split only in motion.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer import mechanism
+from observer.friction import FrictionParameters, smallest_stribeck
+from observer.jit import kernel
+from observer.leg_filter import (
+    OUT_COVARIANCE,
+    OUT_INNOVATION,
+    OUT_NET,
+    OUT_NET_STD,
+    OUT_NIS,
+    OUT_SIZE,
+    OUT_STD,
+    Options,
+    advance,
+)
+from observer.leg_memory import MEMORY_SIZE, POINTS_SIZE, SCRATCH_SIZE, may_start, start
+from observer.leg_model import STEP_S, Integrator, substeps_needed
+from observer.mechanism import WorkspaceError, smallest_inertia
+from observer.parameters import LegParameters
+from observer.quantities import Number
+from observer.states import STATE_COUNT
+from observer.status import START_RATIO_MIN, Status, Validity
+
+Vector = NDArray[np.float64]
+Pair = Sequence[float] | Vector
+
+
+class TuningError(ValueError):
+    """A set of parameters that no estimate should come from; says which and what is allowed."""
+
+
+class PoseError(WorkspaceError):
+    """A measured pose that no leg can have: wrong offset, wrong geometry, wrong branch."""
+
+
+class ObserverTuning(NamedTuple):
+    """What may be tuned (observer.md 3.1), besides the physics."""
+
+    process_std: tuple[float, float, float, float, float, float, float, float]
+    """Per 10 ms step, in the order and units of `states.STATE_NAMES`."""
+    measurement_std: tuple[float, float]
+    """rad, m."""
+    coriolis: bool = True
+    velocity_gated: bool = False
+    """Process noise of patient and friction by the gate a(v): at rest the patient's stays put."""
+    integrator: Integrator = Integrator.RK4
+    substeps: int = 2
+    gate_nis: float = 60.0
+
+
+DEFAULT_TUNING: Final = ObserverTuning(
+    process_std=(1e-6, 1e-6, 1e-3, 5e-4, 0.1, 1.0, 0.1, 1.0), measurement_std=(5.8e-5, 2.5e-5)
+)
+
+
+LEVELS: Final = tuple(Validity)
+CALLER_BITS: Final = (
+    Status.LATE,
+    Status.UNREFERENCED,
+    Status.ARTIFICIAL,
+    Status.INPUT_SATURATED,
+    Status.NEAR_LIMIT,
+)
+"""Bits that only the caller of `step` can know, in the order of its arguments."""
+
+
+@dataclass(frozen=True, slots=True)
+class LegEstimate:
+    """What is known of one leg after one cycle. Numbers of a BAD axis are not to be used.
+
+    `innovation` and `nis` are NaN for what was not measured; before the first pose all numbers are.
+    """
+
+    state: tuple[float, ...]
+    """In the order and units of `states.STATE_NAMES`."""
+    std: tuple[float, ...]
+    covariance: tuple[float, ...]
+    """Lower triangle, row by row: 36 values."""
+    innovation: tuple[float, float]
+    """Measured minus predicted: rad, m."""
+    nis: float
+    """Innovation squared over its covariance; 2 on average when two axes are measured."""
+    net: tuple[float, float]
+    """Patient minus friction: N m, N."""
+    net_std: tuple[float, float]
+    validity: tuple[Validity, Validity]
+    """Of hip and slide."""
+    status: Status
+
+
+class LegObserver:
+    """Estimates state, friction and patient activity of one leg, one cycle after the other."""
+
+    def __init__(
+        self,
+        leg: LegParameters,
+        hip: FrictionParameters,
+        slide: FrictionParameters,
+        tuning: ObserverTuning,
+        *,
+        calibrated: bool = True,
+    ) -> None:
+        """An observer that begins at the first pose that it is given.
+
+        Args:
+            leg: mechanism, with or without a patient's leg in it.
+            hip: friction of the hip.
+            slide: friction of the slide.
+            tuning: noise, integrator, gate.
+            calibrated: whether the friction parameters were measured on this machine.
+
+        Raises:
+            TuningError: noise that is not positive, friction whose hump turns over, or an
+                integrator that is unstable with it.
+        """
+        check_tuning(leg, hip, slide, tuning)
+        self.setup: Final = setup_of(leg, hip, slide, tuning)
+        self._always = Status(0) if calibrated else Status.UNCALIBRATED
+        self._memory = np.zeros(MEMORY_SIZE)
+        self._scratch = np.zeros(SCRATCH_SIZE)
+        self._points = np.zeros(POINTS_SIZE)
+        self._out = np.zeros(OUT_SIZE)
+
+    def reset(self, position: Pair) -> None:
+        """Begin at a measured pose, at rest.
+
+        Args:
+            position: hip angle rad, slide position m.
+
+        Raises:
+            PoseError: the leg cannot be there. The observer is as it was.
+        """
+        hip, slide = _number(position[0]), _number(position[1])
+        if not (math.isfinite(hip) and math.isfinite(slide)):
+            raise PoseError(f"hip {position[0]} rad, slide {position[1]} m is no pose")
+        if not _begin_at(self.setup.leg, self._memory, hip, slide):
+            raise PoseError(
+                f"hip {hip:.4f} rad, slide {slide:.4f} m: shank and shoe do not reach each other, "
+                f"are within {START_RATIO_MIN} of the singularity, or the knee is bent backwards; "
+                "check offsets and geometry"
+            )
+
+    def step(
+        self,
+        position: Pair,
+        effort: Pair,
+        dt_s: float,
+        *,
+        late: bool = False,
+        unreferenced: bool = False,
+        artificial: bool = False,
+        input_saturated: bool = False,
+        near_limit: bool = False,
+    ) -> LegEstimate:
+        """One cycle.
+
+        Args:
+            position: hip angle rad and slide position m, measured now; None or NaN if missing.
+            effort: hip torque N m and slide force N that acted since the cycle before.
+            dt_s: time since the cycle before, s.
+            late: the sample came after its cycle.
+            unreferenced: an axis does not know its origin.
+            artificial: an artificial disturbance is in `effort`.
+            input_saturated: a drive gave less than was asked.
+            near_limit: a joint is at its end stop.
+
+        Fails: never; what cannot be used is predicted over and shows in `status`.
+        """
+        bits = self._always
+        if late or unreferenced or artificial or input_saturated or near_limit:
+            bits |= _caller_bits(late, unreferenced, artificial, input_saturated, near_limit)
+        status, level_hip, level_slide = advance(
+            *self.setup,
+            self._memory,
+            self._scratch,
+            self._points,
+            _number(position[0]),
+            _number(position[1]),
+            _number(effort[0]),
+            _number(effort[1]),
+            float(dt_s),
+            bits.value,
+            self._out,
+        )
+        values = self._out.tolist()
+        return LegEstimate(
+            tuple(values[:OUT_STD]),
+            tuple(values[OUT_STD:OUT_COVARIANCE]),
+            tuple(values[OUT_COVARIANCE:OUT_INNOVATION]),
+            (values[OUT_INNOVATION], values[OUT_INNOVATION + 1]),
+            values[OUT_NIS],
+            (values[OUT_NET], values[OUT_NET + 1]),
+            (values[OUT_NET_STD], values[OUT_NET_STD + 1]),
+            (LEVELS[level_hip], LEVELS[level_slide]),
+            Status(status),
+        )
+
+    def warm_up(self) -> None:
+        """Compile, or load from the cache, what `step` and `reset` call; changes nothing."""
+        memory, out = np.zeros(MEMORY_SIZE), np.zeros(OUT_SIZE)
+        scratch, points = np.zeros(SCRATCH_SIZE), np.zeros(POINTS_SIZE)
+        missing = (math.nan, math.nan, math.nan, math.nan)
+        advance(*self.setup, memory, scratch, points, *missing, STEP_S, 0, out)
+        _begin_at(self.setup.leg, memory, math.nan, math.nan)
+        mechanism.warm_up(LegParameters(*self.setup.leg))
+
+
+class Setup(NamedTuple):
+    """The constant arguments of `leg_filter.advance`, in its order and in its types."""
+
+    leg: tuple[float, ...]
+    hip: tuple[float, ...]
+    slide: tuple[float, ...]
+    coriolis_share: Number
+    options: tuple[float, ...]
+    process_std: Vector
+    measurement_std: Vector
+
+
+def setup_of(
+    leg: LegParameters,
+    hip: FrictionParameters,
+    slide: FrictionParameters,
+    tuning: ObserverTuning,
+) -> Setup:
+    """Parameters as the kernel takes them."""
+    options = Options(
+        gate_nis=float(tuning.gate_nis),
+        velocity_gated=float(tuning.velocity_gated),
+        integrator=float(tuning.integrator),
+        substeps=float(tuning.substeps),
+    )
+    return Setup(
+        tuple(map(float, leg)),
+        tuple(map(float, hip)),
+        tuple(map(float, slide)),
+        float(tuning.coriolis),
+        tuple(options),
+        _locked(tuning.process_std),
+        _locked(tuning.measurement_std),
+    )
+
+
+def check_tuning(
+    leg: LegParameters,
+    hip: FrictionParameters,
+    slide: FrictionParameters,
+    tuning: ObserverTuning,
+) -> None:
+    """Refuse what cannot give honest numbers.
+
+    Raises:
+        TuningError: which parameter, its value, and what is allowed.
+    """
+    for name, values, count in (
+        ("process_std", tuning.process_std, STATE_COUNT),
+        ("measurement_std", tuning.measurement_std, 2),
+        ("gate_nis", (tuning.gate_nis,), 1),
+    ):
+        if len(values) != count or not all(math.isfinite(x) and x > 0.0 for x in values):
+            raise TuningError(f"{name} = {values}: must be {count} positive numbers")
+    for name, friction in (("hip", hip), ("slide", slide)):
+        least = smallest_stribeck(friction)
+        if friction.stribeck <= least:
+            raise TuningError(
+                f"friction of the {name}: stribeck = {friction.stribeck} must exceed "
+                f"coulomb tanh(peak / transition) + viscous peak = {least:.4g}"
+            )
+    inertia = smallest_inertia(leg, START_RATIO_MIN)
+    needed = substeps_needed(hip, slide, inertia, tuning.integrator)
+    if tuning.substeps < needed:
+        raise TuningError(
+            f"substeps = {tuning.substeps} of {tuning.integrator.name.lower()}: "
+            f"this friction needs {needed} at least"
+        )
+
+
+@kernel
+def _begin_at(leg: tuple[float, ...], memory: Vector, hip: float, slide: float) -> bool:
+    """Begin at rest at a pose if the leg can be there."""
+    possible = may_start(LegParameters(*leg), hip, slide)
+    if possible:
+        start(memory, hip, slide)
+    return possible
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _locked(values: Sequence[float]) -> Vector:
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+def _caller_bits(*given: bool) -> Status:
+    bits = Status(0)
+    for bit, is_set in zip(CALLER_BITS, given, strict=True):
+        bits |= bit if is_set else Status(0)
+    return bits

@@ -1,0 +1,172 @@
+"""From plant.toml to a machine: plants, drives and world wired together.
+
+Whoever calls reads the files: the mechanism comes as numbers, because a robot file is the service's
+to understand.
+"""
+
+import configparser
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from observer.friction import FrictionParameters
+from observer.mechanism import LegParameters
+from sim_drives.dictionary import Entry, read_eds
+from sim_drives.faults import FaultCommandError, help_text
+from sim_drives.one_leg import Leg
+from sim_drives.plant import PlantError, Trainer, UnknownProgrammeError
+from sim_drives.scaling import effort_per_a
+from sim_drives.settings import DriveSettings, PlantFile
+from sim_drives.truth import TruthLog
+from sim_drives.world import World
+
+PATIENT_COMMAND = "patient"
+
+
+class MachineError(Exception):
+    """The operator's: plant.toml says what no machine can be built from; `key` is empty for all."""
+
+    def __init__(self, key: str, value: object, allowed: str) -> None:
+        super().__init__(f"{key} = {value}: {allowed}")
+        self.key = key
+        self.value = value
+        self.allowed = allowed
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """A world, and the plants in it by the name of their leg."""
+
+    world: World
+    trainers: Mapping[str, Trainer]
+
+    def command(self, line: str) -> str:
+        """Obey a line: a fault (`faults.py`), `patient PROGRAMME`, or `help`.
+
+        Raises:
+            FaultCommandError: no such command; says what is known.
+        """
+        words = line.split()
+        if words == ["help"]:
+            return f"{help_text()}\n{PATIENT_COMMAND} PROGRAMME: one of {self._programmes()}"
+        if words[:1] != [PATIENT_COMMAND]:
+            return self.world.command(line)
+        if len(words) != 2:
+            raise FaultCommandError(f"{line!r}: expected {PATIENT_COMMAND} PROGRAMME")
+        return self._start_programme(words[1])
+
+    def _start_programme(self, name: str) -> str:
+        try:
+            for trainer in self.trainers.values():
+                trainer.patient(name)
+        except UnknownProgrammeError as error:
+            raise FaultCommandError(str(error)) from error
+        return f"patient plays {name}"
+
+    def _programmes(self) -> str:
+        names = {name for trainer in self.trainers.values() for name in trainer.programmes}
+        return ", ".join(sorted(names))
+
+
+def build_machine(
+    plant: PlantFile,
+    folder: Path,
+    leg: LegParameters,
+    frictions: tuple[FrictionParameters, FrictionParameters],
+    *,
+    seed: int | None = None,
+    start_ns: int = 0,
+    truth: Mapping[str, TruthLog] | None = None,
+) -> Machine:
+    """Build the machine, switched on, at rest in its start pose.
+
+    Args:
+        plant: plant.toml.
+        folder: where it lies; its paths are relative to it.
+        leg: mechanism of the plant's robot file.
+        frictions: of hip and slide, from the same file.
+        seed: of all that is random; the file's own if None.
+        start_ns: the world's first time.
+        truth: takes each SYNC's truth, by leg; legs may be missing.
+
+    Raises:
+        MachineError: by key of plant.toml, value, and what would be allowed.
+    """
+    chosen_seed = plant.seed if seed is None else seed
+    trainers: dict[str, Trainer] = {}
+    legs: list[Leg] = []
+    for number, (name, drives) in enumerate(plant.drives.items()):
+        parts = [
+            (drive, _entries(drive, folder, f"drives.{name}.{axis}"))
+            for axis, drive in (("hip", drives.hip), ("slide", drives.slide))
+        ]
+        efforts = effort_per_a(drives.hip), effort_per_a(drives.slide)
+        trainers[name] = _trainer(plant, leg, frictions, efforts, chosen_seed + number, start_ns)
+        legs.append(Leg(name, trainers[name], *parts[0], *parts[1]))
+    _check_node_ids(plant)
+    logs = truth or {}
+
+    def record(sync_count: int) -> None:
+        for name, log in logs.items():
+            log.record(sync_count, trainers[name].truth())
+
+    try:
+        world = World(legs, plant.fault, seed=chosen_seed, start_ns=start_ns, on_sync=record)
+    except FaultCommandError as error:
+        raise MachineError("fault", f"{len(plant.fault)} tables", str(error)) from error
+    return Machine(world, trainers)
+
+
+def _trainer(
+    plant: PlantFile,
+    leg: LegParameters,
+    frictions: tuple[FrictionParameters, FrictionParameters],
+    efforts: tuple[float, float],
+    seed: int,
+    start_ns: int,
+) -> Trainer:
+    try:
+        return Trainer(plant, leg, frictions, efforts, seed, start_ns)
+    except UnknownProgrammeError as error:
+        raise MachineError("patient.start", plant.patient.start, str(error)) from error
+    except PlantError as error:
+        raise MachineError("", "", str(error)) from error
+
+
+def _entries(drive: DriveSettings, folder: Path, key: str) -> tuple[Entry, ...]:
+    _check_transmission(drive, key)
+    path = folder / drive.eds
+    try:
+        return read_eds(path, drive.node_id)
+    except OSError as error:
+        allowed = f"an EDS file ({(error.strerror or 'cannot be read').lower()})"
+        raise MachineError(f"{key}.eds", drive.eds, allowed) from error
+    except (configparser.Error, ValueError, KeyError) as error:
+        raise MachineError(f"{key}.eds", drive.eds, f"an EDS file ({error})") from error
+
+
+def _check_transmission(drive: DriveSettings, key: str) -> None:
+    rotary = drive.lead_m is None and drive.offset_m is None and drive.offset_rad is not None
+    linear = drive.lead_m is not None and drive.offset_m is not None and drive.offset_rad is None
+    if not rotary and not linear:
+        given = ", ".join(
+            name
+            for name in ("lead_m", "offset_m", "offset_rad")
+            if getattr(drive, name) is not None
+        )
+        allowed = "`offset_rad` for a joint that turns, or `lead_m` and `offset_m` for a rail"
+        raise MachineError(key, f"{{{given}}}", allowed)
+    if drive.tpdo_delay_max_ms < drive.tpdo_delay_min_ms:
+        least = f"at least tpdo_delay_min_ms = {drive.tpdo_delay_min_ms:g}"
+        raise MachineError(f"{key}.tpdo_delay_max_ms", drive.tpdo_delay_max_ms, least)
+
+
+def _check_node_ids(plant: PlantFile) -> None:
+    known: dict[int, str] = {}
+    for leg, drives in plant.drives.items():
+        for axis, drive in (("hip", drives.hip), ("slide", drives.slide)):
+            name = f"{leg}.{axis}"
+            if drive.node_id in known:
+                allowed = f"a node id of its own; drives.{known[drive.node_id]} has this one"
+                raise MachineError(f"drives.{name}.node_id", drive.node_id, allowed)
+            known[drive.node_id] = name

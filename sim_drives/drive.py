@@ -1,0 +1,334 @@
+"""The CiA 402 device: runs the power state machine of `power_state.py` on one axis.
+
+Rules beside the tables':
+1. A slow-down ends when the plant reports standstill; then comes the state that STOPPING names.
+   While it lasts, a command with a row of its own ends it; 0Fh ends that of transitions 5 and 8.
+2. A fault passes "fault reaction active" also when there is nothing to slow down, for
+   FAULT_REACTION_MIN_NS. A fault during a fault adds its EMCY and changes nothing else.
+3. Fault reset is the rising edge of bit 7 in "fault", and is granted when every cause is gone.
+4. STO open: no torque from that instant, fault, and no state of the machine can give power before
+   it is released and the fault reset.
+5. Lost connection (heartbeat, RPDO watchdog) acts by 6007h: on a drive for which that is a fault,
+   the slow-down that 6007h names and then "fault"; on the others the command that it names.
+   Leaving NMT operational with the power stage on is that command on both.
+"""
+
+from typing import Final
+
+from sim_drives.actuation import Actuation, AxisActuation, AxisFlag
+from sim_drives.dictionary import ObjectDictionary
+from sim_drives.emergency import Errors
+from sim_drives.line import Line
+from sim_drives.measurement import NEGATIVE_SWITCH, POSITIVE_SWITCH, Measurement
+from sim_drives.motion import Mode, Motion
+from sim_drives.personality import PERSONALITIES
+from sim_drives.plant_port import Axis
+from sim_drives.power_state import (
+    DISABLE_OPTION,
+    FAULT_REACTION_OPTION,
+    POWER_STAGE_ON,
+    QUICK_STOP_OPTION,
+    TRANSITIONS,
+    AbortConnection,
+    Command,
+    PowerState,
+    Ramp,
+    StatusBit,
+    Stopping,
+    Transition,
+    command_of,
+    fault_reset_edge,
+)
+from sim_drives.scaling import Scaling
+from sim_drives.settings import DriveSettings, LimitSwitch, PositionLimit
+from sim_drives.timers import MILLISECOND, Timers
+
+SELF_TEST_NS: Final = 200 * MILLISECOND
+"""From power-on to transition 1."""
+FAULT_REACTION_MIN_NS: Final = 1 * MILLISECOND
+FOLLOWING_ERROR_CODE: Final = 0x8611
+NEGATIVE_SWITCH_CODE: Final = 0x8A80
+POSITIVE_SWITCH_CODE: Final = 0x8A81
+SOFT_LIMIT_CODE: Final = 0x8A82
+CONNECTION_CODE: Final = 0x8100
+_VOLTAGE_OFF: Final = (PowerState.NOT_READY_TO_SWITCH_ON, PowerState.SWITCH_ON_DISABLED)
+_FAULTED: Final = (PowerState.FAULT_REACTION_ACTIVE, PowerState.FAULT)
+
+
+class Drive:
+    """Power state, statusword and the order to one axis."""
+
+    def __init__(
+        self,
+        settings: DriveSettings,
+        dictionary: ObjectDictionary,
+        axis: Axis,
+        line: Line,
+        timers: Timers,
+        errors: Errors,
+    ) -> None:
+        self._settings = settings
+        self._personality = PERSONALITIES[settings.personality]
+        self._dictionary = dictionary
+        self._axis = axis
+        self._line = line
+        self._timers = timers
+        self._errors = errors
+        scaling = Scaling(settings, dictionary)
+        self.measurement = Measurement(settings, dictionary, scaling, axis)
+        self._motion = Motion(settings, dictionary, scaling, self.measurement, line, timers)
+        self.state = PowerState.NOT_READY_TO_SWITCH_ON
+        self._stopping: Stopping | None = None
+        self._after_stop: Transition | None = None
+        self._at_rest = False
+        self._controlword_prev = 0
+        self._ordered: AxisActuation | None = None
+        dictionary.watch(0x6040, lambda _: self._controlword_written())
+
+    # --- power and connection -----------------------------------------------------------------
+
+    def power_on(self) -> None:
+        """Transitions 0 and, after the self-test, 1."""
+        self._controlword_prev = 0
+        self._errors.forget()
+        self._motion.power_on()
+        self.measurement.power_on(self._line.now_ns)
+        self._enter(PowerState.NOT_READY_TO_SWITCH_ON)
+        self._timers.start(Drive, self._line.now_ns + SELF_TEST_NS, self._self_test_done)
+        self.update()
+
+    def power_off(self) -> None:
+        """No torque, whatever the state was."""
+        self._enter(PowerState.NOT_READY_TO_SWITCH_ON)
+        self.update()
+
+    def _self_test_done(self) -> None:
+        self._enter(PowerState.SWITCH_ON_DISABLED)
+        if not self.measurement.sto_released:
+            self.fault(self._personality.sto_error_code)
+
+    def switch_sto(self, *, released: bool) -> None:
+        """Rule 4."""
+        self.measurement.sto_released = released
+        if released:
+            self._errors.cause_gone(self._personality.sto_error_code)
+        elif self.state is not PowerState.NOT_READY_TO_SWITCH_ON:
+            self.fault(self._personality.sto_error_code)
+
+    def connection_lost(self, code: int) -> None:
+        """Rule 5; `code` is 8130h or 8250h."""
+        reaction = AbortConnection(self._dictionary.value(0x6007))
+        if reaction is AbortConnection.FAULT:
+            self.fault(code)
+        elif self._personality.connection_loss_is_fault and reaction:
+            quick = Stopping(Ramp.QUICK)
+            coast = Stopping(Ramp.COAST)
+            self.fault(code, quick if reaction is AbortConnection.QUICK_STOP else coast)
+        else:
+            self._errors.begin(code, latched=False)
+            self._abort_connection(reaction)
+
+    def left_operational(self) -> None:
+        """Rule 5, second half."""
+        self._motion.forget_targets()
+        reaction = AbortConnection(self._dictionary.value(0x6007))
+        if self.state not in (PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE):
+            return
+        if reaction is AbortConnection.FAULT:
+            self.fault(CONNECTION_CODE)
+            self._errors.cause_gone(CONNECTION_CODE)
+        else:
+            self._abort_connection(reaction)
+
+    def _abort_connection(self, reaction: AbortConnection) -> None:
+        if reaction is AbortConnection.DISABLE_VOLTAGE:
+            self._obey(Command.DISABLE_VOLTAGE)
+        elif reaction is AbortConnection.QUICK_STOP:
+            self._obey(Command.QUICK_STOP)
+
+    # --- faults -------------------------------------------------------------------------------
+
+    def fault(self, code: int, stopping: Stopping | None = None) -> None:
+        """Transition 13 with its reaction: 605Eh, or one of its own."""
+        self._errors.begin(code, latched=True)
+        if not self.measurement.sto_released:
+            stopping = Stopping(Ramp.COAST)
+        elif self.state in _FAULTED:
+            return
+        if self.state is PowerState.FAULT:
+            return
+        powered = self.state in POWER_STAGE_ON
+        if stopping is None:
+            stopping = FAULT_REACTION_OPTION[self._dictionary.value(0x605E)]
+        self._enter(PowerState.FAULT_REACTION_ACTIVE)
+        self._stop(stopping if powered else Stopping(Ramp.COAST), Transition(14, PowerState.FAULT))
+
+    def _reset_fault(self) -> None:
+        if self._errors.reset():
+            self._enter(PowerState.SWITCH_ON_DISABLED)
+
+    # --- the power state machine --------------------------------------------------------------
+
+    def _controlword_written(self) -> None:
+        controlword = self._dictionary.value(0x6040)
+        edge = fault_reset_edge(self._controlword_prev, controlword)
+        self._controlword_prev = controlword
+        if edge and self.state is PowerState.FAULT:
+            self._reset_fault()
+        command = command_of(controlword)
+        if command is not None:
+            self._obey(command)
+        enabled = self.state is PowerState.OPERATION_ENABLED
+        self._motion.controlword_written(controlword, enabled=enabled)
+
+    def _obey(self, command: Command) -> None:
+        row = TRANSITIONS.get((self.state, command))
+        if row is not None:
+            self._pass(row, command)
+        elif self.state is PowerState.OPERATION_ENABLED:  # 0Fh: rule 1
+            self._stopping = self._after_stop = None
+
+    def _pass(self, row: Transition, command: Command) -> None:
+        match row.number:
+            case 3:
+                self._enter(PowerState.SWITCHED_ON)
+                if command is Command.ENABLE_OPERATION and self._personality.automatic_enable:
+                    self._enter(PowerState.OPERATION_ENABLED)
+            case 5:
+                self._slow_down_enabled(0x605C, row)
+            case 8:
+                self._slow_down_enabled(0x605B, row)
+            case 11:
+                self._enter(PowerState.QUICK_STOP_ACTIVE)
+                stopping = QUICK_STOP_OPTION[self._dictionary.value(0x605A)]
+                self._stop(stopping, Transition(12, PowerState.SWITCH_ON_DISABLED))
+            case 16:
+                if QUICK_STOP_OPTION[self._dictionary.value(0x605A)].stays:
+                    self._enter(row.target)
+            case _:
+                self._enter(row.target)
+
+    def _slow_down_enabled(self, option: int, row: Transition) -> None:
+        if self._after_stop != row:
+            self._stop(DISABLE_OPTION[self._dictionary.value(option)], row)
+
+    def _enter(self, state: PowerState) -> None:
+        self.state = state
+        self._stopping = self._after_stop = None
+        self._at_rest = False
+        self._timers.cancel(PowerState)
+
+    def _stop(self, stopping: Stopping, then: Transition) -> None:
+        self._stopping, self._after_stop = stopping, then
+        if stopping.ramp is not Ramp.COAST:
+            return
+        if self.state is PowerState.FAULT_REACTION_ACTIVE:
+            at_ns = self._line.now_ns + FAULT_REACTION_MIN_NS
+            self._timers.start(PowerState, at_ns, self._stopped)
+        else:
+            self._stopped()
+
+    def _stopped(self) -> None:
+        stopping, then = self._stopping, self._after_stop
+        if stopping is None or then is None:
+            return
+        if stopping.stays:
+            self._at_rest = True
+        else:
+            self._enter(then.target)
+
+    # --- what the plant reports, and what it is told ------------------------------------------
+
+    def watch_plant(self) -> None:
+        """Draw the consequences of the plant's flags."""
+        flags = self._axis.flags()
+        if flags & AxisFlag.STANDSTILL and self._ramping and not self._at_rest:
+            self._stopped()
+        if self.state is PowerState.OPERATION_ENABLED:
+            self._judge_motion(flags)
+
+    @property
+    def _ramping(self) -> bool:
+        """Whether the plant has been told to slow down, so that its standstill answers that."""
+        ordered = self._ordered is not None and self._ordered.actuation is Actuation.RAMP
+        return ordered and self._stopping is not None and self._stopping.ramp is not Ramp.COAST
+
+    def _judge_motion(self, flags: AxisFlag) -> None:
+        if flags & AxisFlag.FOLLOWING_ERROR:
+            self._fault_once(FOLLOWING_ERROR_CODE)
+        faults = self._settings.position_limit is PositionLimit.FAULT
+        if faults and self._motion.outside_position_limits():
+            self._fault_once(SOFT_LIMIT_CODE)
+        if self._settings.limit_switch is LimitSwitch.FAULT:
+            switches = self.measurement.switches(flags)
+            if switches & NEGATIVE_SWITCH:
+                self._fault_once(NEGATIVE_SWITCH_CODE)
+            if switches & POSITIVE_SWITCH:
+                self._fault_once(POSITIVE_SWITCH_CODE)
+
+    def _fault_once(self, code: int) -> None:
+        """A cause that ends with the motion: it can be reset, and comes back if nothing changes."""
+        self.fault(code)
+        self._errors.cause_gone(code)
+
+    def latch(self) -> None:
+        """Sample all process values, and judge them."""
+        self.measurement.latch(self._line.now_ns)
+        self.update()
+
+    def update(self) -> None:
+        """After anything that may have changed the state: statusword, inputs, the plant's order."""
+        self.watch_plant()
+        order = self._order()
+        if order != self._ordered:
+            self._ordered = order
+            self._axis.order(order)
+        self.measurement.show_inputs()
+        self._show_demand()
+        self._dictionary.put(0x6041, 0, self._statusword())
+
+    def _order(self) -> AxisActuation:
+        if self.state not in POWER_STAGE_ON or not self.measurement.sto_released:
+            return self._motion.coast()
+        if self._stopping is not None:
+            ramp = self._stopping.ramp
+            return self._motion.coast() if ramp is Ramp.COAST else self._motion.ramp(ramp)
+        return self._motion.order()
+
+    def _show_demand(self) -> None:
+        actual = self.measurement.position_counts
+        tracking = (
+            self.state is PowerState.OPERATION_ENABLED
+            and self._motion.mode is Mode.CYCLIC_SYNC_POSITION
+            and self._motion.follows
+        )
+        demand = self._dictionary.value(0x607A) if tracking else actual
+        self._dictionary.put(0x6062, 0, demand)
+        self._dictionary.put(0x60F4, 0, max(-(2**31), min(2**31 - 1, demand - actual)))
+
+    # --- statusword ---------------------------------------------------------------------------
+
+    def _statusword(self) -> int:
+        word = self.state.value | StatusBit.REMOTE
+        word |= StatusBit.VOLTAGE_ENABLED * self._voltage_enabled()
+        word |= StatusBit.WARNING * self._errors.warning
+        word |= StatusBit.REFERENCED * self.measurement.referenced
+        word |= StatusBit.TARGET_REACHED * self._at_rest
+        word |= StatusBit.FOLLOWING_ERROR * self._errors.active(FOLLOWING_ERROR_CODE)
+        if self.state is PowerState.OPERATION_ENABLED:
+            word |= self._mode_bits()
+        return word
+
+    def _voltage_enabled(self) -> bool:
+        return self.measurement.sto_released and self.state not in _VOLTAGE_OFF
+
+    def _mode_bits(self) -> int:
+        flags = self._axis.flags()
+        limited = flags & (AxisFlag.TARGET_CLIPPED | AxisFlag.SPEED_LIMITED)
+        word = StatusBit.INTERNAL_LIMIT * (bool(limited) or self._motion.torque_clipped())
+        if self._motion.mode is Mode.HOMING:
+            done = self._motion.homing_attained
+            return word | StatusBit.TARGET_REACHED | StatusBit.FOLLOWS * done
+        if self._motion.halted:
+            return word | StatusBit.TARGET_REACHED * bool(flags & AxisFlag.STANDSTILL)
+        return word | StatusBit.FOLLOWS * self._motion.follows

@@ -1,0 +1,159 @@
+"""What a drive measures, as its objects say it: position, speed, torque, current, inputs.
+
+Rules:
+1. Position 6064h = encoder counts - origin, as 32 bits that wrap. An absolute encoder has origin
+   0 and is referenced. An incremental one takes its origin where it stands at power-on and is not
+   referenced; homing sets the origin so that 6064h reads 607Ch, and references it.
+2. Counts and mA are whole numbers: here is where the sensors' values are quantised.
+3. A frozen encoder repeats its last count; the drive's own loops behind it go on. A glitch adds
+   counts to what is reported, also only there.
+4. 60FDh: bit 0 negative and bit 1 positive limit switch in the drive's direction, bit 16 hand
+   switch closed, bit 17 STO released.
+"""
+
+import math
+from typing import Final
+
+from sim_drives.actuation import AxisFlag, AxisSample
+from sim_drives.dictionary import ObjectDictionary
+from sim_drives.personality import PERSONALITIES
+from sim_drives.plant_port import Axis
+from sim_drives.scaling import Scaling
+from sim_drives.settings import DriveSettings, EncoderKind
+
+NEGATIVE_SWITCH: Final = 1 << 0
+POSITIVE_SWITCH: Final = 1 << 1
+HAND_SWITCH_CLOSED: Final = 1 << 16
+STO_RELEASED: Final = 1 << 17
+AVERAGING_S: Final = 0.05
+"""Time constant of 30D1h:01."""
+_INT16_MAX: Final = 2**15 - 1
+
+
+class Measurement:
+    """Process values of one drive."""
+
+    def __init__(
+        self, settings: DriveSettings, dictionary: ObjectDictionary, scaling: Scaling, axis: Axis
+    ) -> None:
+        self._dictionary = dictionary
+        self._scaling = scaling
+        self._axis = axis
+        self._absolute = settings.encoder is EncoderKind.ABSOLUTE
+        self._sign = settings.sign
+        self._temperature = PERSONALITIES[settings.personality]
+        self._origin_counts = 0
+        self._counts = 0
+        self._average_ma = 0.0
+        self._sampled_ns: int | None = None
+        self.referenced = False
+        self.hand_switch_closed = True
+        self.sto_released = True
+        self.encoder_frozen = False
+        self._glitch_counts = 0
+        self._glitch_seen = False
+        self._glitch_over = False
+
+    @property
+    def position_counts(self) -> int:
+        """6064h as last measured."""
+        return self._dictionary.value(0x6064)
+
+    @property
+    def origin_counts(self) -> int:
+        """What a target in the drive's own counts lacks to the encoder's."""
+        return self._origin_counts
+
+    def power_on(self, now_ns: int) -> None:
+        """Rule 1."""
+        self._average_ma = 0.0
+        self._sampled_ns = None
+        sample = self._axis.sample()
+        self._counts = round(self._scaling.counts(sample.position_si))
+        self._origin_counts = 0 if self._absolute else self._counts
+        self.referenced = self._absolute
+        self._show(sample, now_ns)
+
+    def home(self) -> None:
+        """Methods 35 and 37: the present position becomes 607Ch."""
+        self._origin_counts = self._counts - self._dictionary.value(0x607C)
+        self.referenced = True
+        self._show_position()
+
+    def latch(self, now_ns: int) -> None:
+        """Sample everything at this instant."""
+        sample = self._axis.sample()
+        if not self.encoder_frozen:
+            self._counts = round(self._scaling.counts(sample.position_si))
+        self._show(sample, now_ns)
+        self._glitch_seen = True
+        if self._glitch_over:
+            self._glitch_counts = 0
+
+    def begin_glitch(self, counts: int) -> None:
+        """Add counts to what is reported, from the next sample on."""
+        self._glitch_counts = counts
+        self._glitch_seen = self._glitch_over = False
+
+    def end_glitch(self) -> None:
+        """Stop, but not before one sample has had it."""
+        self._glitch_over = True
+        if self._glitch_seen:
+            self._glitch_counts = 0
+
+    def show_inputs(self) -> None:
+        """60FDh."""
+        flags = self._axis.flags()
+        inputs = HAND_SWITCH_CLOSED * self.hand_switch_closed
+        inputs |= STO_RELEASED * self.sto_released
+        inputs |= self.switches(flags)
+        self._dictionary.put(0x60FD, 0, inputs)
+
+    def switches(self, flags: AxisFlag) -> int:
+        """Bits of the limit switches: the joint's end stops seen in the drive's direction."""
+        negative, positive = AxisFlag.END_STOP_NEGATIVE, AxisFlag.END_STOP_POSITIVE
+        if self._sign < 0:
+            negative, positive = positive, negative
+        return NEGATIVE_SWITCH * bool(flags & negative) | POSITIVE_SWITCH * bool(flags & positive)
+
+    def _show(self, sample: AxisSample, now_ns: int) -> None:
+        put = self._dictionary.put
+        current_a = self._scaling.motor_current_a(sample.current_a)
+        current_ma = round(current_a * 1e3)
+        self._show_position()
+        put(0x606C, 0, round(self._scaling.speed_raw(sample.velocity_si)))
+        put(0x6077, 0, _int16(self._scaling.torque_permille(current_ma * 1e-3)))
+        self._show_current(current_ma, now_ns)
+        step_degc = self._temperature.temperature_step_degc
+        put(*self._temperature.temperature_address, _int16(sample.temperature_degc / step_degc))
+        self.show_inputs()
+
+    def _show_position(self) -> None:
+        self._dictionary.put(
+            0x6064, 0, wrap_int32(self._counts + self._glitch_counts - self._origin_counts)
+        )
+
+    def _show_current(self, current_ma: int, now_ns: int) -> None:
+        if (0x30D1, 2) in self._dictionary:
+            self._average(current_ma, now_ns)
+            self._dictionary.put(0x30D1, 1, round(self._average_ma))
+            self._dictionary.put(0x30D1, 2, current_ma)
+        else:
+            rated_ma = self._scaling.rated_current_a * 1e3
+            self._dictionary.put(0x6078, 0, _int16(current_ma / rated_ma * 1e3 if rated_ma else 0))
+
+    def _average(self, current_ma: int, now_ns: int) -> None:
+        elapsed_s = 0.0 if self._sampled_ns is None else (now_ns - self._sampled_ns) * 1e-9
+        self._sampled_ns = now_ns
+        self._average_ma += (1 - math.exp(-elapsed_s / AVERAGING_S)) * (
+            current_ma - self._average_ma
+        )
+
+
+def wrap_int32(counts: int) -> int:
+    """The lower 32 bits, signed: what a drive's position counter does at its end."""
+    return (counts + 2**31) % 2**32 - 2**31
+
+
+def _int16(value: float) -> int:
+    return max(-_INT16_MAX - 1, min(_INT16_MAX, round(value)))

@@ -1,0 +1,178 @@
+"""One leg of the virtual machine: a plant and the two nodes on it, from event to event.
+
+Legs meet on the bus alone, so between two frames from outside each runs by itself. An event is a
+timer of a node, an entry of the faults' agenda, or a flag that the plant stops for; frames that
+leave late wait in the outbox. Nothing here reads a clock.
+"""
+
+import heapq
+import random
+from itertools import count
+from typing import Final, NamedTuple
+
+from sim_drives.actuation import AxisFlag
+from sim_drives.dictionary import Entry
+from sim_drives.faults import RULES, FaultOrder
+from sim_drives.frame import Frame, TimedFrame
+from sim_drives.node import Node
+from sim_drives.plant_port import Axis, Plant
+from sim_drives.settings import DriveSettings, FaultKind
+from sim_drives.timers import NEVER
+
+NS_PER_S: Final = 1_000_000_000
+
+
+class Leg(NamedTuple):
+    """What one leg is made of."""
+
+    name: str
+    plant: Plant
+    """Its time is the world's start."""
+    hip: DriveSettings
+    hip_entries: tuple[Entry, ...]
+    """Of its EDS, for its node id."""
+    slide: DriveSettings
+    slide_entries: tuple[Entry, ...]
+
+
+class _Running(NamedTuple):
+    """A fault that has begun and not ended."""
+
+    number: int
+    """Of its end on the agenda, so that the end of an older one does not end it."""
+    value: float
+
+
+class _Line:
+    """One node's end of the bus."""
+
+    def __init__(self, leg: "OneLeg", name: str) -> None:
+        self._leg = leg
+        self._name = name
+
+    @property
+    def now_ns(self) -> int:
+        return self._leg.now_ns
+
+    def send(self, frame: Frame, *, delay_ns: int = 0) -> None:
+        self._leg.put_on_bus(self._name, frame, delay_ns)
+
+
+class OneLeg:
+    """Two nodes and their plant."""
+
+    def __init__(self, leg: Leg, seed: int, start_ns: int) -> None:
+        self.now_ns = start_ns
+        self._plant = leg.plant
+        self._order = count()
+        self._outbox: list[tuple[int, int, str, Frame]] = []
+        self._agenda: list[tuple[int, int, FaultOrder]] = []
+        self._running: dict[tuple[str, FaultKind], _Running] = {}
+        parts = (("hip", leg.hip, leg.hip_entries), ("slide", leg.slide, leg.slide_entries))
+        self.nodes = {
+            f"{leg.name}/{axis}": Node(
+                f"{leg.name}/{axis}",
+                settings,
+                entries,
+                Axis(leg.plant, number),
+                _Line(self, f"{leg.name}/{axis}"),
+                random.Random(f"{seed}/{leg.name}/{axis}"),
+            )
+            for number, (axis, settings, entries) in enumerate(parts)
+        }
+        self._flags = dict.fromkeys(self.nodes, AxisFlag.NONE)
+
+    def power_on(self) -> None:
+        """Switch both drives on."""
+        for node in self.nodes.values():
+            node.power_on()
+
+    # --- the bus ------------------------------------------------------------------------------
+
+    def receive(self, frame: Frame) -> None:
+        """A frame reaches both nodes now."""
+        for node in self.nodes.values():
+            node.receive(frame)
+
+    def put_on_bus(self, drive: str, frame: Frame, delay_ns: int) -> None:
+        """A node sends; the frame is on the bus `delay_ns` from now."""
+        heapq.heappush(self._outbox, (self.now_ns + delay_ns, next(self._order), drive, frame))
+
+    # --- time ---------------------------------------------------------------------------------
+
+    def advance_to(self, time_ns: int) -> list[TimedFrame]:
+        """Let time pass; the frames on the bus up to and including `time_ns`, in order."""
+        sent: list[TimedFrame] = []
+        while True:
+            self._advance_plant(min(self._next_deadline_ns(), time_ns))
+            sent += self._release()  # before a fault that begins now can hold them back
+            if self._next_deadline_ns() <= self.now_ns:
+                self._run_due()
+            elif self.now_ns == time_ns:
+                return sent + self._release()
+
+    def next_event_ns(self) -> int:
+        """When something happens by itself, or NEVER; not counting what the plant may report."""
+        return min(self._next_deadline_ns(), self._outbox[0][0] if self._outbox else NEVER)
+
+    def _next_deadline_ns(self) -> int:
+        timers_ns = min(node.timers.next_ns() for node in self.nodes.values())
+        return min(timers_ns, self._agenda[0][0] if self._agenda else NEVER)
+
+    def _advance_plant(self, time_ns: int) -> None:
+        """Up to `time_ns`, or to the moment where a flag comes up, which the nodes then judge."""
+        self.now_ns = self._plant.advance(max(time_ns, self.now_ns))
+        for name, node in self.nodes.items():
+            flags = node.axis.flags()
+            if flags != self._flags[name]:
+                self._flags[name] = flags
+                node.changed()
+
+    def _run_due(self) -> None:
+        while self._agenda and self._agenda[0][0] <= self.now_ns:
+            _, number, order = heapq.heappop(self._agenda)
+            running = self._running.get((order.drive, order.kind))
+            if not order.clear or (running is not None and running.number == number):
+                self.inject(order)
+        for node in self.nodes.values():
+            if node.timers.next_ns() <= self.now_ns:
+                node.run_timers(self.now_ns)
+
+    def _release(self) -> list[TimedFrame]:
+        sent: list[TimedFrame] = []
+        while self._outbox and self._outbox[0][0] <= self.now_ns:
+            time_ns, _, drive, frame = heapq.heappop(self._outbox)
+            if self.nodes[drive].heard_at(time_ns):
+                sent.append(TimedFrame(time_ns, *frame))
+        return sent
+
+    # --- faults -------------------------------------------------------------------------------
+
+    def plan(self, at_ns: int, order: FaultOrder) -> None:
+        """Put a fault on the agenda."""
+        heapq.heappush(self._agenda, (at_ns, next(self._order), order))
+
+    def inject(self, order: FaultOrder) -> None:
+        """Begin or clear a fault of one of this leg's drives now."""
+        self._end(order.drive, order.kind)
+        if not order.clear:
+            self._begin(order)
+
+    def _begin(self, order: FaultOrder) -> None:
+        node, rule = self.nodes[order.drive], RULES[order.kind]
+        rule.begin(node, order.value)
+        node.changed()
+        number = next(self._order)
+        self._running[order.drive, order.kind] = _Running(number, order.value)
+        if order.duration_s is not None:
+            at_ns = self.now_ns + round(order.duration_s * NS_PER_S)
+            end = FaultOrder(order.drive, order.kind, clear=True)
+            heapq.heappush(self._agenda, (at_ns, number, end))
+        elif rule.momentary:
+            self._end(order.drive, order.kind)
+
+    def _end(self, drive: str, kind: FaultKind) -> None:
+        running = self._running.pop((drive, kind), None)
+        if running is not None:
+            RULES[kind].end(self.nodes[drive], running.value)
+            self.nodes[drive].changed()

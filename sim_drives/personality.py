@@ -1,0 +1,112 @@
+"""What the two kinds of virtual drive do differently. CiA 402 leaves it open; manufacturers decide.
+
+| | EPOS4-like | plain CiA 402 |
+|---|---|---|
+| 6076h | µN·m, follows from 3001h:01 x 3001h:05 | mN·m |
+| current actual | 30D1h:02 in mA | 6078h in per mille of 6075h |
+| torque limit | 3001h:02 in mA | 6072h and 6073h in per mille |
+| speeds, decelerations | rpm, rpm/s of the motor | counts/s, counts/s² |
+| temperature | 3201h:01, 0.1 °C | 2100h:01, °C |
+| 0Fh in ready to switch on | transitions 3 and 4 | 3, then 4 by the next controlword |
+| lost connection (6007h) | slows down so, then Fault | the command so named; Fault only for 1 |
+| 8130h, 8120h are gone | by NMT reset communication | when the heartbeat is back |
+| COB-ID of a valid PDO | locked until it is invalid: 06010000 | if it stays valid: 06090030 |
+| error register | the class's bit alone | bit 0 beside the class's |
+| STO | 8A88h | 9000h, external error |
+
+Sources: EPOS4 application facts as collected from public EDS/DCF files and manuals; CiA 402-2.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from types import MappingProxyType
+from typing import Final
+
+from sim_drives.dictionary import Address, Value
+from sim_drives.settings import DriveSettings, EncoderKind, PersonalityName
+
+
+class SpeedUnit(Enum):
+    """Of 606Ch and 6080h; of 6084h and 6085h the same per second. All of the motor."""
+
+    RPM = "rpm"
+    COUNTS_PER_S = "counts/s"
+
+
+@dataclass(frozen=True, slots=True)
+class Personality:
+    """One column of the table above."""
+
+    speed_unit: SpeedUnit
+    torque_base_nm: float
+    """One unit of 6076h."""
+    temperature_address: Address
+    temperature_step_degc: float
+    automatic_enable: bool
+    connection_loss_is_fault: bool
+    cob_id_locked_while_valid: bool
+    generic_error_bit: bool
+    sto_error_code: int
+
+
+PERSONALITIES: Final[Mapping[PersonalityName, Personality]] = MappingProxyType(
+    {
+        PersonalityName.EPOS4: Personality(
+            speed_unit=SpeedUnit.RPM,
+            torque_base_nm=1e-6,
+            temperature_address=(0x3201, 1),
+            temperature_step_degc=0.1,
+            automatic_enable=True,
+            connection_loss_is_fault=True,
+            cob_id_locked_while_valid=True,
+            generic_error_bit=False,
+            sto_error_code=0x8A88,
+        ),
+        PersonalityName.GENERIC: Personality(
+            speed_unit=SpeedUnit.COUNTS_PER_S,
+            torque_base_nm=1e-3,
+            temperature_address=(0x2100, 1),
+            temperature_step_degc=1.0,
+            automatic_enable=False,
+            connection_loss_is_fault=False,
+            cob_id_locked_while_valid=False,
+            generic_error_bit=True,
+            sto_error_code=0x9000,
+        ),
+    }
+)
+
+HOMING_MODE_BIT: Final = 1 << 5
+CYCLIC_MODE_BITS: Final = 1 << 7 | 1 << 9
+"""6502h: cyclic synchronous position and torque."""
+
+
+def commissioned(settings: DriveSettings) -> dict[Address, Value]:
+    """Motor data that the drive had been given before it was built in, and its identity."""
+    nominal_ma = round(settings.nominal_current_a * 1e3)
+    limit_permille = round(settings.current_limit_a / settings.nominal_current_a * 1e3)
+    shared: dict[Address, Value] = {
+        (0x1018, 4): settings.serial_number,
+        (0x6502, 0): supported_modes(settings),
+    }
+    if settings.personality is PersonalityName.EPOS4:
+        constant_unm_per_a = round(settings.torque_constant_nm_per_a * 1e6)
+        return shared | {
+            (0x3001, 1): nominal_ma,
+            (0x3001, 2): round(settings.current_limit_a * 1e3),
+            (0x3001, 5): constant_unm_per_a,
+            (0x6076, 0): nominal_ma * constant_unm_per_a // 1000,
+        }
+    return shared | {
+        (0x6072, 0): limit_permille,
+        (0x6073, 0): limit_permille,
+        (0x6075, 0): nominal_ma,
+        (0x6076, 0): round(settings.nominal_current_a * settings.torque_constant_nm_per_a * 1e3),
+    }
+
+
+def supported_modes(settings: DriveSettings) -> int:
+    """6502h: homing makes sense only where an origin can be lost."""
+    homing = HOMING_MODE_BIT if settings.encoder is EncoderKind.INCREMENTAL else 0
+    return CYCLIC_MODE_BITS | homing

@@ -1,0 +1,126 @@
+"""The drives' half of plant.toml, and the whole file: each virtual drive, and what goes wrong when.
+
+The numbers of `[drives.LEG.AXIS]` describe the hardware: encoder, transmission, motor. The service
+has its own copy of them in `configs/drives/`; the two may differ on purpose. What the master
+writes by SDO is not here.
+"""
+
+from enum import Enum
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from sim_drives.plant_settings import NonNegative, PlantTables, Positive, Table
+
+
+class PersonalityName(Enum):
+    """Whose habits a drive has; `personality.py` spells them out."""
+
+    EPOS4 = "epos4"
+    GENERIC = "generic"
+
+
+class EncoderKind(Enum):
+    """What the drive knows of its position after power-on."""
+
+    ABSOLUTE = "absolute"
+    INCREMENTAL = "incremental"
+    """Counts from zero where it stands at power-on, and is referenced only after homing."""
+
+
+class PositionLimit(Enum):
+    """What the drive makes of a position outside 607Dh."""
+
+    CLIP = "clip"
+    """A target in cyclic position mode is clipped, and statusword bit 11 says so."""
+    FAULT = "fault"
+    """A target or an actual position outside is fault 8A82h."""
+
+
+class LimitSwitch(Enum):
+    """What the drive makes of the switches at the joint's end stops (60FDh bits 0 and 1)."""
+
+    REPORT = "report"
+    FAULT = "fault"
+    """Fault 8A80h (negative) or 8A81h (positive)."""
+
+
+class FaultKind(Enum):
+    """What can go wrong; `faults.py` has each one's rule."""
+
+    LOST_TPDO = "lost_tpdo"
+    LATE_TPDO = "late_tpdo"
+    SILENT = "silent"
+    UNPLUGGED = "unplugged"
+    EMCY = "emcy"
+    FROZEN_ENCODER = "frozen_encoder"
+    ENCODER_GLITCH = "encoder_glitch"
+    REBOOT = "reboot"
+    BLOCKED_ROTOR = "blocked_rotor"
+    HAND_SWITCH_OPEN = "hand_switch_open"
+    STO_OPEN = "sto_open"
+
+
+class DriveSettings(Table, frozen=True):
+    """One drive: rotary with `offset_rad`, or on a rail with `lead_m` and `offset_m`.
+
+    `build.py` refuses what is neither, and a maximum below its minimum.
+    """
+
+    personality: PersonalityName
+    node_id: Annotated[int, Meta(ge=1, le=127)]
+    eds: Annotated[str, Meta(min_length=1)]
+    """By path relative to plant.toml."""
+    serial_number: Annotated[int, Meta(ge=0, le=0xFFFFFFFF)]
+    boot_ms: Annotated[float, Meta(ge=1, le=10_000)]
+    """From power-on, or NMT reset node, to the boot-up message."""
+    encoder: EncoderKind
+    counts_per_rev: Annotated[int, Meta(ge=4, le=10_000_000)]
+    """Of the motor."""
+    gear_ratio: Annotated[float, Meta(gt=0, le=10_000)]
+    sign: Literal[1, -1]
+    """+1 when positive counts and positive current move the joint in its positive direction."""
+    torque_constant_nm_per_a: Annotated[float, Meta(gt=0, le=100)]
+    """The motor's true one; 3001h:05 is what the drive believes."""
+    nominal_current_a: Annotated[float, Meta(gt=0, le=200)]
+    current_limit_a: Annotated[float, Meta(gt=0, le=500)]
+    position_limit: PositionLimit
+    limit_switch: LimitSwitch
+    tpdo_delay_min_ms: Annotated[float, Meta(ge=0, le=10)]
+    tpdo_delay_max_ms: Annotated[float, Meta(ge=0, le=10)]
+    """A synchronous TPDO leaves this long after its SYNC, drawn from the seed."""
+    tpdo_shuffled: bool
+    """TPDOs of one SYNC leave in any order instead of by number."""
+    lead_m: Positive | None = None
+    """Travel for each turn after the gear; makes the axis a linear one."""
+    offset_rad: float | None = None
+    offset_m: float | None = None
+    """Joint position at count 0 of an absolute encoder."""
+
+
+class LegDrives(Table, frozen=True):
+    """The two drives of one leg."""
+
+    hip: DriveSettings
+    slide: DriveSettings
+
+
+class FaultSettings(Table, frozen=True):
+    """One `[[fault]]`: what happens to which drive, when, for how long."""
+
+    at_s: NonNegative
+    """Since the virtual drives' start."""
+    drive: Annotated[str, Meta(pattern=r"^(\*|(right|left)/(hip|slide))$")]
+    """LEG/AXIS, or * for every drive."""
+    kind: FaultKind
+    duration_s: Positive | None = None
+    """Until cleared by command, if absent. A reboot and a glitch without one are over at once."""
+    value: float = 0.0
+    """Its meaning is the kind's: error code, TPDO number, delay in ms, counts."""
+
+
+class PlantFile(PlantTables, frozen=True):
+    """plant.toml."""
+
+    drives: Annotated[dict[Literal["right", "left"], LegDrives], Meta(min_length=1)]
+    fault: tuple[FaultSettings, ...] = ()

@@ -1,0 +1,65 @@
+"""Saving and restoring parameters: 1010h and 1011h (CiA 301 7.5.2.13, 14).
+
+Rules:
+1. 1010h:1 = "save" keeps every parameter for the next reset; 1011h:1 = "load" makes the next reset
+   take the delivered ones. Any other value is 08000020. Both are refused with 08000022 while the
+   power stage is on.
+2. Reset node restores all, reset communication 1000h to 1FFFh.
+3. Delivered are the EDS's values with the motor data that the drive was commissioned with.
+4. What is commanded (controlword, mode, targets) is never kept.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from sim_drives.aborts import AbortCode, SdoAbortError
+from sim_drives.dictionary import Address, ObjectDictionary, Value
+
+STORE: Final = 0x1010
+RESTORE: Final = 0x1011
+SAVE_SIGNATURE: Final = int.from_bytes(b"save", "little")
+LOAD_SIGNATURE: Final = int.from_bytes(b"load", "little")
+NEVER_KEPT: Final = frozenset({0x1003, STORE, RESTORE, 0x6040, 0x6060, 0x6071, 0x607A, 0x60B2})
+
+
+class Storage:
+    """The non-volatile memory of one drive."""
+
+    def __init__(
+        self,
+        dictionary: ObjectDictionary,
+        commissioned: Mapping[Address, Value],
+        powered: Callable[[], bool],
+    ) -> None:
+        self._dictionary = dictionary
+        self._commissioned = dict(commissioned)
+        self._powered = powered
+        self._saved: dict[Address, Value] | None = None
+        self._delivered_next = False
+        for index, signature in ((STORE, SAVE_SIGNATURE), (RESTORE, LOAD_SIGNATURE)):
+            dictionary.guard(index, lambda _, value, s=signature: self._judge(value, s))
+        dictionary.watch(STORE, lambda _: self._save())
+        dictionary.watch(RESTORE, lambda _: self._load_delivered())
+
+    def restore(self, *, communication_only: bool) -> None:
+        """Rule 2."""
+        delivered = self._dictionary.defaults() | self._commissioned
+        if self._delivered_next:
+            self._saved, self._delivered_next = None, False
+        parameters = delivered | (self._saved or {})
+        self._dictionary.restore(parameters, communication_only=communication_only)
+
+    def _judge(self, value: int, signature: int) -> None:
+        if self._powered():
+            raise SdoAbortError(AbortCode.DEVICE_STATE)
+        if value != signature:
+            raise SdoAbortError(AbortCode.CANNOT_STORE)
+
+    def _save(self) -> None:
+        self._dictionary.put(STORE, 1, 1)
+        parameters = self._dictionary.parameters()
+        self._saved = {a: v for a, v in parameters.items() if a[0] not in NEVER_KEPT}
+
+    def _load_delivered(self) -> None:
+        self._dictionary.put(RESTORE, 1, 1)
+        self._delivered_next = True

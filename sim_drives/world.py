@@ -1,0 +1,137 @@
+"""The virtual machine in lock-step: all nodes, all plants, one time; frames in, frames out.
+
+`World` has no thread and no clock: its time is what `advance_to` is told. The same settings, seed
+and calls give the same frames, bit for bit.
+
+    world = World(legs, faults, seed=1)
+    world.advance_to(t)               time passes; returns what the drives have sent until then
+    world.receive(Frame(0x080, b""))  a frame of the master's arrives now
+    world.advance_to(t + 1_000_000)   TPDOs with their latency, SDO answers, heartbeats, EMCY
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from sim_drives.faults import (
+    EVERY_DRIVE,
+    FaultCommandError,
+    FaultOrder,
+    check_value,
+    parse_command,
+)
+from sim_drives.frame import Frame, TimedFrame
+from sim_drives.node import Node
+from sim_drives.one_leg import NS_PER_S, Leg, OneLeg
+from sim_drives.settings import FaultSettings
+
+SYNC_ID: Final = 0x080
+
+
+class World:
+    """Virtual drives with the machine behind them."""
+
+    def __init__(
+        self,
+        legs: Sequence[Leg],
+        faults: Sequence[FaultSettings] = (),
+        *,
+        seed: int,
+        start_ns: int = 0,
+        on_sync: Callable[[int], None] | None = None,
+    ) -> None:
+        """Build the machine and switch it on.
+
+        Args:
+            legs: their plants stand at `start_ns`.
+            faults: the script; times count from `start_ns`.
+            seed: of the TPDOs' latencies; the plants have seeds of their own.
+            start_ns: the world's first time.
+            on_sync: called at each SYNC with its number from 1, the plants being at its time.
+
+        Raises:
+            FaultCommandError: the script names a drive that is not there, or a wrong value.
+        """
+        self._now_ns = start_ns
+        self._on_sync = on_sync
+        self._sync_count = 0
+        self._legs = [OneLeg(leg, seed, start_ns) for leg in legs]
+        self._home = {name: leg for leg in self._legs for name in leg.nodes}
+        for fault in faults:
+            self._plan(fault)
+        for leg in self._legs:
+            leg.power_on()
+
+    @property
+    def now_ns(self) -> int:
+        """The world's time."""
+        return self._now_ns
+
+    @property
+    def drives(self) -> tuple[str, ...]:
+        """Names of the drives, LEG/AXIS."""
+        return tuple(self._home)
+
+    def node(self, drive: str) -> Node:
+        """One drive by its name, to look into."""
+        return self._home[drive].nodes[drive]
+
+    def receive(self, frame: Frame) -> None:
+        """A frame of the master, or of anybody else, reaches every node now."""
+        for leg in self._legs:
+            leg.receive(frame)
+        if frame.can_id == SYNC_ID:
+            self._sync_count += 1
+            if self._on_sync is not None:
+                self._on_sync(self._sync_count)
+
+    def advance_to(self, time_ns: int) -> list[TimedFrame]:
+        """Let time pass; what the drives have put on the bus up to and including `time_ns`.
+
+        Raises:
+            ValueError: `time_ns` is in the past (a bug of the caller).
+        """
+        if time_ns < self._now_ns:
+            raise ValueError(f"the world is at {self._now_ns} ns, cannot go back to {time_ns} ns")
+        sent = [frame for leg in self._legs for frame in leg.advance_to(time_ns)]
+        self._now_ns = time_ns
+        return sorted(sent, key=lambda frame: frame.time_ns)
+
+    def next_event_ns(self) -> int:
+        """When something happens by itself, or timers.NEVER; the plants may report before."""
+        return min(leg.next_event_ns() for leg in self._legs)
+
+    # --- faults -------------------------------------------------------------------------------
+
+    def command(self, line: str) -> str:
+        """Obey one line of text (see `faults.py`); says what has been done.
+
+        Raises:
+            FaultCommandError: the line makes no sense; says why.
+        """
+        order = parse_command(line)
+        self.inject(order)
+        return f"{'cleared' if order.clear else 'began'} {order.kind.value} on {order.drive}"
+
+    def inject(self, order: FaultOrder) -> None:
+        """Begin or clear a fault now; drive `*` means each.
+
+        Raises:
+            FaultCommandError: there is no such drive.
+        """
+        for name in self._named(order.drive):
+            self._home[name].inject(order.on(name))
+
+    def _plan(self, fault: FaultSettings) -> None:
+        check_value(fault.kind, fault.value)
+        at_ns = self._now_ns + round(fault.at_s * NS_PER_S)
+        order = FaultOrder(fault.drive, fault.kind, fault.duration_s, fault.value)
+        for name in self._named(fault.drive):
+            self._home[name].plan(at_ns, order.on(name))
+
+    def _named(self, drive: str) -> tuple[str, ...]:
+        if drive == EVERY_DRIVE:
+            return self.drives
+        if drive not in self._home:
+            known = ", ".join(self.drives)
+            raise FaultCommandError(f"unknown drive {drive!r}; known: {known}, {EVERY_DRIVE}")
+        return (drive,)

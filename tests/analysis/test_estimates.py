@@ -1,0 +1,73 @@
+import csv
+
+import numpy as np
+import pytest
+
+from analysis.estimates import COLUMNS, Estimates, write_csv
+from observer.states import STATE_NAMES
+
+
+def made(count: int = 4) -> Estimates:
+    draw = np.random.default_rng(7).normal
+    return Estimates(
+        source="made",
+        time_s=1.7e9 + np.arange(count) * 0.01,
+        state=draw(size=(count, 8)),
+        std=np.abs(draw(size=(count, 8))),
+        net=draw(size=(count, 2)),
+        net_std=np.abs(draw(size=(count, 2))),
+        nis=np.abs(draw(size=count)),
+        status=np.arange(count, dtype=np.int64) * 0x101,
+        validity=np.zeros((count, 2), dtype=np.int64),
+    )
+
+
+def rows_of(path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_columns_are_those_of_the_interface(tmp_path):
+    write_csv(made(), tmp_path / "out.csv")
+
+    header = (tmp_path / "out.csv").read_text().splitlines()[0]
+    assert header == (
+        "time_s,hip_angle_rad,slide_position_m,hip_velocity_rad_per_s,slide_velocity_m_per_s,"
+        "hip_friction_nm,slide_friction_n,hip_patient_nm,slide_patient_n,"
+        "hip_angle_rad_std,slide_position_m_std,hip_velocity_rad_per_s_std,"
+        "slide_velocity_m_per_s_std,hip_friction_nm_std,slide_friction_n_std,hip_patient_nm_std,"
+        "slide_patient_n_std,hip_net_nm,slide_net_n,nis,status"
+    )
+
+
+def test_the_numbers_are_those_that_were_computed(tmp_path):
+    estimates = made()
+
+    write_csv(estimates, tmp_path / "out.csv")
+
+    rows = rows_of(tmp_path / "out.csv")
+    assert [float(row["time_s"]) for row in rows] == estimates.time_s.tolist()
+    for index, state in enumerate(STATE_NAMES):
+        written = [float(row[state]) for row in rows]
+        assert written == pytest.approx(estimates.state[:, index], rel=1e-8)
+    assert [row["status"] for row in rows] == ["0x0000", "0x0101", "0x0202", "0x0303"]
+
+
+def test_a_number_that_is_not_there_is_an_empty_cell(tmp_path):
+    estimates = made()
+    estimates.nis[1] = np.nan
+    estimates.net[2, 1] = np.nan
+
+    write_csv(estimates, tmp_path / "out.csv")
+
+    rows = rows_of(tmp_path / "out.csv")
+    assert rows[1]["nis"] == ""
+    assert rows[2]["slide_net_n"] == ""
+    assert all(set(row) == set(COLUMNS) for row in rows)
+
+
+def test_the_same_estimates_make_the_same_file(tmp_path):
+    write_csv(made(20_000), tmp_path / "a.csv")
+    write_csv(made(20_000), tmp_path / "b.csv")
+
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()

@@ -1,0 +1,167 @@
+"""`gaitd check`: what it computes, what it refuses, and how it ends."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from config_files import CONFIGS, Change, changed, copied
+
+from daemon.config.check import examine, refuse
+from daemon.config.load import ConfigError, load
+from gaitd.check import Section, _print_tables, plain
+
+EMPTY_WITH_A_PATIENTS_SPRINGS = (
+    Change("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
+    Change("robot_empty.toml", "hip_rest_rad = 1.0601", "hip_rest_rad = 2.3132"),
+    Change("robot_empty.toml", "slide_rest_m = 1.1442", "slide_rest_m = 1.3247"),
+)
+
+
+@pytest.fixture(scope="module")
+def report():
+    return examine(load(CONFIGS / "demo.toml"))
+
+
+def gaitd(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "gaitd", *arguments], capture_output=True, text=True, check=False
+    )
+
+
+def test_one_count_one_permille_and_one_milliampere_are_told_at_each_joint(report):
+    hip, slide = report.axes
+
+    assert hip.position_per_count == pytest.approx(2 * 3.141592653589793 / (1024 * 100))
+    assert hip.effort_per_permille == pytest.approx(0.055736 * 5.0 * 100 / 1000)
+    assert hip.effort_per_ma == pytest.approx(0.055736 * 100 / 1000)
+    assert slide.position_per_count == pytest.approx(-0.15 / (512 * 6))
+    assert slide.effort_per_ma == pytest.approx(-0.107746 * 6 * 2 * 3.141592653589793 / 0.15 / 1000)
+    assert slide.effort_per_permille == pytest.approx(6.0 * slide.effort_per_ma)
+
+
+def test_limits_are_told_against_what_the_drives_have(report):
+    hip, slide = report.axes
+
+    assert hip.effort_limit_si < hip.effort_drive_limit_si == pytest.approx(66.9, abs=0.05)
+    assert slide.effort_limit_si < slide.effort_drive_limit_si == pytest.approx(541.6, abs=0.05)
+    assert hip.torque_limit_raw == int(62.0 / 100 / 0.055736 * 1000)
+
+
+def test_every_cause_has_its_category_and_who_chose_it(report):
+    stops = {stop.cause: (stop.category, stop.fixed) for stop in report.stops}
+
+    assert stops["encoder_jump"] == ("S0", True)
+    assert stops["drive_silent"] == ("S1", True)
+    assert stops["stop_requested"] == ("S2", False)
+    assert [stop.category for stop in report.stops] == sorted(
+        stop.category for stop in report.stops
+    )
+
+
+def test_all_three_kinds_of_stop_stay_inside_the_workspace(report):
+    assert len(report.sweeps) == 3
+    assert all(sweep.stays_inside for sweep in report.sweeps)
+    assert min(sweep.least_singularity_ratio for sweep in report.sweeps) > 0.6
+
+
+def test_the_empty_machine_passes_with_its_springs_turned_down(tmp_path):
+    settings = load(changed(copied(tmp_path), EMPTY_WITH_A_PATIENTS_SPRINGS[0]))
+
+    found = examine(settings)
+    refuse(settings, found)
+
+    assert not found.drift.reaches_limit
+    assert "no patient is configured: for the empty machine alone" in found.warnings
+
+
+def test_the_empty_machine_is_refused_with_a_patients_springs(tmp_path):
+    settings = load(changed(copied(tmp_path), *EMPTY_WITH_A_PATIENTS_SPRINGS))
+    found = examine(settings)
+
+    with pytest.raises(ConfigError) as refused:
+        refuse(settings, found)
+
+    assert refused.value.file == str(tmp_path / "configs/demo.toml")
+    assert refused.value.key == "gait.cadence_max_hz"
+    assert refused.value.value == "0.5"
+    assert "with hip coasting, slide on its ramp the leg goes to hip" in refused.value.allowed
+    assert "without power the leg moves to a position limit: look at the springs" in found.warnings
+
+
+def test_a_listener_that_others_can_reach_is_a_warning(tmp_path):
+    demo = changed(copied(tmp_path), Change("demo.toml", "tcp/127.0.0.1:7447", "tcp/0.0.0.0:7447"))
+
+    found = examine(load(demo))
+
+    assert "zenoh.listen: tcp/0.0.0.0:7447 can be reached from other machines" in found.warnings
+
+
+def test_a_missing_plant_is_a_warning_because_the_service_needs_none(tmp_path):
+    configs = copied(tmp_path)
+    (configs / "plant.toml").unlink()
+
+    found = examine(load(configs / "demo.toml"))
+
+    assert any("plant.toml does not exist" in warning for warning in found.warnings)
+
+
+def test_sigterm_is_told_with_what_the_leg_then_does(report):
+    told = "\n".join(report.shutdown)
+
+    assert "at rest after at most 0.27 s (S1)" in told
+    assert "no axis has a brake" in told
+    assert f"moves up to {report.drift.hip_moved_deg:.1f} deg" in told
+
+
+def test_the_command_ends_with_0_and_tells_all_of_it_on_a_good_configuration():
+    ended = gaitd("check", "--config", str(CONFIGS / "demo.toml"))
+
+    assert (ended.returncode, ended.stderr) == (0, "")
+    for part in ("one count", "Workspace", "Without power", "Bus", "SIGTERM", "SHA-256"):
+        assert part in ended.stdout
+    assert "\x1b" not in ended.stdout
+    assert not set("│┃─━") & set(ended.stdout)
+
+
+def test_the_command_tells_a_program_the_same_in_json():
+    ended = gaitd("check", "--json", "--config", str(CONFIGS / "demo.toml"))
+
+    told = json.loads(ended.stdout)
+    assert ended.returncode == 0
+    assert {"axes", "stops", "sweeps", "drift", "bus", "shutdown", "warnings", "sha256"} < set(told)
+    assert told["bus"]["load_ratio"] < told["bus"]["load_max_ratio"]
+
+
+def test_the_command_ends_with_2_and_one_line_on_a_broken_configuration(tmp_path):
+    demo = changed(
+        copied(tmp_path), Change("limits.toml", "torque_max_nm = 62.0", "torque_max_nm = 300.0")
+    )
+
+    ended = gaitd("check", "--config", str(demo))
+
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert ended.stderr == (
+        f"configuration error: {demo.parent / 'limits.toml'}: hip.torque_max_nm = 300.0: "
+        "a number > 0 and <= 120\n"
+    )
+
+
+def test_the_command_shows_the_sweep_that_it_refuses(tmp_path):
+    demo = changed(copied(tmp_path), *EMPTY_WITH_A_PATIENTS_SPRINGS)
+
+    ended = gaitd("check", "--config", str(demo))
+
+    assert ended.returncode == 2
+    assert "LEAVES THE WORKSPACE" in ended.stdout
+    assert ended.stderr.startswith("configuration error: ")
+    assert ended.stderr.count("\n") == 1
+
+
+def test_a_terminal_gets_tables(capsys):
+    section = Section("Bus", ("", "what"), (("load", "10 [%]"),))
+
+    _print_tables((section,))
+
+    assert "10 [%]" in capsys.readouterr().out
+    assert plain(section) == "Bus\n        what\n  load  10 [%]"

@@ -1,0 +1,322 @@
+"""Every reason to stop, at its limit, just below and just above; the bound on what is sent."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL
+
+from daemon.core.safety import (
+    EFFORT_MARGIN_RATIO,
+    ENABLE_CYCLES,
+    FREEZE_DECELERATION_RATIO,
+    FROZEN_PUSH_RATIO,
+    NO_VERDICT,
+    OBSERVER_BAD_MAX_CYCLES,
+    TX_DROPPED_MAX,
+    Categories,
+    bound,
+    judge,
+    worse,
+)
+from daemon.record import Cause, StopCategory, Verdict
+from drives.signals import Emergency, Input, NmtState, PowerState
+
+EMERGENCY = Emergency(5, 0x8611, 0x21, b"\0" * 5, "following error", 0)
+
+
+def verdict_of(service=WELL, axis=AXIS, leg=LEG, *, driving=True, categories=CATEGORIES):
+    return judge(service, [axis], [leg], THRESHOLDS, categories, driving=driving)
+
+
+def with_feedback(**change):
+    return replace(AXIS, feedback=replace(FEEDBACK, **change))
+
+
+def with_joint(**change):
+    return replace(AXIS, joint=JOINT._replace(**change))
+
+
+def test_nothing_wrong_gives_no_verdict():
+    assert verdict_of() == NO_VERDICT
+    assert verdict_of(driving=False) == NO_VERDICT
+
+
+@pytest.mark.parametrize(
+    ("cause", "change", "harmless"),
+    [
+        (Cause.STOP_REQUESTED, {"stop_requested": True}, {"stop_requested": False}),
+        (Cause.SHUTDOWN, {"shutdown_requested": True}, {"shutdown_requested": False}),
+        (Cause.GATEWAY_SILENT, {"level_age_cycles": 31}, {"level_age_cycles": 30}),
+        (Cause.CYCLE_OVERRUN, {"overruns_in_a_row": 3}, {"overruns_in_a_row": 2}),
+        (Cause.BUS_OFF, {"bus_off": True}, {"bus_off": False}),
+        (Cause.BUS_DOWN, {"bus_error": "gone"}, {"bus_error": ""}),
+        (
+            Cause.TRANSMIT_QUEUE_FULL,
+            {"tx_dropped_in_a_row": TX_DROPPED_MAX},
+            {"tx_dropped_in_a_row": TX_DROPPED_MAX - 1},
+        ),
+    ],
+)
+def test_the_service_and_its_bus_stop_at_their_limits(cause, change, harmless):
+    assert verdict_of(replace(WELL, **change)).cause == cause
+    assert verdict_of(replace(WELL, **harmless)) == NO_VERDICT
+
+
+@pytest.mark.parametrize(
+    ("cause", "change"),
+    [
+        (Cause.HAND_SWITCH_OPEN, {"inputs": Input.STO_RELEASED}),
+        (Cause.STO_ACTIVE, {"inputs": Input.HAND_SWITCH_CLOSED}),
+        (Cause.DRIVE_REBOOTED, {"rebooted": True}),
+        (Cause.HEARTBEAT_LOST, {"heartbeat_age_ns": 100_000_001}),
+        (Cause.DRIVE_NOT_OPERATIONAL, {"nmt_state": NmtState.PRE_OPERATIONAL}),
+        (Cause.DRIVE_NOT_OPERATIONAL, {"nmt_state": NmtState.STOPPED}),
+        (Cause.DRIVE_SILENT, {"sample_age_cycles": 3}),
+        (Cause.DRIVE_FAULT, {"power_state": PowerState.FAULT}),
+        (Cause.DRIVE_FAULT, {"power_state": PowerState.FAULT_REACTION_ACTIVE}),
+        (Cause.DRIVE_LEFT_ENABLED, {"power_state": PowerState.SWITCH_ON_DISABLED}),
+        (Cause.TEMPERATURE_LIMIT, {"temperature_degc": 80.1}),
+    ],
+)
+def test_what_a_drive_says_stops_and_names_the_drive(cause, change):
+    verdict = verdict_of(axis=with_feedback(**change))
+
+    assert verdict.cause == cause
+    assert verdict.drive == "right/hip"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"heartbeat_age_ns": 100_000_000},
+        {"sample_age_cycles": 2},
+        {"temperature_degc": 80.0},
+        {"temperature_degc": None},
+        {"nmt_state": NmtState.UNKNOWN},
+    ],
+)
+def test_a_drive_at_its_limit_does_not_stop(change):
+    assert verdict_of(axis=with_feedback(**change)) == NO_VERDICT
+
+
+def test_a_new_emergency_stops_and_names_code_and_text():
+    axis = replace(with_feedback(emergency=EMERGENCY, emergency_count=1), new_emergency=True)
+
+    verdict = verdict_of(axis=axis)
+
+    assert verdict.cause == Cause.EMERGENCY
+    assert verdict.detail == "8611h following error"
+
+
+@pytest.mark.parametrize(
+    ("cause", "change"),
+    [
+        (Cause.POSITION_LIMIT, {"position_si": math.nextafter(LIMITS.position_max_si, 1)}),
+        (Cause.POSITION_LIMIT, {"position_si": math.nextafter(LIMITS.position_min_si, -1)}),
+        (Cause.VELOCITY_LIMIT, {"velocity_si": 3.01, "effort_si": 0.0}),
+        (Cause.VELOCITY_LIMIT, {"velocity_si": -3.01, "effort_si": 0.0}),
+        (
+            Cause.EFFORT_LIMIT,
+            {"effort_si": 60 * EFFORT_MARGIN_RATIO + 0.01, "velocity_si": 0.0},
+        ),
+        (Cause.POWER_LIMIT, {"effort_si": 40.0, "velocity_si": 2.01}),
+        (Cause.ENCODER_JUMP, {"step_si": 0.0451, "velocity_si": 0.0}),
+        (Cause.ENCODER_JUMP, {"step_si": -0.0451, "velocity_si": 0.0}),
+    ],
+)
+def test_a_joint_beyond_a_limit_stops(cause, change):
+    assert verdict_of(axis=with_joint(**change)).cause == cause
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"position_si": LIMITS.position_max_si},
+        {"position_si": LIMITS.position_min_si},
+        {"velocity_si": 3.0, "effort_si": 0.0},
+        {"effort_si": 60 * EFFORT_MARGIN_RATIO, "velocity_si": 0.0},
+        {"effort_si": 40.0, "velocity_si": 2.0},
+        {"effort_si": -60.0, "velocity_si": 2.9},
+        {"step_si": 0.045},
+    ],
+)
+def test_a_joint_at_a_limit_does_not_stop(change):
+    assert verdict_of(axis=with_joint(**change)) == NO_VERDICT
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_being_far_from_the_reference_stops(sign):
+    assert verdict_of(axis=replace(AXIS, tracking_si=sign * 0.2)) == NO_VERDICT
+    assert verdict_of(axis=replace(AXIS, tracking_si=sign * 0.201)).cause == Cause.TRACKING_LIMIT
+
+
+def test_an_axis_without_a_reference_stops():
+    assert verdict_of(axis=replace(AXIS, referenced=False)).cause == Cause.UNREFERENCED
+
+
+def test_speed_that_is_lost_at_once_to_the_very_same_count_is_a_frozen_encoder():
+    possible = FREEZE_DECELERATION_RATIO * 20.0 * 0.01
+    frozen = {"still_cycles": 5, "velocity_si": 0.0}
+
+    assert (
+        verdict_of(axis=with_joint(**frozen, speed_before_still_si=possible + 0.01)).cause
+        == Cause.ENCODER_FROZEN
+    )
+    assert verdict_of(axis=with_joint(**frozen, speed_before_still_si=possible)) == NO_VERDICT
+    early = with_joint(still_cycles=4, velocity_si=0.0, speed_before_still_si=possible + 0.01)
+    assert verdict_of(axis=early) == NO_VERDICT
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_effort_that_changes_without_a_count_is_a_frozen_encoder_or_a_blocked_joint(sign):
+    hidden_by_friction = FROZEN_PUSH_RATIO * LIMITS.breakaway_si
+    still = {"still_cycles": 20, "velocity_si": 0.0, "effort_before_still_si": 0.0}
+
+    at_limit = with_joint(**still, effort_si=sign * hidden_by_friction)
+    beyond = with_joint(**still, effort_si=sign * (hidden_by_friction + 0.1))
+
+    assert verdict_of(axis=at_limit) == NO_VERDICT
+    assert verdict_of(axis=beyond).cause == Cause.ENCODER_FROZEN
+
+
+def test_a_patient_who_leans_steadily_on_a_held_leg_is_not_a_frozen_encoder():
+    leaning = with_joint(
+        still_cycles=500, velocity_si=0.0, effort_si=-50.0, effort_before_still_si=-49.0
+    )
+
+    assert verdict_of(axis=leaning) == NO_VERDICT
+
+
+def test_doubtful_feedback_is_s0():
+    assert verdict_of(axis=with_joint(step_si=1.0)).category == StopCategory.S0
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [({"mode_display": 8}, Cause.MODE_NOT_SHOWN), ({"following": False}, Cause.NOT_FOLLOWING)],
+)
+def test_a_drive_may_take_its_cycles_to_show_a_mode_and_no_more(change, cause):
+    within = replace(with_feedback(**change), unready_cycles=THRESHOLDS.mode_switch_cycles)
+    beyond = replace(with_feedback(**change), unready_cycles=THRESHOLDS.mode_switch_cycles + 1)
+
+    assert verdict_of(axis=within) == NO_VERDICT
+    assert verdict_of(axis=beyond).cause == cause
+
+
+def test_a_drive_that_never_becomes_enabled_stops_after_its_patience():
+    starting = replace(
+        with_feedback(power_state=PowerState.SWITCHED_ON),
+        reached_enabled=False,
+        unready_cycles=ENABLE_CYCLES,
+    )
+
+    assert verdict_of(axis=starting) == NO_VERDICT
+    assert (
+        verdict_of(axis=replace(starting, unready_cycles=ENABLE_CYCLES + 1)).cause
+        == Cause.DRIVE_LEFT_ENABLED
+    )
+
+
+def test_a_drive_that_nobody_asked_to_be_enabled_may_be_off():
+    off = replace(with_feedback(power_state=PowerState.SWITCH_ON_DISABLED), enable_wanted=False)
+
+    assert verdict_of(axis=off) == NO_VERDICT
+
+
+def test_a_stale_sample_is_judged_by_its_age_and_not_by_its_numbers():
+    stale = replace(
+        AXIS,
+        feedback=replace(FEEDBACK, fresh=False, sample_age_cycles=1),
+        joint=JOINT._replace(fresh=False, step_si=1.0),
+    )
+
+    assert verdict_of(axis=stale) == NO_VERDICT
+
+
+def test_the_leg_stops_near_its_singularity():
+    assert verdict_of(leg=replace(LEG, singularity_ratio=0.15)) == NO_VERDICT
+    assert verdict_of(leg=replace(LEG, singularity_ratio=0.149)).cause == Cause.SINGULARITY
+
+
+def test_an_observer_of_no_use_stops_after_half_a_second():
+    within = replace(LEG, observer_bad_cycles=OBSERVER_BAD_MAX_CYCLES)
+    beyond = replace(LEG, observer_bad_cycles=OBSERVER_BAD_MAX_CYCLES + 1)
+
+    assert verdict_of(leg=within) == NO_VERDICT
+    assert verdict_of(leg=beyond).cause == Cause.OBSERVER_INVALID
+
+
+def test_at_rest_only_the_loss_or_the_fault_of_a_drive_counts():
+    open_switch = with_feedback(inputs=Input.NONE)
+    gone = with_feedback(sample_age_cycles=3)
+
+    assert verdict_of(axis=open_switch, driving=False) == NO_VERDICT
+    assert verdict_of(axis=gone, driving=False).cause == Cause.DRIVE_SILENT
+
+
+def test_the_harshest_of_several_findings_wins():
+    both = replace(
+        AXIS,
+        feedback=replace(FEEDBACK, inputs=Input.STO_RELEASED),
+        joint=JOINT._replace(step_si=1.0),
+    )
+
+    assert verdict_of(axis=both).cause == Cause.ENCODER_JUMP
+
+
+def test_a_plausible_observer_never_hides_another_stop():
+    plausible = replace(LEG, observer_bad_cycles=0)
+
+    for axis in (
+        with_feedback(inputs=Input.NONE),
+        with_joint(velocity_si=9.0),
+        with_feedback(sample_age_cycles=9),
+    ):
+        assert verdict_of(axis=axis, leg=plausible).cause != Cause.NONE
+
+
+CAUSES = st.sampled_from(list(StopCategory)).map(lambda c: Verdict(c, Cause.STOP_REQUESTED))
+
+
+@settings(derandomize=True)
+@given(CAUSES, CAUSES)
+def test_a_milder_verdict_never_replaces_a_harsher_one(latched, found):
+    assert worse(latched, found).category == max(latched.category, found.category)
+    if found.category <= latched.category:
+        assert worse(latched, found) is latched
+
+
+def test_the_design_fixes_categories_that_a_file_cannot_weaken():
+    weak = Categories({"hand_switch_open": "S2", "velocity_limit": "S2"})
+
+    assert weak.of(Cause.HAND_SWITCH_OPEN) == StopCategory.S1
+    assert weak.of(Cause.VELOCITY_LIMIT) == StopCategory.S2
+    assert weak.of(Cause.TRACKING_LIMIT) == StopCategory.S1
+
+
+ANY_FLOAT = st.floats(allow_nan=True, allow_infinity=True)
+
+
+@settings(derandomize=True)
+@given(st.lists(ANY_FLOAT, min_size=1, max_size=30))
+def test_what_is_bounded_is_inside_the_limit_and_never_faster_than_the_rate(wishes):
+    sent = [0.0]
+    for wish in wishes:
+        bounded = bound(wish, sent[-1], LIMITS, 0.01)
+        if bounded is None:
+            assert not math.isfinite(wish)
+            break
+        assert math.isfinite(wish)
+        sent.append(bounded)
+
+    steps = [abs(after - before) for before, after in pairwise(sent)]
+    assert all(abs(effort) <= LIMITS.effort_max_si for effort in sent)
+    assert all(step <= LIMITS.effort_rate_max_si_per_s * 0.01 * (1 + 1e-9) for step in steps)
+
+
+def test_a_wish_inside_limit_and_rate_is_sent_as_it_is():
+    assert bound(11.0, 10.0, LIMITS, 0.01) == 11.0

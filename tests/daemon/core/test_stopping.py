@@ -1,0 +1,144 @@
+"""One drive on its way to rest: what it is told, and what happens when it does not obey."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from situations import FEEDBACK, JOINT, LIMITS
+
+from daemon.core import stopping
+from daemon.core.stopping import Step, StopRules
+from daemon.record import Cause, StopCategory, Verdict
+from drives.signals import PowerRequest, PowerState
+
+RULES = StopRules(obey_cycles=3, standstill_cycles=5, ramp_margin_ratio=1.5, period_s=0.01)
+FAST = JOINT._replace(velocity_si=1.0)
+STILL = JOINT._replace(velocity_si=0.0)
+STOPPING_DRIVE = replace(FEEDBACK, power_state=PowerState.QUICK_STOP_ACTIVE)
+OFF = replace(FEEDBACK, power_state=PowerState.SWITCH_ON_DISABLED)
+
+
+def run(stop, feedback, joints, limits=LIMITS):
+    """The stop after one cycle for each joint, the first one cycle after it began."""
+    for cycle, joint in enumerate(joints, stop.since_cycle + 1):
+        stop = stopping.advance(stop, feedback, joint, limits, RULES, cycle)
+    return stop
+
+
+def verdict(cause, category, drive="right/hip"):
+    return Verdict(category, cause, drive)
+
+
+@pytest.mark.parametrize(
+    ("cause", "category", "this", "other"),
+    [
+        (Cause.STOP_REQUESTED, StopCategory.S2, Step.HOLD, Step.HOLD),
+        (Cause.HAND_SWITCH_OPEN, StopCategory.S1, Step.QUICK_STOP, Step.QUICK_STOP),
+        (Cause.STO_ACTIVE, StopCategory.S0, Step.DISABLE, Step.DISABLE),
+        (Cause.ENCODER_JUMP, StopCategory.S0, Step.DISABLE, Step.QUICK_STOP),
+        (Cause.ENCODER_FROZEN, StopCategory.S0, Step.DISABLE, Step.QUICK_STOP),
+        (Cause.UNREFERENCED, StopCategory.S0, Step.DISABLE, Step.QUICK_STOP),
+        (Cause.DRIVE_SILENT, StopCategory.S1, Step.NMT_STOP, Step.QUICK_STOP),
+        (Cause.DRIVE_REBOOTED, StopCategory.S1, Step.NMT_STOP, Step.QUICK_STOP),
+    ],
+)
+def test_a_stop_begins_for_each_axis_as_the_design_fixes_it(cause, category, this, other):
+    assert stopping.first_step(verdict(cause, category), "right/hip") == this
+    assert stopping.first_step(verdict(cause, category), "right/slide") == other
+
+
+def test_only_a_stop_of_category_2_keeps_a_drive_enabled():
+    assert stopping.request(Step.HOLD) == PowerRequest.ENABLE
+    assert stopping.request(Step.QUICK_STOP) == PowerRequest.QUICK_STOP
+    for step in (Step.DISABLE, Step.NMT_STOP, Step.SILENCE):
+        assert stopping.request(step) == PowerRequest.DISABLE_VOLTAGE
+
+
+def test_a_drive_that_follows_its_ramp_comes_to_rest_where_it_is_held():
+    begun = stopping.begin(Step.QUICK_STOP, FAST, 100)
+    ramp = [JOINT._replace(velocity_si=max(1.0 - 0.2 * k, 0.0)) for k in range(15)]
+
+    stopped = run(begun, STOPPING_DRIVE, ramp)
+
+    assert stopped.step == Step.QUICK_STOP
+    assert stopping.is_at_rest(stopped, RULES)
+    assert not stopped.disobeyed
+
+
+def test_a_drive_that_stays_enabled_is_disabled_after_three_cycles():
+    begun = stopping.begin(Step.QUICK_STOP, FAST, 100)
+
+    assert run(begun, FEEDBACK, [FAST] * 3).step == Step.QUICK_STOP
+    disobedient = run(begun, FEEDBACK, [FAST] * 4)
+
+    assert disobedient.step == Step.DISABLE
+    assert disobedient.disobeyed
+
+
+def test_a_drive_that_shows_the_state_and_does_not_slow_down_is_disabled():
+    begun = stopping.begin(Step.QUICK_STOP, FAST, 100)
+
+    assert run(begun, STOPPING_DRIVE, [FAST] * 12).step >= Step.DISABLE
+
+
+def test_a_drive_that_stays_powered_is_taken_to_nmt_stop_and_then_to_silence():
+    begun = stopping.begin(Step.DISABLE, FAST, 100)
+
+    assert run(begun, FEEDBACK, [FAST] * 4).step == Step.NMT_STOP
+    assert run(begun, FEEDBACK, [FAST] * 8).step == Step.SILENCE
+    assert run(begun, FEEDBACK, [FAST] * 80).step == Step.SILENCE
+
+
+def test_a_drive_without_power_may_coast():
+    begun = stopping.begin(Step.DISABLE, FAST, 100)
+
+    assert run(begun, OFF, [FAST] * 50).step == Step.DISABLE
+
+
+def test_a_held_drive_that_is_pushed_away_is_disabled():
+    held = run(stopping.begin(Step.QUICK_STOP, STILL, 100), STOPPING_DRIVE, [STILL] * 10)
+    limit = stopping.HELD_SPEED_RATIO * LIMITS.standstill_si_per_s
+    given_way = JOINT._replace(velocity_si=limit)
+    loose = JOINT._replace(velocity_si=limit * 1.01)
+
+    yielding = stopping.advance(held, STOPPING_DRIVE, given_way, LIMITS, RULES, 111)
+    pushed = stopping.advance(held, STOPPING_DRIVE, loose, LIMITS, RULES, 111)
+
+    assert yielding.step == Step.QUICK_STOP
+    assert pushed.step == Step.DISABLE
+
+
+def test_an_axis_with_a_brake_is_switched_off_at_rest_and_one_without_is_held():
+    begun = stopping.begin(Step.QUICK_STOP, STILL, 100)
+
+    assert run(begun, STOPPING_DRIVE, [STILL] * 20).step == Step.QUICK_STOP
+    braked = run(begun, STOPPING_DRIVE, [STILL] * 20, LIMITS._replace(brake=True))
+    assert braked.step >= Step.DISABLE
+
+
+def test_what_was_not_seen_is_neither_obeyed_nor_disobeyed():
+    begun = stopping.begin(Step.QUICK_STOP, FAST, 100)
+    unseen = replace(FEEDBACK, fresh=False)
+
+    assert run(begun, unseen, [FAST] * 20).step == Step.QUICK_STOP
+
+
+POWER = st.sampled_from(list(PowerState))
+SPEEDS = st.floats(min_value=-3, max_value=3)
+
+
+@settings(derandomize=True)
+@given(
+    st.sampled_from(list(Step)),
+    st.lists(st.tuples(POWER, SPEEDS, st.booleans(), st.sampled_from(list(Step))), max_size=60),
+)
+def test_a_stop_never_goes_back_a_step(first, story):
+    stop = stopping.begin(first, FAST, 0)
+    for cycle, (power, speed, fresh, step) in enumerate(story, 1):
+        before = stop.step
+        feedback = replace(FEEDBACK, power_state=power, fresh=fresh)
+        joint = JOINT._replace(velocity_si=speed)
+        stop = stopping.harsher(stop, step, joint, cycle)
+        stop = stopping.advance(stop, feedback, joint, LIMITS, RULES, cycle)
+        assert stop.step >= max(before, step)

@@ -1,0 +1,124 @@
+"""What changed from one record to the next, said once."""
+
+import pytest
+
+from daemon.causes import CAUSE_TEXT
+from daemon.gateway.events import Kind, Priority, happenings
+from daemon.record import Cause, Mode, StopCategory, Verdict
+
+
+def said(before, now):
+    return [(item.kind, item.priority, item.text) for item in happenings(before, now)]
+
+
+def test_nothing_changed_is_no_event(make_record):
+    assert said(make_record(1), make_record(2)) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "kind", "priority", "text"),
+    [
+        ({"power_state": 8}, Kind.DRIVE, Priority.MEDIUM, "right/hip: fault"),
+        ({"power_state": 6}, Kind.DRIVE, Priority.INFO, "right/hip: quick stop active"),
+        ({"nmt_state": 0x7F}, Kind.DRIVE, Priority.INFO, "right/hip: NMT state pre_operational"),
+        (
+            {"emergency_code": 0x8130, "emergency_text": "heartbeat error", "emergency_count": 1},
+            Kind.EMERGENCY,
+            Priority.HIGH,
+            "right/hip: EMCY 0x8130: heartbeat error",
+        ),
+        (
+            {"hand_switch_closed": False},
+            Kind.INPUT,
+            Priority.MEDIUM,
+            "right/hip: hand switch open",
+        ),
+        ({"sto_released": False}, Kind.INPUT, Priority.MEDIUM, "right/hip: safe torque off active"),
+        (
+            {"referenced": False},
+            Kind.DRIVE,
+            Priority.MEDIUM,
+            "right/hip: does not know its position any more",
+        ),
+    ],
+)
+def test_a_change_of_a_drive_is_one_event(make_record, make_drive, changes, kind, priority, text):
+    before = make_record(1, drives=(make_drive(),))
+    now = make_record(2, drives=(make_drive(**changes),))
+
+    assert said(before, now) == [(kind, priority, text)]
+    assert happenings(before, now)[0].subject == "right/hip"
+
+
+def test_a_drive_that_has_not_spoken_has_no_inputs(make_record, make_drive):
+    silent = make_drive(power_state=0, hand_switch_closed=False, sto_released=False)
+    before = make_record(1, drives=(silent,))
+    now = make_record(2, drives=(make_drive(),))
+
+    assert [kind for kind, _, _ in said(before, now)] == [Kind.DRIVE]
+
+
+def test_an_emergency_that_is_over_is_an_event(make_record, make_drive):
+    before = make_record(1, drives=(make_drive(emergency_code=0x8130, emergency_count=1),))
+    now = make_record(2, drives=(make_drive(emergency_count=2),))
+
+    assert said(before, now) == [(Kind.EMERGENCY, Priority.INFO, "right/hip: EMCY cleared")]
+
+
+@pytest.mark.parametrize("cause", [cause for cause in Cause if cause is not Cause.NONE])
+def test_every_cause_is_told_with_its_words_and_its_remedy(make_record, cause):
+    verdict = Verdict(StopCategory.S1, cause, "right/hip", 2.5, 2.0)
+
+    (stop,) = happenings(make_record(1), make_record(2, verdict=verdict))
+
+    assert stop.kind is Kind.STOP
+    assert CAUSE_TEXT[cause].title in stop.text
+    assert "right/hip" in stop.text
+    assert "2.5, limit 2" in stop.text
+    assert stop.remedy == CAUSE_TEXT[cause].remedy
+
+
+def test_a_stop_somebody_asked_for_is_a_low_priority_and_a_limit_a_high_one(make_record):
+    causes = (Cause.STOP_REQUESTED, Cause.HAND_SWITCH_OPEN, Cause.VELOCITY_LIMIT)
+    verdicts = [Verdict(StopCategory.S1, cause) for cause in causes]
+
+    priorities = [
+        happenings(make_record(1), make_record(2, verdict=verdict))[0].priority
+        for verdict in verdicts
+    ]
+
+    assert priorities == [Priority.LOW, Priority.MEDIUM, Priority.HIGH]
+
+
+def test_the_cores_own_line_about_the_same_stop_is_not_said_again(make_record):
+    verdict = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN)
+    title = CAUSE_TEXT[Cause.HAND_SWITCH_OPEN].title
+    lines = (f"stop S1: {title}", "mode hold -> stopping: stop")
+
+    told = said(make_record(1), make_record(2, verdict=verdict, mode=Mode.STOPPING, events=lines))
+
+    assert [(kind, priority) for kind, priority, _ in told] == [
+        (Kind.STOP, Priority.MEDIUM),
+        (Kind.MODE, Priority.INFO),
+    ]
+    assert told[1][2] == "mode hold -> stopping: stop"
+
+
+def test_a_mode_change_without_a_line_of_the_core_is_said_here(make_record):
+    assert said(make_record(1), make_record(2, mode=Mode.FAULT)) == [
+        (Kind.MODE, Priority.MEDIUM, "mode hold → fault")
+    ]
+
+
+def test_a_verdict_that_is_cleared_is_an_event(make_record):
+    before = make_record(1, verdict=Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN))
+
+    assert said(before, make_record(2)) == [(Kind.STOP, Priority.INFO, "the verdict is cleared")]
+
+
+def test_lines_of_the_core_are_sorted_by_what_they_are_about(make_record):
+    lines = ("enable requested", "mode gait requested", "right: gait approach")
+
+    told = said(make_record(1), make_record(2, events=lines))
+
+    assert [kind for kind, _, _ in told] == [Kind.REQUEST, Kind.REQUEST, Kind.NOTE]

@@ -1,0 +1,162 @@
+"""`gaitd gateway` as a process, and the commands that talk to it."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+CONFIGS = Path(__file__).parents[3] / "configs"
+
+
+def gaitd(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "gaitd", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+
+
+def trainer_file(runtime: Path, listen: str) -> Path:
+    """The demonstration's file, with a seam and an endpoint of its own."""
+    text = (CONFIGS / "demo.toml").read_text()
+    text = re.sub(r"(?m)^listen = .*$", f'listen = ["{listen}"]', text)
+    text = re.sub(r"(?m)^runtime = .*$", f'runtime = "{runtime}"', text)
+    text = re.sub(r"(?m)^state = .*$", f'state = "{runtime}-state"', text)
+    file = runtime / "trainer.toml"
+    file.write_text(text)
+    return file
+
+
+@pytest.fixture
+def config(runtime):
+    return trainer_file(runtime, f"unixsock-stream/{runtime}/zenoh.sock")
+
+
+@pytest.fixture
+def process(config, runtime, eventually):
+    command = [sys.executable, "-m", "gaitd", "gateway", "--config", str(config)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as started:
+        eventually((runtime / "zenoh.sock").exists, within_s=20)
+        yield started
+        if started.poll() is None:
+            started.kill()
+
+
+def ask(name: str, config: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return gaitd(name, "--config", str(config), *arguments)
+
+
+def test_sigterm_ends_the_gateway_with_0_and_leaves_no_socket(process, runtime, start_core):
+    start_core()
+    time.sleep(0.2)
+
+    process.send_signal(signal.SIGTERM)
+    begun = time.monotonic()
+    _, log = process.communicate(timeout=10)
+
+    assert process.returncode == 0
+    assert time.monotonic() - begun < 2.0
+    assert not (runtime / "gateway.sock").exists()
+    assert not (runtime / "zenoh.sock").exists()
+    assert 'text="core is there, mode hold"' in log
+
+
+def test_the_commands_end_with_0_when_done_and_with_1_when_refused(process, config, start_core):
+    from daemon.record import Outcome
+
+    core = start_core()
+    core.answer("enable", Outcome.DONE)
+    core.answer("mode", Outcome.REFUSED, "not enabled")
+
+    enabled = ask("enable", config)
+    gait = ["gait", "--cadence", "0.25", "--amplitude", "1", "--duration", "20"]
+    refused = gaitd("mode", *gait, "--config", str(config))
+    stopped = ask("stop", config, "--json")
+
+    assert (enabled.returncode, enabled.stdout) == (0, "enable done (mode hold)\n")
+    assert (refused.returncode, refused.stdout) == (1, "mode refused: not enabled (mode hold)\n")
+    assert core.requests[1].mode.duration_s == 20
+    assert stopped.returncode == 0
+    assert json.loads(stopped.stdout)["outcome"] == "done"
+
+
+def test_a_mode_that_does_not_exist_is_refused_with_those_that_do(process, config, start_core):
+    start_core()
+
+    refused = gaitd("mode", "dance", "--config", str(config))
+
+    assert refused.returncode == 1
+    assert "dance" in refused.stdout
+
+
+def test_status_shows_mode_drives_legs_and_events(process, config, start_core, make_record):
+    start_core()
+    time.sleep(0.2)
+
+    shown = ask("status", config)
+
+    assert shown.returncode == 0
+    for words in ("mode         hold", "right/hip", "patient 8.0 N·m (ok)", "core is there"):
+        assert words in shown.stdout
+
+
+def test_status_without_a_core_says_so(process, config):
+    shown = ask("status", config)
+
+    assert shown.returncode == 4
+    assert "no records arrive from the core" in shown.stdout
+
+
+@pytest.mark.parametrize("name", ["status", "stop"])
+def test_without_a_service_a_command_names_the_endpoint_and_ends_with_4(config, runtime, name):
+    silent = ask(name, config)
+
+    assert silent.returncode == 4
+    assert str(runtime / "zenoh.sock") in silent.stderr
+    assert "Traceback" not in silent.stderr
+
+
+def test_a_service_of_another_name_does_not_answer(process, config, runtime):
+    endpoint = f"unixsock-stream/{runtime}/zenoh.sock"
+
+    silent = gaitd("stop", "--endpoint", endpoint, "--trainer", "another", "--json")
+
+    assert silent.returncode == 4
+    assert json.loads(silent.stdout)["outcome"] == "unanswered"
+    assert "gaitd/another/control/stop" in silent.stdout
+
+
+def test_an_endpoint_that_another_machine_could_reach_is_a_configuration_error(runtime):
+    refused = gaitd("gateway", "--config", str(trainer_file(runtime, "tcp/0.0.0.0:0")))
+
+    assert refused.returncode == 2
+    assert "zenoh.listen[0]" in refused.stderr
+    assert "listen_beyond_loopback" in refused.stderr
+
+
+def test_a_socket_that_cannot_be_had_is_said_with_its_endpoint(runtime):
+    nowhere = f"unixsock-stream/{runtime}/nowhere/zenoh.sock"
+
+    refused = gaitd("gateway", "--config", str(trainer_file(runtime, nowhere)))
+
+    assert refused.returncode == 2
+    assert "nowhere/zenoh.sock" in refused.stderr
+    assert "Traceback" not in refused.stderr
+
+
+def test_a_gateway_that_was_killed_does_not_keep_the_next_one_from_starting(
+    process, config, runtime, start_core, eventually
+):
+    start_core()
+    process.kill()
+    process.wait()
+    assert (runtime / "zenoh.sock").exists()
+
+    command = [sys.executable, "-m", "gaitd", "gateway", "--config", str(config)]
+    with subprocess.Popen(command, env=os.environ) as second:
+        eventually(lambda: ask("status", config).returncode == 0, within_s=20)
+        second.send_signal(signal.SIGTERM)
+        assert second.wait(10) == 0

@@ -1,0 +1,278 @@
+"""The gateway's turns, in simulated time on a real seam."""
+
+import math
+
+from daemon.gateway.alive import SILENCE_NS
+from daemon.record import Cause, Mode, Outcome, RequestKind, RequestResult, StopCategory, Verdict
+
+MS = 1_000_000
+SILENT_MS = SILENCE_NS // MS + 1
+
+
+def test_each_record_becomes_one_estimate_one_activity_and_one_friction(bench):
+    for _ in range(5):
+        bench.cycle()
+
+    for name in ("estimate", "activity", "friction"):
+        said = bench.outlet.on(f"right/{name}")
+        assert [message.cycle for message in said] == [1, 2, 3, 4, 5]
+        assert [message.seq for message in said] == [1, 2, 3, 4, 5]
+
+
+def test_drives_are_said_ten_times_and_health_once_a_second(bench):
+    for _ in range(200):
+        bench.cycle()
+
+    assert len(bench.outlet.on("drives/right/hip")) == 20
+    assert len(bench.outlet.on("drives/right/slide")) == 20
+    assert len(bench.outlet.on("health")) == 2
+
+
+def test_safety_is_said_at_once_when_it_changes_and_once_a_second(bench):
+    for _ in range(50):
+        bench.cycle()
+    count = len(bench.outlet.on("safety"))
+
+    bench.cycle(verdict=Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN), mode=Mode.STOPPING)
+
+    said = bench.outlet.on("safety")[-1]
+    assert (said.mode, said.verdict.cause, said.valid) == ("stopping", "hand_switch_open", True)
+    assert count == 1
+    for _ in range(100):
+        bench.cycle(verdict=Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN), mode=Mode.STOPPING)
+    assert len(bench.outlet.on("safety")) == 3
+
+
+def test_a_silent_core_is_alive_no_more_and_safety_says_not_valid(bench):
+    bench.cycle()
+    assert bench.outlet.alive
+
+    bench.turn(after_ms=SILENT_MS - 1)
+    assert bench.outlet.alive
+    bench.turn(after_ms=1)
+
+    assert not bench.outlet.alive
+    assert bench.outlet.on("safety")[-1].valid is False
+    assert bench.outlet.on("safety")[-1].mode is None
+    lost = bench.outlet.events[-1]
+    assert (lost.kind, lost.priority) == ("core", "high")
+
+
+def test_the_same_core_that_comes_back_is_alive_and_valid_again(bench):
+    bench.cycle()
+    bench.turn(after_ms=SILENT_MS)
+
+    bench.cycle()
+
+    assert bench.outlet.alive
+    assert bench.outlet.on("safety")[-1].valid
+    assert bench.outlet.events[-1].text == "records from the core arrive again"
+
+
+def test_a_level_goes_out_with_each_record_and_every_20_ms_without(bench):
+    bench.cycle()
+    bench.cycle()
+    assert [level.for_cycle for level in bench.levels] == [1, 2]
+
+    for _ in range(10):
+        bench.turn(after_ms=5)
+
+    assert [level.for_cycle for level in bench.levels[2:]] == [2, 2]
+    assert bench.levels[-1].core_boot_id == "boot-a"
+    seqs = [level.seq for level in bench.levels]
+    assert seqs == sorted(set(seqs))
+
+
+def test_the_levels_of_a_new_gateway_count_on_from_those_of_the_one_before(bench):
+    bench.cycle()
+    bench.replace_gateway()
+    bench.cycle()
+
+    assert bench.levels[-1].seq > bench.levels[0].seq
+
+
+def test_a_new_gateway_tells_the_stop_that_was_made_while_there_was_none(bench):
+    bench.cycle()
+    bench.write(verdict=Verdict(StopCategory.S1, Cause.GATEWAY_SILENT))
+
+    bench.replace_gateway()
+    bench.cycle(verdict=Verdict(StopCategory.S1, Cause.GATEWAY_SILENT))
+
+    assert [event.cause for event in bench.outlet.events] == [None, "gateway_silent"]
+
+
+def test_after_a_stall_only_young_records_are_published_and_every_event_is(bench):
+    bench.cycle()
+    for number in range(60):
+        bench.write(events=(f"note {number}",))
+    bench.turn(after_ms=600)
+
+    assert len(bench.outlet.on("right/activity")) == 1 + 20
+    assert len(bench.outlet.events) == 1 + 60
+    for _ in range(100):
+        bench.cycle()
+    health = bench.outlet.on("health")[-1]
+    assert (health.record_skipped_count, health.record_missed_count) == (40, 0)
+
+
+def test_records_that_were_overwritten_before_they_were_read_are_counted(bench):
+    bench.cycle()
+    for _ in range(3500):
+        bench.write()
+    bench.turn(after_ms=35_000)
+    bench.turn(after_ms=1000)
+
+    assert bench.outlet.on("right/activity")[-1].cycle == 3501
+    assert bench.outlet.on("health")[-1].record_missed_count > 500
+
+
+def test_wakes_of_the_core_before_do_not_hide_the_records_of_the_new_one(bench):
+    for _ in range(40):
+        bench.cycle()
+    for _ in range(8):
+        bench.write()
+    bench.replace_core("boot-b")
+    bench.cycle()
+
+    said = bench.outlet.on("right/activity")[-1]
+    assert (said.core_boot_id, said.cycle) == ("boot-b", 1)
+    bench.cycle()
+    assert bench.outlet.on("right/activity")[-1].cycle == 2
+
+
+def test_a_request_of_the_core_before_never_reaches_the_new_one(bench, ask):
+    enable = ask("enable")
+    bench.cycle()
+    bench.cycle(enable)
+    assert bench.levels[-1].request.kind is RequestKind.ENABLE
+
+    bench.replace_core("boot-b")
+    bench.cycle()
+
+    assert bench.levels[-1].core_boot_id == "boot-b"
+    assert bench.levels[-1].request.kind is RequestKind.NONE
+    assert [reply.outcome for reply in enable.replies] == ["refused"]
+
+
+def test_a_stop_is_in_the_level_of_the_same_turn_and_stands_in_the_events(bench, ask):
+    stop = ask("stop", b'{"client": "display"}')
+    bench.cycle()
+
+    bench.turn(stop, after_ms=1)
+
+    assert bench.levels[-1].stop_count == 1
+    assert not stop.replies
+    bench.cycle(stop_count=1)
+    assert [reply.outcome for reply in stop.replies] == ["done"]
+    assert "stop, asked by display: done" in bench.outlet.events[-1].text
+
+
+def test_a_stop_is_a_stop_whatever_is_sent_along_with_it(bench, ask):
+    stop = ask("stop", b"{garbage")
+    bench.cycle()
+
+    bench.turn(stop, after_ms=1)
+
+    assert bench.levels[-1].stop_count == 1
+
+
+def test_an_enable_that_the_core_refuses_gets_its_reason(bench, ask):
+    enable = ask("enable")
+    bench.cycle()
+    bench.cycle(enable)
+    request = bench.levels[-1].request
+
+    refused = RequestResult(request.id, Outcome.REFUSED, "STO is active")
+    bench.cycle(request=refused, events=("enable refused: STO is active",))
+
+    assert [(reply.outcome, reply.reason) for reply in enable.replies] == [
+        ("refused", "STO is active")
+    ]
+    texts = [event.text for event in bench.outlet.events[-2:]]
+    assert texts == ["enable, asked by somebody", "enable refused: STO is active"]
+
+
+def test_the_gateways_end_answers_who_still_waits(bench, ask):
+    enable = ask("enable")
+    bench.cycle()
+    bench.cycle(enable)
+
+    bench.gateway.close()
+
+    assert [reply.outcome for reply in enable.replies] == ["pending"]
+
+
+def test_a_status_says_safety_drives_legs_and_the_newest_events(bench, ask):
+    status = ask("status")
+    bench.cycle()
+
+    bench.turn(status, after_ms=1)
+
+    (said,) = status.replies
+    assert said.safety.mode == "hold"
+    assert [drive.name for drive in said.drives] == ["right/hip", "right/slide"]
+    assert [leg.leg for leg in said.legs] == ["right"]
+    assert said.events[-1].text == "core is there, mode hold"
+    assert said.version == "0.1.0"
+    assert [message.seq for message in bench.outlet.on("safety")] == [1]
+
+
+def test_a_ring_that_is_none_is_told_once_and_is_no_core(bench, caplog):
+    bench.cycle()
+    ring = bench.runtime / "records.ring"
+    ring.unlink()
+    ring.write_bytes(b"no ring at all")
+    bench.replace_gateway()
+
+    for _ in range(30):
+        bench.turn()
+    bench.replace_core("boot-b")
+    bench.cycle()
+
+    assert len([line for line in caplog.messages if "records.ring" in line]) == 1
+    assert bench.outlet.on("right/activity")[-1].core_boot_id == "boot-b"
+
+
+def test_lateness_is_counted_in_classes_since_the_start_of_the_core(bench, make_record):
+    timing = make_record().timing
+    for lateness_us in (10, 50, 51, 700, 20_000):
+        late = type(timing)(lateness_us * 1000, 900_000, 250_000, 0)
+        bench.cycle(timing=late)
+    bench.turn(after_ms=1000)
+
+    health = bench.outlet.on("health")[-1]
+    assert health.lateness_count == (2, 1, 0, 0, 1, 0, 0, 0, 1)
+    assert health.lateness_max_us == 20_000
+    assert health.record_count == 5
+
+
+def test_a_late_sample_is_late_and_one_that_never_came_is_lost(bench, make_drive):
+    good = make_drive()
+    missed = make_drive(fresh=False, sample_age_cycles=1)
+    late = make_drive(late_count=1)
+    for drive in (good, missed, late, make_drive(fresh=False, late_count=1), late):
+        bench.cycle(drives=(drive,))
+    bench.turn(after_ms=1000)
+
+    (health,) = bench.outlet.on("health")[-1].drives
+    assert (health.missed_count, health.late_count, health.lost_count) == (2, 1, 1)
+
+
+def test_what_the_core_does_not_know_is_null_in_every_message(bench, make_drive, make_leg):
+    unknown = (math.nan,) * 8
+    leg = make_leg(
+        state=unknown,
+        std=unknown,
+        covariance=(math.nan,) * 36,
+        net=(math.nan, math.nan),
+        net_std=(math.nan, math.nan),
+        validity=(2, 2),
+        status=2,
+        measured=(math.nan, math.nan),
+    )
+    bench.cycle(legs=(leg,), drives=(make_drive(position_si=None, heartbeat_age_ms=math.inf),))
+
+    activity = bench.outlet.on("right/activity")[0]
+    assert activity.hip_patient_nm is activity.slide_net_n is None
+    assert activity.status == ("warm_up",)
+    assert bench.outlet.on("drives/right/hip")[0].heartbeat_age_ms is None

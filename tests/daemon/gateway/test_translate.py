@@ -1,0 +1,161 @@
+"""What may be shown of a record, and what is null instead."""
+
+import json
+import math
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from daemon.gateway import translate
+from daemon.gateway.translate import Stamp
+from daemon.record import Cause, StopCategory, Verdict
+from daemon.words import StatusBit, Validity
+
+STAMP = Stamp("boot-a", 7, 1_760_000_000_070_000_000)
+OK, SPLIT, BAD = Validity.OK, Validity.SPLIT_UNOBSERVABLE, Validity.BAD
+
+
+def as_json(message: msgspec.Struct) -> dict:
+    return json.loads(msgspec.json.encode(message))
+
+
+def messages(leg, record) -> list[dict]:
+    makers = (translate.estimate, translate.activity, translate.friction)
+    view = translate.look(leg, record, STAMP)
+    return [as_json(make(view, 1)) for make in makers]
+
+
+def numbers_of(axis: str, message: dict) -> dict:
+    """Estimated values of an axis; raw measurements and inputs are no estimates."""
+    return {
+        key: value
+        for key, value in message.items()
+        if key.startswith(axis) and not key.endswith(("validity", "torque_nm", "force_n"))
+    }
+
+
+def test_everything_of_a_good_axis_is_given(make_leg, make_record):
+    for message in messages(make_leg(), make_record()):
+        assert None not in numbers_of("hip", message).values()
+        assert None not in numbers_of("slide", message).values()
+
+
+def test_at_rest_patient_and_friction_are_null_and_the_net_value_is_given(make_leg, make_record):
+    estimate, activity, friction = messages(make_leg(validity=(SPLIT, OK)), make_record())
+
+    assert estimate["hip_angle_rad"] == 0.25
+    assert estimate["hip_patient_nm"] is estimate["hip_friction_nm_std"] is None
+    assert friction["hip_friction_nm"] is None
+    assert activity["hip_patient_nm"] is activity["hip_patient_power_w"] is None
+    assert activity["patient_power_w"] is None
+    assert activity["hip_net_nm"] == 6.0
+    assert activity["hip_net_nm_std"] == 0.4
+    assert activity["slide_patient_n"] == 40.0
+    assert activity["hip_validity"] == "split_unobservable"
+
+
+def test_nothing_of_a_bad_axis_is_given_and_the_other_one_stays(make_leg, make_record):
+    for message in messages(make_leg(validity=(OK, BAD)), make_record()):
+        assert set(numbers_of("slide", message).values()) == {None}
+        assert None not in numbers_of("hip", message).values()
+        assert message.get("covariance") is None
+
+
+@pytest.mark.parametrize("bit", list(translate.NEVER_SHOWN))
+def test_some_status_bits_make_both_axes_bad_whatever_the_record_says(bit, make_leg, make_record):
+    for message in messages(make_leg(status=bit | StatusBit.VALID), make_record()):
+        assert set(numbers_of("hip", message).values()) == {None}
+        assert message["hip_validity"] == message["slide_validity"] == "bad"
+        assert translate.name_of(bit) in message["status"]
+
+
+def test_a_missing_sample_is_null_and_not_nan(make_leg, make_record):
+    leg = make_leg(measured=(math.nan, 0.5), innovation=(math.nan, 1e-4), nis=math.nan)
+
+    estimate = messages(leg, make_record())[0]
+
+    assert estimate["measured_hip_angle_rad"] is estimate["innovation_hip_rad"] is None
+    assert estimate["nis"] is None
+    assert estimate["measured_slide_position_m"] == 0.5
+
+
+any_number = st.one_of(st.floats(), st.sampled_from([math.nan, math.inf, -math.inf]))
+
+
+@settings(derandomize=True, max_examples=150, deadline=None)
+@given(
+    state=st.tuples(*[any_number] * 8),
+    std=st.tuples(*[any_number] * 8),
+    covariance=st.one_of(st.just(()), st.tuples(*[any_number] * 36)),
+    pair=st.tuples(any_number, any_number),
+    validity=st.tuples(st.integers(0, 2), st.integers(0, 2)),
+    status=st.integers(0, (1 << 15) - 1),
+)
+def test_no_record_whatever_makes_a_message_with_a_number_that_is_none(
+    make_leg, make_record, state, std, covariance, pair, validity, status
+):
+    leg = make_leg(
+        state=state,
+        std=std,
+        covariance=covariance,
+        validity=validity,
+        status=status,
+        **dict.fromkeys(
+            ("innovation", "net", "net_std", "measured", "effort_used", "reference", "artificial"),
+            pair,
+        ),
+    )
+    makers = (translate.estimate, translate.activity, translate.friction)
+    view = translate.look(leg, make_record(dt_s=pair[0], gait_phase=pair[1]), STAMP)
+    for make in makers:
+        message = make(view, 1)
+        for value in msgspec.structs.asdict(message).values():
+            assert not isinstance(value, float) or math.isfinite(value)
+
+
+def test_power_is_torque_times_speed_with_the_deviation_of_its_linearisation(make_leg, make_record):
+    generator = np.random.default_rng(5)
+    root = generator.normal(size=(8, 8)) * 0.1
+    full = root @ root.T
+    state = np.array([0.25, 0.5, 1.0, -0.5, 2.0, 20.0, 8.0, 40.0])
+    packed = tuple(float(full[i, j]) for i in range(8) for j in range(i + 1))
+    gradient = np.zeros(8)
+    gradient[[6, 2, 7, 3]] = state[[2, 6, 3, 7]]
+
+    activity = messages(make_leg(covariance=packed), make_record())[1]
+
+    assert activity["hip_patient_power_w"] == pytest.approx(8.0)
+    assert activity["slide_patient_power_w"] == pytest.approx(-20.0)
+    assert activity["patient_power_w"] == pytest.approx(-12.0)
+    expected = math.sqrt(gradient @ full @ gradient)
+    assert activity["patient_power_w_std"] == pytest.approx(expected)
+
+
+def test_a_drive_is_told_with_names_and_hexadecimal_codes(make_drive):
+    drive = make_drive(power_state=8, emergency_code=0x8130, emergency_text="heartbeat")
+
+    told = as_json(translate.drive_state(drive, STAMP, 3))
+
+    assert (told["power_state"], told["nmt_state"]) == ("fault", "operational")
+    assert (told["statusword"], told["emergency_code"]) == ("0x1637", "0x8130")
+
+
+def test_a_verdict_is_told_with_its_remedy(make_record):
+    verdict = Verdict(StopCategory.S1, Cause.VELOCITY_LIMIT, "right/hip", 2.2, 2.0)
+
+    told = as_json(translate.safety(make_record(verdict=verdict), {}, STAMP, 1))["verdict"]
+
+    assert (told["category"], told["cause"], told["drive"]) == ("S1", "velocity_limit", "right/hip")
+    assert (told["value"], told["limit"]) == (2.2, 2.0)
+    assert told["remedy"]
+
+
+def test_without_the_core_safety_says_nothing_but_that_it_is_not_valid():
+    told = as_json(translate.safety(None, {"hip": {}}, STAMP, 1))
+
+    assert told["valid"] is False
+    head = {"seq", "core_boot_id", "cycle", "sample_time_ns", "valid"}
+    assert {value for key, value in told.items() if key not in head} == {None}

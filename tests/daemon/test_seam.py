@@ -1,0 +1,147 @@
+"""The ring of records and the two datagram sockets, without a core or a gateway."""
+
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import pytest
+from records import HEADER, record
+
+from daemon import seam
+from daemon.record import Level
+from daemon.seam import CoreSeam, GatewaySeam, RingError, RingReader, RingWriter
+
+
+@dataclass
+class Ends:
+    core: CoreSeam
+    gateway: GatewaySeam
+
+
+@pytest.fixture
+def ends(tmp_path: Path):
+    gateway = GatewaySeam(tmp_path)
+    core = CoreSeam(tmp_path, HEADER)
+    yield Ends(core, gateway)
+    core.close()
+    gateway.close()
+
+
+def test_what_the_core_writes_the_gateway_reads_in_order_and_once(ends):
+    for seq in (1, 2, 3):
+        ends.core.publish(record(seq))
+
+    assert [one.seq for one in ends.gateway.records()] == [1, 2, 3]
+    assert ends.gateway.records() == []
+    assert ends.gateway.header == HEADER
+
+
+def test_a_record_survives_the_ring_bit_for_bit(ends):
+    sent = record(1)
+
+    ends.core.publish(sent)
+
+    assert msgspec.msgpack.encode(ends.gateway.records()[0]) == msgspec.msgpack.encode(sent)
+
+
+def test_a_level_reaches_the_core_and_rubbish_is_counted(ends, tmp_path):
+    level = Level("boot", seq=1, for_cycle=7, stop_count=0)
+
+    ends.gateway.send(level)
+    ends.gateway._datagrams.send(b"rubbish")
+
+    assert ends.core.levels() == [level]
+    assert ends.core.refused_count == 1
+
+
+def test_the_ring_keeps_the_newest_records_and_knows_what_is_gone(tmp_path):
+    path = tmp_path / seam.RING_NAME
+    writer = RingWriter(path, HEADER)
+    for seq in range(1, seam.SLOT_COUNT + 11):
+        writer.write(record(seq))
+    writer.close()
+
+    reader = RingReader(path)
+
+    assert reader.newest_seq() == seam.SLOT_COUNT + 10
+    assert reader.read(10) is None
+    assert [one.seq for one in reader.since(0)] == list(range(11, seam.SLOT_COUNT + 11))
+
+
+def test_a_slot_that_is_being_written_is_not_read(tmp_path):
+    path = tmp_path / seam.RING_NAME
+    writer = RingWriter(path, HEADER)
+    writer.write(record(1))
+    writer.write(record(2))
+    with path.open("r+b") as file:
+        file.seek(seam.HEADER_SIZE + 2 * seam.SLOT_SIZE)
+        file.write(struct.pack("<Q", 0))
+
+    assert [one.seq for one in RingReader(path).since(0)] == [1]
+
+
+def test_the_ring_outlives_its_writer(tmp_path):
+    core = CoreSeam(tmp_path, HEADER)
+    core.publish(record(1))
+    core.close()
+
+    assert RingReader(tmp_path / seam.RING_NAME).since(0)[0].seq == 1
+
+
+def test_the_gateway_follows_a_core_that_starts_anew_and_reads_it_from_its_beginning(
+    ends, tmp_path
+):
+    ends.core.publish(record(1))
+    ends.gateway.records()
+    ends.core.close()
+    again = CoreSeam(tmp_path, msgspec.structs.replace(HEADER, core_boot_id="second"))
+    for seq in (1, 2):
+        again.publish(record(seq))
+
+    found = ends.gateway.records()
+
+    assert [one.seq for one in found] == [1, 2]
+    assert ends.gateway.header is not None
+    assert ends.gateway.header.core_boot_id == "second"
+    again.close()
+
+
+def test_a_gateway_that_comes_late_begins_with_the_newest_record(tmp_path):
+    core = CoreSeam(tmp_path, HEADER)
+    for seq in range(1, 100):
+        core.publish(record(seq))
+    gateway = GatewaySeam(tmp_path)
+
+    core.publish(record(100))
+
+    assert [one.seq for one in gateway.records()] == [100]
+    core.close()
+    gateway.close()
+
+
+def test_a_core_without_a_gateway_writes_on(tmp_path):
+    core = CoreSeam(tmp_path, HEADER)
+    for seq in range(1, 50):
+        core.publish(record(seq))
+    core.close()
+
+    assert RingReader(tmp_path / seam.RING_NAME).newest_seq() == 49
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "is empty"),
+        (b"short", "too few"),
+        (b"NOTARING" + bytes(seam.HEADER_SIZE), "begins with"),
+        (struct.pack("<8sIII", seam.MAGIC, 4096, 3000, 4) + bytes(seam.HEADER_SIZE), "shorter"),
+    ],
+)
+def test_a_file_that_is_no_ring_is_refused_by_name(tmp_path, content, words):
+    path = tmp_path / "some.ring"
+    path.write_bytes(content)
+
+    with pytest.raises(RingError, match=words) as refused:
+        RingReader(path)
+    assert "some.ring" in str(refused.value)

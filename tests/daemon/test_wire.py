@@ -1,0 +1,173 @@
+"""The wire contract: schemas that explain everything, words that agree, and how messages look."""
+
+import json
+from enum import IntFlag
+
+import msgspec
+import pytest
+
+from daemon import wire
+from daemon.gateway.translate import COVARIANCE_COUNT
+from daemon.record import STATE_COUNT
+from daemon.words import NMT_STATES, POWER_STATES, StatusBit, Validity
+from drives.signals import NmtState, PowerState
+from observer import status
+
+HEAD = {"seq": 7, "core_boot_id": "b", "cycle": 41, "sample_time_ns": 1_760_000_000_410_000_000}
+
+
+@pytest.mark.parametrize("name", wire.MESSAGES)
+def test_the_schema_of_a_message_has_its_object_at_the_root_and_explains_every_field(name):
+    schema = wire.schema(wire.MESSAGES[name])
+
+    assert schema["$id"] == f"gaitd.{name}.v1"
+    assert schema["type"] == "object"
+    assert schema["description"]
+    assert all(field.get("description") for field in schema["properties"].values())
+    for definition in schema.get("$defs", {}).values():
+        assert all(field.get("description") for field in definition["properties"].values())
+
+
+@pytest.mark.parametrize("name", wire.MESSAGES)
+def test_every_reference_in_a_schema_leads_somewhere(name):
+    schema = wire.schema(wire.MESSAGES[name])
+    text = json.dumps(schema)
+
+    for definition in text.split('"#/$defs/')[1:]:
+        assert definition.partition('"')[0] in schema["$defs"]
+
+
+@pytest.mark.parametrize(
+    "name", ["estimate", "activity", "friction", "drives", "safety", "events", "health"]
+)
+def test_every_message_out_says_where_it_comes_from(name):
+    assert set(HEAD) <= set(wire.schema(wire.MESSAGES[name])["required"])
+
+
+@pytest.mark.parametrize("name", ["estimate", "activity", "friction"])
+def test_every_estimated_number_has_its_standard_deviation_and_may_be_null(name):
+    properties = wire.schema(wire.MESSAGES[name])["properties"]
+    estimated = [key.removesuffix("_std") for key in properties if key.endswith("_std")]
+
+    assert len(estimated) >= 2
+    for key in estimated:
+        assert {"type": "null"} in properties[key]["anyOf"]
+    assert "status" in properties
+
+
+def test_the_words_of_the_observer_are_the_observers():
+    assert issubclass(StatusBit, IntFlag)
+    assert {bit.name: bit.value for bit in StatusBit} == {
+        bit.name: bit.value for bit in status.Status
+    }
+    assert {v.name: v.value for v in Validity} == {v.name: v.value for v in status.Validity}
+    assert STATE_COUNT * (STATE_COUNT + 1) // 2 == COVARIANCE_COUNT
+
+
+def test_the_states_of_the_drives_are_the_masters():
+    assert [state.name.lower() for state in PowerState] == list(POWER_STATES)
+    assert [int(state) for state in PowerState] == list(range(len(POWER_STATES)))
+    assert {int(state): state.name.lower() for state in NmtState} == NMT_STATES
+
+
+def test_an_activity_looks_like_this():
+    message = wire.Activity(
+        **HEAD,
+        leg="right",
+        mode="gait",
+        status=("valid",),
+        status_bits="0x0001",
+        hip_validity="ok",
+        slide_validity="split_unobservable",
+        hip_patient_nm=8.5,
+        hip_patient_nm_std=0.5,
+        slide_patient_n=None,
+        slide_patient_n_std=None,
+        hip_patient_power_w=4.25,
+        hip_patient_power_w_std=0.3,
+        slide_patient_power_w=None,
+        slide_patient_power_w_std=None,
+        patient_power_w=None,
+        patient_power_w_std=None,
+        hip_net_nm=6.0,
+        hip_net_nm_std=0.4,
+        slide_net_n=12.0,
+        slide_net_n_std=1.5,
+        gait_phase_ratio=0.25,
+    )
+
+    assert msgspec.json.encode(message) == (
+        b'{"seq":7,"core_boot_id":"b","cycle":41,"sample_time_ns":1760000000410000000,'
+        b'"leg":"right","mode":"gait","status":["valid"],"status_bits":"0x0001",'
+        b'"hip_validity":"ok","slide_validity":"split_unobservable",'
+        b'"hip_patient_nm":8.5,"hip_patient_nm_std":0.5,'
+        b'"slide_patient_n":null,"slide_patient_n_std":null,'
+        b'"hip_patient_power_w":4.25,"hip_patient_power_w_std":0.3,'
+        b'"slide_patient_power_w":null,"slide_patient_power_w_std":null,'
+        b'"patient_power_w":null,"patient_power_w_std":null,'
+        b'"hip_net_nm":6.0,"hip_net_nm_std":0.4,"slide_net_n":12.0,"slide_net_n_std":1.5,'
+        b'"gait_phase_ratio":0.25}'
+    )
+
+
+def test_a_friction_looks_like_this():
+    message = wire.Friction(
+        **HEAD,
+        leg="left",
+        mode="hold",
+        status=("valid", "near_limit"),
+        status_bits="0x2001",
+        hip_validity="ok",
+        slide_validity="ok",
+        hip_friction_nm=2.5,
+        hip_friction_nm_std=0.5,
+        slide_friction_n=-20.0,
+        slide_friction_n_std=2.0,
+    )
+
+    assert msgspec.json.encode(message) == (
+        b'{"seq":7,"core_boot_id":"b","cycle":41,"sample_time_ns":1760000000410000000,'
+        b'"leg":"left","mode":"hold","status":["valid","near_limit"],"status_bits":"0x2001",'
+        b'"hip_validity":"ok","slide_validity":"ok",'
+        b'"hip_friction_nm":2.5,"hip_friction_nm_std":0.5,'
+        b'"slide_friction_n":-20.0,"slide_friction_n_std":2.0}'
+    )
+
+
+def test_a_reader_ignores_fields_that_it_does_not_know():
+    text = b'{"seq":1,"core_boot_id":null,"cycle":null,"sample_time_ns":null,"request":"stop",'
+    text += b'"outcome":"done","reason":"","mode":null,"added_later":[1,2]}'
+
+    assert msgspec.json.decode(text, type=wire.Reply).outcome == "done"
+
+
+SETPOINT = '{"lease":1,"seq":5,"for_cycle":40,"hip_assist_nm":%s,"slide_assist_n":0.0%s}'
+
+
+def test_a_setpoint_is_read():
+    read = msgspec.json.decode(SETPOINT % ("-3.5", ""), type=wire.SetpointMessage)
+
+    assert (read.hip_assist_nm, read.for_cycle) == (-3.5, 40)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        SETPOINT % ("NaN", ""),
+        SETPOINT % ("1e999", ""),
+        SETPOINT % ("121", ""),
+        SETPOINT % ("null", ""),
+        SETPOINT % ('"1"', ""),
+        SETPOINT % ("1", ',"torque":3'),
+        '{"lease":1,"seq":5,"for_cycle":40,"hip_assist_nm":1.0}',
+    ],
+)
+def test_a_setpoint_that_is_not_exactly_one_is_refused(text):
+    with pytest.raises(msgspec.MsgspecError):
+        msgspec.json.decode(text, type=wire.SetpointMessage)
+
+
+def test_keys_and_encodings_are_those_of_the_design():
+    assert wire.key("trainer", "right", "activity") == "gaitd/trainer/right/activity"
+    assert wire.encoding(wire.Activity) == "application/json;gaitd.activity.v1"
+    assert wire.encoding(wire.DriveState) == "application/json;gaitd.drives.v1"

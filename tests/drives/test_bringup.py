@@ -1,0 +1,441 @@
+import pytest
+from drive_files import CYCLE, HIP_LIMITS, SLIDE_LIMITS, drive
+from memory_bus import MS, ManualClock, MemoryBus, scripted
+
+from drives.bringup import DriveReport, Progress, bring_up
+from drives.bus import Frame
+from drives.bus_state import BusCondition
+from drives.configurator import Configurator
+from drives.errors import BringUpRefused, BusError, DriveSilent
+from drives.plan import plan
+from drives.signals import PowerState
+
+START = b"\x01"
+RESET_COMMUNICATION = b"\x82"
+
+
+class Bench:
+    """Two drives of one kind on a bus in memory, and the plans for them."""
+
+    def __init__(self, kind="epos4", hip=None, slide=None):
+        self.clock = ManualClock()
+        self.hip = scripted(drive(f"hip_{kind}"), **(hip or {}))
+        self.slide = scripted(drive(f"slide_{kind}"), **(slide or {}))
+        self.bus = MemoryBus(self.clock, [self.hip, self.slide])
+        self.port = Configurator(self.bus, self.clock)
+        self.plans = (
+            plan(drive(f"hip_{kind}"), HIP_LIMITS, CYCLE),
+            plan(drive(f"slide_{kind}"), SLIDE_LIMITS, CYCLE),
+        )
+        self.progress: list[Progress] = []
+
+    def run(self) -> tuple[DriveReport, ...]:
+        steps = bring_up(self.plans, self.port, CYCLE)
+        while True:
+            try:
+                self.progress.append(next(steps))
+            except StopIteration as end:
+                return end.value
+
+    def sent(self, can_id):
+        return [frame.data for frame in self.bus.sent if frame.can_id == can_id]
+
+    def touched_power(self):
+        """Whether anything could have moved the power state of a drive."""
+        rpdo = [f for f in self.bus.sent if f.can_id & 0x780 in (0x200, 0x300, 0x400, 0x500)]
+        return rpdo or [w for n in self.bus.nodes for w in n.written if w[0] == 0x6040]
+
+
+def refused(bench) -> BringUpRefused:
+    with pytest.raises(BringUpRefused) as caught:
+        bench.run()
+    assert START not in [data[:1] for data in bench.sent(0)]
+    assert not bench.touched_power()
+    return caught.value
+
+
+def silent(bench) -> DriveSilent:
+    with pytest.raises(DriveSilent) as caught:
+        bench.run()
+    assert not bench.touched_power()
+    return caught.value
+
+
+# --- what goes well -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["epos4", "generic"])
+def test_bring_up_ends_with_both_drives_operational_and_reported(kind):
+    bench = Bench(kind)
+    bench.hip.values[0x6064, 0] = 4096
+
+    hip, slide = bench.run()
+
+    assert (bench.hip.nmt_state, bench.slide.nmt_state) == (0x05, 0x05)
+    assert (hip.name, slide.name) == ("right/hip", "right/slide")
+    assert hip.power_state is PowerState.SWITCH_ON_DISABLED
+    assert hip.position_counts == 4096
+
+
+def test_no_drive_is_started_before_all_are_configured():
+    bench = Bench()
+
+    bench.run()
+
+    starts = [n for n, frame in enumerate(bench.bus.sent) if frame == Frame(0, b"\x01\x05")]
+    last_sdo = max(n for n, frame in enumerate(bench.bus.sent) if frame.can_id & 0x780 == 0x600)
+    assert starts
+    assert starts[0] > last_sdo
+
+
+def test_all_drives_are_reset_before_any_is_configured():
+    bench = Bench()
+
+    bench.run()
+
+    assert [frame.data[:1] for frame in bench.bus.sent[:2]] == [RESET_COMMUNICATION] * 2
+
+
+@pytest.mark.parametrize("statusword", [0x0240, 0x0637, 0x0218, 0x0617])
+def test_bring_up_never_enables_and_never_resets_a_fault_whatever_it_finds(statusword):
+    bench = Bench()
+    bench.hip.values[0x6041, 0] = statusword
+
+    hip, _ = bench.run()
+
+    assert hip.statusword == statusword
+    assert not bench.touched_power()
+
+
+def test_every_limit_of_the_design_is_in_the_drive_afterwards():
+    bench = Bench("generic")
+
+    bench.run()
+
+    hip = bench.hip.values
+    assert (hip[0x607D, 1], hip[0x607D, 2]) == (-4889, 19556)  # 1024*100/2pi = 16297.47 per rad
+    assert hip[0x605A, 0] == 6
+    assert hip[0x605E, 0] == 2
+    assert hip[0x6007, 0] == 3
+    assert hip[0x1016, 1] == 0x00010064
+    assert hip[0x1017, 0] == 20
+    assert hip[0x1400, 5] == 30
+    assert (hip[0x60C2, 1], hip[0x60C2, 2]) == (10, -3)
+
+
+def test_pdos_that_the_mapping_does_not_use_are_switched_off():
+    bench = Bench()
+
+    bench.run()
+
+    for index in (0x1402, 0x1403, 0x1803):
+        assert bench.hip.values[index, 1] & 0x80000000
+
+
+def test_a_pdo_is_remapped_in_the_order_that_the_standard_asks_for():
+    bench = Bench()
+
+    bench.run()
+
+    touched = [w for w in bench.hip.written if w[0] in (0x1800, 0x1A00)]
+    assert touched == [
+        (0x1800, 1, 0xC0000185),
+        (0x1800, 2, 1),
+        (0x1800, 3, 0),
+        (0x1800, 5, 0),
+        (0x1A00, 0, 0),
+        (0x1A00, 1, 0x60410010),
+        (0x1A00, 2, 0x60640020),
+        (0x1A00, 3, 0x60610008),
+        (0x1A00, 0, 3),
+        (0x1800, 1, 0x40000185),
+    ]
+
+
+def test_the_identifier_that_a_pdo_has_is_switched_off_first_not_the_one_it_will_get():
+    bench = Bench(hip={"stored": {(0x1800, 1): 0x400001A5}})
+
+    bench.run()
+
+    identifiers = [w[2] for w in bench.hip.written if w[:2] == (0x1800, 1)]
+    assert identifiers == [0xC00001A5, 0x40000185]
+
+
+def test_the_target_is_seeded_with_the_position_so_that_a_change_of_mode_finds_no_way_to_go():
+    bench = Bench()
+    bench.hip.values[0x6064, 0] = 1234
+    bench.hip.values[0x6071, 0] = 500
+
+    bench.run()
+
+    assert bench.hip.values[0x607A, 0] == 1234
+    assert bench.hip.values[0x6071, 0] == 0
+    assert bench.hip.values[0x6060, 0] == 10
+
+
+def test_a_joint_outside_its_limits_is_seeded_at_the_limit_and_not_refused():
+    bench = Bench()
+    bench.hip.values[0x6064, 0] = 30_000
+
+    bench.run()
+
+    assert bench.hip.values[0x607A, 0] == 19556
+
+
+@pytest.mark.parametrize("old", [(-100_000, -50_000), (50_000, 100_000), (-1, 1)])
+def test_position_limits_move_without_ever_crossing_the_old_ones(old):
+    bench = Bench()
+    bench.hip.values[0x607D, 1], bench.hip.values[0x607D, 2] = old
+
+    bench.run()
+
+    low, high = old
+    for _, sub, value in [w for w in bench.hip.written if w[0] == 0x607D]:
+        low, high = (value, high) if sub == 1 else (low, value)
+        assert low <= high
+
+
+def test_the_base_that_the_drive_holds_is_the_one_that_is_used():
+    bench = Bench()
+    bench.hip.values[0x6076, 0] = 280_000  # 0.5 % more than the axis file says
+
+    hip, _ = bench.run()
+
+    assert hip.base.rated_torque_nm == pytest.approx(0.280)
+
+
+def test_a_drive_found_in_fault_is_reported_with_its_error_in_words():
+    bench = Bench()
+    bench.hip.values[0x6041, 0] = 0x0218
+    bench.hip.values[0x603F, 0] = 0x8130
+    bench.hip.values[0x1001, 0] = 0x11
+
+    hip, _ = bench.run()
+
+    assert hip.power_state is PowerState.FAULT
+    assert (hip.error_register, hip.error_code) == (0x11, 0x8130)
+    assert "heartbeat" in hip.error_text
+
+
+def test_an_emcy_that_comes_during_bring_up_is_in_the_report():
+    bench = Bench()
+    bench.bus.put(Frame(0x085, bytes.fromhex("3081110000000000")), 10 * MS)
+
+    hip, slide = bench.run()
+
+    assert hip.emergencies == (bytes.fromhex("3081110000000000"),)
+    assert slide.emergencies == ()
+
+
+def test_a_drive_says_itself_whether_it_is_homed():
+    bench = Bench()
+    bench.hip.values[0x6041, 0] = 0x8240
+
+    hip, slide = bench.run()
+
+    assert (hip.homed, slide.homed) == (True, False)
+    assert hip.absolute
+
+
+def test_no_step_of_bring_up_takes_longer_than_one_silent_transfer():
+    bench = Bench(slide={"mute": {(0x6085, 0)}})
+    steps = bring_up(bench.plans, bench.port, CYCLE)
+    longest_ns = 0
+
+    with pytest.raises(DriveSilent):
+        while True:
+            before_ns = bench.clock.now_ns()
+            try:
+                next(steps)
+            finally:
+                longest_ns = max(longest_ns, bench.clock.now_ns() - before_ns)
+
+    assert longest_ns <= 310 * MS
+
+
+def test_progress_names_drive_step_and_how_far_it_is():
+    bench = Bench()
+
+    bench.run()
+
+    assert any(p.drive == "right/slide" and "607Dh" in p.text for p in bench.progress)
+    done = [p.done_count for p in bench.progress]
+    assert done == sorted(done)
+    assert bench.progress[-1].done_count < bench.progress[-1].total_count
+
+
+# --- boot -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("boots_ns", [(0, ()), (0, (3 * MS,)), (5 * MS, (5 * MS,))])
+def test_a_boot_up_message_is_never_missed_and_counts_once(boots_ns):
+    delay_ns, extra_ns = boots_ns
+    bench = Bench(hip={"boot_delay_ns": delay_ns, "extra_boots_ns": extra_ns})
+
+    assert bench.run()
+
+
+def test_a_boot_up_message_from_before_the_reset_is_not_taken_for_the_answer():
+    bench = Bench(hip={"dead": True})
+    bench.bus.put(Frame(0x705, b"\x00"))
+
+    assert "no boot-up message" in str(silent(bench))
+
+
+def test_a_drive_without_power_is_silent_and_named():
+    error = silent(Bench(slide={"dead": True}))
+
+    assert error.drive == "right/slide"
+
+
+def test_a_drive_that_reboots_on_the_way_is_not_started():
+    bench = Bench(hip={"reboot_on_write": (0x6080, 0)})
+
+    assert "rebooted" in str(silent(bench))
+    assert START not in [data[:1] for data in bench.sent(0)]
+
+
+# --- refusals -------------------------------------------------------------------------------------
+
+
+def test_another_product_than_the_files_describe_is_refused_with_both_numbers():
+    bench = Bench(hip={"stored": {(0x1018, 2): 0x65510000}})
+
+    error = refused(bench)
+
+    assert (error.drive, error.place) == ("right/hip", "1018h:02")
+    assert "65510000" in str(error)
+    assert "61500000" in str(error)
+
+
+def test_a_mapping_that_the_drive_refuses_is_named_with_object_entry_and_abort_text():
+    error = refused(Bench(slide={"abort_write": {(0x1A00, 1): 0x06040041}}))
+
+    assert (error.drive, error.place, error.value) == ("right/slide", "1A00h:01", "60410010h")
+    assert "06040041h" in error.reason
+    assert "cannot be mapped" in error.reason
+
+
+def test_a_setting_that_reads_back_differently_is_refused():
+    bench = Bench(hip={"ignore_write": {(0x605A, 0)}})
+    bench.hip.values[0x605A, 0] = 2
+
+    error = refused(bench)
+
+    assert (error.place, error.value) == ("605Ah:00", "6")
+    assert "reads back 2" in error.reason
+
+
+@pytest.mark.parametrize(
+    ("raw", "words"), [(0, "no motor data"), (278_680 * 2, "1 %"), (279, "1 %"), (275_000, "1 %")]
+)
+def test_a_torque_base_of_zero_or_more_than_one_percent_off_is_refused(raw, words):
+    bench = Bench()
+    bench.hip.values[0x6076, 0] = raw
+
+    error = refused(bench)
+
+    assert error.place == "6076h:00"
+    assert words in error.reason
+
+
+def test_the_torque_base_is_compared_and_never_written():
+    bench = Bench()
+
+    bench.run()
+
+    assert not [w for w in bench.hip.written if w[:2] in {(0x6076, 0), (0x3001, 1), (0x3001, 5)}]
+
+
+def test_a_drive_without_cyclic_synchronous_torque_is_refused():
+    bench = Bench()
+    bench.hip.values[0x6502, 0] = 0x6D
+
+    assert refused(bench).place == "6502h:00"
+
+
+def test_tpdos_of_another_length_than_mapped_are_refused():
+    bench = Bench(hip={"short_tpdo": {2}})
+
+    with pytest.raises(BringUpRefused, match="TPDO2 has 7 bytes instead of the 8"):
+        bench.run()
+    assert not bench.touched_power()
+
+
+# --- silence --------------------------------------------------------------------------------------
+
+
+def test_a_drive_that_stops_answering_sdo_is_silent_with_the_object_named():
+    error = silent(Bench(hip={"mute": {(0x6065, 0)}}))
+
+    assert "6065h:00" in str(error)
+    assert "300 ms" in str(error)
+
+
+def test_a_drive_whose_heartbeat_never_comes_is_not_started():
+    bench = Bench(hip={"no_heartbeat": True})
+
+    assert "no heartbeat" in str(silent(bench))
+    assert START not in [data[:1] for data in bench.sent(0)]
+
+
+def test_a_drive_that_does_not_become_operational_is_named():
+    assert "OPERATIONAL" in str(silent(Bench(slide={"never_operational": True})))
+
+
+def test_a_drive_that_sends_no_sample_is_named():
+    error = silent(Bench(slide={"without_tpdo": {2}}))
+
+    assert error.drive == "right/slide"
+    assert "no complete sample" in str(error)
+
+
+# --- SDO hazards ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "stale",
+    [
+        "6065600000000000",  # download reply for another object
+        "4318100104000000",  # upload reply for another object
+        "8000200000000406",  # abort of another object
+        "6017",  # no SDO frame at all
+    ],
+)
+def test_a_late_reply_to_an_earlier_request_is_not_taken_for_the_answer(stale):
+    frame = Frame(0x585, bytes.fromhex(stale))
+    bench = Bench(hip={"stale_reply": {(0x1000, 0): frame, (0x6080, 0): frame}})
+
+    assert bench.run()
+
+
+def test_an_upload_reply_for_the_same_object_does_not_acknowledge_a_write():
+    late = Frame(0x585, bytes.fromhex("43 80 60 00 01 00 00 00"))
+    bench = Bench(hip={"mute": {(0x6080, 0)}, "stale_reply": {(0x6080, 0): late}})
+
+    assert "6080h:00" in str(silent(bench))
+
+
+def test_a_transfer_that_times_out_is_aborted_with_its_own_object():
+    bench = Bench(hip={"mute": {(0x6065, 0)}})
+
+    silent(bench)
+
+    assert bench.sent(0x605)[-1] == bytes.fromhex("80 65 60 00 00 00 04 05")
+
+
+def test_bus_off_during_bring_up_is_the_bus_s_fault_not_the_drive_s():
+    bench = Bench()
+    bench.bus.put(Frame(0x040, bytes(8), is_error=True), 20 * MS)
+
+    with pytest.raises(BusError, match="bus-off"):
+        bench.run()
+    assert bench.port.bus_state.condition is BusCondition.OFF
+
+
+def test_a_bus_that_takes_no_frames_is_reported_and_not_waited_for():
+    bench = Bench()
+    bench.bus.send_urgent = lambda frames, deadline_ns, clock: len(frames)
+
+    with pytest.raises(BusError, match="transmit queue"):
+        bench.run()

@@ -1,0 +1,341 @@
+import errno
+import http.server
+import threading
+
+import can
+import pytest
+from can_remote.server import RemoteServer
+from memory_bus import MS, ManualClock
+
+from daemon.clock import MonotonicClock
+from drives.bus import CanBus, Frame
+from drives.bus_state import BusCondition, BusMonitor
+from drives.errors import BusError
+
+RPDO = Frame(0x205, bytes(7))
+QUICK_STOP = Frame(0x205, b"\x02\x00\x0a\x00\x00\x00\x00")
+
+
+class Scripted(can.BusABC):
+    """A python-can bus that refuses the first sends as a full SocketCAN queue does."""
+
+    def __init__(self, refusals, error=None, clock=None):
+        super().__init__(channel="scripted")
+        self.channel_info = "scripted"
+        self.refusals = refusals
+        self.error = error or can.CanOperationError(
+            "Failed to transmit: No buffer space available", errno.ENOBUFS
+        )
+        self.clock = clock
+        self.sent = []
+        self.waiting = []
+
+    def send(self, msg, timeout=None):
+        if self.refusals:
+            self.refusals -= 1
+            raise self.error
+        self.sent.append(msg)
+
+    def recv(self, timeout=None):
+        if self.waiting:
+            return self.waiting.pop(0)
+        if self.clock is not None:
+            self.clock.time_ns += int(timeout * 1e9)
+        return None
+
+
+def scripted(refusals, **options):
+    raw = Scripted(refusals, **options)
+    return raw, CanBus(raw, "scripted")
+
+
+# --- a full transmit queue ------------------------------------------------------------------------
+
+
+def test_process_data_that_find_a_full_queue_are_dropped_and_counted_and_never_raise():
+    raw, bus = scripted(20)
+
+    dropped = [bus.send([RPDO]) for _ in range(21)]
+
+    assert dropped == [1] * 20 + [0]
+    assert bus.dropped_count == 20
+    assert len(raw.sent) == 1
+
+
+def test_a_select_that_times_out_is_a_full_queue_too():
+    _, bus = scripted(1, error=can.CanOperationError("Transmit buffer full"))
+
+    assert bus.send([RPDO]) == 1
+
+
+def test_a_quick_stop_is_tried_again_in_the_same_cycle():
+    clock = ManualClock()
+    raw, bus = scripted(20, clock=clock)
+
+    left = bus.send_urgent([QUICK_STOP], clock.now_ns() + 10 * MS, clock)
+
+    assert left == 0
+    assert bytes(raw.sent[0].data) == QUICK_STOP.data
+    assert bus.dropped_count == 0
+
+
+def test_urgent_frames_leave_in_order():
+    clock = ManualClock()
+    raw, bus = scripted(3, clock=clock)
+
+    bus.send_urgent([Frame(0, b"\x02\x05"), Frame(0, b"\x02\x06")], clock.now_ns() + 10 * MS, clock)
+
+    assert [bytes(message.data) for message in raw.sent] == [b"\x02\x05", b"\x02\x06"]
+
+
+def test_a_queue_that_stays_full_ends_at_the_deadline():
+    clock = ManualClock()
+    _, bus = scripted(10**6, clock=clock)
+    deadline_ns = clock.now_ns() + 2 * MS
+
+    assert bus.send_urgent([QUICK_STOP, QUICK_STOP], deadline_ns, clock) == 2
+    assert clock.now_ns() <= deadline_ns + MS
+    assert bus.dropped_count == 2
+
+
+def test_what_arrives_while_an_urgent_frame_waits_is_not_lost():
+    clock = ManualClock()
+    raw, bus = scripted(2, clock=clock)
+    raw.waiting = [
+        can.Message(arbitration_id=0x085, data=bytes(8), is_extended_id=False),
+        can.Message(arbitration_id=0x185, data=bytes(7), is_extended_id=False),
+    ]
+
+    bus.send_urgent([QUICK_STOP], clock.now_ns() + 10 * MS, clock)
+
+    assert [frame.can_id for frame in bus.drain()] == [0x085, 0x185]
+    assert bus.drain() == []
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        can.CanOperationError("Failed to transmit: Network is down", errno.ENETDOWN),
+        OSError(errno.EPIPE, "Broken pipe"),
+        TimeoutError("timed out"),
+    ],
+)
+def test_any_other_failure_to_send_is_a_bus_that_is_down(error):
+    _, bus = scripted(1, error=error)
+
+    with pytest.raises(BusError, match="cannot send"):
+        bus.send([RPDO])
+
+
+# --- receiving ------------------------------------------------------------------------------------
+
+
+def test_waiting_ends_at_the_deadline_when_nothing_comes():
+    clock = ManualClock()
+    _, bus = scripted(0, clock=clock)
+    deadline_ns = clock.now_ns() + 4 * MS
+
+    assert bus.receive_until(deadline_ns, clock) == []
+    assert clock.now_ns() >= deadline_ns
+
+
+def test_frames_that_no_drive_of_ours_sends_are_counted_and_left_out():
+    raw, bus = scripted(0)
+    raw.waiting = [
+        can.Message(arbitration_id=0x18FF, is_extended_id=True, data=b""),
+        can.Message(arbitration_id=0x705, is_remote_frame=True, is_extended_id=False),
+        can.Message(arbitration_id=0x705, data=b"\x05", is_extended_id=False, timestamp=12.5),
+    ]
+
+    assert bus.drain() == [Frame(0x705, b"\x05", 12_500_000_000)]
+    assert bus.foreign_count == 2
+
+
+def test_a_babbling_node_does_not_hold_a_drain_for_ever():
+    raw, bus = scripted(0)
+    raw.waiting = [can.Message(arbitration_id=0x123, is_extended_id=False)] * 2000
+
+    assert len(bus.drain()) == 512
+
+
+def test_error_frames_come_through_as_such():
+    raw, bus = scripted(0)
+    raw.waiting = [can.Message(arbitration_id=0x040, is_error_frame=True, data=bytes(8))]
+
+    (frame,) = bus.drain()
+
+    assert frame.is_error
+    assert frame.can_id == 0x040
+
+
+# --- interfaces -----------------------------------------------------------------------------------
+
+
+def test_a_virtual_bus_carries_frames_both_ways():
+    clock = MonotonicClock()
+    ours = CanBus.open("virtual", "test-both-ways", 1_000_000)
+    theirs = CanBus.open("virtual", "test-both-ways", 1_000_000)
+
+    ours.send([Frame(0x080, b"")])
+    got = theirs.receive_until(clock.now_ns() + 100 * MS, clock)
+    theirs.send([Frame(0x185, b"1234567")])
+
+    assert [frame[:2] for frame in got] == [(0x080, b"")]
+    assert [frame[:2] for frame in ours.drain()] == [(0x185, b"1234567")]
+    ours.close()
+    ours.close()
+    theirs.close()
+
+
+def test_a_closed_bus_is_a_bus_error_and_no_traceback():
+    bus = CanBus.open("virtual", "test-closed", 1_000_000)
+    bus.close()
+
+    with pytest.raises(BusError):
+        bus.send([RPDO])
+    with pytest.raises(BusError):
+        bus.drain()
+
+
+@pytest.mark.parametrize(
+    ("interface", "channel"),
+    [
+        ("socketcan", "can_that_is_not_there"),
+        ("remote", "ws://127.0.0.1:9/"),
+        ("remote", "ws://127.0.0.1:no-port/"),
+        ("no-such-interface", "x"),
+    ],
+)
+def test_an_interface_that_is_not_there_is_the_operator_s_or_the_machine_s_matter(
+    interface, channel
+):
+    with pytest.raises(BusError, match=interface):
+        CanBus.open(interface, channel, 1_000_000)
+
+
+@pytest.fixture
+def server():
+    """A python-can-remote server on a free port of loopback, over a virtual bus."""
+    served = RemoteServer("127.0.0.1", 0, interface="virtual", channel="test-remote")
+    thread = threading.Thread(target=served.serve_forever, kwargs={"poll_interval": 0.02})
+    thread.start()
+    yield served
+    served.shutdown()
+    thread.join()
+    served.server_close()
+
+
+def channel_of(server):
+    return f"ws://127.0.0.1:{server.server_port}/"
+
+
+def test_a_remote_bus_carries_frames_both_ways_and_starts_no_thread(server):
+    clock = MonotonicClock()
+    theirs = can.Bus(interface="virtual", channel="test-remote")
+    before = set(threading.enumerate())
+
+    bus = CanBus.open("remote", channel_of(server), 1_000_000)
+    bus.send([Frame(0x205, b"\x06\x00")])
+    received = theirs.recv(1)
+    theirs.send(can.Message(arbitration_id=0x185, data=b"1234567", is_extended_id=False))
+    frames = bus.receive_until(clock.now_ns() + 1000 * MS, clock)
+
+    assert received is not None
+    assert received.arbitration_id == 0x205
+    assert [frame[:2] for frame in frames] == [(0x185, b"1234567")]
+    ours = [t for t in set(threading.enumerate()) - before if "process_request" not in t.name]
+    assert [t.name for t in ours if "_send_to_client" not in t.name] == []
+    bus.close()
+    bus.close()
+    theirs.shutdown()
+
+
+def test_a_remote_bus_whose_server_goes_away_is_a_bus_error_and_closes(server):
+    clock = MonotonicClock()
+    bus = CanBus.open("remote", channel_of(server), 1_000_000)
+
+    for client in list(server.clients):
+        client._ws.socket.shutdown(2)
+
+    with pytest.raises(BusError):
+        bus.receive_until(clock.now_ns() + 2000 * MS, clock)
+    with pytest.raises(BusError):
+        for _ in range(1000):
+            bus.send([RPDO])
+            bus.drain()
+    bus.close()
+
+
+def test_a_server_that_takes_the_connection_and_says_nothing_does_not_hold_us():
+    class Mute(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            threading.Event().wait(2)
+
+        def log_message(self, *args):
+            pass
+
+    mute = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Mute)
+    mute.daemon_threads = True
+    thread = threading.Thread(target=mute.serve_forever, kwargs={"poll_interval": 0.02})
+    thread.start()
+    clock = MonotonicClock()
+    before_ns = clock.now_ns()
+
+    with pytest.raises(BusError, match="timed out"):
+        CanBus.open("remote", f"ws://127.0.0.1:{mute.server_port}/", 1_000_000)
+
+    assert clock.now_ns() - before_ns < 1900 * MS
+    mute.shutdown()
+    thread.join()
+    mute.server_close()
+
+
+# --- the controller's own reports -----------------------------------------------------------------
+
+
+def error(class_bits, status=0):
+    return Frame(class_bits, bytes((0, status, 0, 0, 0, 0, 0, 0)), is_error=True)
+
+
+def test_bus_off_lasts_until_the_controller_restarts():
+    monitor = BusMonitor()
+
+    assert monitor.feed(error(0x040))
+    assert not monitor.feed(error(0x004, 0x40))
+    assert monitor.condition is BusCondition.OFF
+
+    assert monitor.feed(error(0x100))
+    assert monitor.condition is BusCondition.ACTIVE
+    assert (monitor.bus_off_count, monitor.restart_count) == (1, 1)
+
+
+@pytest.mark.parametrize("status", [0x10, 0x20])
+def test_error_passive_is_an_event_and_not_bus_off(status):
+    monitor = BusMonitor()
+
+    assert monitor.feed(error(0x004, status))
+    assert monitor.condition is BusCondition.PASSIVE
+    assert not monitor.feed(error(0x004, status))
+    assert monitor.passive_count == 2
+
+    assert monitor.feed(error(0x004, 0x08))
+    assert monitor.condition is BusCondition.WARNING
+    assert monitor.feed(error(0x004, 0x40))
+    assert monitor.condition is BusCondition.ACTIVE
+
+
+def test_a_missing_acknowledgement_alone_is_told_apart():
+    monitor = BusMonitor()
+
+    assert not monitor.feed(error(0x020))
+    assert monitor.no_ack_count == 1
+    assert monitor.condition is BusCondition.ACTIVE
+
+
+def test_frames_lost_in_the_controller_are_counted():
+    monitor = BusMonitor()
+
+    monitor.feed(error(0x004, 0x01))
+    monitor.feed(Frame(0x004, b"", is_error=True))
+
+    assert monitor.overflow_count == 1

@@ -1,0 +1,389 @@
+import itertools
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+
+from drives.cia402 import (
+    TRANSITIONS,
+    ResetEdge,
+    Sent,
+    decode_statusword,
+    next_word,
+)
+from drives.signals import PowerRequest, PowerState
+
+S = PowerState
+STATUSWORDS = {
+    S.NOT_READY_TO_SWITCH_ON: 0x0000,
+    S.SWITCH_ON_DISABLED: 0x0040,
+    S.READY_TO_SWITCH_ON: 0x0021,
+    S.SWITCHED_ON: 0x0023,
+    S.OPERATION_ENABLED: 0x0027,
+    S.QUICK_STOP_ACTIVE: 0x0007,
+    S.FAULT_REACTION_ACTIVE: 0x000F,
+    S.FAULT: 0x0008,
+}
+ENABLE_BIT = 0x0008
+RESET_BIT = 0x0080
+STATES = list(PowerState)
+REQUESTS = list(PowerRequest)
+EVERY_SENT = [Sent(word, edge) for word in (0, 0x0F, 0x80) for edge in ResetEdge]
+
+
+class ModelDrive:
+    """The drive's side of CiA 402, from the standard's table of commands; shares nothing with ours.
+
+    `fourth` : does transition 4 by itself after 3 when the word allows it (most drives; not Elmo).
+    `option_605a`: 2 ends in switch on disabled, 6 stays in quick stop active.
+    """
+
+    def __init__(self, *, fourth=True, option_605a=6):
+        self.state = S.SWITCH_ON_DISABLED
+        self.word = 0
+        self.fourth = fourth
+        self.option_605a = option_605a
+        self.cause_gone = True
+        self.reset_edges = 0
+
+    def receive(self, word):
+        rising = word & 0x80 and not self.word & 0x80
+        self.word = word
+        self.reset_edges += bool(rising)
+        if self.state is S.FAULT:
+            if rising and self.cause_gone:
+                self.state = S.SWITCH_ON_DISABLED
+            return
+        if word & 0x80:
+            return
+        command = self._command(word)
+        self.state = {
+            ("shutdown", S.SWITCH_ON_DISABLED): S.READY_TO_SWITCH_ON,
+            ("shutdown", S.SWITCHED_ON): S.READY_TO_SWITCH_ON,
+            ("shutdown", S.OPERATION_ENABLED): S.READY_TO_SWITCH_ON,
+            ("switch on", S.READY_TO_SWITCH_ON): S.SWITCHED_ON,
+            ("switch on", S.OPERATION_ENABLED): S.SWITCHED_ON,
+            ("enable", S.READY_TO_SWITCH_ON): S.OPERATION_ENABLED if self.fourth else S.SWITCHED_ON,
+            ("enable", S.SWITCHED_ON): S.OPERATION_ENABLED,
+            ("enable", S.QUICK_STOP_ACTIVE): (
+                S.OPERATION_ENABLED if self.option_605a >= 5 else S.QUICK_STOP_ACTIVE
+            ),
+            ("disable voltage", S.READY_TO_SWITCH_ON): S.SWITCH_ON_DISABLED,
+            ("disable voltage", S.SWITCHED_ON): S.SWITCH_ON_DISABLED,
+            ("disable voltage", S.OPERATION_ENABLED): S.SWITCH_ON_DISABLED,
+            ("disable voltage", S.QUICK_STOP_ACTIVE): S.SWITCH_ON_DISABLED,
+            ("quick stop", S.READY_TO_SWITCH_ON): S.SWITCH_ON_DISABLED,
+            ("quick stop", S.SWITCHED_ON): S.SWITCH_ON_DISABLED,
+            ("quick stop", S.OPERATION_ENABLED): S.QUICK_STOP_ACTIVE,
+        }.get((command, self.state), self.state)
+
+    @staticmethod
+    def _command(word):
+        if not word & 0x02:
+            return "disable voltage"
+        if not word & 0x04:
+            return "quick stop"
+        if not word & 0x01:
+            return "shutdown"
+        return "enable" if word & 0x08 else "switch on"
+
+    def stopped(self):
+        """The quick-stop ramp has ended."""
+        if self.state is S.QUICK_STOP_ACTIVE and self.option_605a < 5:
+            self.state = S.SWITCH_ON_DISABLED
+
+    def statusword(self):
+        return STATUSWORDS[self.state]
+
+
+def drive_through(drive, request, cycles=10, *, resume=True, sent=None):
+    """Hold a request as a level for some cycles; every word that went out."""
+    sent, words = sent or Sent(), []
+    for _ in range(cycles):
+        sent = next_word(decode_statusword(drive.statusword()), request, sent, resume=resume)
+        words.append(sent.controlword)
+        drive.receive(sent.controlword)
+    return words
+
+
+# --- statuswords ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("state", "word"), STATUSWORDS.items())
+def test_a_state_is_read_whatever_the_bits_that_do_not_belong_to_it(state, word):
+    free = 0xFF90 if state in {
+        S.READY_TO_SWITCH_ON,
+        S.SWITCHED_ON,
+        S.OPERATION_ENABLED,
+        S.QUICK_STOP_ACTIVE,
+    } else 0xFFB0  # fmt: skip
+
+    for others in (0, free, 0x5590 & free, 0xAAA0 & free):
+        assert decode_statusword(word | others) is state
+
+
+def test_a_pattern_that_the_standard_does_not_have_is_unknown_and_no_state():
+    known = {0x00, 0x40, 0x0F, 0x08}
+    exact = {0x21, 0x23, 0x27, 0x07}
+
+    for word in range(0x80):
+        unknown = word & 0x4F not in known and word & 0x6F not in exact
+        assert (decode_statusword(word) is S.UNKNOWN) == unknown
+
+
+# --- the table ------------------------------------------------------------------------------------
+
+
+def test_enable_operation_is_asked_for_only_by_enable_and_only_from_switched_on_on():
+    for state, request, sent, resume in itertools.product(
+        STATES, REQUESTS, EVERY_SENT, (False, True)
+    ):
+        word = next_word(state, request, sent, resume=resume).controlword
+
+        if word & ENABLE_BIT:
+            assert request is PowerRequest.ENABLE
+            assert state in {S.SWITCHED_ON, S.OPERATION_ENABLED, S.QUICK_STOP_ACTIVE}
+            assert resume or state is not S.QUICK_STOP_ACTIVE
+
+
+def test_no_request_but_fault_reset_raises_the_reset_bit_and_none_uses_any_other_bit():
+    for state, request, sent, resume in itertools.product(
+        STATES, REQUESTS, EVERY_SENT, (False, True)
+    ):
+        word = next_word(state, request, sent, resume=resume).controlword
+
+        assert word & ~0x008F == 0
+        if word & RESET_BIT:
+            assert request is PowerRequest.FAULT_RESET
+            assert state is S.FAULT
+            assert word == RESET_BIT
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_quick_stop_sends_nothing_but_quick_stop(state):
+    word = next_word(state, PowerRequest.QUICK_STOP, Sent(), resume=True).controlword
+
+    assert word == 0x0002
+
+
+@pytest.mark.parametrize("request_", [PowerRequest.QUICK_STOP, PowerRequest.DISABLE_VOLTAGE])
+@pytest.mark.parametrize("state", STATUSWORDS)
+@pytest.mark.parametrize("fourth", [False, True])
+def test_a_stop_never_energises_from_any_state(request_, state, fourth):
+    drive = ModelDrive(fourth=fourth)
+    drive.state = state
+
+    drive_through(drive, request_)
+
+    assert drive.state is not S.OPERATION_ENABLED
+    assert drive.state in {state, S.SWITCH_ON_DISABLED, S.QUICK_STOP_ACTIVE}
+
+
+@pytest.mark.parametrize("fourth", [False, True])
+def test_enabling_walks_one_transition_at_a_time_with_and_without_the_automatic_fourth(fourth):
+    drive = ModelDrive(fourth=fourth)
+
+    words = drive_through(drive, PowerRequest.ENABLE, 5)
+
+    assert words == [0x06, 0x07, 0x0F, 0x0F, 0x0F]
+    assert drive.state is S.OPERATION_ENABLED
+
+
+def test_a_slow_drive_gets_the_same_word_until_it_has_moved():
+    sent = Sent()
+    words = []
+    for shown in [S.SWITCH_ON_DISABLED] * 3 + [S.READY_TO_SWITCH_ON] * 4 + [S.SWITCHED_ON] * 2:
+        sent = next_word(shown, PowerRequest.ENABLE, sent, resume=True)
+        words.append(sent.controlword)
+
+    assert words == [0x06] * 3 + [0x07] * 4 + [0x0F] * 2
+
+
+@pytest.mark.parametrize(("option", "end"), [(2, S.SWITCH_ON_DISABLED), (6, S.QUICK_STOP_ACTIVE)])
+def test_a_quick_stop_ends_as_605a_says_and_stays_there(option, end):
+    drive = ModelDrive(option_605a=option)
+    drive.state = S.OPERATION_ENABLED
+
+    drive_through(drive, PowerRequest.QUICK_STOP, 3)
+    drive.stopped()
+    drive_through(drive, PowerRequest.QUICK_STOP, 3)
+
+    assert drive.state is end
+
+
+@pytest.mark.parametrize(("resume", "words"), [(True, [0x0F]), (False, [0x00, 0x06, 0x07, 0x0F])])
+def test_leaving_quick_stop_goes_by_transition_16_or_12_as_the_profile_says(resume, words):
+    drive = ModelDrive()
+    drive.state = S.QUICK_STOP_ACTIVE
+
+    sent = drive_through(drive, PowerRequest.ENABLE, len(words), resume=resume)
+
+    assert sent == words
+    assert drive.state is S.OPERATION_ENABLED
+
+
+@pytest.mark.parametrize("state", STATUSWORDS)
+def test_ready_prepares_without_torque(state):
+    drive = ModelDrive()
+    drive.state = state
+
+    words = drive_through(drive, PowerRequest.READY)
+
+    assert not any(word & ENABLE_BIT for word in words)
+    expected = S.READY_TO_SWITCH_ON
+    if state in {S.NOT_READY_TO_SWITCH_ON, S.FAULT, S.FAULT_REACTION_ACTIVE}:
+        expected = state
+    assert drive.state is expected
+
+
+@pytest.mark.parametrize("request_", [r for r in REQUESTS if r is not PowerRequest.FAULT_RESET])
+def test_a_drive_in_fault_stays_there_until_a_reset_is_asked_for(request_):
+    drive = ModelDrive()
+    drive.state = S.FAULT
+
+    drive_through(drive, request_)
+
+    assert drive.state is S.FAULT
+    assert drive.reset_edges == 0
+
+
+# --- fault reset ----------------------------------------------------------------------------------
+
+
+def test_one_request_makes_one_edge_and_lowers_the_bit_again():
+    drive = ModelDrive()
+    drive.state = S.FAULT
+    drive.cause_gone = False
+
+    words = drive_through(drive, PowerRequest.FAULT_RESET)
+
+    assert words == [0x00, 0x80] + [0x00] * 8
+    assert drive.state is S.FAULT
+
+
+def test_a_second_request_makes_a_second_edge():
+    drive = ModelDrive()
+    drive.state = S.FAULT
+    drive.cause_gone = False
+    drive_through(drive, PowerRequest.FAULT_RESET)
+    drive_through(drive, PowerRequest.QUICK_STOP, 1)
+    drive.cause_gone = True
+
+    drive_through(drive, PowerRequest.FAULT_RESET)
+
+    assert drive.reset_edges == 2
+    assert drive.state is S.SWITCH_ON_DISABLED
+
+
+def test_a_fault_that_goes_ends_in_switch_on_disabled_and_goes_no_further():
+    drive = ModelDrive()
+    drive.state = S.FAULT
+
+    words = drive_through(drive, PowerRequest.FAULT_RESET)
+
+    assert drive.state is S.SWITCH_ON_DISABLED
+    assert not any(word & 0x0F for word in words)
+
+
+def test_the_edge_waits_for_the_fault_reaction_to_end():
+    sent = Sent()
+    words = []
+    for shown in [S.FAULT_REACTION_ACTIVE] * 4 + [S.FAULT] * 3:
+        sent = next_word(shown, PowerRequest.FAULT_RESET, sent, resume=True)
+        words.append(sent.controlword)
+
+    assert words == [0x00] * 4 + [0x80, 0x00, 0x00]
+
+
+def test_a_reset_asked_of_a_drive_that_carries_a_load_keeps_it_stopped_and_powered():
+    for state in (S.OPERATION_ENABLED, S.QUICK_STOP_ACTIVE):
+        word = next_word(state, PowerRequest.FAULT_RESET, Sent(), resume=True).controlword
+
+        assert word == 0x0002
+
+
+# --- laws -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("transition", TRANSITIONS, ids=lambda t: f"{t.number}")
+def test_every_transition_of_the_table_is_the_standard_s(transition):
+    drive = ModelDrive(option_605a=6)
+    drive.state = transition.source
+    if transition.controlword is None:
+        return
+
+    drive.receive(transition.controlword)
+
+    assert drive.state is transition.target
+
+
+@settings(derandomize=True, deadline=None)
+@given(
+    start=st.sampled_from(sorted(STATUSWORDS)),
+    requests=st.lists(st.sampled_from(REQUESTS), min_size=1, max_size=40),
+    fourth=st.booleans(),
+    option=st.sampled_from([2, 6]),
+    resume=st.booleans(),
+)
+def test_torque_comes_on_only_while_enable_is_asked_for(start, requests, fourth, option, resume):
+    drive = ModelDrive(fourth=fourth, option_605a=option)
+    drive.state = start
+    sent = Sent()
+
+    for request in requests:
+        before = drive.state
+        sent = next_word(decode_statusword(drive.statusword()), request, sent, resume=resume)
+        drive.receive(sent.controlword)
+        if drive.state is S.OPERATION_ENABLED and before is not S.OPERATION_ENABLED:
+            assert request is PowerRequest.ENABLE
+
+
+class PowerStage(RuleBasedStateMachine):
+    """Any order of requests, faults, lost cycles and slow drives."""
+
+    def __init__(self):
+        super().__init__()
+        self.drive = ModelDrive()
+        self.sent = Sent()
+        self.last_request = None
+        self.energised_by = None
+        self.resets_asked = 0
+
+    @rule(request=st.sampled_from(REQUESTS), heard=st.booleans())
+    def cycle(self, request, heard):
+        if request is PowerRequest.FAULT_RESET and self.last_request is not request:
+            self.resets_asked += 1
+        self.last_request = request
+        shown = decode_statusword(self.drive.statusword())
+        self.sent = next_word(shown, request, self.sent, resume=True)
+        if heard:
+            before = self.drive.state
+            self.drive.receive(self.sent.controlword)
+            if self.drive.state is S.OPERATION_ENABLED is not before:
+                self.energised_by = request
+
+    @rule()
+    def fault(self):
+        self.drive.state = S.FAULT
+        self.drive.cause_gone = False
+
+    @rule()
+    def cause_goes_away(self):
+        self.drive.cause_gone = True
+
+    @rule()
+    def ramp_ends(self):
+        self.drive.stopped()
+
+    @invariant()
+    def only_enable_energises(self):
+        assert self.energised_by in (None, PowerRequest.ENABLE)
+
+    @invariant()
+    def at_most_one_edge_for_each_request(self):
+        assert self.drive.reset_edges <= self.resets_asked
+
+
+TestPowerStage = PowerStage.TestCase
+TestPowerStage.settings = settings(derandomize=True, max_examples=60, deadline=None)

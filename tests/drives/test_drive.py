@@ -1,0 +1,353 @@
+import struct
+
+import pytest
+from drive_files import drive
+
+from drives.bus import Frame
+from drives.bus_state import BusCondition
+from drives.drive import NEVER_CYCLES, Drive, DriveGroup
+from drives.signals import (
+    DriveCommand,
+    Input,
+    NmtState,
+    OperationMode,
+    PowerRequest,
+    PowerState,
+)
+
+NOW = 5_000_000_000
+GOOD_INPUTS = 0x00030000
+ENABLED = 0x1637
+
+
+def status(word=ENABLED, counts=100, mode=10, node=5):
+    return Frame(0x180 + node, struct.pack("<Hib", word, counts, mode))
+
+
+def torque(raw=250, inputs=GOOD_INPUTS, node=5):
+    return Frame(0x280 + node, struct.pack("<iI", raw, inputs))
+
+
+def sample(counts=100, raw=250, node=5, word=ENABLED):
+    return [status(word, counts, node=node), torque(raw, node=node)]
+
+
+def command(power, torque_permille=0, counts=0, mode=OperationMode.CYCLIC_SYNC_TORQUE):
+    return DriveCommand(power, mode, counts, torque_permille)
+
+
+def pair():
+    return DriveGroup([Drive(drive("hip_epos4"), NOW), Drive(drive("slide_epos4"), NOW)])
+
+
+def hip():
+    return DriveGroup([Drive(drive("hip_epos4"), NOW)])
+
+
+def window(group, frames, cycle=1, now=NOW):
+    group.feed(frames, now)
+    return group.end_of_window(cycle, now)[0]
+
+
+# --- samples --------------------------------------------------------------------------------------
+
+
+def test_a_complete_sample_is_fresh_and_decoded():
+    feedback = window(hip(), sample())
+
+    assert feedback.fresh
+    assert feedback.sample_age_cycles == 0
+    assert (feedback.position_counts, feedback.torque_raw) == (100, 250)
+    assert feedback.power_state is PowerState.OPERATION_ENABLED
+    assert feedback.inputs == Input.HAND_SWITCH_CLOSED | Input.STO_RELEASED
+
+
+def test_before_the_first_sample_nothing_is_known_and_nothing_looks_young():
+    feedback = window(hip(), [])
+
+    assert not feedback.fresh
+    assert feedback.sample_age_cycles == NEVER_CYCLES
+    assert feedback.power_state is PowerState.UNKNOWN
+    assert feedback.inputs == Input.NONE
+
+
+@pytest.mark.parametrize("missing", [1, 2, 5])
+def test_missing_samples_age_and_are_never_repeated_as_fresh(missing):
+    group = hip()
+    window(group, sample(counts=100), cycle=10)
+
+    for cycle in range(11, 11 + missing):
+        feedback = window(group, [], cycle)
+
+        assert not feedback.fresh
+        assert feedback.sample_age_cycles == cycle - 10
+        assert feedback.position_counts == 100
+
+    assert window(group, sample(counts=101), 11 + missing).fresh
+
+
+def test_cycles_that_were_skipped_count_as_age():
+    group = hip()
+    window(group, sample(), cycle=10)
+
+    assert window(group, [], cycle=15).sample_age_cycles == 5
+
+
+@pytest.mark.parametrize("half", [0, 1])
+def test_half_a_sample_is_no_sample(half):
+    group = hip()
+    window(group, sample(counts=100, raw=250), cycle=1)
+
+    feedback = window(group, [sample(counts=999, raw=999)[half]], cycle=2)
+
+    assert not feedback.fresh
+    assert (feedback.position_counts, feedback.torque_raw) == (100, 250)
+
+
+def test_the_order_of_tpdos_does_not_matter():
+    assert window(hip(), sample()[::-1]).fresh
+
+
+def test_a_late_tpdo_is_counted_and_not_used():
+    group = hip()
+    window(group, sample(counts=100), cycle=1)
+    window(group, [], cycle=2)
+
+    group.feed_between(sample(counts=200), NOW)
+    feedback = window(group, [], cycle=3)
+
+    assert feedback.late_count == 2
+    assert not feedback.fresh
+    assert feedback.position_counts == 100
+
+
+def test_one_late_half_does_not_complete_the_next_sample():
+    group = hip()
+    group.feed_between([status(counts=7)], NOW)
+
+    assert not window(group, [torque()], cycle=1).fresh
+
+
+def test_of_two_in_one_window_the_second_is_this_cycle_s():
+    feedback = window(hip(), [status(counts=1), *sample(counts=2)])
+
+    assert feedback.fresh
+    assert feedback.position_counts == 2
+    assert feedback.late_count == 1
+
+
+@pytest.mark.parametrize("length", [0, 1, 6, 8])
+def test_a_tpdo_of_another_length_than_mapped_is_counted_and_not_used(length):
+    group = hip()
+    bad = Frame(0x185, bytes(range(length)))
+
+    feedback = window(group, [bad, torque()])
+
+    assert not feedback.fresh
+    assert feedback.protocol_error_count == 1
+    assert feedback.power_state is PowerState.UNKNOWN
+
+
+def test_a_statusword_that_the_standard_does_not_have_is_a_protocol_error():
+    feedback = window(hip(), sample(word=0x0005))
+
+    assert feedback.power_state is PowerState.UNKNOWN
+    assert feedback.protocol_error_count == 1
+
+
+@pytest.mark.parametrize(
+    ("word", "mode", "following"),
+    [(0x1637, 10, True), (0x1637, 8, True), (0x0637, 10, False), (0x1637, 6, False)],
+)
+def test_following_is_bit_12_in_a_cyclic_mode_only(word, mode, following):
+    feedback = window(hip(), [status(word, mode=mode), torque()])
+
+    assert feedback.following is following
+    assert feedback.mode_display == mode
+
+
+@pytest.mark.parametrize(
+    ("bits", "inputs"),
+    [
+        (0x00000000, Input.NONE),
+        (0x00010000, Input.HAND_SWITCH_CLOSED),
+        (0x00020000, Input.STO_RELEASED),
+        (0x00030003, Input(15)),
+        (0xFFFCFFFC, Input.NONE),
+    ],
+)
+def test_inputs_are_the_profile_s_bits_and_no_others(bits, inputs):
+    assert window(hip(), [status(), torque(inputs=bits)]).inputs == inputs
+
+
+def test_slow_values_come_when_they_come():
+    group = hip()
+
+    group.feed_between([Frame(0x385, struct.pack("<hH", 415, 0x8611))], NOW)
+    feedback = window(group, sample())
+
+    assert feedback.temperature_degc == pytest.approx(41.5)
+    assert feedback.late_count == 0
+    assert group.drives[0].error_code == 0x8611
+
+
+def test_the_cia_402_drive_sends_a_shorter_torque_frame():
+    group = DriveGroup([Drive(drive("hip_generic"), NOW)])
+
+    feedback = window(group, [status(), Frame(0x285, struct.pack("<hI", -321, GOOD_INPUTS))])
+
+    assert feedback.fresh
+    assert feedback.torque_raw == -321
+
+
+# --- heartbeat, boot-up, EMCY ---------------------------------------------------------------------
+
+
+def test_the_age_of_a_heartbeat_counts_from_the_end_of_bring_up():
+    group = hip()
+
+    assert group.peek(NOW + 70_000_000)[0].heartbeat_age_ns == 70_000_000
+
+    group.feed_between([Frame(0x705, b"\x05")], NOW + 80_000_000)
+    feedback = group.peek(NOW + 90_000_000)[0]
+    assert feedback.heartbeat_age_ns == 10_000_000
+    assert feedback.nmt_state is NmtState.OPERATIONAL
+
+
+def test_a_boot_up_message_is_an_alarm_and_stays_known():
+    group = hip()
+    group.feed([Frame(0x705, b"\x05")], NOW)
+
+    assert group.feed_between([Frame(0x705, b"\x00")], NOW)
+
+    group.feed([Frame(0x705, b"\x05")], NOW)
+    assert window(group, sample()).rebooted
+
+
+def test_a_node_that_leaves_operational_is_an_alarm():
+    group = hip()
+    group.feed([Frame(0x705, b"\x05")], NOW)
+
+    assert not group.feed_between([Frame(0x705, b"\x05")], NOW)
+    assert group.feed_between([Frame(0x705, b"\x7f")], NOW)
+    assert group.peek(NOW)[0].nmt_state is NmtState.PRE_OPERATIONAL
+
+
+def test_a_frame_that_is_no_heartbeat_is_a_protocol_error_and_no_sign_of_life():
+    group = hip()
+
+    group.feed([Frame(0x705, b"\x33"), Frame(0x705, b"")], NOW + 50_000_000)
+    feedback = group.peek(NOW + 60_000_000)[0]
+
+    assert feedback.protocol_error_count == 2
+    assert feedback.heartbeat_age_ns == 60_000_000
+
+
+def test_an_emcy_is_an_alarm_in_words_until_it_is_cleared():
+    group = hip()
+
+    assert group.feed_between([Frame(0x085, bytes.fromhex("1186210000000000"))], NOW)
+    feedback = group.peek(NOW)[0]
+    assert feedback.emergency is not None
+    assert feedback.emergency.code == 0x8611
+    assert "following error" in feedback.emergency.text
+
+    assert not group.feed_between([Frame(0x085, bytes(8))], NOW)
+    assert group.peek(NOW)[0].emergency is None
+    assert group.peek(NOW)[0].emergency_count == 1
+
+
+def test_a_flood_of_emcy_fills_nothing_and_is_counted_exactly():
+    group = hip()
+
+    for n in range(500):
+        group.feed_between([Frame(0x085, struct.pack("<HB5s", 0x1000, 1, bytes([n % 256])))], NOW)
+    group.feed_between([Frame(0x085, bytes(8))], NOW)
+
+    log = group.drives[0].emergencies
+    assert group.peek(NOW)[0].emergency_count == 500
+    assert len(log.ring) == 32
+    assert log.ring[-1].vendor_bytes[0] == 499 % 256
+    assert group.peek(NOW)[0].emergency is None
+
+
+def test_an_emcy_of_another_length_is_a_protocol_error():
+    group = hip()
+
+    assert not group.feed([Frame(0x085, bytes(3))], NOW)
+    assert group.peek(NOW)[0].protocol_error_count == 1
+
+
+def test_a_peek_between_windows_is_never_news():
+    group = hip()
+    window(group, sample())
+
+    assert not group.peek(NOW)[0].fresh
+
+
+# --- the group ------------------------------------------------------------------------------------
+
+
+def test_frames_find_their_drive_and_strangers_are_counted():
+    group = pair()
+
+    group.feed([*sample(counts=11), *sample(counts=22, node=6), Frame(0x187, bytes(7))], NOW)
+    first, second = group.end_of_window(1, NOW)
+
+    assert (first.position_counts, second.position_counts) == (11, 22)
+    assert group.stray_count == 1
+
+
+def test_the_group_knows_what_a_complete_window_contains():
+    assert pair().cyclic_ids == {0x185, 0x285, 0x186, 0x286}
+
+
+def test_bus_off_is_an_alarm():
+    group = pair()
+
+    assert group.feed_between([Frame(0x040, bytes(8), is_error=True)], NOW)
+    assert group.bus_state.condition is BusCondition.OFF
+
+
+# --- commands -------------------------------------------------------------------------------------
+
+
+def test_controlword_mode_and_target_leave_in_one_frame():
+    group = hip()
+    window(group, sample())
+
+    frames = group.frames([command(PowerRequest.ENABLE, torque_permille=-200, counts=4321)])
+
+    assert frames == [
+        Frame(0x205, struct.pack("<Hbi", 0x000F, 10, 4321)),
+        Frame(0x305, struct.pack("<h", -200)),
+    ]
+
+
+def test_controlwords_of_all_drives_leave_before_any_torque():
+    group = pair()
+
+    frames = group.frames([command(PowerRequest.QUICK_STOP)] * 2)
+
+    assert [frame.can_id for frame in frames] == [0x205, 0x206, 0x305, 0x306]
+
+
+@pytest.mark.parametrize("request_", list(PowerRequest))
+def test_no_command_enables_a_drive_that_has_shown_nothing_yet(request_):
+    group = hip()
+
+    control, _ = group.frames([command(request_)])
+
+    assert control.data[0] & 0x08 == 0
+
+
+def test_the_state_that_counts_is_the_one_last_shown():
+    group = hip()
+    words = []
+    for cycle, shown in enumerate([0x0240, 0x0231, 0x0233, 0x1637], start=1):
+        window(group, sample(word=shown), cycle)
+        control, _ = group.frames([command(PowerRequest.ENABLE)])
+        words.append(struct.unpack("<H", control.data[:2])[0])
+
+    assert words == [0x06, 0x07, 0x0F, 0x0F]
+    assert group.drives[0].controlword == 0x0F

@@ -1,0 +1,207 @@
+import math
+from dataclasses import replace
+
+import pytest
+from drive_files import HIP_LIMITS, SLIDE_LIMITS, drive
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drives.errors import CommandNotFinite
+from drives.signals import DriveFeedback, Input, NmtState, PowerState
+from drives.units import (
+    DriveBase,
+    axis_scaling,
+    base_from_raw,
+    effort_to_permille,
+    expected_base,
+    permille_to_effort,
+    position_si,
+    position_to_counts,
+    raw_limits,
+    to_joint,
+)
+
+NAMES = ["hip_epos4", "slide_epos4", "hip_generic", "slide_generic"]
+FEEDBACK = DriveFeedback(
+    node_id=5,
+    nmt_state=NmtState.OPERATIONAL,
+    power_state=PowerState.OPERATION_ENABLED,
+    statusword=0x1637,
+    following=True,
+    warning=False,
+    mode_display=10,
+    position_counts=0,
+    torque_raw=0,
+    inputs=Input.NONE,
+    temperature_degc=None,
+    fresh=True,
+    sample_age_cycles=0,
+    late_count=0,
+    heartbeat_age_ns=0,
+    rebooted=False,
+    emergency=None,
+    emergency_count=0,
+    protocol_error_count=0,
+)
+
+
+def scaling(name):
+    description = drive(name)
+    return axis_scaling(description, expected_base(description))
+
+
+def test_one_turn_of_the_motor_is_one_hundredth_of_a_turn_of_the_hip():
+    assert position_si(1024, scaling("hip_epos4")) == pytest.approx(2 * math.pi / 100)
+
+
+def test_the_slide_travels_its_lead_per_turn_after_the_gear_against_the_counts():
+    assert position_si(-512 * 6, scaling("slide_epos4")) == pytest.approx(0.15)
+
+
+def test_motor_current_becomes_torque_by_torque_constant_and_gear_alone():
+    sample = to_joint(replace(FEEDBACK, torque_raw=1000), scaling("hip_epos4"))
+
+    assert sample.effort_si == pytest.approx(0.055736 * 100)  # 1 A, no efficiency factor
+
+
+def test_motor_current_becomes_force_by_lead_and_sign():
+    sample = to_joint(replace(FEEDBACK, torque_raw=1000), scaling("slide_epos4"))
+
+    assert sample.effort_si == pytest.approx(-0.107746 * 6 * 2 * math.pi / 0.15)
+
+
+def test_effort_is_positive_when_it_accelerates_along_the_positive_axis():
+    # Power = effort * speed must be torque at the motor * speed of the motor, whatever the sign.
+    for name in NAMES:
+        s = scaling(name)
+        per_count_si = position_si(1, s) - position_si(0, s)
+
+        assert s.effort_per_torque_count_si * per_count_si > 0
+
+
+def test_6076_of_an_epos4_is_in_micro_newton_metre():
+    # Three public DCFs: 3001h:01 mA x 3001h:05 uNm/A / 1000 = 6076h; 100 per mille is 51.3 mN m.
+    description = drive("slide_epos4")
+    base = base_from_raw(description, 512_871, 4760, 107_746)
+
+    at_100 = permille_to_effort(100, axis_scaling(description, base))
+
+    motor_nm = abs(at_100) * 0.15 / (2 * math.pi * 6)
+    assert motor_nm == pytest.approx(0.0512871)
+
+
+def test_6076_of_a_cia_402_drive_is_in_milli_newton_metre():
+    description = drive("slide_generic")
+
+    assert base_from_raw(description, 646, 6000, None).rated_torque_nm == pytest.approx(0.646)
+
+
+@pytest.mark.parametrize("axis", ["hip", "slide"])
+def test_both_personalities_agree_on_the_same_motor_within_one_percent(axis):
+    epos4, generic = scaling(f"{axis}_epos4"), scaling(f"{axis}_generic")
+    rated_ma = drive(f"{axis}_epos4").axis.motor.rated_current_raw
+
+    by_current = rated_ma * epos4.effort_per_torque_count_si
+    by_permille = 1000 * generic.effort_per_torque_count_si
+
+    assert by_permille == pytest.approx(by_current, rel=0.01)
+
+
+def test_a_drive_without_a_torque_constant_object_uses_the_axis_file_s():
+    base = expected_base(drive("hip_generic"))
+
+    assert base.torque_constant_nm_per_a == 0.055736
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(derandomize=True, deadline=None)
+@given(counts=st.integers(-(2**31) + 1, 2**31 - 1))
+def test_a_position_comes_back_as_the_same_count(name, counts):
+    s = scaling(name)
+
+    assert position_to_counts(position_si(counts, s), s) == counts
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(derandomize=True, deadline=None)
+@given(permille=st.integers(-32767, 32767))
+def test_an_effort_comes_back_as_the_same_permille(name, permille):
+    s = scaling(name)
+
+    assert effort_to_permille(permille_to_effort(permille, s), s) == permille
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(derandomize=True, deadline=None)
+@given(effort=st.floats(allow_nan=False, allow_infinity=False))
+def test_a_large_effort_is_clipped_and_never_wraps(name, effort):
+    s = scaling(name)
+
+    permille = effort_to_permille(effort, s)
+
+    assert -32767 <= permille <= 32767
+    assert permille == 0 or (permille > 0) == (effort * s.permille_per_effort_si > 0)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_command_that_is_not_finite_is_never_turned_into_a_number(value):
+    s = scaling("hip_epos4")
+
+    with pytest.raises(CommandNotFinite, match="effort"):
+        effort_to_permille(value, s)
+    with pytest.raises(CommandNotFinite, match="position"):
+        position_to_counts(value, s)
+
+
+def test_what_is_asked_is_what_the_drive_then_reports():
+    # Torque by 6071h acts as current = torque / k_t; read back in mA it is the same effort.
+    description = drive("hip_epos4")
+    base = DriveBase(rated_torque_nm=0.280, rated_current_a=5.0, torque_constant_nm_per_a=0.056)
+    s = axis_scaling(description, base)
+
+    permille = effort_to_permille(12.0, s)
+    current_ma = permille / 1000 * 0.280 / 0.056 * 1000
+
+    assert current_ma * s.effort_per_torque_count_si == pytest.approx(12.0, abs=0.02)
+
+
+# --- limits ---------------------------------------------------------------------------------------
+
+
+def test_limits_are_rounded_to_the_careful_side():
+    raw = raw_limits(HIP_LIMITS, drive("hip_epos4"))
+    s = scaling("hip_epos4")
+
+    assert position_si(raw.position_min_counts, s) >= HIP_LIMITS.position_min_si
+    assert position_si(raw.position_max_counts, s) <= HIP_LIMITS.position_max_si
+    assert raw.following_error_counts <= 0.2 * s.counts_per_si
+    assert raw.deceleration_raw >= 20.0 * s.speed_counts_per_si
+
+
+def test_a_sign_of_minus_one_does_not_turn_the_position_limits_around():
+    raw = raw_limits(SLIDE_LIMITS, drive("slide_epos4"))
+
+    assert raw.position_min_counts == -12288  # 0.6 m
+    assert raw.position_max_counts == -410  # 0.02 m, 409.6 counts, rounded inwards
+
+
+def test_speeds_are_in_the_drive_s_own_unit():
+    epos4 = raw_limits(HIP_LIMITS, drive("hip_epos4"))
+    generic = raw_limits(HIP_LIMITS, drive("hip_generic"))
+
+    assert epos4.speed_raw == math.floor(3.0 / (2 * math.pi) * 100 * 60)  # rpm
+    assert generic.speed_raw == math.floor(3.0 / (2 * math.pi) * 100 * 1024)  # counts/s
+
+
+def test_the_torque_limit_is_the_smaller_of_joint_and_motor():
+    by_joint = raw_limits(HIP_LIMITS, drive("hip_epos4"))
+    by_motor = raw_limits(HIP_LIMITS._replace(effort_max_si=500.0), drive("hip_epos4"))
+
+    assert by_joint.torque_raw == math.floor(60.0 / (0.055736 * 100) * 1000)  # mA
+    assert by_motor.torque_raw == 12_000
+
+
+def test_the_torque_limit_of_a_cia_402_drive_is_in_permille():
+    raw = raw_limits(HIP_LIMITS, drive("hip_generic"))
+
+    assert raw.torque_raw == math.floor(60.0 / 100 / 0.279 * 1000)

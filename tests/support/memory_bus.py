@@ -1,0 +1,279 @@
+"""A CAN bus in memory, in lock step: time moves only when somebody waits for a frame.
+
+`ScriptedDrive` is a CANopen slave for tests of the master: written from CiA 301 and CiA 402 on raw
+frames, strict about mapping, and ready to misbehave on order. Its dictionary is read from an EDS.
+"""
+
+import configparser
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from drives.bus import Clock, Frame
+
+MS = 1_000_000
+WIDTHS = {1: 8, 2: 8, 5: 8, 3: 16, 6: 16, 4: 32, 7: 32, 9: 0}
+SIGNED = {2, 3, 4}
+
+
+class ManualClock:
+    def __init__(self) -> None:
+        self.time_ns = 1_000 * MS
+
+    def now_ns(self) -> int:
+        return self.time_ns
+
+
+class MemoryBus:
+    """A `Bus` whose other end are objects with `take(frame, now_ns)` and `due(now_ns)`."""
+
+    def __init__(self, clock: ManualClock, nodes: Sequence["ScriptedDrive"]) -> None:
+        self.clock = clock
+        self.nodes = list(nodes)
+        self.sent: list[Frame] = []
+        self.coming: list[tuple[int, int, Frame]] = []
+        self.count = 0
+
+    def put(self, frame: Frame, after_ns: int = 0) -> None:
+        self.coming.append((self.clock.now_ns() + after_ns, self.count, frame))
+        self.count += 1
+
+    def send(self, frames: Sequence[Frame]) -> int:
+        for frame in frames:
+            self.sent.append(frame)
+            for node in self.nodes:
+                for reply, after_ns in node.take(frame, self.clock.now_ns()):
+                    self.put(reply, after_ns)
+        return 0
+
+    def send_urgent(self, frames: Sequence[Frame], deadline_ns: int, clock: Clock) -> int:
+        return self.send(frames)
+
+    def drain(self) -> list[Frame]:
+        now_ns = self.clock.now_ns()
+        self._beat(now_ns)
+        due = sorted(entry for entry in self.coming if entry[0] <= now_ns)
+        self.coming = [entry for entry in self.coming if entry[0] > now_ns]
+        return [frame for _, _, frame in due]
+
+    def receive_until(self, deadline_ns: int, clock: Clock) -> list[Frame]:
+        while not (frames := self.drain()) and self.clock.now_ns() < deadline_ns:
+            waits = [entry[0] for entry in self.coming]
+            waits += [node.next_beat_ns for node in self.nodes if node.next_beat_ns is not None]
+            self.clock.time_ns = max(self.clock.now_ns(), min([deadline_ns, *waits]))
+        return frames
+
+    def close(self) -> None:
+        pass
+
+    def _beat(self, now_ns: int) -> None:
+        for node in self.nodes:
+            for frame in node.beats(now_ns):
+                self.put(frame)
+
+
+@dataclass
+class ScriptedDrive:
+    """One slave. The fields below `behaviour` make it misbehave."""
+
+    eds: str
+    node_id: int
+    nmt_state: int = 0x7F
+    next_beat_ns: int | None = None
+    values: dict[tuple[int, int], int] = field(default_factory=dict)
+    kinds: dict[tuple[int, int], tuple[int, bool, str]] = field(default_factory=dict)
+    written: list[tuple[int, int, int]] = field(default_factory=list)
+    sync_count: int = 0
+    stored: dict[tuple[int, int], int] = field(default_factory=dict)
+    """What an object holds after power-on, where that is not the EDS's default."""
+    # behaviour
+    dead: bool = False
+    boot_delay_ns: int = 5 * MS
+    extra_boots_ns: tuple[int, ...] = ()
+    reboot_on_write: tuple[int, int] | None = None
+    abort_write: dict[tuple[int, int], int] = field(default_factory=dict)
+    ignore_write: set[tuple[int, int]] = field(default_factory=set)
+    mute: set[tuple[int, int]] = field(default_factory=set)
+    stale_reply: dict[tuple[int, int], Frame] = field(default_factory=dict)
+    """Sent once, before the answer to the first request for the object."""
+    never_operational: bool = False
+    without_tpdo: set[int] = field(default_factory=set)
+    short_tpdo: set[int] = field(default_factory=set)
+    no_heartbeat: bool = False
+
+    def __post_init__(self) -> None:
+        self._load()
+
+    def _load(self) -> None:
+        """The EDS, by a parser of the tests' own."""
+        parser = configparser.ConfigParser(interpolation=None)
+        parser.optionxform = str  # type: ignore[assignment,method-assign]  # keep the case
+        parser.read(self.eds, encoding="utf-8")
+        for section in parser.sections():
+            name, _, sub = section.partition("sub")
+            if not (len(name) == 4 and all(c in "0123456789ABCDEFabcdef" for c in name)):
+                continue
+            entry = parser[section]
+            if "DataType" not in entry or WIDTHS.get(int(entry["DataType"], 0), 0) == 0:
+                continue
+            kind = int(entry["DataType"], 0)
+            default = entry.get("DefaultValue", "0") or "0"
+            value = sum(
+                self.node_id if part.strip() == "$NODEID" else int(part, 0)
+                for part in default.split("+")
+            )
+            key = (int(name, 16), int(sub or "0", 16))
+            self.values[key] = value
+            self.kinds[key] = (WIDTHS[kind], kind in SIGNED, entry["AccessType"])
+        self.values.update(self.stored)
+
+    # --- frames -----------------------------------------------------------------------------------
+
+    def take(self, frame: Frame, now_ns: int) -> list[tuple[Frame, int]]:
+        """What this node answers to a frame, each with a delay in ns."""
+        if self.dead:
+            return []
+        if frame.can_id == 0:
+            return self._nmt(frame.data, now_ns)
+        if frame.can_id == 0x600 + self.node_id and self.nmt_state != 0x04:
+            return self._sdo(frame.data)
+        if frame.can_id == 0x080 and self.nmt_state == 0x05:
+            return self._tpdos()
+        return []
+
+    def beats(self, now_ns: int) -> list[Frame]:
+        period_ns = self.values[0x1017, 0] * MS
+        frames = []
+        while self.next_beat_ns is not None and self.next_beat_ns <= now_ns:
+            if not (self.dead or self.no_heartbeat):
+                frames.append(Frame(0x700 + self.node_id, bytes((self.nmt_state,))))
+            self.next_beat_ns += max(period_ns, MS)
+        return frames
+
+    def _nmt(self, data: bytes, now_ns: int) -> list[tuple[Frame, int]]:
+        if data[1] not in (0, self.node_id):
+            return []
+        if data[0] in (0x81, 0x82):
+            # NMT reset communication restores 1000h to 1FFFh only; 1001h is no setting.
+            kept = {k: v for k, v in self.values.items() if k[0] >= 0x2000 or k[0] == 0x1001}
+            self._load()
+            self.values.update(kept if data[0] == 0x82 else {})
+            self.nmt_state, self.next_beat_ns = 0x7F, None
+            boots = (self.boot_delay_ns, *self.extra_boots_ns)
+            return [(Frame(0x700 + self.node_id, b"\x00"), delay) for delay in boots]
+        if not self.never_operational:
+            self.nmt_state = {0x01: 0x05, 0x02: 0x04, 0x80: 0x7F}[data[0]]
+        self.sync_count = 0
+        return []
+
+    def _sdo(self, data: bytes) -> list[tuple[Frame, int]]:
+        command, index, sub = struct.unpack_from("<BHB", data)
+        key = (index, sub)
+        replies: list[tuple[Frame, int]] = []
+        if key in self.stale_reply:
+            replies.append((self.stale_reply.pop(key), 0))
+        if command & 0xE0 == 0x80 or key in self.mute:
+            return replies
+        if command == 0x40:
+            reply = self._upload(key)
+        else:
+            size = 4 - (command >> 2 & 3)
+            reply = self._download(key, data[4 : 4 + size])
+        replies.append((Frame(0x580 + self.node_id, reply), MS))
+        if key == self.reboot_on_write and command != 0x40:
+            replies.append((Frame(0x700 + self.node_id, b"\x00"), 2 * MS))
+        return replies
+
+    def _upload(self, key: tuple[int, int]) -> bytes:
+        if key not in self.values:
+            return self._abort(key, 0x06020000)
+        bits, signed, _ = self.kinds[key]
+        raw = self.values[key].to_bytes(bits // 8, "little", signed=signed)
+        command = 0x43 | (4 - len(raw)) << 2
+        return struct.pack("<BHB", command, *key) + raw.ljust(4, b"\0")
+
+    def _download(self, key: tuple[int, int], raw: bytes) -> bytes:
+        code = self.abort_write.get(key) or self._objection(key, raw)
+        if code:
+            return self._abort(key, code)
+        value = int.from_bytes(raw, "little", signed=self.kinds[key][1])
+        self.written.append((*key, value))
+        if key == (0x1017, 0):
+            self.next_beat_ns = 0 if value else None
+        if key not in self.ignore_write:
+            self.values[key] = value
+        return struct.pack("<BHB", 0x60, *key) + bytes(4)
+
+    def _objection(self, key: tuple[int, int], raw: bytes) -> int:
+        if key not in self.values:
+            return 0x06020000
+        bits, _, access = self.kinds[key]
+        if "w" not in access:
+            return 0x06010002
+        if len(raw) * 8 != bits:
+            return 0x06070010
+        return self._pdo_objection(key, int.from_bytes(raw, "little"))
+
+    def _pdo_objection(self, key: tuple[int, int], value: int) -> int:
+        """CiA 301 7.5.2.35 to 7.5.2.38: order and limits of mapping."""
+        index, sub = key
+        communication = index & ~0x01FF in (0x1400, 0x1800) and index & 0xFF < 4
+        mapping = index & ~0x01FF in (0x1600, 0x1A00) and index & 0xFF < 4
+        if communication:
+            valid = not self.values[index, 1] & 0x80000000
+            same_id = (value ^ self.values[index, 1]) & 0x1FFFFFFF == 0
+            if sub == 1 and valid and not same_id:
+                return 0x06010000
+            return 0x06090030 if sub == 3 and valid else 0
+        if mapping:
+            if not self.values[index - 0x200, 1] & 0x80000000:
+                return 0x06010000
+            if sub == 0:
+                bits = sum(self.values[index, n] & 0xFF for n in range(1, value + 1))
+                return 0x06040042 if bits > 64 else 0
+            if self.values[index, 0]:
+                return 0x06010000
+            known = self.kinds.get((value >> 16, value >> 8 & 0xFF))
+            return 0 if known and known[0] == value & 0xFF else 0x06040041
+        return 0
+
+    @staticmethod
+    def _abort(key: tuple[int, int], code: int) -> bytes:
+        return struct.pack("<BHBI", 0x80, *key, code)
+
+    def _tpdos(self) -> list[tuple[Frame, int]]:
+        self.sync_count += 1
+        frames = []
+        for number in range(4):
+            identifier = self.values[0x1800 + number, 1]
+            divider = self.values[0x1800 + number, 2]
+            due = divider and self.sync_count % divider == 0
+            if identifier & 0x80000000 or not due or number + 1 in self.without_tpdo:
+                continue
+            data = self.mapped(0x1A00 + number)
+            if number + 1 in self.short_tpdo:
+                data = data[:-1]
+            frames.append((Frame(identifier & 0x7FF, data), (number + 1) * MS // 10))
+        return frames
+
+    def mapped(self, index: int) -> bytes:
+        data = b""
+        for sub in range(1, self.values[index, 0] + 1):
+            entry = self.values[index, sub]
+            key = (entry >> 16, entry >> 8 & 0xFF)
+            bits, signed, _ = self.kinds[key]
+            data += self.values[key].to_bytes(bits // 8, "little", signed=signed)
+        return data
+
+
+def scripted(description, **behaviour: object) -> ScriptedDrive:
+    """The drive that a description describes, with its motor data set."""
+    node = ScriptedDrive(description.eds, description.node_id, **behaviour)
+    base, motor = description.profile.torque_base, description.axis.motor
+    node.values[base.rated_torque.index, base.rated_torque.sub] = motor.rated_torque_raw
+    node.values[base.rated_current.index, base.rated_current.sub] = motor.rated_current_raw
+    if base.torque_constant is not None:
+        key = (base.torque_constant.index, base.torque_constant.sub)
+        node.values[key] = motor.torque_constant_raw
+    node.values[0x6041, 0] = 0x0240
+    return node

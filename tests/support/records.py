@@ -1,0 +1,95 @@
+"""Records with nothing remarkable in them, for tests that change one thing."""
+
+from daemon.record import (
+    CycleRecord,
+    CycleTiming,
+    DriveRecord,
+    LegRecord,
+    Mode,
+    RequestResult,
+    Verdict,
+)
+from daemon.seam import RingHeader
+
+HEADER = RingHeader(
+    core_boot_id="boot",
+    start_utc_ns=1_700_000_000_000_000_000,
+    period_ns=10_000_000,
+    trainer="trainer",
+    drive_names=("right/hip", "right/slide"),
+    leg_names=("right",),
+    config_hashes={"demo.toml": "00" * 32},
+    version="0.1.0",
+    robot={},
+    limits={},
+)
+
+
+def drive(name: str) -> DriveRecord:
+    """A drive that is enabled and well."""
+    return DriveRecord(
+        name=name,
+        nmt_state=5,
+        power_state=5,
+        statusword=0x1237,
+        mode_display=10,
+        fresh=True,
+        sample_age_cycles=0,
+        late_count=0,
+        heartbeat_age_ms=5.0,
+        position_si=0.2,
+        velocity_si=0.1,
+        effort_si=3.0,
+        target_effort_si=3.0,
+        referenced=True,
+        hand_switch_closed=True,
+        sto_released=True,
+        temperature_degc=30.0,
+        emergency_code=0,
+        emergency_text="",
+        emergency_count=0,
+        protocol_error_count=0,
+    )
+
+
+def leg(name: str) -> LegRecord:
+    """A leg whose estimate is valid."""
+    return LegRecord(
+        name=name,
+        state=(0.2, 0.5, 0.1, 0.2, 6.0, 65.0, 4.0, 20.0),
+        std=(1e-4, 1e-4, 1e-2, 1e-2, 0.5, 5.0, 0.5, 5.0),
+        covariance=(0.01,) * 36,
+        innovation=(1e-5, 2e-5),
+        nis=2.0,
+        net=(-2.0, -45.0),
+        net_std=(0.2, 2.0),
+        validity=(0, 0),
+        status=1,
+        measured=(0.2, 0.5),
+        effort_used=(3.0, 30.0),
+        reference=(0.2, 0.5),
+    )
+
+
+def record(seq: int) -> CycleRecord:
+    """A record in the middle of a gait."""
+    return CycleRecord(
+        seq=seq,
+        cycle=seq,
+        sync_mono_ns=seq * 10_000_000,
+        sync_utc_ns=1_700_000_000_000_000_000 + seq * 10_000_000,
+        dt_s=0.01,
+        mode=Mode.GAIT,
+        verdict=Verdict(),
+        events=(),
+        request=RequestResult(),
+        progress="",
+        level_age_cycles=1,
+        stop_count=0,
+        gait_phase=0.5,
+        drives=(drive("right/hip"), drive("right/slide")),
+        legs=(leg("right"),),
+        timing=CycleTiming(
+            lateness_ns=10_000, collect_ns=500_000, work_ns=300_000, overrun_count=0
+        ),
+    )

@@ -1,0 +1,103 @@
+"""Situations in which nothing is wrong, for tests that make one thing wrong."""
+
+from daemon.causes import CHOSEN_CATEGORY
+from daemon.core.joints import Joint
+from daemon.core.safety import (
+    AxisLimits,
+    AxisSituation,
+    Categories,
+    LegSituation,
+    ServiceSituation,
+    Thresholds,
+)
+from drives.signals import (
+    DriveFeedback,
+    Input,
+    NmtState,
+    OperationMode,
+    PowerState,
+)
+
+LIMITS = AxisLimits(
+    position_min_si=-0.3,
+    position_max_si=0.7,
+    soft_margin_si=0.05,
+    velocity_max_si=3.0,
+    effort_max_si=60.0,
+    effort_rate_max_si_per_s=600.0,
+    power_max_w=80.0,
+    tracking_max_si=0.2,
+    temperature_max_degc=80.0,
+    quick_stop_deceleration_si_per_s2=20.0,
+    static_load_tolerance_si=15.0,
+    standstill_si_per_s=0.02,
+    breakaway_si=7.0,
+    brake=False,
+)
+THRESHOLDS = Thresholds(
+    sample_age_max_cycles=2,
+    heartbeat_timeout_ns=100_000_000,
+    gateway_silence_cycles=30,
+    overruns_in_a_row=3,
+    encoder_frozen_cycles=5,
+    encoder_jump_ratio=1.5,
+    singularity_stop_ratio=0.15,
+    mode_switch_cycles=5,
+)
+CATEGORIES = Categories({cause.name.lower(): "S1" for cause in CHOSEN_CATEGORY})
+WELL = ServiceSituation(
+    stop_requested=False,
+    shutdown_requested=False,
+    level_age_cycles=1,
+    overruns_in_a_row=0,
+    bus_off=False,
+    bus_error="",
+    tx_dropped_in_a_row=0,
+)
+LEG = LegSituation("right", singularity_ratio=0.8, observer_bad_cycles=0)
+FEEDBACK = DriveFeedback(
+    node_id=5,
+    nmt_state=NmtState.OPERATIONAL,
+    power_state=PowerState.OPERATION_ENABLED,
+    statusword=0x1237,
+    following=True,
+    warning=False,
+    mode_display=OperationMode.CYCLIC_SYNC_TORQUE,
+    position_counts=100,
+    torque_raw=0,
+    inputs=Input.HAND_SWITCH_CLOSED | Input.STO_RELEASED,
+    temperature_degc=30.0,
+    fresh=True,
+    sample_age_cycles=0,
+    late_count=0,
+    heartbeat_age_ns=5_000_000,
+    rebooted=False,
+    emergency=None,
+    emergency_count=0,
+    protocol_error_count=0,
+)
+JOINT = Joint(
+    known=True,
+    fresh=True,
+    position_si=0.2,
+    velocity_si=0.5,
+    effort_si=10.0,
+    step_si=0.005,
+    elapsed_s=0.01,
+    sample_ns=1_000_000_000,
+    counts=100,
+    effort_before_still_si=10.0,
+)
+AXIS = AxisSituation(
+    name="right/hip",
+    feedback=FEEDBACK,
+    joint=JOINT,
+    limits=LIMITS,
+    referenced=True,
+    tracking_si=0.01,
+    enable_wanted=True,
+    reached_enabled=True,
+    unready_cycles=0,
+    mode_wanted=OperationMode.CYCLIC_SYNC_TORQUE,
+    new_emergency=False,
+)

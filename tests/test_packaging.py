@@ -1,0 +1,93 @@
+"""What is installed is ours, whole, and nothing else's."""
+
+import importlib
+import importlib.metadata
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+PROJECT = Path(__file__).resolve().parent.parent
+PYPROJECT = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))
+PACKAGES = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_package_we_import_is_ours(package):
+    module = importlib.import_module(package)
+
+    assert Path(str(module.__file__)).parent == PROJECT / package
+
+
+@pytest.mark.parametrize("rival", ["python-daemon", "daemon", "observer", "drives", "analysis"])
+def test_no_installed_distribution_claims_a_name_of_ours(rival):
+    with pytest.raises(importlib.metadata.PackageNotFoundError):
+        importlib.metadata.distribution(rival)
+
+
+def test_the_installed_version_is_the_one_of_the_project_file():
+    assert importlib.metadata.version("gaitd") == PYPROJECT["project"]["version"]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory) -> zipfile.ZipFile:
+    folder = tmp_path_factory.mktemp("wheel")
+    subprocess.run(
+        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)],
+        cwd=PROJECT,
+        check=True,
+        capture_output=True,
+    )
+    return zipfile.ZipFile(next(folder.glob("gaitd-*.whl")))
+
+
+def test_the_wheel_holds_every_module_of_every_package(wheel):
+    ours = {
+        file.relative_to(PROJECT).as_posix()
+        for package in PACKAGES
+        for file in (PROJECT / package).rglob("*.py")
+    }
+
+    assert ours <= set(wheel.namelist())
+
+
+def test_the_wheel_holds_nothing_but_the_packages_and_its_own_papers(wheel):
+    tops = {name.split("/")[0] for name in wheel.namelist()}
+
+    assert {top for top in tops if not top.endswith(".dist-info")} == set(PACKAGES)
+
+
+def test_the_wheel_brings_the_command_and_the_licence(wheel):
+    papers = {name.split(".dist-info/")[-1]: name for name in wheel.namelist()}
+
+    assert b"gaitd = gaitd.__main__:main" in wheel.read(papers["entry_points.txt"])
+    assert b"Apache License" in wheel.read(papers["licenses/LICENSE"])
+
+
+LOCKS = sorted((PROJECT / "requirements").glob("*.txt"))
+
+
+@pytest.mark.parametrize("lock", LOCKS, ids=[lock.name for lock in LOCKS])
+def test_every_pinned_package_has_a_hash_and_no_address(lock):
+    blocks = lock.read_text(encoding="utf-8").replace("\\\n", " ").splitlines()
+    pins = [line for line in blocks if "==" in line and not line.lstrip().startswith("#")]
+
+    assert pins
+    assert all("--hash=sha256:" in pin for pin in pins)
+    assert not any("://" in pin for pin in pins)
+
+
+def test_every_dependency_is_pinned_at_a_version_that_the_project_allows():
+    locked = "\n".join(lock.read_text(encoding="utf-8") for lock in LOCKS).lower()
+    wanted = [*PYPROJECT["project"]["dependencies"]]
+    for extra in PYPROJECT["project"]["optional-dependencies"].values():
+        wanted += extra
+
+    for requirement in wanted:
+        name = requirement.split("=")[0].split(">")[0].strip().lower()
+        assert f"\n{name}==" in f"\n{locked}", requirement
+        if "==" in requirement:
+            assert f"\n{requirement.lower()} " in f"\n{locked}", requirement
