@@ -5,14 +5,15 @@ and patient cannot be observed; a number that there is not is an empty cell. Nin
 hold a resolution of 1e-9 rad; time keeps all of its digits.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.recording import Progress
+from observer.batch import BatchEstimates
 from observer.states import STATE_NAMES
 
 COLUMNS: Final = (
@@ -28,52 +29,38 @@ CHUNK_ROWS: Final = 8192
 _LINE: Final = ",".join(["%r", *["%.9g"] * (len(COLUMNS) - 2), "0x%04x"])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Estimates:
-    """What the observer said at each row of a recording."""
-
-    source: str
-    time_s: NDArray[np.float64]
-    """Shape (n,)."""
-    state: NDArray[np.float64]
-    """Shape (n, 8), in the order of observer/states.py."""
-    std: NDArray[np.float64]
-    """Shape (n, 8): standard deviations of the states."""
-    net: NDArray[np.float64]
-    """Shape (n, 2): patient minus friction [N·m, N]."""
-    net_std: NDArray[np.float64]
-    """Shape (n, 2)."""
-    nis: NDArray[np.float64]
-    """Shape (n,): normalised innovation squared; NaN without a measurement."""
-    status: NDArray[np.int64]
-    """Shape (n,): bits of observer.status.Status."""
-    validity: NDArray[np.int64]
-    """Shape (n, 2): observer.status.Validity of hip and slide."""
-
-
 def write_csv(
-    estimates: Estimates, path: Path, progress: Callable[[float], None] | None = None
+    time_s: NDArray[np.float64],
+    estimates: BatchEstimates,
+    path: Path,
+    progress: Progress | None = None,
 ) -> None:
     """Write estimates with the columns of COLUMNS.
+
+    Args:
+        time_s: shape (n,), as recorded.
+        estimates: of the same n rows.
+        path: replaced if it is there.
+        progress: told the share done.
 
     Raises:
         OSError: the file cannot be written.
     """
     with path.open("w", encoding="utf-8", newline="") as file:
         file.write(",".join(COLUMNS) + "\n")
-        for done, text in _chunks(estimates):
+        for done, text in _chunks(time_s, estimates):
             file.write(text)
             if progress:
                 progress(done)
 
 
-def _chunks(estimates: Estimates) -> Iterator[tuple[float, str]]:
-    count = len(estimates.time_s)
+def _chunks(time_s: NDArray[np.float64], estimates: BatchEstimates) -> Iterator[tuple[float, str]]:
+    count = len(time_s)
     for start in range(0, count, CHUNK_ROWS):
         rows = slice(start, start + CHUNK_ROWS)
         numbers = np.column_stack(
             (
-                estimates.time_s[rows],
+                time_s[rows],
                 estimates.state[rows],
                 estimates.std[rows],
                 estimates.net[rows],

@@ -21,8 +21,8 @@ from analysis.drawing import (
     stretches,
     style,
 )
-from analysis.estimates import Estimates
 from analysis.recording import Recording
+from observer.batch import BatchEstimates
 from observer.status import Status, Validity
 
 AXES: Final = (("hip", "rad", "rad/s", "N·m"), ("slide", "m", "m/s", "N"))
@@ -32,7 +32,7 @@ DPI: Final = 130
 HARMLESS: Final = frozenset({Status.VALID, Status.WARM_UP, Status.ARTIFICIAL})
 
 
-def draw(recording: Recording, estimates: Estimates, path: Path) -> None:
+def draw(recording: Recording, estimates: BatchEstimates, path: Path) -> None:
     """Draw a PNG.
 
     Raises:
@@ -50,7 +50,7 @@ def draw(recording: Recording, estimates: Estimates, path: Path) -> None:
     )
     for index in range(2):
         _column([grid[row][index] for row in range(rows)], recording, estimates, index)
-        _status_strip(grid[rows][index], estimates)
+        _status_strip(grid[rows][index], recording, estimates)
     name = Path(recording.source).name
     minutes, seconds = divmod(recording.duration_s, 60)
     figure.suptitle(
@@ -61,9 +61,11 @@ def draw(recording: Recording, estimates: Estimates, path: Path) -> None:
     figure.savefig(path, dpi=DPI, format="png")
 
 
-def _column(panels: list[Axes], recording: Recording, estimates: Estimates, index: int) -> None:
+def _column(
+    panels: list[Axes], recording: Recording, estimates: BatchEstimates, index: int
+) -> None:
     name, position, velocity, effort = AXES[index]
-    time = estimates.time_s - estimates.time_s[0]
+    time = recording.time_s - recording.time_s[0]
     place, speed, friction, patient = panels
 
     style(place, f"{name} position", position)
@@ -96,18 +98,18 @@ def _limit_to(panel: Axes, *values: np.ndarray) -> None:
         panel.set_ylim(low - air, high + air)
 
 
-def _shown(estimates: Estimates) -> list[Status]:
+def _shown(estimates: BatchEstimates) -> list[Status]:
     seen = int(np.bitwise_or.reduce(estimates.status)) if len(estimates.status) else 0
     return [bit for bit in Status if bit & seen and bit is not Status.VALID]
 
 
-def _bits(estimates: Estimates) -> int:
+def _bits(estimates: BatchEstimates) -> int:
     return max(len(_shown(estimates)) + 1, 2)
 
 
-def _status_strip(panel: Axes, estimates: Estimates) -> None:
+def _status_strip(panel: Axes, recording: Recording, estimates: BatchEstimates) -> None:
     """One row for each status bit that was ever up, and one for what is not valid."""
-    time = estimates.time_s - estimates.time_s[0]
+    time = recording.time_s - recording.time_s[0]
     bits = _shown(estimates)
     style(panel, "status")
     invalid = (estimates.status & Status.VALID) == 0

@@ -94,6 +94,11 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         Blame.OPERATOR,
         "compare the drive with its file",
     ),
+    Cause.DRIVE_POWERED: CauseText(
+        "a drive was found holding the leg, since a stop before this start",
+        Blame.DRIVE,
+        "support the leg, then reset: the drives will be switched off",
+    ),
     Cause.BUS_OFF: CauseText(
         "the CAN controller went bus-off", Blame.MACHINE, "check termination and bit rate; reset"
     ),
@@ -173,6 +178,7 @@ CHOSEN_CATEGORY: Final = tuple(
     cause
     for cause in Cause
     if cause not in FIXED_CATEGORY
-    and cause not in {Cause.NONE, Cause.BRING_UP_FAILED, Cause.STATIC_LOAD_WRONG}
+    and cause
+    not in {Cause.NONE, Cause.BRING_UP_FAILED, Cause.DRIVE_POWERED, Cause.STATIC_LOAD_WRONG}
 )
 """`limits.toml` must give each of these a category; the rest is fixed or never stops a motion."""

@@ -76,6 +76,7 @@ class Cause(IntEnum):
     BRING_UP_FAILED = 40
     BUS_OFF = 41
     TRANSMIT_QUEUE_FULL = 42
+    DRIVE_POWERED = 43
     # what the drive reports of the joint
     ENCODER_FROZEN = 50
     ENCODER_JUMP = 51

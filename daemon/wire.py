@@ -10,8 +10,7 @@ A message is JSON (UTF-8) on a key below `gaitd/TRAINER/`, with the encoding
 4. A later version may add fields and names: a reader ignores what it does not know. What comes in
    (`control/*`, `setpoint`) is read strictly: an unknown field is refused.
 
-Reading order: `words.py` (names and shared types), then here: messages out, requests in, keys and
-schemas.
+Reading order: `words.py` (names, types, heads), then messages out, requests in, keys and schemas.
 """
 
 from typing import Annotated, Any, Final, Literal
@@ -24,57 +23,26 @@ from daemon.words import (
     POWER_STATES,
     CategoryName,
     CauseName,
-    FlagBits,
-    Flags,
+    Estimated,
     HipAngle,
     HipFriction,
     HipNet,
     HipPatient,
+    KindName,
     ModeName,
     OutcomeName,
     Phase,
     PriorityName,
+    Sampled,
     SlideFriction,
     SlideNet,
     SlidePatient,
     SlidePosition,
+    Stated,
     Std,
-    ValidityName,
 )
 
 # --- messages out ----------------------------------------------------------------------------
-
-
-class Stated(msgspec.Struct, frozen=True, kw_only=True):
-    """Head of what is also said while there is no record of the core: then three are null."""
-
-    seq: Annotated[int, Meta(description="Counts the messages of this key; a gap is a loss.")]
-    core_boot_id: Annotated[str | None, Meta(description="Another one: the core has restarted.")]
-    cycle: Annotated[int | None, Meta(description="Cycle of the 10 ms grid since core start.")]
-    sample_time_ns: Annotated[
-        int | None, Meta(description="UTC of that cycle's SYNC in ns since 1970; for records only.")
-    ]
-
-
-class Sampled(Stated, frozen=True, kw_only=True):
-    """Head of what is made from one record of the core."""
-
-    core_boot_id: Annotated[str, Meta(description="Another one: the core has restarted.")]
-    cycle: Annotated[int, Meta(description="Cycle of the 10 ms grid since core start.")]
-    sample_time_ns: Annotated[
-        int, Meta(description="UTC of that cycle's SYNC in ns since 1970; for records only.")
-    ]
-
-
-class Estimated(Sampled, frozen=True, kw_only=True):
-    """Head of what holds an estimate of one leg."""
-
-    leg: Annotated[str, Meta(description="right or left")]
-    mode: ModeName
-    status: Flags
-    status_bits: FlagBits
-    hip_validity: ValidityName
-    slide_validity: ValidityName
 
 
 class Estimate(Estimated, frozen=True, kw_only=True):
@@ -239,15 +207,7 @@ class Event(Stated, frozen=True, kw_only=True):
     id: Annotated[str, Meta(description="BOOT-RECORD-INDEX; an event that is said twice has one.")]
     time_ns: Annotated[int, Meta(description="UTC in ns since 1970.")]
     priority: PriorityName
-    kind: Annotated[
-        str,
-        Meta(
-            description="What sort of event.",
-            extra_json_schema={
-                "enum": ["core", "mode", "stop", "request", "drive", "emergency", "input", "note"]
-            },
-        ),
-    ]
+    kind: KindName
     text: Annotated[str, Meta(description="What happened, in words.")]
     remedy: Annotated[str, Meta(description="What a person can do; may be empty.")]
     cause: Annotated[CauseName | None, Meta(description="Of a stop, else null.")]

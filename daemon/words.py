@@ -1,4 +1,4 @@
-"""The words of the wire contract: enums as names, and the types that many messages share.
+"""The words of the wire contract: enums as names, and the types and heads that messages share.
 
 `status` and `validity` are the observer's words; they are defined here once more, because a reader
 of Zenoh knows nothing of the observer (a test compares the two). Everything here has a description
@@ -8,6 +8,7 @@ that ends up in the JSON Schemas of `wire.py`.
 from enum import Enum, IntEnum, IntFlag
 from typing import Annotated, Any, Final
 
+import msgspec
 from msgspec import Meta
 
 from daemon.record import Cause, Mode, Outcome, StopCategory
@@ -109,6 +110,15 @@ PriorityName = Annotated[
         extra_json_schema={"enum": ["high", "medium", "low", "info"]},
     ),
 ]
+KindName = Annotated[
+    str,
+    Meta(
+        description="What sort of event.",
+        extra_json_schema={
+            "enum": ["core", "mode", "stop", "request", "drive", "emergency", "input", "note"]
+        },
+    ),
+]
 Flags = Annotated[
     tuple[Annotated[str, Meta(extra_json_schema=_names(StatusBit))], ...],
     Meta(description="What the observer says about this estimate, by name."),
@@ -145,3 +155,35 @@ SlideNet = Annotated[
 Phase = Annotated[
     float | None, Meta(description="Phase 0..1 of the stride; null when no gait plays.")
 ]
+
+
+class Stated(msgspec.Struct, frozen=True, kw_only=True):
+    """Head of what is also said while there is no record of the core: then three are null."""
+
+    seq: Annotated[int, Meta(description="Counts the messages of this key; a gap is a loss.")]
+    core_boot_id: Annotated[str | None, Meta(description="Another one: the core has restarted.")]
+    cycle: Annotated[int | None, Meta(description="Cycle of the 10 ms grid since core start.")]
+    sample_time_ns: Annotated[
+        int | None, Meta(description="UTC of that cycle's SYNC in ns since 1970; for records only.")
+    ]
+
+
+class Sampled(Stated, frozen=True, kw_only=True):
+    """Head of what is made from one record of the core."""
+
+    core_boot_id: Annotated[str, Meta(description="Another one: the core has restarted.")]
+    cycle: Annotated[int, Meta(description="Cycle of the 10 ms grid since core start.")]
+    sample_time_ns: Annotated[
+        int, Meta(description="UTC of that cycle's SYNC in ns since 1970; for records only.")
+    ]
+
+
+class Estimated(Sampled, frozen=True, kw_only=True):
+    """Head of what holds an estimate of one leg."""
+
+    leg: Annotated[str, Meta(description="right or left")]
+    mode: ModeName
+    status: Flags
+    status_bits: FlagBits
+    hip_validity: ValidityName
+    slide_validity: ValidityName

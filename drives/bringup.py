@@ -6,6 +6,7 @@ steps. It ends with one `DriveReport` for each drive, or with an error:
 
     BringUpRefused   identity or configuration: with drive, object, value and abort text
     DriveSilent      no answer, or a reboot on the way: worth another try
+    DrivePowered     it holds the joint, and nobody asked to switch it off
     BusError         the bus itself
 
 Rules:
@@ -14,6 +15,7 @@ Rules:
     one within SETTLE_NS of the first is the same boot, any later one is a reboot: DriveSilent.
 3.  Everything written is read back. A drive that answers something else is refused.
 4.  Nothing is enabled and no fault is reset, whatever state a drive is found in: it is reported.
+    A drive that holds its joint goes on holding it until somebody asks to switch it off.
 5.  Our own heartbeat is not sent here: the drives' watch begins with the first one of the cycle.
 """
 
@@ -22,7 +24,7 @@ from typing import Final, NamedTuple
 
 from drives.cia402 import decode_statusword
 from drives.emcy_codes import meaning
-from drives.errors import BringUpRefused, DriveSilent
+from drives.errors import BringUpRefused, DrivePowered, DriveSilent
 from drives.nmt import SYNC_FRAME, NmtCommand, nmt_frame
 from drives.objects import SdoTarget, examine, read, switch_off, write, write_range
 from drives.pdo import PdoLayout, layouts
@@ -42,6 +44,18 @@ FIRST_SAMPLE_SYNCS: Final = 20
 SLICE_NS: Final = 10_000_000
 """Longest wait between two yields."""
 
+SWITCH_OFF_TIMEOUT_NS: Final = 3_000_000_000
+"""A fault reaction that is under way may ramp down first."""
+
+_DISABLE_VOLTAGE: Final = Step(StepKind.WRITE, "disable voltage", 0x6040, bits=16, is_hex=True)
+_POWERED: Final = frozenset(
+    (
+        PowerState.SWITCHED_ON,
+        PowerState.OPERATION_ENABLED,
+        PowerState.QUICK_STOP_ACTIVE,
+        PowerState.FAULT_REACTION_ACTIVE,
+    )
+)
 _POSITION: Final = Step(StepKind.REPORT, "position", 0x6064, signed=True)
 
 
@@ -98,18 +112,28 @@ Texts = Generator[str, None, None]
 
 
 def bring_up(
-    plans: Sequence[DrivePlan], port: DrivePort, cycle: CycleSettings
+    plans: Sequence[DrivePlan],
+    port: DrivePort,
+    cycle: CycleSettings,
+    *,
+    may_switch_off: bool = False,
 ) -> Generator[Progress, None, tuple[DriveReport, ...]]:
     """Run the plans of all drives of one bus; the generator's return value are the reports.
 
+    Args:
+        plans: one for each drive.
+        port: the bus.
+        cycle: grid and watches.
+        may_switch_off: somebody asked for it, so a drive that is found powered is switched off.
+
     Raises:
-        BringUpRefused, DriveSilent, BusError: see the head of this file.
+        BringUpRefused, DrivePowered, DriveSilent, BusError: see the head of this file.
     """
     drives = [_Found(plan) for plan in plans]
     total_count = sum(len(plan.steps) for plan in plans) + 2
     done_count = 0
     for drive, step in _ordered(drives):
-        for text in _run(step, drive, port, cycle):
+        for text in _run(step, drive, port, cycle, may_switch_off):
             yield Progress(drive.name, text, done_count, total_count)
         done_count += 1
     for texts in (_start(drives, port, cycle), _first_samples(drives, port, cycle)):
@@ -126,7 +150,9 @@ def _ordered(drives: Sequence[_Found]) -> list[tuple[_Found, Step]]:
     return resets + [pair for pair in every if pair[1].kind is not StepKind.RESET]
 
 
-def _run(step: Step, drive: _Found, port: DrivePort, cycle: CycleSettings) -> Texts:
+def _run(
+    step: Step, drive: _Found, port: DrivePort, cycle: CycleSettings, may_switch_off: bool
+) -> Texts:
     match step.kind:
         case StepKind.RESET:
             _reset(drive, port)
@@ -134,6 +160,8 @@ def _run(step: Step, drive: _Found, port: DrivePort, cycle: CycleSettings) -> Te
             yield from _await_boot(drive, port, str(step))
         case StepKind.HEAR:
             yield from _await_heartbeat(drive, port, cycle, str(step))
+        case StepKind.POWER:
+            yield from _without_power(step, drive, port, may_switch_off)
         case StepKind.CHECK | StepKind.COMPARE | StepKind.REPORT:
             drive.values[step.index, step.sub] = examine(step, drive.target(port))
         case StepKind.SWITCH_OFF:
@@ -183,6 +211,20 @@ def _await_boot(drive: _Found, port: DrivePort, text: str) -> Texts:
     yield from _until(port, port.now_ns() + SETTLE_NS, text, lambda: False)
     drive.boot_up_count = port.traffic(drive.node_id).boot_up_count
     drive.booted = True
+
+
+def _without_power(step: Step, drive: _Found, port: DrivePort, may_switch_off: bool) -> Texts:
+    def state() -> PowerState:
+        return decode_statusword(read(step, drive.target(port)))
+
+    if state() not in _POWERED:
+        return
+    if not may_switch_off:
+        raise DrivePowered(drive.name, state().name)
+    deadline_ns = port.now_ns() + SWITCH_OFF_TIMEOUT_NS
+    write(_DISABLE_VOLTAGE, drive.target(port), 0)
+    if not (yield from _until(port, deadline_ns, str(step), lambda: state() not in _POWERED)):
+        raise DriveSilent(drive.name, f"it stays in {state().name} after disable voltage")
 
 
 def _await_heartbeat(drive: _Found, port: DrivePort, cycle: CycleSettings, text: str) -> Texts:

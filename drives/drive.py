@@ -103,6 +103,14 @@ class Drive:
         """603Fh of the newest TPDO3."""
         return self._error_code
 
+    @property
+    def ignores_reset_edge(self) -> bool:
+        """A fault reset needs NMT reset communication, a new bring-up, first (EPOS4: 8130h)."""
+        emergency = self.emergencies.open
+        codes = {self._error_code, 0 if emergency is None else emergency.code}
+        first = self.description.profile.fault_reset.communication_reset_first
+        return not codes.isdisjoint(first)
+
     def handlers(self) -> dict[int, Handler]:
         """What to call for each identifier that this drive sends."""
         return {

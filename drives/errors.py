@@ -5,6 +5,7 @@ machine    BusError: the interface is not there, went away, or refuses to work.
 drive      DriveSilent: it does not answer (unpowered, unplugged): worth another try.
            BringUpRefused: it answers, but is not the drive that the files describe, or refuses what
            they ask of it: another try would say the same.
+           DrivePowered: it holds the joint; nobody has asked to switch it off.
            SdoAborted, SdoTimeout, SdoGarbled: one SDO transfer, on its way to one of the two above.
 ours       CommandNotFinite: somebody wants to send NaN or infinity to a motor.
 """
@@ -91,6 +92,15 @@ class BringUpRefused(DrivesError):
         self.reason = reason
         what = f" {place} = {value}" if place else ""
         super().__init__(f"drive {drive}{what}: {reason}")
+
+
+class DrivePowered(DrivesError):
+    """A drive holds the joint since somebody else's stop; switching it off needs a request."""
+
+    def __init__(self, drive: str, state: str) -> None:
+        self.drive = drive
+        self.state = state
+        super().__init__(f"drive {drive}: found powered, in {state}")
 
 
 class CommandNotFinite(DrivesError):

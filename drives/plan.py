@@ -4,6 +4,7 @@
 
     reset    NMT reset communication: nothing of an earlier master remains
     boot     the boot-up message: the drive is there, in PRE-OPERATIONAL
+    power    without power, or switched off where that was asked for: no setting changes under load
     check    device type, identity, modes: is it the drive that the files describe
     compare  torque base: what its torque numbers mean; read, never written, and used from then on
     off      every PDO switched off, so that nothing of an earlier mapping can act
@@ -14,7 +15,7 @@
     hear     its heartbeat, in PRE-OPERATIONAL
     report   error register and error code as found
 
-Never: a controlword, a fault reset, an enable, a store to the drive's memory.
+Never: a controlword other than disable voltage, a fault reset, an enable, a store to the drive's memory.
 """
 
 from collections.abc import Iterator
@@ -45,6 +46,8 @@ class StepKind(Enum):
 
     RESET = "reset"
     BOOT = "boot"
+    POWER = "power"
+    """Read the statusword; a powered drive is switched off only where somebody asked for it."""
     CHECK = "check"
     """Read; the masked value must equal `value`."""
     COMPARE = "compare"
@@ -130,6 +133,7 @@ def plan(description: DriveDescription, limits: DriveLimits, cycle: CycleSetting
         Step(StepKind.RESET, "NMT reset communication: nothing of an earlier master remains"),
         Step(StepKind.BOOT, "boot-up message: it is there, in PRE-OPERATIONAL"),
         *_identity(description),
+        Step(StepKind.POWER, "it has no power on its motor", 0x6041, bits=16, is_hex=True),
         *_torque_base(description),
         *_all_pdos_off(description),
         *_mapping(description, cycle),

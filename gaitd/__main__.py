@@ -1,8 +1,8 @@
 """The command line: one thin file per subcommand, and only the one that was asked for is imported.
 
-`gaitd NAME` imports `gaitd/NAME.py` and runs its function `command`; typer reads the options
-from that function's signature. An error of configuration is one line on stderr and exit code 2 in
-every command.
+`gaitd NAME` imports `gaitd/NAME.py` and runs its function `command`, or the one of the file's own
+name; typer reads the options from its signature. An error of configuration is one line on stderr
+and exit code 2 in every command.
 """
 
 import importlib
@@ -62,8 +62,8 @@ def main() -> None:
 
 
 def _function(name: str) -> Callable[..., None]:
-    module = importlib.import_module(f"gaitd.{name}")
-    return cast("Callable[..., None]", module.command)
+    members = vars(importlib.import_module(f"gaitd.{name}"))
+    return cast("Callable[..., None]", members.get("command") or members[name])
 
 
 def _only_a_name() -> None:

@@ -81,9 +81,13 @@ OUT_NET: Final = OUT_NIS + 1
 OUT_NET_STD: Final = OUT_NET + 2
 OUT_SIZE: Final = OUT_NET_STD + 2
 
-GATED_FRICTION_MOVING: Final = 0.5
+GATED_FRICTION_MOVING: Final = 3.0
 GATED_FRICTION_RESTING: Final = 5.0
 """Factors on friction's process noise when it is gated by velocity (observer.md 3.1)."""
+SURPRISE_STD: Final = 0.05
+SURPRISE_CYCLES: Final = 2
+"""Noise of the velocities (rad/s, m/s) after a rejected sample, so that a leg that really moved
+otherwise (stick-slip, a push) is believed at once, while a jump of the encoder is not."""
 WILD_RATE: Final = 100.0
 """Predicted velocities (rad/s, m/s) that no leg has: the prediction is discarded."""
 
@@ -193,7 +197,7 @@ def _begin(model: LegModel, memory: Vector, hip: float, slide: float, complete: 
 @inline
 def _predict(model: LegModel, options: Options, process_std: Vector, a: Arrays, dt_s: float) -> int:
     """Time update over `dt_s`; bits. A prediction that no leg could follow is not taken."""
-    _scale_noise(model, options, process_std, a.mean, dt_s, a.noise)
+    _scale_noise(model, options, process_std, a, dt_s)
     a.backup[:] = a.estimate
     spread(a.mean, a.root, STEP, N, LANES, a.points)
     substeps = substeps_for(dt_s, int(options.substeps))
@@ -218,12 +222,7 @@ def _predict(model: LegModel, options: Options, process_std: Vector, a: Arrays, 
 
 @inline
 def _scale_noise(
-    model: LegModel,
-    options: Options,
-    process_std: Vector,
-    mean: Vector,
-    dt_s: float,
-    noise: Vector,
+    model: LegModel, options: Options, process_std: Vector, a: Arrays, dt_s: float
 ) -> None:
     """Process noise of this step: standard deviations grow with the root of time.
 
@@ -232,15 +231,17 @@ def _scale_noise(
     """
     scale = math.sqrt(dt_s / STEP_S)
     for i in range(N):
-        noise[i] = scale * process_std[i]
+        a.noise[i] = scale * process_std[i]
+    if 0.0 < a.memory[GATED] <= SURPRISE_CYCLES:
+        for i in range(2, 4):
+            a.noise[i] += SURPRISE_STD
     if options.velocity_gated != 0.0:
         for axis in range(2):
-            moving = gate(model.hip if axis == 0 else model.slide, mean[2 + axis])
-            noise[4 + axis] *= GATED_FRICTION_MOVING * moving
-            noise[4 + axis] += (
-                scale * process_std[4 + axis] * GATED_FRICTION_RESTING * (1.0 - moving)
+            moving = gate(model.hip if axis == 0 else model.slide, a.mean[2 + axis])
+            a.noise[4 + axis] *= GATED_FRICTION_MOVING * moving + GATED_FRICTION_RESTING * (
+                1.0 - moving
             )
-            noise[6 + axis] *= moving
+            a.noise[6 + axis] *= moving
 
 
 @inline

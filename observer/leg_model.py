@@ -4,7 +4,7 @@
     F'    = a(v) / T1 (F_s(v) - F)                              friction (11)
 
 Two maps of one substep:
-- semi-implicit: velocities first, positions with the new velocities, friction exactly for the new
+- semi-implicit: velocities first, positions with their mean, then friction, exactly, for the new
   velocity held; stable where `friction.stability_number` is below 4;
 - RK4 of the whole.
 
@@ -141,10 +141,11 @@ def semi_implicit(
             effort_slide + points[7 * LANES + j] - friction_slide,
             model.coriolis_share,
         )
+        # Positions by the mean velocity: with the new one they would run ahead by dt^2 a / 2.
+        points[j] += dt_s * (velocity_hip + 0.5 * dt_s * a_hip)
+        points[LANES + j] += dt_s * (velocity_slide + 0.5 * dt_s * a_slide)
         velocity_hip += dt_s * a_hip
         velocity_slide += dt_s * a_slide
-        points[j] += dt_s * velocity_hip
-        points[LANES + j] += dt_s * velocity_slide
         points[2 * LANES + j] = velocity_hip
         points[3 * LANES + j] = velocity_slide
         points[4 * LANES + j] = friction_after(model.hip, friction_hip, velocity_hip, dt_s)

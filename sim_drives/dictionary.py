@@ -148,6 +148,8 @@ class ObjectDictionary:
         self._values: dict[Address, Value] = {e.address: e.default for e in entries}
         self._guards: dict[int, Guard] = {}
         self._watchers: defaultdict[int, list[Watcher]] = defaultdict(list)
+        self.revision = 0
+        """Rises when a parameter may have changed: an SDO write, a restore. Not with PDOs."""
         self.before_upload: Callable[[], None] = lambda: None
         """Brings process values up to date; called before an SDO read above 1FFFh."""
 
@@ -198,6 +200,7 @@ class ObjectDictionary:
             _check_range(entry, value)
             self.check(index, subindex, value)
         self._values[index, subindex] = value
+        self.revision += 1
         self.notify(index, subindex)
 
     def check(self, index: int, subindex: int, value: int) -> None:
@@ -238,6 +241,7 @@ class ObjectDictionary:
 
     def restore(self, parameters: Mapping[Address, Value], *, communication_only: bool) -> None:
         """Put saved parameters back; with `communication_only`, of 1000h to 1FFFh alone."""
+        self.revision += 1
         for address, value in parameters.items():
             if not communication_only or address[0] in COMMUNICATION_AREA:
                 self._values[address] = value

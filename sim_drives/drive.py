@@ -239,13 +239,14 @@ class Drive:
 
     # --- what the plant reports, and what it is told ------------------------------------------
 
-    def watch_plant(self) -> None:
-        """Draw the consequences of the plant's flags."""
+    def _watch_plant(self) -> AxisFlag:
+        """Draw the consequences of the plant's flags; what they are."""
         flags = self._axis.flags()
         if flags & AxisFlag.STANDSTILL and self._ramping and not self._at_rest:
             self._stopped()
         if self.state is PowerState.OPERATION_ENABLED:
             self._judge_motion(flags)
+        return flags
 
     @property
     def _ramping(self) -> bool:
@@ -274,18 +275,26 @@ class Drive:
     def latch(self) -> None:
         """Sample all process values, and judge them."""
         self.measurement.latch(self._line.now_ns)
-        self.update()
+        before = self.state, self._stopping
+        flags = self._watch_plant()
+        if before != (self.state, self._stopping):
+            self.update()
+        else:
+            self._show(flags)
 
     def update(self) -> None:
         """After anything that may have changed the state: statusword, inputs, the plant's order."""
-        self.watch_plant()
+        flags = self._watch_plant()
         order = self._order()
         if order != self._ordered:
             self._ordered = order
             self._axis.order(order)
-        self.measurement.show_inputs()
+        self._show(flags)
+
+    def _show(self, flags: AxisFlag) -> None:
+        self.measurement.show_inputs(flags)
         self._show_demand()
-        self._dictionary.put(0x6041, 0, self._statusword())
+        self._dictionary.put(0x6041, 0, self._statusword(flags))
 
     def _order(self) -> AxisActuation:
         if self.state not in POWER_STAGE_ON or not self.measurement.sto_released:
@@ -308,7 +317,7 @@ class Drive:
 
     # --- statusword ---------------------------------------------------------------------------
 
-    def _statusword(self) -> int:
+    def _statusword(self, flags: AxisFlag) -> int:
         word = self.state.value | StatusBit.REMOTE
         word |= StatusBit.VOLTAGE_ENABLED * self._voltage_enabled()
         word |= StatusBit.WARNING * self._errors.warning
@@ -316,14 +325,13 @@ class Drive:
         word |= StatusBit.TARGET_REACHED * self._at_rest
         word |= StatusBit.FOLLOWING_ERROR * self._errors.active(FOLLOWING_ERROR_CODE)
         if self.state is PowerState.OPERATION_ENABLED:
-            word |= self._mode_bits()
+            word |= self._mode_bits(flags)
         return word
 
     def _voltage_enabled(self) -> bool:
         return self.measurement.sto_released and self.state not in _VOLTAGE_OFF
 
-    def _mode_bits(self) -> int:
-        flags = self._axis.flags()
+    def _mode_bits(self, flags: AxisFlag) -> int:
         limited = flags & (AxisFlag.TARGET_CLIPPED | AxisFlag.SPEED_LIMITED)
         word = StatusBit.INTERNAL_LIMIT * (bool(limited) or self._motion.torque_clipped())
         if self._motion.mode is Mode.HOMING:

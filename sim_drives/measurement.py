@@ -101,9 +101,8 @@ class Measurement:
         if self._glitch_seen:
             self._glitch_counts = 0
 
-    def show_inputs(self) -> None:
+    def show_inputs(self, flags: AxisFlag) -> None:
         """60FDh."""
-        flags = self._axis.flags()
         inputs = HAND_SWITCH_CLOSED * self.hand_switch_closed
         inputs |= STO_RELEASED * self.sto_released
         inputs |= self.switches(flags)
@@ -122,11 +121,10 @@ class Measurement:
         current_ma = round(current_a * 1e3)
         self._show_position()
         put(0x606C, 0, round(self._scaling.speed_raw(sample.velocity_si)))
-        put(0x6077, 0, _int16(self._scaling.torque_permille(current_ma * 1e-3)))
+        put(0x6077, 0, _int16(current_ma * 1e-3 * self._scaling.factors.permille_per_a))
         self._show_current(current_ma, now_ns)
         step_degc = self._temperature.temperature_step_degc
         put(*self._temperature.temperature_address, _int16(sample.temperature_degc / step_degc))
-        self.show_inputs()
 
     def _show_position(self) -> None:
         self._dictionary.put(
@@ -139,7 +137,7 @@ class Measurement:
             self._dictionary.put(0x30D1, 1, round(self._average_ma))
             self._dictionary.put(0x30D1, 2, current_ma)
         else:
-            rated_ma = self._scaling.rated_current_a * 1e3
+            rated_ma = self._scaling.factors.rated_current_a * 1e3
             self._dictionary.put(0x6078, 0, _int16(current_ma / rated_ma * 1e3 if rated_ma else 0))
 
     def _average(self, current_ma: int, now_ns: int) -> None:

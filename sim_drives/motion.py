@@ -169,16 +169,17 @@ class Motion:
         self, actuation: Actuation, deceleration_si: float = HARDEST_DECELERATION_SI
     ) -> AxisActuation:
         lower_si, upper_si = self._position_limits_si()
+        factors = self._scaling.factors
         return AxisActuation(
             actuation=actuation,
             target_effort_si=self._target_effort_si(actuation),
             target_position_si=self._target_position_si(actuation),
             deceleration_si=deceleration_si,
-            interpolation_s=self._scaling.interpolation_s(),
-            effort_limit_si=self._scaling.effort_limit_si(),
-            velocity_limit_si=self._scaling.speed_si(self._dictionary.value(0x6080)),
-            following_error_si=self._scaling.following_window_si(),
-            following_error_time_s=self._dictionary.value(0x6066) * 1e-3,
+            interpolation_s=factors.interpolation_s,
+            effort_limit_si=factors.effort_limit_si,
+            velocity_limit_si=factors.velocity_limit_si,
+            following_error_si=factors.following_window_si,
+            following_error_time_s=factors.following_time_s,
             position_min_si=lower_si,
             position_max_si=upper_si,
         )
@@ -214,7 +215,8 @@ class Motion:
         """Whether the torque target asks for more than the limit in force."""
         if self.mode is not Mode.CYCLIC_SYNC_TORQUE or not self.follows:
             return False
-        return abs(self._scaling.effort_si(self.target_permille)) > self._scaling.effort_limit_si()
+        wanted_si = abs(self._scaling.effort_si(self.target_permille))
+        return wanted_si > self._scaling.factors.effort_limit_si
 
     def outside_position_limits(self) -> bool:
         """Whether the position, or in cyclic position mode its target, lies outside 607Dh."""

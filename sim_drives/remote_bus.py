@@ -1,9 +1,9 @@
 """The loopback bus of a machine without SocketCAN: python-can-remote's server over a virtual bus.
 
-Every client of `ws://HOST:PORT/` is one more station on one python-can `virtual` bus in this process,
-and so are the virtual drives. Clients come and go as they like, and may be killed: what python-can-
-remote 0.3.0 makes of that (a thread that dies with a traceback, a station whose queue is never
-read again and grows) is mended here.
+Every client of `ws://HOST:PORT/` is one more station on one python-can `virtual` bus in this
+process, and so are the virtual drives. Clients come and go as they like, and may be killed: what
+python-can- remote 0.3.0 makes of that (a thread that dies with a traceback, a station whose queue
+is never read again and grows) is mended here.
 """
 
 import contextlib

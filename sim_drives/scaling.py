@@ -9,7 +9,7 @@ Written from the drive's side: the transmission and the true torque constant are
 """
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 from sim_drives.dictionary import ObjectDictionary
 from sim_drives.personality import PERSONALITIES, SpeedUnit
@@ -31,6 +31,26 @@ def effort_per_a(settings: DriveSettings) -> float:
     return settings.torque_constant_nm_per_a * 2 * math.pi / travel_si(settings)
 
 
+class Factors(NamedTuple):
+    """What the drive's objects make of the hardware; renewed after an SDO write."""
+
+    effort_si_per_permille: float
+    """With the motor's sign still to come."""
+    permille_per_a: float
+    """Of 6077h."""
+    rated_current_a: float
+    """3001h:01 or 6075h."""
+    effort_limit_si: float
+    """Size of the largest joint effort: 3001h:02, or 6072h and 6073h; and the hardware's."""
+    following_window_si: float
+    """6065h at the joint; infinity when the watch is off."""
+    following_time_s: float
+    interpolation_s: float
+    """60C2h: sub 1 times ten to the power of sub 2; 0 where it has not been set."""
+    velocity_limit_si: float
+    """6080h."""
+
+
 class Scaling:
     """Conversions of one drive; counts are the encoder's, 0 at the joint's offset."""
 
@@ -44,6 +64,16 @@ class Scaling:
         self._counts_per_rev = settings.counts_per_rev
         self._offset_si = (settings.offset_rad or 0.0) + (settings.offset_m or 0.0)
         self._effort_per_a = effort_per_a(settings)
+        self._factors: Factors | None = None
+        self._revision = -1
+
+    @property
+    def factors(self) -> Factors:
+        """What the objects say now."""
+        if self._factors is None or self._revision != self._dictionary.revision:
+            self._factors = self._read_factors()
+            self._revision = self._dictionary.revision
+        return self._factors
 
     def counts(self, position_si: float) -> float:
         """Encoder counts at a joint position, not yet quantised."""
@@ -55,10 +85,6 @@ class Scaling:
         revolutions = counts / self._counts_per_rev
         return self._sign * revolutions * self._travel_si + self._offset_si
 
-    def distance_si(self, counts: float) -> float:
-        """Size of a distance in counts at the joint."""
-        return counts / self._counts_per_rev * self._travel_si
-
     def speed_raw(self, velocity_si: float) -> float:
         """606Ch: signed, in the drive's unit."""
         return self._sign * velocity_si / self._speed_step_si
@@ -67,62 +93,52 @@ class Scaling:
         """Size of a speed or, per second, of a deceleration at the joint."""
         return speed_raw * self._speed_step_si
 
+    def motor_current_a(self, current_a: float) -> float:
+        """The motor's current with the motor's sign, from the joint's sign."""
+        return self._sign * current_a
+
+    def effort_si(self, torque_permille: int) -> float:
+        """Joint effort that a target of 6071h makes the current loop produce."""
+        return self._sign * torque_permille * self.factors.effort_si_per_permille
+
+    def _read_factors(self) -> Factors:
+        value = self._dictionary.value
+        rated_torque_nm = value(0x6076) * self._personality.torque_base_nm
+        rated_current_a = value(0x3001, 1) * 1e-3 if self._epos4 else value(0x6075) * 1e-3
+        constant = self._believed_constant(rated_torque_nm, rated_current_a)
+        current_per_permille = rated_torque_nm / constant * 1e-3 if constant else 0.0
+        limit_a = min(self._object_limit_a(rated_current_a), self._hardware_limit_a)
+        return Factors(
+            effort_si_per_permille=current_per_permille * self._effort_per_a,
+            permille_per_a=1 / current_per_permille if current_per_permille else 0.0,
+            rated_current_a=rated_current_a,
+            effort_limit_si=limit_a * self._effort_per_a,
+            following_window_si=self._following_window_si(),
+            following_time_s=value(0x6066) * 1e-3,
+            interpolation_s=float(value(0x60C2, 1) * 10.0 ** value(0x60C2, 2)),
+            velocity_limit_si=self.speed_si(value(0x6080)),
+        )
+
     @property
     def _speed_step_si(self) -> float:
         if self._personality.speed_unit is SpeedUnit.RPM:
             return RPM_TO_REV_PER_S * self._travel_si
         return self._travel_si / self._counts_per_rev
 
-    def motor_current_a(self, current_a: float) -> float:
-        """The motor's current with the motor's sign, from the joint's sign."""
-        return self._sign * current_a
-
-    @property
-    def rated_torque_nm(self) -> float:
-        """6076h at the motor shaft."""
-        return self._dictionary.value(0x6076) * self._personality.torque_base_nm
-
-    @property
-    def rated_current_a(self) -> float:
-        """3001h:01 or 6075h."""
-        if self._epos4:
-            return self._dictionary.value(0x3001, 1) * 1e-3
-        return self._dictionary.value(0x6075) * 1e-3
-
-    @property
-    def torque_constant_nm_per_a(self) -> float:
-        """What the drive believes: 3001h:05, or 6076h / 6075h; 0 while it has not been told."""
+    def _believed_constant(self, rated_torque_nm: float, rated_current_a: float) -> float:
+        """N·m/A that the drive reckons with: 3001h:05, or 6076h / 6075h; 0 if it was not told."""
         if self._epos4:
             return self._dictionary.value(0x3001, 5) * 1e-6
-        return self.rated_torque_nm / self.rated_current_a if self.rated_current_a else 0.0
+        return rated_torque_nm / rated_current_a if rated_current_a else 0.0
 
-    def torque_permille(self, current_a: float) -> float:
-        """6077h from the motor's current."""
-        rated = self.rated_torque_nm
-        return current_a * self.torque_constant_nm_per_a / rated * 1e3 if rated else 0.0
-
-    def effort_si(self, torque_permille: int) -> float:
-        """Joint effort that a target of 6071h makes the current loop produce."""
-        constant = self.torque_constant_nm_per_a
-        current_a = torque_permille * 1e-3 * self.rated_torque_nm / constant if constant else 0.0
-        return self._sign * current_a * self._effort_per_a
-
-    def effort_limit_si(self) -> float:
-        """Size of the largest joint effort: 3001h:02, or 6072h and 6073h; and the hardware's."""
-        return min(self._object_limit_a(), self._hardware_limit_a) * self._effort_per_a
-
-    def _object_limit_a(self) -> float:
+    def _object_limit_a(self, rated_current_a: float) -> float:
         if self._epos4:
             return self._dictionary.value(0x3001, 2) * 1e-3
         permille = min(self._dictionary.value(0x6072), self._dictionary.value(0x6073))
-        return permille * 1e-3 * self.rated_current_a
+        return permille * 1e-3 * rated_current_a
 
-    def following_window_si(self) -> float:
-        """6065h at the joint; infinity when the watch is off."""
+    def _following_window_si(self) -> float:
         counts = self._dictionary.value(0x6065)
-        return math.inf if counts == NO_FOLLOWING_WINDOW else self.distance_si(counts)
-
-    def interpolation_s(self) -> float:
-        """60C2h: sub 1 times ten to the power of sub 2; 0 where it has not been set."""
-        exponent = self._dictionary.value(0x60C2, 2)
-        return float(self._dictionary.value(0x60C2, 1) * 10.0**exponent)
+        if counts == NO_FOLLOWING_WINDOW:
+            return math.inf
+        return counts / self._counts_per_rev * self._travel_si

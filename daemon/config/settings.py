@@ -9,11 +9,10 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from daemon.record import Mode, StopCategory
+from daemon.record import StopCategory
 
 Positive = Annotated[float, Meta(gt=0)]
 NonNegative = Annotated[float, Meta(ge=0)]
-Ratio = Annotated[float, Meta(ge=0, le=1)]
 NodeId = Annotated[int, Meta(ge=1, le=127)]
 Degrees = Annotated[float, Meta(ge=-180, le=180)]
 Harmonic = tuple[Degrees, Degrees]
@@ -161,43 +160,25 @@ class Robot(Table, frozen=True):
 Category = Literal["S2", "S1", "S0"]
 
 
-class AxisLimits(Table, frozen=True):
-    """Limits of one axis at the joint: rad, rad/s, N·m for the hip; m, m/s, N for the slide."""
-
-    position_min_si: float
-    position_max_si: float
-    soft_margin_si: Positive
-    """Distance before the hard limit where the speed that is allowed begins to fall."""
-    velocity_max_si: Positive
-    effort_max_si: Positive
-    effort_rate_max_si_per_s: Positive
-    power_max_w: Positive
-    tracking_max_si: Positive
-    following_error_si: Positive
-    """Written into the drive (6065h)."""
-    temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
-    quick_stop_deceleration_si_per_s2: Positive
-    """Written into the drive (6085h) and used for stopping paths."""
-    static_load_tolerance_si: Positive
-    """Enable refuses when the load at hold differs from g(q) by more."""
-    brake: bool
-
-
 class HipLimits(Table, frozen=True):
     """[hip] of limits.toml."""
 
     position_min_deg: Annotated[float, Meta(ge=-60, le=120)]
     position_max_deg: Annotated[float, Meta(ge=-60, le=120)]
     soft_margin_deg: Annotated[float, Meta(gt=0, le=30)]
+    """Before the hard limits, where the speed that is allowed begins to fall."""
     velocity_max_rad_per_s: Annotated[float, Meta(gt=0, le=6)]
     torque_max_nm: Annotated[float, Meta(gt=0, le=120)]
     torque_rate_max_nm_per_s: Annotated[float, Meta(gt=0, le=5000)]
     power_max_w: Annotated[float, Meta(gt=0, le=500)]
     tracking_max_deg: Annotated[float, Meta(gt=0, le=45)]
     following_error_deg: Annotated[float, Meta(gt=0, le=45)]
+    """Of the drive's position loop; written into the drive (6065h)."""
     temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
     quick_stop_deceleration_rad_per_s2: Annotated[float, Meta(gt=0, le=200)]
+    """Written into the drive (6085h), and used for stopping paths."""
     static_load_tolerance_nm: Annotated[float, Meta(gt=0, le=60)]
+    """Enable refuses when the load at hold differs from g(q) by more."""
     brake: bool
 
 
@@ -395,5 +376,3 @@ CATEGORIES: dict[str, StopCategory] = {
     "S1": StopCategory.S1,
     "S0": StopCategory.S0,
 }
-
-CONFIGURABLE_MODES = (Mode.HOLD, Mode.GAIT, Mode.EXCITE)

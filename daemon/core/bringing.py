@@ -9,7 +9,7 @@ from daemon.core.state import Axis, Core
 from daemon.record import Cause, Mode, Verdict
 from drives.bringup import DriveReport, Progress, bring_up
 from drives.drive import Drive, DriveGroup
-from drives.errors import BringUpRefused, BusError, DriveSilent
+from drives.errors import BringUpRefused, BusError, DrivePowered, DriveSilent
 from drives.plan import CycleSettings, DrivePlan
 from drives.port import DrivePort
 from drives.units import axis_scaling
@@ -18,7 +18,7 @@ from drives.units import axis_scaling
 def bring_up_core(
     core: Core, plans: Sequence[DrivePlan], port: DrivePort, cycle: CycleSettings
 ) -> Generator[Progress, None, bool]:
-    """Bring up all drives; True if the core is READY now, False if it is OFF with a cause.
+    """Bring up all drives; True if the core is READY now, False if it has a cause why not.
 
     Raises:
         BringUpRefused: a drive is not the one of the files, or refuses what they ask. Another try
@@ -27,10 +27,15 @@ def bring_up_core(
     core.mode = modes.next_mode(core.mode, Event.BRING_UP_BEGUN)
     core.events.append("bring-up begun")
     try:
-        reports = yield from _told(core, bring_up(plans, port, cycle))
+        # Whoever asked for a reset accepts that a drive that holds the leg lets it go.
+        steps = bring_up(plans, port, cycle, may_switch_off=core.reset_cycles_left > 0)
+        reports = yield from _told(core, steps)
     except BringUpRefused as refused:
         fail(core, Cause.BRING_UP_FAILED, refused.drive, str(refused))
         raise
+    except DrivePowered as powered:
+        _wait_for_reset(core, powered)
+        return False
     except DriveSilent as silent:
         fail(core, Cause.DRIVE_SILENT, silent.drive, str(silent))
         return False
@@ -39,6 +44,17 @@ def bring_up_core(
         return False
     _take_over(core, plans, reports, port.now_ns())
     return True
+
+
+def _wait_for_reset(core: Core, powered: DrivePowered) -> None:
+    """A drive holds the leg since an earlier stop: it goes on until somebody asks for a reset."""
+    cause = Cause.DRIVE_POWERED
+    core.verdict = Verdict(
+        core.config.categories.of(cause), cause, powered.drive, detail=powered.state
+    )
+    core.mode = modes.next_mode(core.mode, Event.DRIVE_FAULTY)
+    core.events.append(str(powered))
+    core.progress = ""
 
 
 def fail(core: Core, cause: Cause, drive: str, detail: str) -> None:

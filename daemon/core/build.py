@@ -1,10 +1,10 @@
 """A core and its bring-up plans from the configuration: the only place that knows both."""
 
-import math
 from dataclasses import dataclass
 
 import msgspec
 
+from daemon.config.axes import cycle_settings, drive_limits
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Limits, Trainer
@@ -15,7 +15,7 @@ from daemon.core.stopping import StopRules
 from daemon.seam import RingHeader
 from drives.plan import CycleSettings, DrivePlan, plan
 from drives.profile import DriveDescription
-from drives.units import DriveLimits, axis_scaling, expected_base
+from drives.units import axis_scaling, expected_base
 from observer.leg_observer import LegObserver
 
 NS_PER_MS = 1_000_000
@@ -45,38 +45,14 @@ def build(settings: Settings, boot_id: str) -> Built:
         for index, leg in enumerate(settings.legs)
     )
     config = _core_config(settings.trainer, limits, settings.robot.patient is not None)
-    cycle = cycle_settings(settings.trainer)
+    cycle = cycle_settings(settings.trainer.cycle)
+    hip, slide = drive_limits(limits)
     plans = tuple(
-        plan(drive, drive_limits(limits, axis, by_axis[axis]), cycle)
+        one
         for leg in settings.legs
-        for axis, drive in enumerate((leg.hip, leg.slide))
+        for one in (plan(leg.hip, hip, cycle), plan(leg.slide, slide, cycle))
     )
     return Built(Core(boot_id=boot_id, config=config, legs=legs), plans, cycle)
-
-
-def cycle_settings(trainer: Trainer) -> CycleSettings:
-    """[cycle] as bring-up needs it."""
-    cycle = trainer.cycle
-    return CycleSettings(
-        period_ms=cycle.period_ms,
-        master_node_id=cycle.master_node_id,
-        drive_heartbeat_ms=cycle.drive_heartbeat_ms,
-        drive_detection_ms=cycle.drive_detection_ms,
-        rpdo_timeout_ms=cycle.rpdo_timeout_ms,
-    )
-
-
-def drive_limits(limits: Limits, axis: int, bounds: AxisLimits) -> DriveLimits:
-    """What is written into the drive of axis 0 (hip) or 1 (slide): defence in depth."""
-    hip_si, slide_si = math.radians(limits.hip.following_error_deg), limits.slide.following_error_m
-    return DriveLimits(
-        position_min_si=bounds.position_min_si,
-        position_max_si=bounds.position_max_si,
-        velocity_max_si=bounds.velocity_max_si,
-        effort_max_si=bounds.effort_max_si,
-        following_error_si=hip_si if axis == 0 else slide_si,
-        quick_stop_deceleration_si_per_s2=bounds.quick_stop_deceleration_si_per_s2,
-    )
 
 
 def ring_header(settings: Settings, boot_id: str, start_utc_ns: int, version: str) -> RingHeader:

@@ -130,6 +130,7 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
     if core.mode.active:
         core.verdict = verdict
         core.disabling = False
+        core.causes_told = {verdict.cause}
         _begin_stop(core, cycle, {axis.name: _first_step(verdict, axis) for axis in core.axes})
         core.events.append(f"stop {verdict.category.name}: {describe(verdict)}")
         return
@@ -137,6 +138,10 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
         core.verdict = verdict
         core.disabling = False
         core.events.append(f"stop {verdict.category.name}: {describe(verdict)}")
+        core.causes_told.add(verdict.cause)
+    elif verdict.cause not in core.causes_told:
+        core.events.append(f"also: {describe(verdict)}")
+        core.causes_told.add(verdict.cause)
     for axis in core.axes:
         if axis.stop is not None:
             axis.stop = stopping.harsher(axis.stop, _first_step(verdict, axis), axis.joint, cycle)
@@ -149,7 +154,7 @@ def _first_step(verdict: Verdict, axis: Axis) -> Step:
 def _begin_stop(core: Core, cycle: int, steps: dict[str, Step]) -> None:
     _enter(core, Event.STOP)
     for leg in core.legs:
-        leg.plan = _hold_from(leg)
+        leg.plan = _brake(leg)
         for axis in leg.axes:
             axis.stop = stopping.begin(steps[axis.name], axis.joint, cycle)
 
@@ -224,7 +229,7 @@ def _act(core: Core, kind: RequestKind, wanted: ModeRequest, cycle: int) -> None
         core.disabling = True
         _enter(core, Event.DISABLE)
         for leg in core.legs:
-            leg.plan = _hold_from(leg)
+            leg.plan = _brake(leg)
             for axis in leg.axes:
                 axis.stop = stopping.begin(Step.HOLD, axis.joint, cycle)
     elif kind == RequestKind.RESET:
@@ -503,6 +508,11 @@ def _hold_from(leg: Leg) -> Hold:
     """Brake from where guidance is, or from where the leg is if nothing guides it."""
     if leg.reference is not None and leg.reference.guided:
         return _hold_at(leg, leg.reference.position, leg.reference.velocity)
+    return _brake(leg)
+
+
+def _brake(leg: Leg) -> Hold:
+    """Brake from where the leg is: a stop does not first catch up with a reference."""
     hip, slide = leg.axes
     return _hold_at(leg, _measured(leg), (hip.joint.velocity_si, slide.joint.velocity_si))
 

@@ -27,11 +27,17 @@ class Joint(NamedTuple):
     sample_ns: int = 0
     counts: int = 0
     still_cycles: int = 0
-    """Samples in a row at exactly the same count."""
+    """Samples in a row within STILL_COUNTS of `still_counts`."""
+    still_counts: int = 0
+    """Where it began to stand still."""
     speed_before_still_si: float = 0.0
     """How fast it was before it stood still: what no joint can lose in one cycle is a fault."""
     effort_before_still_si: float = 0.0
     """Effort when it began to stand still: friction can hide a change of so much and no more."""
+
+
+STILL_COUNTS = 3
+"""Noise of an encoder at rest; a joint that moves leaves this within a few samples."""
 
 
 def measure(previous: Joint, feedback: DriveFeedback, scaling: AxisScaling, sync_ns: int) -> Joint:
@@ -47,10 +53,11 @@ def measure(previous: Joint, feedback: DriveFeedback, scaling: AxisScaling, sync
             effort_si=sample.effort_si,
             sample_ns=sync_ns,
             counts=feedback.position_counts,
+            still_counts=feedback.position_counts,
         )
     elapsed_s = (sync_ns - previous.sample_ns) * 1e-9
     step_si = sample.position_si - previous.position_si
-    still = feedback.position_counts == previous.counts
+    still = abs(feedback.position_counts - previous.still_counts) <= STILL_COUNTS
     began = still and previous.still_cycles == 0
     return Joint(
         known=True,
@@ -63,6 +70,7 @@ def measure(previous: Joint, feedback: DriveFeedback, scaling: AxisScaling, sync
         sample_ns=sync_ns,
         counts=feedback.position_counts,
         still_cycles=previous.still_cycles + 1 if still else 0,
+        still_counts=previous.still_counts if still else feedback.position_counts,
         speed_before_still_si=(
             abs(previous.velocity_si) if began else previous.speed_before_still_si
         ),

@@ -187,9 +187,15 @@ class Loop:
         tick = self._tick(begun_ns)
         self._sync_ns = begun_ns
         outgoing, record = cycle.step(core, frames, levels, tick)
-        self._send(bus, outgoing)
+        if self._has_lost_drives():
+            self._end_watch(bus)
+        else:
+            self._send(bus, outgoing)
         self._timing = replace(self._timing, work_ns=self._clock.now_ns() - collected_ns)
         return record
+
+    def _has_lost_drives(self) -> bool:
+        return self._core.drives is None
 
     def _sync_and_collect(self, bus: Bus, sync_ns: int) -> list[Frame]:
         """SYNC out, and what the drives answer inside the window."""
@@ -344,11 +350,16 @@ class Loop:
                 self._clock.sleep_until(self._clock.now_ns() + self._settings.period_ns)
 
     def leave(self) -> None:
-        """Let go of the drives: without this their watch over us would end in a fault."""
+        """Let go of the drives and of the bus."""
         bus, core = self._bus, self._core
         if bus is not None and core.drives is not None and not core.mode.active:
-            deadline_ns = self._clock.now_ns() + self._settings.period_ns
-            resets = [nmt_frame(NmtCommand.RESET_COMMUNICATION, a.node_id) for a in core.axes]
             with suppress(BusError):
-                bus.send_urgent(resets, deadline_ns, self._clock)
+                self._end_watch(bus)
         self._close_bus()
+
+    def _end_watch(self, bus: Bus) -> None:
+        """NMT reset communication: without it the drives' watch over us would end in a fault."""
+        deadline_ns = self._clock.now_ns() + self._settings.period_ns
+        nodes = [axis.node_id for axis in self._core.axes]
+        resets = [nmt_frame(NmtCommand.RESET_COMMUNICATION, node) for node in nodes]
+        bus.send_urgent(resets, deadline_ns, self._clock)

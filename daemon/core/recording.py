@@ -16,6 +16,7 @@ def record(core: Core, tick: Tick) -> CycleRecord:
     """Everything that this cycle knew, decided and sent; takes the events with it."""
     core.seq += 1
     events, core.events = tuple(core.events), []
+    age_max = core.config.thresholds.sample_age_max_cycles
     return CycleRecord(
         seq=core.seq,
         cycle=tick.cycle,
@@ -30,7 +31,7 @@ def record(core: Core, tick: Tick) -> CycleRecord:
         level_age_cycles=tick.cycle - core.level_cycle,
         stop_count=core.stop_count or 0,
         gait_phase=_phase(core),
-        drives=tuple(_drive(axis) for axis in core.axes),
+        drives=tuple(_drive(axis, age_max) for axis in core.axes),
         legs=tuple(_leg(leg) for leg in core.legs),
         timing=tick.timing,
         bus_load_ratio=tick.bus_load_ratio,
@@ -43,12 +44,13 @@ def _phase(core: Core) -> float:
     return gait_phase(plan) if isinstance(plan, GaitPlay) else -1.0
 
 
-def _drive(axis: Axis) -> DriveRecord:
+def _drive(axis: Axis, age_max_cycles: int) -> DriveRecord:
+    """What is known of a drive; a sample that is too old is no longer knowledge."""
     feedback, joint = axis.feedback, axis.joint
     if feedback is None:
         return _unseen(axis.name)
     emergency = feedback.emergency
-    known = joint.known
+    known = joint.known and feedback.sample_age_cycles <= age_max_cycles
     return DriveRecord(
         name=axis.name,
         nmt_state=feedback.nmt_state,

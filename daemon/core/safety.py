@@ -166,7 +166,7 @@ TX_DROPPED_MAX = 3
 ENABLE_CYCLES = 25
 """From the request to operation enabled: three transitions of two cycles each, and patience."""
 FREEZE_DECELERATION_RATIO = 3.0
-"""Losing speed this many times faster than a quick stop, to the very same count, is no motion."""
+"""Losing speed this many times faster than a quick stop, down to a standstill, is no motion."""
 FROZEN_PUSH_RATIO = 2.5
 """Friction hides a change of effort of twice the breakaway, from one sign to the other. More than
 that without a single count means that the count, or the joint, is stuck. A patient who leans
@@ -332,7 +332,7 @@ def _power(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
 
 def _encoder(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
     joint, limits = axis.joint, axis.limits
-    if not axis.referenced:
+    if not axis.referenced and not axis.feedback.rebooted:
         yield Cause.UNREFERENCED, 0.0, 1.0, ""
     if not joint.fresh or joint.elapsed_s <= 0:
         return

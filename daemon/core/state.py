@@ -2,17 +2,16 @@
 
 from dataclasses import dataclass, field
 
-from observer.leg_observer import LegEstimate, LegObserver
-
 from daemon.config.settings import Excite, Gait, Impedance
 from daemon.core.joints import Joint
 from daemon.core.reference import ExcitePlay, GaitPlay, GaitShape, Hold, Reference
 from daemon.core.safety import AxisLimits, Categories, Thresholds
 from daemon.core.stopping import DriveStop, StopRules
-from daemon.record import Mode, Request, RequestResult, Verdict
+from daemon.record import Cause, Mode, Request, RequestResult, Verdict
 from drives.drive import DriveGroup
 from drives.signals import DriveFeedback
 from drives.units import AxisScaling
+from observer.leg_observer import LegEstimate, LegObserver
 from observer.mechanism import LegParameters
 
 Plan = Hold | GaitPlay | ExcitePlay
@@ -92,6 +91,8 @@ class Core:
     mode: Mode = Mode.OFF
     verdict: Verdict = field(default_factory=Verdict)
     """Latched until a reset; in mode OFF the reason why the drives are not there."""
+    causes_told: set[Cause] = field(default_factory=set[Cause])
+    """Since the machine was stopped: each is told once."""
     disabling: bool = False
     """STOPPING because somebody asked to disable, not because of a verdict."""
     reset_cycles_left: int = 0

@@ -64,6 +64,9 @@ HELD_SPEED_RATIO = 10.0
 RAMP_FLOOR_RATIO = 3.0
 """Around zero the ramp's bound is this many times standstill: encoder noise is no motion."""
 
+HOLD_GRACE_CYCLES = 30
+"""The core's hold is softer than a drive's ramp: a spring, a damper, and friction in the way."""
+
 _BY_CATEGORY = {
     StopCategory.NONE: Step.HOLD,
     StopCategory.S2: Step.HOLD,
@@ -139,8 +142,10 @@ def _obeyed(
     if stop.step == Step.QUICK_STOP and feedback.power_state == PowerState.OPERATION_ENABLED:
         return False
     if stop.step >= Step.DISABLE:
-        # Without power there is no ramp to follow: gravity, springs and the patient move the leg.
         return feedback.power_state not in _POWERED
+    if feedback.power_state not in _POWERED:
+        # Without power there is no ramp to follow: gravity, springs and the patient move the leg.
+        return True
     return abs(joint.velocity_si) <= _allowed_speed_si(stop, limits, rules, elapsed_cycles)
 
 
@@ -150,6 +155,7 @@ def _allowed_speed_si(
     floor_si = limits.standstill_si_per_s
     if stop.has_rested:
         return HELD_SPEED_RATIO * floor_si
-    ramp_s = (elapsed_cycles - rules.obey_cycles) * rules.period_s
+    grace_cycles = HOLD_GRACE_CYCLES if stop.step == Step.HOLD else 0
+    ramp_s = max(elapsed_cycles - rules.obey_cycles - grace_cycles, 0) * rules.period_s
     on_ramp_si = stop.start_speed_si - limits.quick_stop_deceleration_si_per_s2 * ramp_s
     return rules.ramp_margin_ratio * max(on_ramp_si, 0.0) + RAMP_FLOOR_RATIO * floor_si

@@ -3,15 +3,20 @@ import csv
 import numpy as np
 import pytest
 
-from analysis.estimates import COLUMNS, Estimates, write_csv
+from analysis.estimates import COLUMNS, write_csv
+from observer.batch import BatchEstimates
 from observer.states import STATE_NAMES
 
 
-def made(count: int = 4) -> Estimates:
+def times(count: int = 4) -> np.ndarray:
+    return 1.7e9 + np.arange(count) * 0.01
+
+
+def made(count: int = 4) -> BatchEstimates:
     draw = np.random.default_rng(7).normal
-    return Estimates(
-        source="made",
-        time_s=1.7e9 + np.arange(count) * 0.01,
+    return BatchEstimates(
+        covariance=draw(size=(count, 36)),
+        innovation=draw(size=(count, 2)),
         state=draw(size=(count, 8)),
         std=np.abs(draw(size=(count, 8))),
         net=draw(size=(count, 2)),
@@ -28,7 +33,7 @@ def rows_of(path) -> list[dict[str, str]]:
 
 
 def test_the_columns_are_those_of_the_interface(tmp_path):
-    write_csv(made(), tmp_path / "out.csv")
+    write_csv(times(), made(), tmp_path / "out.csv")
 
     header = (tmp_path / "out.csv").read_text().splitlines()[0]
     assert header == (
@@ -43,10 +48,10 @@ def test_the_columns_are_those_of_the_interface(tmp_path):
 def test_the_numbers_are_those_that_were_computed(tmp_path):
     estimates = made()
 
-    write_csv(estimates, tmp_path / "out.csv")
+    write_csv(times(), estimates, tmp_path / "out.csv")
 
     rows = rows_of(tmp_path / "out.csv")
-    assert [float(row["time_s"]) for row in rows] == estimates.time_s.tolist()
+    assert [float(row["time_s"]) for row in rows] == times().tolist()
     for index, state in enumerate(STATE_NAMES):
         written = [float(row[state]) for row in rows]
         assert written == pytest.approx(estimates.state[:, index], rel=1e-8)
@@ -58,7 +63,7 @@ def test_a_number_that_is_not_there_is_an_empty_cell(tmp_path):
     estimates.nis[1] = np.nan
     estimates.net[2, 1] = np.nan
 
-    write_csv(estimates, tmp_path / "out.csv")
+    write_csv(times(), estimates, tmp_path / "out.csv")
 
     rows = rows_of(tmp_path / "out.csv")
     assert rows[1]["nis"] == ""
@@ -67,7 +72,7 @@ def test_a_number_that_is_not_there_is_an_empty_cell(tmp_path):
 
 
 def test_the_same_estimates_make_the_same_file(tmp_path):
-    write_csv(made(20_000), tmp_path / "a.csv")
-    write_csv(made(20_000), tmp_path / "b.csv")
+    write_csv(times(20_000), made(20_000), tmp_path / "a.csv")
+    write_csv(times(20_000), made(20_000), tmp_path / "b.csv")
 
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()

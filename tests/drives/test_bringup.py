@@ -6,7 +6,7 @@ from drives.bringup import DriveReport, Progress, bring_up
 from drives.bus import Frame
 from drives.bus_state import BusCondition
 from drives.configurator import Configurator
-from drives.errors import BringUpRefused, BusError, DriveSilent
+from drives.errors import BringUpRefused, BusError, DrivePowered, DriveSilent
 from drives.plan import plan
 from drives.signals import PowerState
 
@@ -29,8 +29,8 @@ class Bench:
         )
         self.progress: list[Progress] = []
 
-    def run(self) -> tuple[DriveReport, ...]:
-        steps = bring_up(self.plans, self.port, CYCLE)
+    def run(self, *, may_switch_off=False) -> tuple[DriveReport, ...]:
+        steps = bring_up(self.plans, self.port, CYCLE, may_switch_off=may_switch_off)
         while True:
             try:
                 self.progress.append(next(steps))
@@ -96,7 +96,7 @@ def test_all_drives_are_reset_before_any_is_configured():
     assert [frame.data[:1] for frame in bench.bus.sent[:2]] == [RESET_COMMUNICATION] * 2
 
 
-@pytest.mark.parametrize("statusword", [0x0240, 0x0637, 0x0218, 0x0617])
+@pytest.mark.parametrize("statusword", [0x0240, 0x0231, 0x0218])
 def test_bring_up_never_enables_and_never_resets_a_fault_whatever_it_finds(statusword):
     bench = Bench()
     bench.hip.values[0x6041, 0] = statusword
@@ -105,6 +105,39 @@ def test_bring_up_never_enables_and_never_resets_a_fault_whatever_it_finds(statu
 
     assert hip.statusword == statusword
     assert not bench.touched_power()
+
+
+@pytest.mark.parametrize("statusword", [0x0233, 0x1637, 0x0617, 0x061F])
+def test_a_drive_that_holds_its_joint_goes_on_holding_it_until_somebody_asks(statusword):
+    bench = Bench()
+    bench.slide.values[0x6041, 0] = statusword
+
+    with pytest.raises(DrivePowered) as caught:
+        bench.run()
+
+    assert caught.value.drive == "right/slide"
+    assert START not in [data[:1] for data in bench.sent(0)]
+    assert not bench.touched_power()
+
+
+@pytest.mark.parametrize("statusword", [0x1637, 0x0617])
+def test_a_drive_that_holds_its_joint_is_switched_off_where_that_was_asked_for(statusword):
+    bench = Bench(hip={"disabled_statusword": 0x0240})
+    bench.hip.values[0x6041, 0] = statusword
+
+    hip, _ = bench.run(may_switch_off=True)
+
+    assert hip.power_state is PowerState.SWITCH_ON_DISABLED
+    assert [w for w in bench.hip.written if w[0] == 0x6040] == [(0x6040, 0, 0x0000)]
+
+
+def test_a_drive_that_is_not_switched_off_when_asked_is_named():
+    bench = Bench()
+    bench.hip.values[0x6041, 0] = 0x1637
+
+    with pytest.raises(DriveSilent, match="stays in OPERATION_ENABLED"):
+        bench.run(may_switch_off=True)
+    assert START not in [data[:1] for data in bench.sent(0)]
 
 
 def test_every_limit_of_the_design_is_in_the_drive_afterwards():

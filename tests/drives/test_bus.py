@@ -253,6 +253,8 @@ def test_a_remote_bus_carries_frames_both_ways_and_starts_no_thread(server):
 def test_a_remote_bus_whose_server_goes_away_is_a_bus_error_and_closes(server):
     clock = MonotonicClock()
     bus = CanBus.open("remote", channel_of(server), 1_000_000)
+    while not server.clients:  # it answers before it notes us down
+        threading.Event().wait(0.001)
 
     for client in list(server.clients):
         client._ws.socket.shutdown(2)

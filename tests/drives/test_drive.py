@@ -285,6 +285,20 @@ def test_a_peek_between_windows_is_never_news():
     assert not group.peek(NOW)[0].fresh
 
 
+@pytest.mark.parametrize(
+    ("name", "code", "ignored"),
+    [("hip_epos4", 0x8130, True), ("hip_epos4", 0x8611, False), ("hip_generic", 0x8130, False)],
+)
+def test_it_is_known_when_a_reset_edge_would_be_ignored(name, code, ignored):
+    only = Drive(drive(name), NOW)
+    group = DriveGroup([only])
+    assert not only.ignores_reset_edge
+
+    group.feed([Frame(0x085, struct.pack("<HB5s", code, 0x11, b""))], NOW)
+
+    assert only.ignores_reset_edge is ignored
+
+
 # --- the group ------------------------------------------------------------------------------------
 
 

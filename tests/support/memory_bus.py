@@ -100,6 +100,8 @@ class ScriptedDrive:
     without_tpdo: set[int] = field(default_factory=set)
     short_tpdo: set[int] = field(default_factory=set)
     no_heartbeat: bool = False
+    disabled_statusword: int | None = None
+    """What it shows after disable voltage by SDO; None: it does not obey."""
 
     def __post_init__(self) -> None:
         self._load()
@@ -198,6 +200,8 @@ class ScriptedDrive:
             return self._abort(key, code)
         value = int.from_bytes(raw, "little", signed=self.kinds[key][1])
         self.written.append((*key, value))
+        if key == (0x6040, 0) and self.disabled_statusword is not None:
+            self.values[0x6041, 0] = self.disabled_statusword
         if key == (0x1017, 0):
             self.next_beat_ns = 0 if value else None
         if key not in self.ignore_write:

@@ -82,6 +82,20 @@ def test_a_drive_that_shows_the_state_and_does_not_slow_down_is_disabled():
     assert run(begun, STOPPING_DRIVE, [FAST] * 12).step >= Step.DISABLE
 
 
+def test_a_drive_that_its_own_fault_switched_off_may_coast():
+    begun = stopping.begin(Step.QUICK_STOP, FAST, 100)
+    faulty = replace(FEEDBACK, power_state=PowerState.FAULT)
+
+    assert run(begun, faulty, [FAST] * 50).step == Step.QUICK_STOP
+
+
+def test_a_hold_may_take_longer_than_a_ramp_and_no_longer_than_its_grace():
+    begun = stopping.begin(Step.HOLD, FAST, 100)
+
+    assert run(begun, FEEDBACK, [FAST] * stopping.HOLD_GRACE_CYCLES).step == Step.HOLD
+    assert run(begun, FEEDBACK, [FAST] * 2 * stopping.HOLD_GRACE_CYCLES).step > Step.HOLD
+
+
 def test_a_drive_that_stays_powered_is_taken_to_nmt_stop_and_then_to_silence():
     begun = stopping.begin(Step.DISABLE, FAST, 100)
 

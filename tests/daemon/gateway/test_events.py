@@ -2,6 +2,7 @@
 
 import pytest
 
+from daemon import wire
 from daemon.causes import CAUSE_TEXT
 from daemon.gateway.events import Kind, Priority, happenings
 from daemon.record import Cause, Mode, StopCategory, Verdict
@@ -9,6 +10,13 @@ from daemon.record import Cause, Mode, StopCategory, Verdict
 
 def said(before, now):
     return [(item.kind, item.priority, item.text) for item in happenings(before, now)]
+
+
+def test_kinds_and_priorities_are_those_that_the_schema_names():
+    properties = wire.schema(wire.Event)["properties"]
+
+    assert properties["kind"]["enum"] == [kind.value for kind in Kind]
+    assert properties["priority"]["enum"] == [priority.value for priority in Priority]
 
 
 def test_nothing_changed_is_no_event(make_record):

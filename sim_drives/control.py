@@ -1,0 +1,64 @@
+"""Commands to running virtual drives: text lines on a Unix datagram socket.
+
+One datagram is one or more lines; the answer is one datagram, `ok: ...` or `error: ...` for each
+line, to whoever has bound a name to be answered at. Nobody is waited for.
+"""
+
+import contextlib
+import socket
+from collections.abc import Callable, Generator
+from pathlib import Path
+from typing import Final
+
+from sim_drives.faults import FaultCommandError
+
+DATAGRAM_BYTES: Final = 4096
+
+
+class ControlSocket:
+    """A socket that is looked at now and then."""
+
+    def __init__(self, listening: socket.socket, obey: Callable[[str], str]) -> None:
+        self._socket = listening
+        self._obey = obey
+
+    def serve(self) -> None:
+        """Obey what has come."""
+        while True:
+            try:
+                data, sender = self._socket.recvfrom(DATAGRAM_BYTES)
+            except BlockingIOError:
+                return
+            answer = "\n".join(self._answer(line) for line in _lines(data))
+            if sender:
+                # Whoever asked may have gone, or read too slowly: not our matter.
+                with contextlib.suppress(OSError):
+                    self._socket.sendto(answer.encode(), sender)
+
+    def _answer(self, line: str) -> str:
+        try:
+            return f"ok: {self._obey(line)}"
+        except FaultCommandError as error:
+            return f"error: {error}"
+
+
+def _lines(data: bytes) -> list[str]:
+    return data.decode("utf-8", errors="replace").splitlines() or [""]
+
+
+@contextlib.contextmanager
+def control_socket(path: Path, obey: Callable[[str], str]) -> Generator[ControlSocket]:
+    """Listen at `path`; a socket that an earlier run has left there is replaced.
+
+    Raises:
+        OSError: the path cannot be bound, or is something else than a socket.
+    """
+    if path.is_socket():
+        path.unlink()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.setblocking(False)
+        listening.bind(str(path))
+        try:
+            yield ControlSocket(listening, obey)
+        finally:
+            path.unlink(missing_ok=True)

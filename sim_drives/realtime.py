@@ -1,0 +1,101 @@
+"""The virtual drives in real time: one thread between a python-can bus and a `World`.
+
+The world's time is this machine's monotonic clock, so a truth row carries the same time as the
+service's record of that SYNC. The thread sleeps on the bus until the world's next event; in
+between it wakes up every SLICE_NS, so that a SYNC finds the plant nearly up to date and is
+answered early.
+"""
+
+import contextlib
+import time
+from collections.abc import Callable, Generator, Sequence
+from typing import Final
+
+import can
+
+from sim_drives.control import ControlSocket
+from sim_drives.frame import Frame, TimedFrame
+from sim_drives.remote_bus import parse_channel, served_bus
+from sim_drives.timers import MILLISECOND
+from sim_drives.world import World
+
+SLICE_NS: Final = 5 * MILLISECOND
+NS_PER_S: Final = 1_000_000_000
+REMOTE: Final = "remote"
+
+
+def now_ns() -> int:
+    """The clock of the virtual drives."""
+    return time.monotonic_ns()
+
+
+class BusLostError(Exception):
+    """The machine's: the CAN interface has gone while we were on it."""
+
+
+@contextlib.contextmanager
+def open_bus(interface: str, channel: str, bitrate_bit_per_s: int) -> Generator[can.BusABC]:
+    """Our station on the bus; for `remote` we serve the bus ourselves.
+
+    Raises:
+        OSError, can.CanError: the interface or the address cannot be opened.
+        ValueError: the channel makes no sense for the interface.
+    """
+    if interface == REMOTE:
+        with served_bus(*parse_channel(channel)) as bus:
+            yield bus
+    else:
+        with can.Bus(channel=channel, interface=interface, bitrate=bitrate_bit_per_s) as bus:
+            yield bus
+
+
+class RealTime:
+    """Runs a world on a bus."""
+
+    def __init__(self, world: World, bus: can.BusABC, control: ControlSocket | None = None) -> None:
+        self._world = world
+        self._bus = bus
+        self._control = control
+        self.dropped = 0
+        """Frames that the interface did not take."""
+
+    def run(self, should_end: Callable[[], bool]) -> None:
+        """Until `should_end` says so; it is asked at least every SLICE_NS.
+
+        Raises:
+            BusLostError: the interface is gone.
+        """
+        while not should_end():
+            if self._control is not None:
+                self._control.serve()
+            self._send(self._world.advance_to(now_ns()))
+            message = self._receive(self._patience_s())
+            while message is not None:
+                self._take(message)
+                message = self._receive(0.0)
+
+    def _patience_s(self) -> float:
+        now = now_ns()
+        return max(0, min(self._world.next_event_ns(), now + SLICE_NS) - now) / NS_PER_S
+
+    def _take(self, message: can.Message) -> None:
+        self._send(self._world.advance_to(now_ns()))
+        odd = message.is_extended_id or message.is_remote_frame or message.is_error_frame
+        if not odd:
+            self._world.receive(Frame(message.arbitration_id, bytes(message.data)))
+
+    def _receive(self, patience_s: float) -> can.Message | None:
+        try:
+            return self._bus.recv(patience_s)
+        except (OSError, can.CanError) as error:
+            raise BusLostError(f"{self._bus.channel_info}: {error}") from error
+
+    def _send(self, frames: Sequence[TimedFrame]) -> None:
+        for frame in frames:
+            message = can.Message(
+                arbitration_id=frame.can_id, data=frame.data, is_extended_id=False
+            )
+            try:
+                self._bus.send(message)
+            except can.CanOperationError:
+                self.dropped += 1  # a full queue: a real controller would lose it, too

@@ -1,0 +1,72 @@
+"""The main job through CAN frames: patient torque and force beside the true ones.
+
+Bounds are those of the product's acceptance; what was measured is in docs and far inside most.
+"""
+
+from pathlib import Path
+
+import pytest
+from sessions import CONFIGS, Session
+
+
+def plant_with(tmp_path: Path, law: str) -> Path:
+    """plant.toml with another friction law; its own paths still lead to the repository."""
+    text = (CONFIGS / "plant.toml").read_text().replace('law = "paper"', f'law = "{law}"')
+    text = text.replace('robot = "robot.toml"', f'robot = "{CONFIGS / "robot.toml"}"')
+    text = text.replace('eds = "', f'eds = "{CONFIGS}/')
+    path = tmp_path / "plant.toml"
+    path.write_text(text)
+    return path
+
+
+def assert_within(scores, *, hip_nm, slide_n):
+    assert scores["hip"].rms < hip_nm
+    assert scores["slide"].rms < slide_n
+    assert scores["hip"].covered_ratio > 0.6
+    assert scores["slide"].covered_ratio > 0.6
+
+
+def test_in_gait_at_a_quarter_hertz_the_patient_is_seen_as_he_is():
+    session = Session().walking(cadence_hz=0.25)
+
+    passive = session.scores(12)
+    session.machine.command("patient active")
+    session.lockstep.run(4)
+    active = session.scores(12)
+
+    assert_within(passive, hip_nm=0.3, slide_n=2.0)
+    assert_within(active, hip_nm=0.6, slide_n=3.0)
+    assert min(active["hip"].correlation, active["slide"].correlation) > 0.98
+
+
+def test_in_gait_at_half_a_hertz_the_patient_is_still_seen():
+    session = Session().walking(cadence_hz=0.5)
+    session.machine.command("patient active")
+    session.lockstep.run(4)
+
+    active = session.scores(12)
+
+    assert_within(active, hip_nm=1.2, slide_n=6.0)
+
+
+def test_friction_of_another_structure_costs_accuracy_and_no_more(tmp_path):
+    session = Session(plant=plant_with(tmp_path, "lugre")).walking(cadence_hz=0.25)
+
+    passive = session.scores(12)
+    session.machine.command("patient active")
+    session.lockstep.run(4)
+    active = session.scores(12)
+
+    assert_within(passive, hip_nm=1.2, slide_n=10.0)
+    assert_within(active, hip_nm=1.2, slide_n=10.0)
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_the_numbers_do_not_hang_on_one_seed(tmp_path, seed):
+    path = plant_with(tmp_path, "paper")
+    path.write_text(path.read_text().replace("seed = 1 ", f"seed = {seed} "))
+    session = Session(plant=path).walking(cadence_hz=0.25)
+    session.machine.command("patient active")
+    session.lockstep.run(4)
+
+    assert_within(session.scores(8), hip_nm=0.6, slide_n=3.0)

@@ -1,0 +1,175 @@
+"""Every fault of the virtual machine ends in a stop of both axes with its cause named."""
+
+import pytest
+from sessions import Session
+
+from daemon.record import Cause, Mode, Outcome, RequestKind
+from drives.signals import PowerState
+
+LOST = {Cause.DRIVE_SILENT, Cause.HEARTBEAT_LOST, Cause.DRIVE_REBOOTED}
+STUCK = {Cause.ENCODER_FROZEN, Cause.TRACKING_LIMIT, Cause.OBSERVER_INVALID}
+FAULTS = [
+    ("lost_tpdo {}", LOST),
+    ("late_tpdo {} - 6", LOST),
+    ("silent {}", LOST),
+    ("unplugged {}", LOST),
+    ("reboot {}", LOST),
+    ("emcy {} - 0x2310", {Cause.EMERGENCY, Cause.DRIVE_FAULT}),
+    ("frozen_encoder {}", STUCK),
+    ("encoder_glitch {} - 2000", {Cause.ENCODER_JUMP}),
+    ("blocked_rotor {}", STUCK),
+    ("hand_switch_open {}", {Cause.HAND_SWITCH_OPEN}),
+    ("sto_open {}", {Cause.STO_ACTIVE}),
+]
+DRIVES = ("right/hip", "right/slide")
+NOT_PUSHING = {
+    PowerState.QUICK_STOP_ACTIVE,
+    PowerState.SWITCH_ON_DISABLED,
+    PowerState.READY_TO_SWITCH_ON,
+    PowerState.FAULT,
+}
+REACTION_S = 2.0
+
+
+def test_the_faults_tested_here_are_all_there_are():
+    from sim_drives.settings import FaultKind
+
+    assert {text.split()[0] for text, _ in FAULTS} == {kind.value for kind in FaultKind}
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize(("fault", "causes"), FAULTS, ids=[text.split()[0] for text, _ in FAULTS])
+def test_a_fault_while_walking_stops_both_axes_and_says_why(fault, causes, drive):
+    session = Session().walking(warm_s=3.5)
+
+    session.machine.command(fault.format(drive))
+    session.lockstep.run_until(lambda record: not record.mode.active, within_s=REACTION_S)
+    session.lockstep.run(3)
+
+    record = session.lockstep.record
+    assert record.mode == Mode.FAULT
+    assert record.verdict.cause in causes
+    assert record.verdict.drive in {drive, "right"}
+    truth = session.truth.rows[-1]
+    assert abs(truth.hip_velocity_rad_per_s) < 0.05
+    assert abs(truth.slide_velocity_m_per_s) < 0.05
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize(
+    "fault", ["silent {}", "emcy {} - 0x2310", "hand_switch_open {}", "sto_open {}", "reboot {}"]
+)
+def test_a_fault_while_holding_stops_both_axes(fault, drive):
+    session = Session().enabled()
+
+    session.machine.command(fault.format(drive))
+    session.lockstep.run_until(lambda record: not record.mode.active, within_s=REACTION_S)
+    session.lockstep.run(2)
+
+    assert session.lockstep.record.mode == Mode.FAULT
+
+
+def test_an_emergency_is_answered_within_twenty_milliseconds_and_a_window():
+    session = Session().walking(warm_s=3.5)
+
+    begun_ns = session.lockstep.bus.now_ns
+    session.machine.command("emcy right/slide - 0x2310")
+    reached = session.lockstep.run_until(
+        lambda record: record.drives[0].power_state == PowerState.QUICK_STOP_ACTIVE, within_s=1
+    )
+
+    assert reached.sync_mono_ns - begun_ns <= 24_000_000 + 10_000_000
+
+
+def test_nothing_is_enabled_again_when_the_cause_is_gone():
+    session = Session().walking(warm_s=3.5)
+    session.machine.command("hand_switch_open right/hip 0.5")
+
+    session.lockstep.run(3)
+
+    assert session.lockstep.record.mode == Mode.FAULT
+    states = {drive.power_state for drive in session.lockstep.record.drives}
+    assert states <= set(map(int, NOT_PUSHING))
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "silent {} 0.5",
+        "emcy {} 0.5 0x2310",
+        "hand_switch_open {} 0.5",
+        "reboot {}",
+        "sto_open {} 1",
+    ],
+)
+def test_reset_brings_the_drives_up_again_and_enables_nothing(fault):
+    session = Session().walking(warm_s=3.5)
+    session.machine.command(fault.format("right/hip"))
+    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=6)
+    session.lockstep.run(2)
+
+    answer = session.lockstep.request(RequestKind.RESET)
+    session.lockstep.run(1)
+
+    assert answer.outcome == Outcome.DONE, answer.reason
+    record = session.lockstep.record
+    assert record.mode == Mode.READY
+    assert {drive.power_state for drive in record.drives} == {PowerState.SWITCH_ON_DISABLED}
+    assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.DONE
+
+
+def test_a_reset_while_the_hand_switch_is_open_is_refused_with_the_reason():
+    session = Session().walking(warm_s=3.5)
+    session.machine.command("hand_switch_open right/hip")
+    session.lockstep.run(3)
+
+    answer = session.lockstep.request(RequestKind.RESET)
+
+    assert answer.outcome == Outcome.REFUSED
+    assert answer.reason == "the hand switch is open"
+
+
+def test_a_silent_gateway_stops_and_the_drives_go_on_holding():
+    session = Session().walking(warm_s=3.5)
+    begun_ns = session.lockstep.bus.now_ns
+    session.lockstep.gateway.silent = True
+
+    stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=2)
+    session.lockstep.run(3)
+
+    record = session.lockstep.record
+    assert stopped.verdict.cause == Cause.GATEWAY_SILENT
+    assert stopped.sync_mono_ns - begun_ns < 340_000_000
+    assert record.mode == Mode.FAULT
+    assert {drive.power_state for drive in record.drives} == {PowerState.OPERATION_ENABLED}
+    assert all(abs(drive.velocity_si or 0.0) < 0.05 for drive in record.drives)
+
+
+def test_a_stop_stops_whatever_else_is_asked():
+    session = Session().walking(warm_s=3.5)
+    session.lockstep.gateway.stop()
+
+    stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=0.1)
+
+    assert stopped.verdict.cause == Cause.STOP_REQUESTED
+
+
+def test_a_drive_that_dies_at_rest_is_looked_for_again_and_found():
+    session = Session().until_ready()
+    session.machine.command("silent right/hip 2")
+
+    lost = session.lockstep.run_until(lambda record: record.mode == Mode.OFF, within_s=1)
+    found = session.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=20)
+
+    assert lost.verdict.cause in LOST
+    assert found.verdict.cause == Cause.NONE
+
+
+def test_a_shutdown_stops_first_and_leaves_the_drives_without_power():
+    session = Session().walking(warm_s=3.5)
+
+    session.lockstep.shut_down()
+
+    record = session.lockstep.record
+    assert record.verdict.cause == Cause.SHUTDOWN
+    assert {drive.power_state for drive in record.drives} == {PowerState.SWITCH_ON_DISABLED}

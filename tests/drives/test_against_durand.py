@@ -1,0 +1,252 @@
+"""The master against a CANopen slave that we did not write: durand 0.5.0, on a virtual bus.
+
+durand knows CiA 301 and nothing of CiA 402: the objects of the plan are added to its dictionary
+from our EDS, and what it lacks (1016h, 1029h, timers of PDOs) as plain variables.
+"""
+
+import threading
+from importlib.metadata import version
+
+import can
+import pytest
+from drive_files import CYCLE, HIP_LIMITS, SLIDE_LIMITS, drive
+from durand import CANBusNetwork, MinimalNode, Record, Variable
+from durand.datatypes import DatatypeEnum
+from durand.scheduler import SyncScheduler, get_scheduler, set_scheduler
+from memory_bus import MS, scripted
+
+from daemon.clock import MonotonicClock
+from drives.bringup import bring_up
+from drives.bus import CanBus, Frame
+from drives.configurator import Configurator
+from drives.drive import Drive, DriveGroup
+from drives.errors import BringUpRefused, SdoAborted
+from drives.nmt import SYNC_FRAME, NmtCommand, nmt_frame
+from drives.pdo import layouts
+from drives.plan import plan
+from drives.signals import DriveCommand, OperationMode, PowerRequest, PowerState
+
+TYPES = {
+    (8, False): DatatypeEnum.UNSIGNED8,
+    (8, True): DatatypeEnum.INTEGER8,
+    (16, False): DatatypeEnum.UNSIGNED16,
+    (16, True): DatatypeEnum.INTEGER16,
+    (32, False): DatatypeEnum.UNSIGNED32,
+    (32, True): DatatypeEnum.INTEGER32,
+}
+
+
+def variable(kind, value):
+    bits, signed, access = kind
+    return Variable(TYPES[bits, signed], "rw" if "w" in access else "ro", value)
+
+
+def fill(node, description):
+    """Everything of the EDS that durand does not bring along."""
+    ours = scripted(description)
+    dictionary = node.object_dictionary
+    for (index, sub), kind in ours.kinds.items():
+        whole = (index, 1) not in ours.kinds and sub == 0
+        if index in dictionary or index in range(0x1400, 0x1C00) or index == 0x1200:
+            continue
+        if whole:
+            dictionary[index] = variable(kind, ours.values[index, sub])
+            continue
+        dictionary[index] = record = Record()
+        for other in range(1, 16):
+            if (index, other) in ours.kinds:
+                record[other] = variable(ours.kinds[index, other], ours.values[index, other])
+    for number in range(4):
+        for index in (0x1400, 0x1800):
+            dictionary[index + number][5] = Variable(DatatypeEnum.UNSIGNED16, "rw", 0)
+    dictionary.write(0x1000, 0, 0x00020192)
+    for sub, value in enumerate((0x29A, 0x00040201, 0x00010000, 77), start=1):
+        dictionary.write(0x1018, sub, value)
+
+
+class Slave:
+    """One durand node with a bus of its own on the shared channel."""
+
+    def __init__(self, channel, description):
+        self.bus = can.Bus(interface="virtual", channel=channel)
+        self.network = CANBusNetwork(self.bus)
+        self.network._notifier.timeout = 0.02  # it is waited for when it stops
+        self.node = MinimalNode(self.network, description.node_id)
+        self.dictionary = self.node.object_dictionary
+        fill(self.node, description)
+
+    def close(self):
+        self.dictionary.write(0x1017, 0, 0)
+        self.network.stop()
+        self.bus.shutdown()
+
+
+@pytest.fixture
+def bench(request):
+    before = get_scheduler()
+    scheduler = SyncScheduler()
+    set_scheduler(scheduler)
+    timers = threading.Thread(target=scheduler.run)
+    timers.start()
+    channel = request.node.name
+    slaves = [Slave(channel, drive(name)) for name in ("hip_generic", "slide_generic")]
+    bus = CanBus.open("virtual", channel, 1_000_000)
+    yield slaves, bus, MonotonicClock()
+    bus.close()
+    for slave in slaves:
+        slave.close()
+    scheduler.stop()
+    timers.join()
+    set_scheduler(before)
+
+
+PLANS = (
+    plan(drive("hip_generic"), HIP_LIMITS, CYCLE),
+    plan(drive("slide_generic"), SLIDE_LIMITS, CYCLE),
+)
+
+
+def brought_up(bus, clock):
+    steps = bring_up(PLANS, Configurator(bus, clock), CYCLE)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+def test_durand_is_the_version_that_these_tests_know():
+    assert version("durand") == "0.5.0"
+
+
+def test_both_slaves_are_brought_up_without_any_thread_of_ours(bench):
+    slaves, bus, clock = bench
+    slaves[0].dictionary.write(0x6041, 0, 0x0240)
+    slaves[0].dictionary.write(0x6064, 0, 4321)
+    before = threading.active_count()
+
+    hip, slide = brought_up(bus, clock)
+
+    assert threading.active_count() == before
+    assert (hip.name, slide.name) == ("right/hip", "right/slide")
+    assert hip.power_state is PowerState.SWITCH_ON_DISABLED
+    assert hip.position_counts == 4321
+    assert slaves[1].dictionary.read(0x607D, 1) == -12288
+    assert slaves[0].node.nmt.state == 5
+
+
+def test_what_the_group_sends_and_reads_is_what_durand_maps(bench):
+    slaves, bus, clock = bench
+    brought_up(bus, clock)
+    group = DriveGroup([Drive(p.description, clock.now_ns()) for p in PLANS])
+    slaves[1].dictionary.write(0x6041, 0, 0x1637)
+    slaves[1].dictionary.write(0x6064, 0, -777)
+    slaves[1].dictionary.write(0x6077, 0, -55)
+    slaves[1].dictionary.write(0x60FD, 0, 0x00030000)
+    bus.drain()
+
+    bus.send([SYNC_FRAME])
+    deadline_ns = clock.now_ns() + 500 * MS
+    missing = set(group.cyclic_ids)
+    while missing and clock.now_ns() < deadline_ns:
+        frames = bus.receive_until(deadline_ns, clock)
+        group.feed(frames, clock.now_ns())
+        missing -= {frame.can_id for frame in frames}
+    _, slide = group.end_of_window(1, clock.now_ns())
+    command = DriveCommand(PowerRequest.ENABLE, OperationMode.CYCLIC_SYNC_TORQUE, -777, -123)
+    bus.send(group.frames([command, command]))
+    bus.send([SYNC_FRAME])
+
+    assert slide.fresh
+    assert (slide.position_counts, slide.torque_raw) == (-777, -55)
+    assert eventually(clock, lambda: slaves[1].dictionary.read(0x6071, 0) == -123)
+    assert slaves[1].dictionary.read(0x6040, 0) == 0x000F
+    assert slaves[1].dictionary.read(0x607A, 0) == -777
+
+
+def test_nmt_commands_move_durand(bench):
+    slaves, bus, clock = bench
+
+    for command, state in ((NmtCommand.START, 5), (NmtCommand.STOP, 4), (0x80, 127)):
+        bus.send([nmt_frame(NmtCommand(command), 5)])
+
+        assert eventually(clock, lambda state=state: slaves[0].node.nmt.state == state)
+    assert slaves[1].node.nmt.state == 127
+
+
+def test_durand_s_emcy_is_understood(bench):
+    slaves, bus, clock = bench
+    group = DriveGroup([Drive(drive("hip_generic"), clock.now_ns())])
+
+    slaves[0].node.emcy.set(0x8611, 0x21, b"\x01\x02")
+
+    assert eventually(clock, lambda: group.feed_between(bus.drain(), clock.now_ns()))
+    emergency = group.peek(clock.now_ns())[0].emergency
+    assert emergency is not None
+    assert (emergency.code, emergency.error_register) == (0x8611, 0x21)
+
+
+def test_durand_s_aborts_carry_their_code(bench):
+    _, bus, clock = bench
+    port = Configurator(bus, clock)
+
+    for index, sub, code in ((0x5FFF, 0, 0x06020000), (0x1018, 9, 0x06090011)):
+        with pytest.raises(SdoAborted) as caught:
+            port.read(5, index, sub)
+        assert (caught.value.index, caught.value.sub, caught.value.code) == (index, sub, code)
+    with pytest.raises(SdoAborted) as caught:
+        port.write(5, 0x6041, 0, b"\x00\x00")
+    assert caught.value.code == 0x06010002
+
+
+def test_segmented_transfers_work_too(bench):
+    slaves, bus, clock = bench
+    name = b"a name that is longer than four bytes"
+    slaves[0].dictionary[0x2F00] = Variable(DatatypeEnum.VISIBLE_STRING, "rw", b"")
+    port = Configurator(bus, clock)
+
+    port.write(5, 0x2F00, 0, name)
+
+    assert port.read(5, 0x2F00, 0) == name
+
+
+def test_another_identity_is_refused_by_name(bench):
+    slaves, bus, clock = bench
+    slaves[1].dictionary.write(0x1018, 2, 0x00040202)
+
+    with pytest.raises(BringUpRefused) as caught:
+        brought_up(bus, clock)
+
+    assert (caught.value.drive, caught.value.place) == ("right/slide", "1018h:02")
+    assert [slave.node.nmt.state for slave in slaves] == [127, 127]
+
+
+def test_a_short_rpdo_is_what_durand_calls_8210(bench):
+    # Ours have the mapped length: the slave objects to a frame that has not.
+    slaves, bus, clock = bench
+    brought_up(bus, clock)
+    size = layouts(drive("hip_generic").profile, 5).control.size
+    bus.drain()
+
+    bus.send([Frame(0x205, bytes(size)), SYNC_FRAME])
+    bus.send([Frame(0x206, bytes(size - 1)), SYNC_FRAME])
+
+    seen = []
+    assert eventually(clock, lambda: seen.extend(bus.drain()) or any_emcy(seen))
+    assert [f.data[:2] for f in seen if f.can_id & 0x780 == 0x080] == [b"\x10\x82"]
+    assert [f.can_id for f in seen if f.can_id & 0x780 == 0x080] == [0x086]
+    assert slaves[0].node.nmt.state == 5
+
+
+def any_emcy(frames):
+    return any(frame.can_id & 0x780 == 0x080 for frame in frames)
+
+
+def eventually(clock, met, within_ns=2000 * MS):
+    """durand answers in its own thread: wait for it, but not for ever."""
+    deadline_ns = clock.now_ns() + within_ns
+    while not met():
+        if clock.now_ns() > deadline_ns:
+            return False
+        threading.Event().wait(0.001)
+    return True

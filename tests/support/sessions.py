@@ -1,0 +1,91 @@
+"""Sessions of the whole service against the virtual machine, in lock-step, faster than time."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from analysis.accuracy import Score, score
+from daemon.config.bundle import Settings
+from daemon.config.load import load
+from daemon.config.trainer import TrainerFile
+from daemon.record import Mode, ModeRequest, Outcome, RequestKind
+from gaitd.lockstep import Lockstep
+from gaitd.virtual_machine import virtual_machine
+from sim_drives.build import Machine
+from sim_drives.truth import TruthLog
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+AXES = ("hip", "slide")
+
+
+class Session:
+    """One machine and one service, from power-on."""
+
+    def __init__(
+        self, config: str = "demo.toml", *, empty: bool = False, plant: Path | None = None
+    ):
+        self.settings = settings(config, empty=empty)
+        file: TrainerFile = self.settings.file
+        if plant is not None:
+            file = replace(file, sim=plant)
+        self.truth = TruthLog(None)
+        self.machine: Machine = virtual_machine(file, truth={"right": self.truth})
+        self.lockstep = Lockstep(self.settings, self.machine.world)
+
+    def until_ready(self) -> "Session":
+        self.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
+        self.lockstep.run(0.2)
+        return self
+
+    def enabled(self) -> "Session":
+        self.until_ready()
+        answer = self.lockstep.request(RequestKind.ENABLE)
+        assert answer.outcome == Outcome.DONE, answer.reason
+        return self
+
+    def walking(self, *, cadence_hz: float = 0.25, warm_s: float = 8.0) -> "Session":
+        """In the middle of a gait, its ramps behind it."""
+        self.enabled()
+        gait = ModeRequest(Mode.GAIT, cadence_hz=cadence_hz, amplitude_ratio=1.0, duration_s=600.0)
+        answer = self.lockstep.request(RequestKind.MODE, gait)
+        assert answer.outcome == Outcome.DONE, answer.reason
+        self.lockstep.run_until(lambda record: record.gait_phase >= 0, within_s=30)
+        self.lockstep.run(warm_s)
+        return self
+
+    def exciting(self, scenario: str, duration_s: float) -> "Session":
+        self.enabled()
+        wanted = ModeRequest(Mode.EXCITE, duration_s=duration_s, scenario=scenario)
+        answer = self.lockstep.request(RequestKind.MODE, wanted)
+        assert answer.outcome == Outcome.DONE, answer.reason
+        self.lockstep.run_until(lambda record: "playing" in record.progress, within_s=30)
+        return self
+
+    def scores(self, duration_s: float) -> dict[str, Score]:
+        """Run on and compare the patient's effort with the truth where it is valid (moving)."""
+        begun = len(self.lockstep.records)
+        self.lockstep.run(duration_s)
+        rows = {row.sync_mono_ns: row for row in self.truth.rows}
+        pairs = [
+            (record.legs[0], rows[record.sync_mono_ns])
+            for record in self.lockstep.records[begun:]
+            if record.sync_mono_ns in rows
+        ]
+        found: dict[str, Score] = {}
+        for axis, name in enumerate(AXES):
+            estimate = np.array(
+                [leg.state[6 + axis] if leg.validity[axis] == 0 else np.nan for leg, _ in pairs]
+            )
+            column = "hip_patient_nm" if axis == 0 else "slide_patient_n"
+            found[name] = score(estimate, np.array([getattr(row, column) for _, row in pairs]))
+        return found
+
+
+def settings(config: str, *, empty: bool = False) -> Settings:
+    """A configuration of the repository; `empty` takes the machine without a patient."""
+    loaded = load(CONFIGS / config)
+    if not empty:
+        return loaded
+    return replace(loaded, robot=msgspec.structs.replace(loaded.robot, patient=None))
