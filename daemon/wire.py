@@ -137,7 +137,7 @@ class Friction(Estimated, frozen=True, kw_only=True):
 
 
 class DriveState(Sampled, frozen=True, kw_only=True):
-    """One drive, ten times a second. `_si`: rad, N·m at the hip; m, N at the slide."""
+    """One drive at 10 Hz. `_si`: rad, N·m at the hip; m, N at the slide. Null: unknown."""
 
     name: Annotated[str, Meta(description="LEG/AXIS, for example right/hip")]
     nmt_state: Annotated[
@@ -146,8 +146,8 @@ class DriveState(Sampled, frozen=True, kw_only=True):
     power_state: Annotated[
         str, Meta(description="CiA 402 state.", extra_json_schema={"enum": [*POWER_STATES]})
     ]
-    statusword: Annotated[str, Meta(description="Object 6041h, hexadecimal.")]
-    mode_display: Annotated[int, Meta(description="Object 6061h: 10 torque, 8 position.")]
+    statusword: Annotated[str | None, Meta(description="Object 6041h, hexadecimal.")]
+    mode_display: Annotated[int | None, Meta(description="Object 6061h: 10 torque, 8 position.")]
     fresh: Annotated[bool, Meta(description="Its samples came inside this cycle's window.")]
     sample_age_cycles: Annotated[int, Meta(description="Cycles since the last whole sample.")]
     late_count: Annotated[int, Meta(description="TPDOs after their window, since bring-up.")]
@@ -157,8 +157,8 @@ class DriveState(Sampled, frozen=True, kw_only=True):
     effort_si: Annotated[float | None, Meta(description="From measured current: N·m or N.")]
     target_effort_si: Annotated[float | None, Meta(description="Sent in this cycle: N·m or N.")]
     referenced: Annotated[bool, Meta(description="The drive knows its position.")]
-    hand_switch_closed: Annotated[bool, Meta(description="As the drive input reads it.")]
-    sto_released: Annotated[bool, Meta(description="Safe torque off is not active.")]
+    hand_switch_closed: Annotated[bool | None, Meta(description="As the drive input reads it.")]
+    sto_released: Annotated[bool | None, Meta(description="Safe torque off is not active.")]
     temperature_degc: Annotated[float | None, Meta(description="Of the power stage.")]
     emergency_code: Annotated[
         str | None, Meta(description="Newest EMCY code, hexadecimal; null when there is none.")

@@ -36,7 +36,7 @@ class Stream(NamedTuple):
 class BusLoad(NamedTuple):
     """What all our streams take of the bus at worst."""
 
-    ratio: float
+    busy_ratio: float
     """Of the time, 0..1."""
     burst_s: float
     """Time on the wire of everything that one SYNC sets off."""
@@ -70,10 +70,8 @@ def bus_load(
 
 def objection(load: BusLoad, load_max_ratio: float, period_ms: int) -> str | None:
     """Why this bus must not be started, or None."""
-    if load.ratio > load_max_ratio:
-        return (
-            f"the bus would be busy {load.ratio:.1%} of the time, allowed are {load_max_ratio:.0%}"
-        )
+    if load.busy_ratio > load_max_ratio:
+        return f"the bus would be busy {load.busy_ratio:.1%} of the time, allowed are {load_max_ratio:.0%}"
     burst_max_s = BURST_MAX_RATIO * period_ms * 1e-3
     if load.burst_s > burst_max_s:
         burst, allowed = load.burst_s * 1e3, burst_max_s * 1e3

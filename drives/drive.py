@@ -38,9 +38,6 @@ from drives.signals import (
     PowerState,
 )
 
-NEVER_CYCLES: Final = 1_000_000
-"""Age of a sample that never came."""
-
 _CYCLIC_MODES: Final = frozenset(
     (OperationMode.CYCLIC_SYNC_POSITION, 9, OperationMode.CYCLIC_SYNC_TORQUE)
 )
@@ -84,6 +81,7 @@ class Drive:
         self._position_counts = 0
         self._torque_raw = 0
         self._sample_cycle: int | None = None
+        """Of the last complete sample; before the first one, the cycle before the first window."""
         self._last_cycle = 0
         self._late_count = 0
         self._protocol_error_count = 0
@@ -125,6 +123,9 @@ class Drive:
         """Close the window of this cycle: is there a complete sample, and what else is known."""
         fresh = self._has_status and self._has_torque
         self._last_cycle = cycle
+        if self._sample_cycle is None:
+            # Bring-up has seen samples: what does not come now has not been gone for long.
+            self._sample_cycle = cycle - 1
         if fresh:
             self._position_counts = self._window_position_counts
             self._torque_raw = self._window_torque_raw
@@ -139,7 +140,6 @@ class Drive:
     def _feedback(self, now_ns: int, *, fresh: bool) -> DriveFeedback:
         mode = self._mode_display
         word = self._statusword
-        born = self._sample_cycle
         return DriveFeedback(
             node_id=self.node_id,
             nmt_state=self.heartbeat.state,
@@ -153,7 +153,7 @@ class Drive:
             inputs=self._inputs,
             temperature_degc=self._temperature_degc,
             fresh=fresh,
-            sample_age_cycles=NEVER_CYCLES if born is None else self._last_cycle - born,
+            sample_age_cycles=self._last_cycle - (self._sample_cycle or 0),
             late_count=self._late_count,
             heartbeat_age_ns=self.heartbeat.age_ns(now_ns),
             rebooted=self.heartbeat.boot_up_count > 0,

@@ -15,7 +15,8 @@
     hear     its heartbeat, in PRE-OPERATIONAL
     report   error register and error code as found
 
-Never: a controlword other than disable voltage, a fault reset, an enable, a store to the drive's memory.
+Never: a controlword other than disable voltage, a fault reset, an enable, a store to the drive's
+memory.
 """
 
 from collections.abc import Iterator

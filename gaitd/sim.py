@@ -2,6 +2,7 @@
 
 import contextlib
 import gc
+import os
 import signal
 import sys
 import time
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from sim_drives.control import ControlSocket
     from sim_drives.truth import TruthLog
 
+FIFO_PRIORITY = 40
+"""A drive's firmware is real-time, too; below the service's core, and only where it is granted."""
 GIL_SWITCH_S = 0.0005
 """Of the threads that serve the loopback bus; Python's own 5 ms is half a cycle."""
 WARM_UP_NS = 20_000_000
@@ -44,6 +47,8 @@ def command(
     from daemon.config.trainer import load_trainer
 
     end = _End(duration_s)
+    with contextlib.suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
     trainer = load_trainer(config)
     with contextlib.ExitStack() as ending:
         logs = _truth_logs(trainer, truth, ending)

@@ -63,8 +63,8 @@ def _drive_line(drive: wire.DriveState) -> str:
     ]
     troubles = {
         "not referenced": not drive.referenced,
-        "hand switch open": not drive.hand_switch_closed,
-        "STO active": not drive.sto_released,
+        "hand switch open": drive.hand_switch_closed is False,
+        "STO active": drive.sto_released is False,
         f"EMCY {drive.emergency_code} {drive.emergency_text}": drive.emergency_code is not None,
     }
     words += [text for text, there in troubles.items() if there]

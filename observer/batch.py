@@ -99,16 +99,24 @@ def run(
     time_s = np.asarray(columns.time_s, dtype=np.float64)
     steps_s = np.diff(time_s, prepend=time_s[:1])
     steps_s[:1] = STEP_S
-    rows = (
-        steps_s,
-        np.ascontiguousarray(columns.position, dtype=np.float64),
-        np.ascontiguousarray(columns.effort, dtype=np.float64),
-        np.ascontiguousarray(bits, dtype=np.int64),
-    )
-    memory = (np.zeros(MEMORY_SIZE), np.zeros(SCRATCH_SIZE), np.zeros(POINTS_SIZE))
+    position = np.ascontiguousarray(columns.position, dtype=np.float64)
+    effort = np.ascontiguousarray(columns.effort, dtype=np.float64)
+    bits = np.ascontiguousarray(bits, dtype=np.int64)
+    memory, scratch, points = np.zeros(MEMORY_SIZE), np.zeros(SCRATCH_SIZE), np.zeros(POINTS_SIZE)
     for begin in range(0, count, BLOCK_ROWS):
         block = slice(begin, begin + BLOCK_ROWS)
-        _run(*setup, *(column[block] for column in rows), *memory, numbers[block], flags[block])
+        _run(
+            *setup,
+            steps_s[block],
+            position[block],
+            effort[block],
+            bits[block],
+            memory,
+            scratch,
+            points,
+            numbers[block],
+            flags[block],
+        )
         if progress is not None:
             progress(min((begin + BLOCK_ROWS) / count, 1.0))
     return BatchEstimates(

@@ -36,6 +36,7 @@ from observer.leg_memory import (
     Arrays,
     N,
     arrays_in,
+    fill,
     is_lost,
     lose,
     may_start,
@@ -81,7 +82,7 @@ OUT_NET: Final = OUT_NIS + 1
 OUT_NET_STD: Final = OUT_NET + 2
 OUT_SIZE: Final = OUT_NET_STD + 2
 
-GATED_FRICTION_MOVING: Final = 3.0
+GATED_FRICTION_MOVING: Final = 2.0
 GATED_FRICTION_RESTING: Final = 5.0
 """Factors on friction's process noise when it is gated by velocity (observer.md 3.1)."""
 SURPRISE_STD: Final = 0.05
@@ -160,8 +161,9 @@ def advance(
     usable = take_efforts(memory, effort_hip, effort_slide)
     have_hip = usable and math.isfinite(position_hip)
     have_slide = usable and math.isfinite(position_slide)
-    out[:] = math.nan
-    memory[PREDICTED : PREDICTED + 2] += 1.0
+    fill(out, 0, OUT_SIZE, math.nan)
+    memory[PREDICTED] += 1.0
+    memory[PREDICTED + 1] += 1.0
     status = caller_bits
     if not 0.0 < dt_s <= LATE_RATIO * STEP_S:
         status |= LATE_BIT
@@ -198,7 +200,8 @@ def _begin(model: LegModel, memory: Vector, hip: float, slide: float, complete: 
 def _predict(model: LegModel, options: Options, process_std: Vector, a: Arrays, dt_s: float) -> int:
     """Time update over `dt_s`; bits. A prediction that no leg could follow is not taken."""
     _scale_noise(model, options, process_std, a, dt_s)
-    a.backup[:] = a.estimate
+    for i in range(EFFORT):
+        a.backup[i] = a.memory[i]
     spread(a.mean, a.root, STEP, N, LANES, a.points)
     substeps = substeps_for(dt_s, int(options.substeps))
     step_s = dt_s / substeps
@@ -211,10 +214,12 @@ def _predict(model: LegModel, options: Options, process_std: Vector, a: Arrays, 
         else:
             outside += semi_implicit(model, effort_hip, effort_slide, step_s, a.points)
     compress(a.points, a.noise, STEP, N, LANES, a.mean, a.root, a.work)
-    # 0 * x is not a number if x is not finite, and neither is any sum with it.
-    rate = math.fabs(a.mean[2]) + math.fabs(a.mean[3]) + 0.0 * a.estimate.sum()
+    rate = math.fabs(a.mean[2]) + math.fabs(a.mean[3])
+    for i in range(EFFORT):
+        rate += 0.0 * a.memory[i]  # not a number if that one is not finite
     if not rate < WILD_RATE:
-        a.estimate[:] = a.backup
+        for i in range(EFFORT):
+            a.memory[i] = a.backup[i]
         lose(a.memory)
         return INCONSISTENT_BIT
     return OUT_OF_WORKSPACE_BIT if outside > 0 else 0

@@ -66,15 +66,13 @@ class Arrays(NamedTuple):
     """Names for the parts of `memory` and `scratch`; views, no copies."""
 
     memory: Vector
-    estimate: Vector
-    """Mean and root."""
     mean: Vector
     root: Matrix
     points: Vector
     work: Vector
     noise: Vector
     backup: Vector
-    """The estimate before the prediction."""
+    """Mean and root before the prediction."""
     measured: Vector
     innovation: Vector
     innovation_root: Matrix
@@ -86,7 +84,6 @@ def arrays_in(memory: Vector, scratch: Vector, points: Vector) -> Arrays:
     """The parts by name."""
     return Arrays(
         memory,
-        memory[:EFFORT],
         memory[:N],
         memory[ROOT:EFFORT].reshape((N, N)),
         points,
@@ -98,6 +95,13 @@ def arrays_in(memory: Vector, scratch: Vector, points: Vector) -> Arrays:
         scratch[INNOVATION_ROOT:GAIN].reshape((2, 2)),
         scratch[GAIN:].reshape((N, 2)),
     )
+
+
+@inline
+def fill(values: Vector, start: int, end: int, value: float) -> None:
+    """values[start:end] = value, which as a slice takes numba a second to compile."""
+    for i in range(start, end):
+        values[i] = value
 
 
 @inline
@@ -113,12 +117,12 @@ def may_start(leg: LegParameters, hip: float, slide: float) -> bool:
 @inline
 def start(memory: Vector, hip: float, slide: float) -> None:
     """Begin at rest at the measured pose; what rests there has rested for long."""
-    memory[:EFFORT] = 0.0
+    fill(memory, 0, EFFORT, 0.0)
     memory[0] = hip
     memory[1] = slide
     for i in range(N):
         memory[ROOT + i * (N + 1)] = START_STD[i]
-    memory[REST_S:NIS_MEAN] = 2.0 * REST_MAX_S
+    fill(memory, REST_S, NIS_MEAN, 2.0 * REST_MAX_S)
     memory[DISTRUST] = 0.0
     _begin(memory)
 
@@ -129,11 +133,11 @@ def restart(memory: Vector, hip: float, slide: float, keep_efforts: bool) -> Non
     memory[0] = hip
     memory[1] = slide
     if not keep_efforts:
-        memory[2:N] = 0.0
-    memory[ROOT:EFFORT] = 0.0
+        fill(memory, 2, N, 0.0)
+    fill(memory, ROOT, EFFORT, 0.0)
     for i in range(N):
         memory[ROOT + i * (N + 1)] = RESTART_STD[i]
-    memory[REST_S:NIS_MEAN] = 0.0
+    fill(memory, REST_S, NIS_MEAN, 0.0)
     memory[DISTRUST] = WARM_UP_CYCLES
     _begin(memory)
 
@@ -144,13 +148,13 @@ def _begin(memory: Vector) -> None:
     memory[STARTED] = 1.0
     memory[WARM_UP] = WARM_UP_CYCLES
     memory[GATED] = 0.0
-    memory[PREDICTED : PREDICTED + 2] = 0.0
+    fill(memory, PREDICTED, MEMORY_SIZE, 0.0)
 
 
 @inline
 def lose(memory: Vector) -> None:
     """Give up prediction: the state is held until the filter can begin anew."""
-    memory[PREDICTED : PREDICTED + 2] = HOLD_AFTER_CYCLES + 1.0
+    fill(memory, PREDICTED, MEMORY_SIZE, HOLD_AFTER_CYCLES + 1.0)
 
 
 @inline

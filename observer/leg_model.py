@@ -28,7 +28,7 @@ from observer.friction import (
     runge_kutta_growth,
     stability_number,
 )
-from observer.jit import inline
+from observer.jit import inline, kernel
 from observer.linkage import bounded_acceleration
 from observer.parameters import LegParameters
 from observer.quantities import Effort, Number, Position, Speed
@@ -119,7 +119,7 @@ class LegModel(NamedTuple):
     """1 for the full dynamics, 0 for the paper's."""
 
 
-@inline
+@kernel
 def semi_implicit(
     model: LegModel, effort_hip: float, effort_slide: float, dt_s: float, points: Vector
 ) -> int:
@@ -154,7 +154,7 @@ def semi_implicit(
     return outside
 
 
-@inline
+@kernel
 def runge_kutta(
     model: LegModel, effort_hip: float, effort_slide: float, dt_s: float, points: Vector
 ) -> int:

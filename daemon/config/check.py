@@ -296,7 +296,7 @@ def _bus(settings: Settings) -> BusMeaning:
         interface=trainer.bus.interface,
         channel=trainer.bus.channel,
         bitrate_bit_per_s=trainer.bus.bitrate_bit_per_s,
-        load_ratio=load.ratio,
+        load_ratio=load.busy_ratio,
         load_max_ratio=trainer.bus.load_max_ratio,
         burst_ms=load.burst_s * 1e3,
         window_ms=trainer.cycle.window_ms,

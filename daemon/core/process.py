@@ -79,6 +79,6 @@ def loop_settings(settings: Settings, built: Built) -> LoopSettings:
         window_ns=int(cycle.window_ms * NS_PER_MS),
         heartbeat_cycles=max(cycle.master_heartbeat_ms // cycle.period_ms, 1),
         master_node_id=cycle.master_node_id,
-        bus_load_ratio=load.ratio,
+        bus_load_ratio=load.busy_ratio,
         open_bus=lambda: CanBus.open(bus.interface, bus.channel, bus.bitrate_bit_per_s),
     )

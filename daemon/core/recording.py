@@ -10,12 +10,16 @@ from observer.status import Status, Validity
 
 NAN = float("nan")
 NS_PER_MS = 1_000_000
+EVENTS_MAX = 8
+EVENT_LENGTH_MAX = 160
+"""A record has a slot of fixed size; what is left over goes with the next one."""
 
 
 def record(core: Core, tick: Tick) -> CycleRecord:
-    """Everything that this cycle knew, decided and sent; takes the events with it."""
+    """Everything that this cycle knew, decided and sent; takes events with it."""
     core.seq += 1
-    events, core.events = tuple(core.events), []
+    events = tuple(event[:EVENT_LENGTH_MAX] for event in core.events[:EVENTS_MAX])
+    core.events = core.events[EVENTS_MAX:]
     age_max = core.config.thresholds.sample_age_max_cycles
     return CycleRecord(
         seq=core.seq,

@@ -119,7 +119,7 @@ class EventLog:
 
     def __init__(self) -> None:
         self.history: deque[wire.Event] = deque(maxlen=HISTORY_COUNT)
-        self._place = ("", 0)
+        self._place = ("none", 0)
         self._index = 0
 
     def add(
@@ -131,7 +131,7 @@ class EventLog:
         next_seq: Callable[[], int],
     ) -> list[wire.Event]:
         """Give events their identity and keep them."""
-        place = (stamp.core_boot_id or "", record_seq)
+        place = (stamp.core_boot_id or "none", record_seq)
         if place != self._place:
             self._place, self._index = place, 0
         made = [self._event(item, stamp, time_ns, next_seq()) for item in said]

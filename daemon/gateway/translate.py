@@ -168,25 +168,26 @@ def friction(view: View, seq: int) -> wire.Friction:
 
 
 def drive_state(drive: DriveRecord, stamp: Stamp, seq: int) -> wire.DriveState:
-    """drives/NAME."""
+    """drives/NAME. Of a drive that was never heard nothing is known, least of all its inputs."""
+    heard = power_state_name(drive.power_state) != "unknown"
     return wire.DriveState(
         **head(stamp, seq),
         name=drive.name,
         nmt_state=NMT_STATES.get(drive.nmt_state, "unknown"),
         power_state=power_state_name(drive.power_state),
-        statusword=f"0x{drive.statusword:04X}",
-        mode_display=drive.mode_display,
+        statusword=f"0x{drive.statusword:04X}" if heard else None,
+        mode_display=drive.mode_display if heard else None,
         fresh=drive.fresh,
         sample_age_cycles=drive.sample_age_cycles,
         late_count=drive.late_count,
-        heartbeat_age_ms=finite(drive.heartbeat_age_ms),
+        heartbeat_age_ms=finite(drive.heartbeat_age_ms) if heard else None,
         position_si=finite(drive.position_si),
         velocity_si=finite(drive.velocity_si),
         effort_si=finite(drive.effort_si),
         target_effort_si=finite(drive.target_effort_si),
         referenced=drive.referenced,
-        hand_switch_closed=drive.hand_switch_closed,
-        sto_released=drive.sto_released,
+        hand_switch_closed=drive.hand_switch_closed if heard else None,
+        sto_released=drive.sto_released if heard else None,
         temperature_degc=finite(drive.temperature_degc),
         emergency_code=f"0x{drive.emergency_code:04X}" if drive.emergency_code else None,
         emergency_text=drive.emergency_text,

@@ -44,7 +44,6 @@ class Span(NamedTuple):
 
     title: str
     kind: Kind
-    act: int
     begin_ns: int
     end_ns: int
 

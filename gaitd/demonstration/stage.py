@@ -38,10 +38,6 @@ END_WITH_PARENT: Final = (
 command behind it. A function between fork and exec would do the same, but not beside threads."""
 
 
-class NoConfigsError(Exception):
-    """The folder of configurations is not where we are."""
-
-
 @dataclass(frozen=True, slots=True)
 class Stage:
     """Where everything of one act is."""
@@ -139,19 +135,6 @@ def stage(configs: Path, *, empty: bool) -> Generator[Stage]:
         target = Target((endpoint,), table["zenoh"]["trainer"])
         leg = table["leg"][0]["name"]
         yield Stage(folder, config, truth, control, target, leg, drives, service)
-
-
-def find_configs() -> Path:
-    """The folder of configurations: of the clone that we run from, or where we are.
-
-    Raises:
-        NoConfigsError: neither has one.
-    """
-    candidates = [Path(__file__).resolve().parents[2] / "configs", Path.cwd() / "configs"]
-    for candidate in candidates:
-        if (candidate / "demo.toml").exists():
-            return candidate
-    raise NoConfigsError("configs/demo.toml is not here; run the demonstration in a clone")
 
 
 def write_configs(configs: Path, folder: Path, *, empty: bool) -> tuple[Path, str]:

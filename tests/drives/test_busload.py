@@ -39,7 +39,7 @@ def test_no_frame_is_longer_than_the_bound(can_id, data):
 def test_two_drives_at_one_megabit_take_about_a_tenth_of_the_bus():
     load = bus_load(DRIVES, CYCLE, master_heartbeat_ms=20, bitrate_bit_per_s=1_000_000)
 
-    assert 0.09 < load.ratio < 0.13
+    assert 0.09 < load.busy_ratio < 0.13
     assert load.burst_s < 1.3e-3
     assert objection(load, 0.4, CYCLE.period_ms) is None
 
@@ -68,5 +68,5 @@ def test_the_load_is_the_sum_of_its_streams():
 
     used = sum(frame_bits(s.data_bytes) * s.rate_hz for s in load.streams)
 
-    assert load.ratio == pytest.approx(used / 500_000)
+    assert load.busy_ratio == pytest.approx(used / 500_000)
     assert len(load.streams) == 2 + 2 * 6

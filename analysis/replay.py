@@ -1,0 +1,121 @@
+"""Replay: the observer over a recording, whatever it comes from, with the robot that made it.
+
+The kernel is the service's own, in one compiled loop over all rows, so the same file gives the same
+bits again. A ring holds the newest 30 s only: its replay begins with a fresh filter, and agrees
+with what the service said then after about a second.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from analysis.recording import Progress, Recording, RecordingError, read_csv, recording
+from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
+from daemon.config.settings import Robot
+from daemon.record import CycleRecord
+from daemon.seam import RingError, RingReader
+from observer.batch import BatchEstimates, Columns, run
+from observer.leg_observer import Setup, setup_of
+from observer.status import Status
+
+CALLER_BITS = int(
+    Status.LATE
+    | Status.UNREFERENCED
+    | Status.ARTIFICIAL
+    | Status.INPUT_SATURATED
+    | Status.NEAR_LIMIT
+)
+"""What the observer was told, as opposed to what it found out."""
+
+
+class Source(NamedTuple):
+    """A recording, and what came with it."""
+
+    recording: Recording
+    robot: Robot | None
+    """As the service had it; None where the recording does not say."""
+    leg: str
+    caller_bits: np.ndarray | None
+
+
+def read(path: Path, leg: str | None = None, progress: Progress | None = None) -> Source:
+    """Read a `.csv`, or the black-box ring of a service.
+
+    Args:
+        path: of the file; everything that is no `.csv` is taken for a ring.
+        leg: of the ring; its first one if None. A CSV has only one.
+        progress: told the share that is read.
+
+    Raises:
+        RecordingError: it cannot be used; says where and why.
+    """
+    if path.suffix.lower() == ".csv":
+        return Source(read_csv(path, progress), None, "", None)
+    return read_ring(path, leg)
+
+
+def read_ring(path: Path, leg: str | None = None) -> Source:
+    """Read the ring of records: what the observer was given, and the robot it was given for.
+
+    Raises:
+        RecordingError: it is no ring, has no such leg, or no cycle in which the observer ran.
+    """
+    try:
+        ring = RingReader(path)
+    except OSError as error:
+        raise RecordingError(f"{path}: {error.strerror}") from error
+    except RingError as error:
+        raise RecordingError(f"{error}; a recording is a .csv or a ring of records") from error
+    try:
+        header, records = ring.header, ring.since(0)
+    finally:
+        ring.close()
+    name = leg or header.leg_names[0]
+    if name not in header.leg_names:
+        raise RecordingError(f"{path}: has no leg {name}, only {', '.join(header.leg_names)}")
+    rows, bits = _rows(records, header.leg_names.index(name))
+    if not rows:
+        raise RecordingError(f"{path}: the observer ran in none of its {len(records)} records")
+    try:
+        robot = msgspec.convert(header.robot, Robot)
+    except msgspec.ValidationError as error:
+        raise RecordingError(f"{path}: its robot cannot be used: {error}") from error
+    made = recording(str(path), np.array(rows, dtype=np.float64))
+    return Source(made, robot, name, np.array(bits, dtype=np.int64))
+
+
+def _rows(records: list[CycleRecord], leg: int) -> tuple[list[tuple[float, ...]], list[int]]:
+    """Columns as in a CSV, and the caller's bits, of the cycles in which the observer ran."""
+    rows: list[tuple[float, ...]] = []
+    bits: list[int] = []
+    first_ns: int | None = None
+    last_ns = 0
+    for record in records:
+        if len(record.legs) <= leg or record.sync_mono_ns <= last_ns:
+            continue
+        one = record.legs[leg]
+        first_ns = record.sync_mono_ns if first_ns is None else first_ns
+        last_ns = record.sync_mono_ns
+        rows.append(((last_ns - first_ns) * 1e-9, *one.measured, *one.effort_used))
+        bits.append(one.status & CALLER_BITS)
+    return rows, bits
+
+
+def setup_for(robot: Robot) -> Setup:
+    """The observer's constant arguments for a robot."""
+    hip, slide = friction_parameters(robot)
+    return setup_of(leg_parameters(robot), hip, slide, observer_tuning(robot))
+
+
+def estimate(source: Source, robot: Robot, progress: Progress | None = None) -> BatchEstimates:
+    """Run the observer over the whole recording."""
+    made = source.recording
+    columns = Columns(made.time_s, made.position, made.effort, source.caller_bits)
+    return run(setup_for(robot), columns, progress)
+
+
+def warm_up(robot: Robot) -> None:
+    """Compile the kernel, or load it: seconds, or a third of one, that are no part of a speed."""
+    run(setup_for(robot), Columns(np.zeros(1), np.full((1, 2), np.nan), np.zeros((1, 2))))

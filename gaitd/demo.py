@@ -1,0 +1,101 @@
+"""`gaitd demo`: virtual drives, service and a scripted patient; a live view; the errors at the end.
+
+What is played, shown and judged is in `gaitd/demonstration/`.
+"""
+
+import signal
+import sys
+import time
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from gaitd.demonstration.picture import Results
+    from gaitd.demonstration.script import Plan, Scene
+    from gaitd.demonstration.view import Moment
+
+SHORTEST_S = 6.0
+PICTURE = Path("out") / "demo.png"
+SAID_EVERY_S = 1.0
+DRAWN_EVERY_S = 0.25
+
+
+def command(
+    seconds: Annotated[
+        float,
+        typer.Option(
+            min=SHORTEST_S,
+            help="of movement: 25 for the paper's experiment (left out below 40), the rest is gait",
+        ),
+    ] = 55.0,
+    headless: Annotated[bool, typer.Option("--headless", help="plain lines, no live view")] = False,
+    plot: Annotated[Path, typer.Option(metavar="PNG", help="where the picture goes")] = PICTURE,
+) -> None:
+    """Play gait without and with the patient, then the paper's experiment; exit 0 if all is well."""
+    from gaitd.demonstration.performance import Performance
+    from gaitd.demonstration.picture import draw
+    from gaitd.demonstration.report import report
+    from gaitd.demonstration.script import plan_of
+    from gaitd.places import configs_folder
+
+    configs = configs_folder("configs", "demo.toml")
+    signal.signal(signal.SIGTERM, _interrupt)
+    plan = plan_of(seconds)
+    if headless or not sys.stdout.isatty():
+        results = Performance(configs, plan, _Lines()).play()
+    else:
+        results = _watch(configs, plan)
+    plot.parent.mkdir(parents=True, exist_ok=True)
+    draw(results, plot)
+    report(results, plan)
+    print(f"picture: {plot.resolve()}")
+    raise typer.Exit(0 if results.passed else 1)
+
+
+def _interrupt(_signal: int, _frame: FrameType | None) -> None:
+    """SIGTERM ends a demonstration as Ctrl-C does: orderly."""
+    raise KeyboardInterrupt
+
+
+def _watch(configs: Path, plan: "Plan") -> "Results":
+    from rich.live import Live
+
+    from gaitd.demonstration.performance import Performance
+    from gaitd.demonstration.view import picture
+
+    with Live(screen=True, auto_refresh=False) as live:
+
+        class Pictures:
+            """The live view, redrawn a few times a second."""
+
+            drawn_s = 0.0
+
+            def show(self, moment: "Moment") -> None:
+                if time.monotonic() - self.drawn_s >= DRAWN_EVERY_S:
+                    self.drawn_s = time.monotonic()
+                    live.update(picture(moment), refresh=True)
+
+            def scene(self, scene: "Scene") -> None:
+                """The next picture shows it."""
+
+        return Performance(configs, plan, Pictures()).play()
+
+
+class _Lines:
+    """Plain lines: the scenes, and about one line a second of what is seen."""
+
+    def __init__(self) -> None:
+        self._said_s = 0.0
+
+    def show(self, moment: "Moment") -> None:
+        from gaitd.demonstration.report import line
+
+        if time.monotonic() - self._said_s >= SAID_EVERY_S:
+            self._said_s = time.monotonic()
+            print(line(moment), flush=True)
+
+    def scene(self, scene: "Scene") -> None:
+        print(f"--- {scene.title}", flush=True)

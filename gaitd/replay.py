@@ -1,0 +1,131 @@
+"""`gaitd replay`: the observer over a recorded file, as fast as it can."""
+
+import sys
+import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from analysis.replay import Source
+    from daemon.config.settings import Robot
+    from observer.batch import BatchEstimates
+
+EXIT_REFUSED = 2
+SUFFIX = ".estimates.csv"
+
+
+def command(
+    recorded: Annotated[Path, typer.Argument(metavar="IN", help="a .csv, or a ring of records")],
+    robot: Annotated[
+        Path | None,
+        typer.Option(help="robot.toml; by default the ring's own, for a .csv configs/robot.toml"),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option(help=f"CSV of the estimates; by default IN{SUFFIX}")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="PNG", help="draw a picture")] = None,
+    leg: Annotated[str | None, typer.Option(help="of a ring with two legs")] = None,
+) -> None:
+    """The observer over a recorded file: CSV in, CSV of the estimates out."""
+    from analysis.recording import RecordingError
+
+    try:
+        _replay(recorded, robot, output or recorded.with_name(recorded.name + SUFFIX), plot, leg)
+    except RecordingError as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(EXIT_REFUSED) from error
+    except OSError as error:
+        print(f"{error.filename}: {error.strerror}", file=sys.stderr)
+        raise typer.Exit(EXIT_REFUSED) from error
+
+
+def _replay(
+    recorded: Path, robot_file: Path | None, output: Path, plot: Path | None, leg: str | None
+) -> None:
+    from analysis.estimates import write_csv
+    from analysis.replay import estimate, read, warm_up
+
+    with _stages() as stage:
+        began_s = time.perf_counter()
+        source = read(recorded, leg, stage("reading"))
+        robot, name = _robot(source, robot_file)
+        loading_s = time.perf_counter()
+        warm_up(robot)
+        computing_s = time.perf_counter()
+        estimates = estimate(source, robot, stage("estimating"))
+        computed_s = time.perf_counter()
+        write_csv(source.recording.time_s, estimates, output, stage("writing"))
+        ended_s = time.perf_counter()
+    if plot is not None:
+        from analysis.replay_figure import draw
+
+        draw(source.recording, estimates, plot)
+    whole_s = ended_s - began_s - (computing_s - loading_s)
+    _report(source, estimates, name, computed_s - computing_s, whole_s)
+    print(f"estimates    {output}")
+    if plot is not None:
+        print(f"picture      {plot}")
+
+
+def _robot(source: "Source", named: Path | None) -> "tuple[Robot, str]":
+    """The robot and where it comes from."""
+    from daemon.config.settings import Robot
+    from daemon.config.strict import load_toml
+    from gaitd.places import configs_folder
+
+    if named is None and source.robot is not None:
+        return source.robot, f"as the service had it, {source.leg} leg"
+    path = named or configs_folder("--robot", "robot.toml") / "robot.toml"
+    return load_toml(path, Robot), str(path)
+
+
+def _report(
+    source: "Source", estimates: "BatchEstimates", robot: str, computing_s: float, whole_s: float
+) -> None:
+    import numpy as np
+
+    from observer.status import Status, Validity
+
+    made = source.recording
+    count = len(made.time_s)
+    bad = np.count_nonzero((estimates.status & Status.VALID) == 0)
+    missing = np.count_nonzero(np.isnan(made.position).any(axis=1))
+    rest = np.count_nonzero(estimates.validity == Validity.SPLIT_UNOBSERVABLE, axis=0)
+    nis = estimates.nis[np.isfinite(estimates.nis) & ((estimates.status & Status.GATED) == 0)]
+    print(f"recording    {made.source}: {count} rows, {made.duration_s:.2f} s")
+    print(f"robot        {robot}")
+    print(f"missing      {missing} samples")
+    print(f"not valid    {bad} rows")
+    print(f"at rest      hip {rest[0] / count:.1%}, slide {rest[1] / count:.1%} of the rows")
+    print(f"mean NIS     {np.mean(nis):.2f} (2 is ideal)" if len(nis) else "mean NIS     -")
+    print(
+        f"speed        {made.duration_s / computing_s:.0f} x real time computing, "
+        f"{made.duration_s / whole_s:.0f} x with reading and writing"
+    )
+
+
+@contextmanager
+def _stages() -> Generator[Callable[[str], Callable[[float], None]]]:
+    """Progress bars on a terminal, one for each stage; on anything else nothing."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description:<12}"), BarColumn(), TaskProgressColumn())
+    with Progress(
+        *columns,
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as progress:
+
+        def stage(title: str) -> Callable[[float], None]:
+            task = progress.add_task(title, total=1.0)
+            return lambda done: progress.update(task, completed=done)
+
+        yield stage
