@@ -63,15 +63,18 @@ def bus_load(
     ]
     for description in descriptions:
         streams.extend(_streams(description, cycle, sync_hz))
-    used_hz = sum(frame_bits(stream.data_bytes) * stream.rate_hz for stream in streams)
+    used_bit_per_s = sum(frame_bits(stream.data_bytes) * stream.rate_hz for stream in streams)
     burst_bits = sum(frame_bits(stream.data_bytes) for stream in streams if stream.in_burst)
-    return BusLoad(used_hz / bitrate_bit_per_s, burst_bits / bitrate_bit_per_s, tuple(streams))
+    return BusLoad(
+        used_bit_per_s / bitrate_bit_per_s, burst_bits / bitrate_bit_per_s, tuple(streams)
+    )
 
 
 def objection(load: BusLoad, load_max_ratio: float, period_ms: int) -> str | None:
     """Why this bus must not be started, or None."""
     if load.busy_ratio > load_max_ratio:
-        return f"the bus would be busy {load.busy_ratio:.1%} of the time, allowed are {load_max_ratio:.0%}"
+        busy, allowed = load.busy_ratio, load_max_ratio
+        return f"the bus would be busy {busy:.1%} of the time, allowed are {allowed:.0%}"
     burst_max_s = BURST_MAX_RATIO * period_ms * 1e-3
     if load.burst_s > burst_max_s:
         burst, allowed = load.burst_s * 1e3, burst_max_s * 1e3

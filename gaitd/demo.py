@@ -34,7 +34,7 @@ def command(
     headless: Annotated[bool, typer.Option("--headless", help="plain lines, no live view")] = False,
     plot: Annotated[Path, typer.Option(metavar="PNG", help="where the picture goes")] = PICTURE,
 ) -> None:
-    """Play gait without and with the patient, then the paper's experiment; exit 0 if all is well."""
+    """Play gait without and with the patient, then the paper's experiment; judge the errors."""
     from gaitd.demonstration.performance import Performance
     from gaitd.demonstration.picture import draw
     from gaitd.demonstration.report import report

@@ -233,39 +233,44 @@ def correct(
 
 
 def time_update(model: Callable[[Vector, Vector, float], Vector]) -> Callable[..., None]:
-    """A compiled `predict(mean, root, control, dt_s, noise_std, step)` around a model, in place.
+    """A compiled `predict(mean, root, inputs, dt_s, noise_std, step)` around a model, in place.
 
     Args:
-        model: compiled `(state, control, dt_s) -> next state`, any number of states.
+        model: compiled `(state, inputs, dt_s) -> next state`, any number of states and inputs.
 
     Not cached on disk: numba cannot, for functions that hold functions.
     """
 
     def predict(
-        mean: Vector, root: Matrix, control: Vector, dt_s: float, noise_std: Vector, step: float
+        mean: Vector, root: Matrix, inputs: Vector, dt_s: float, noise_std: Vector, step: float
     ) -> None:
         n = mean.size
         lanes = 2 * n + 1
         points = np.empty(n * lanes)
         spread(mean, root, step, n, lanes, points)
         for lane in range(lanes):
-            points[lane::lanes] = model(points[lane::lanes].copy(), control, dt_s)
+            points[lane::lanes] = model(points[lane::lanes].copy(), inputs, dt_s)
         compress(points, noise_std, step, n, lanes, mean, root, np.empty(3 * n * n))
 
     return _compiled(predict)
 
 
-def measurement_update(observe: Callable[[Vector], Vector]) -> Callable[..., float]:
-    """A compiled `update(mean, root, measured, noise_std, step) -> nis` in place, by sigma points.
+def measurement_update(observe: Callable[[Vector, Vector], Vector]) -> Callable[..., float]:
+    """A compiled `update(mean, root, inputs, measured, noise_std, step) -> nis`, in place.
 
     Args:
-        observe: compiled `state -> expected measurement`.
+        observe: compiled `(state, inputs) -> expected measurement`.
 
     Not cached on disk, like `time_update`.
     """
 
     def update(
-        mean: Vector, root: Matrix, measured: Vector, noise_std: Vector, step: float
+        mean: Vector,
+        root: Matrix,
+        inputs: Vector,
+        measured: Vector,
+        noise_std: Vector,
+        step: float,
     ) -> float:
         n, m = mean.size, measured.size
         lanes = 2 * n + 1
@@ -273,7 +278,7 @@ def measurement_update(observe: Callable[[Vector], Vector]) -> Callable[..., flo
         spread(mean, root, step, n, lanes, points)
         seen = np.empty((m, lanes))
         for lane in range(lanes):
-            seen[:, lane] = observe(points[lane::lanes].copy())
+            seen[:, lane] = observe(points[lane::lanes].copy(), inputs)
         return correct_by_points(mean, root, seen, measured, noise_std, step)
 
     return _compiled(update)

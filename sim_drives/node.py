@@ -48,6 +48,8 @@ CONNECTION_CODES: Final = (HEARTBEAT_LOST_CODE, PDO_TIMEOUT_CODE, PASSIVE_CODE)
 SYNC_LENGTH_CODE: Final = 0x8240
 SYNC_MAX_BYTES: Final = 1
 MOTOR_DATA: Final = (0x3001, 0x6075, 0x6076)
+CURRENT_LIMIT_SUB: Final = 2
+"""3001h:02 may change at any time; the motor behind it may not."""
 PRE_OPERATIONAL_ON_ERROR: Final = 0
 STOPPED_ON_ERROR: Final = 2
 """1029h:1; 1 changes nothing."""
@@ -335,8 +337,8 @@ class Node:
         if value & SYNC_PRODUCER_BITS:  # a producer, or a 29-bit identifier: this slave is neither
             raise SdoAbortError(AbortCode.RANGE)
 
-    def _judge_motor_data(self, _: int, __: int) -> None:
-        if self._power_stage_on:
+    def _judge_motor_data(self, subindex: int, _: int) -> None:
+        if self._power_stage_on and subindex != CURRENT_LIMIT_SUB:
             raise SdoAbortError(AbortCode.DEVICE_STATE)
 
     def _derive_rated_torque(self) -> None:

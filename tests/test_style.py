@@ -28,13 +28,14 @@ UNITS = set(
     """
     rad rad_per_s rad_per_s2 deg nm nm_per_s nm_s_per_rad nm_per_rad nm_per_a kg kg_m2 m m_per_s
     m_per_s2 mm n n_per_s n_s_per_m n_per_m n_per_a s ms us ns hz rpm rpm_per_s a ma v w j degc ohm
-    si si_per_s si_per_s2 counts counts_per_rev counts_per_s permille ratio bit_per_s count index
+    si si_per_s si_per_s2 strides counts counts_per_rev counts_per_s permille ratio bit_per_s count index
     """.split()  # noqa: SIM905 - thirty quoted words on thirty lines read worse
 )
 WITHOUT_UNIT = set(
     """
     nis gate_nis gait_phase phase fraction speedup correlation position velocity effort net state
-    std covariance innovation reference measured artificial
+    std covariance innovation reference measured artificial value limit value_low value_high rms
+    worst bias rms_bound correlation_min
     """.split()  # noqa: SIM905 - as above
 )
 """Names of floats that have no unit, or one for each axis, which their docstring says."""

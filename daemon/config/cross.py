@@ -152,8 +152,9 @@ def _the_bus_can_carry_it(settings: Settings) -> None:
     rate, heartbeat_ms = trainer.bus.bitrate_bit_per_s, trainer.cycle.master_heartbeat_ms
     load = bus_load(settings.drives, cycle, heartbeat_ms, rate)
     window_s = min(BURST_MAX_RATIO * cycle.period_ms, trainer.cycle.window_ms) * 1e-3
+    busy_ratio = load.busy_ratio
     for part, most, what in (
-        (load.busy_ratio, trainer.bus.load_max_ratio, f"the bus is busy {load.busy_ratio:.0%} of the time"),
+        (busy_ratio, trainer.bus.load_max_ratio, f"the bus is busy {busy_ratio:.0%} of the time"),
         (load.burst_s, window_s, f"the frames of a cycle take {load.burst_s * 1e3:.1f} ms"),
     ):
         if part > most:

@@ -8,8 +8,8 @@ from daemon.config.axes import cycle_settings, drive_limits
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Limits, Trainer
+from daemon.core.limits import AxisLimits, Categories, Thresholds, hip_limits, slide_limits
 from daemon.core.reference import gait_shape
-from daemon.core.safety import AxisLimits, Categories, Thresholds, hip_limits, slide_limits
 from daemon.core.state import Axis, Core, CoreConfig, Leg
 from daemon.core.stopping import StopRules
 from daemon.seam import RingHeader
@@ -114,7 +114,7 @@ def _leg(
         shape=gait_shape(settings.trainer.gait),
         axes=(_axis(drives.hip, bounds[0]), _axis(drives.slide, bounds[1])),
         observer=observer,
-        phase_offset=phase,
+        phase_offset_strides=phase,
     )
 
 

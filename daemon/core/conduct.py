@@ -4,8 +4,8 @@
 to rest. This file applies them to the state of the core, once a cycle, in that order.
 """
 
-from daemon.causes import CAUSE_TEXT, LOST_DRIVE
-from daemon.core import modes, reference, stopping
+from daemon.causes import LOST_DRIVE
+from daemon.core import plans, reference, requests, stopping
 from daemon.core.inbox import Orders
 from daemon.core.joints import Joint
 from daemon.core.modes import Event
@@ -13,15 +13,11 @@ from daemon.core.reference import ExcitePlay, GaitPlay, Hold, Stage
 from daemon.core.safety import worse
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.stopping import Step
-from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind, RequestResult, Verdict
-from drives.signals import Input
+from daemon.core.transition import describe, enter
+from daemon.record import Cause, Mode, Verdict
 
-STALE_REQUEST_CYCLES = 100
-"""A request made when the newest cycle was older than this was made for another situation."""
 LOAD_SETTLE_CYCLES = 50
 """Held this long before the load at rest is compared with g(q)."""
-RESET_CYCLES = 100
-"""For this long a requested fault reset may take."""
 STOPPING_MAX_CYCLES = 300
 """A leg that still moves then moves without power: the mode says fault, the speed is published."""
 
@@ -31,11 +27,11 @@ _BUS_CAUSES = frozenset({Cause.BUS_DOWN, Cause.BUS_OFF, Cause.TRANSMIT_QUEUE_FUL
 def change_mode(core: Core, found: Verdict, orders: Orders, cycle: int) -> None:
     """What this cycle's verdict, requests and time do to mode and plans."""
     _take_verdict(core, found, cycle)
-    answer(core, orders, cycle)
+    requests.answer(core, orders, cycle)
     _move_on(core, cycle)
-    _finish_request(core)
+    requests.finish_request(core)
     for leg in core.legs:
-        leg.reference = _reference(core, leg)
+        leg.reference = plans.reference_of(core, leg)
 
 
 # --- questions ------------------------------------------------------------------------------
@@ -66,18 +62,6 @@ def nmt_stopped(core: Core) -> tuple[int, ...]:
     return tuple(a.node_id for a in core.axes if a.stop and a.stop.step >= Step.NMT_STOP)
 
 
-def artificial(leg: Leg) -> tuple[float, float]:
-    """The artificial disturbance in force on this leg's observer: N·m, N."""
-    plan = leg.plan
-    return reference.artificial_disturbance(plan) if isinstance(plan, ExcitePlay) else (0.0, 0.0)
-
-
-def is_artificial(leg: Leg) -> bool:
-    """Whether the scenario that plays has an artificial disturbance, now or later."""
-    plan = leg.plan
-    return isinstance(plan, ExcitePlay) and bool(plan.artificial) and plan.stage == Stage.PLAY
-
-
 def progress(core: Core) -> str:
     """One human line about what is going on."""
     if core.mode in {Mode.OFF, Mode.FAULT} and core.verdict.cause != Cause.NONE:
@@ -88,15 +72,6 @@ def progress(core: Core) -> str:
     if core.mode == Mode.HOLD and not core.load_checked:
         return "enabling: the load at rest is being compared"
     return core.progress or core.mode.name.lower().replace("_", " ")
-
-
-def describe(verdict: Verdict) -> str:
-    """A verdict in words: where, what, by how much."""
-    text = CAUSE_TEXT[verdict.cause]
-    where = f"{verdict.drive}: " if verdict.drive else ""
-    numbers = f" ({verdict.value:.4g}, limit {verdict.limit:.4g})" if verdict.limit else ""
-    detail = f": {verdict.detail}" if verdict.detail else ""
-    return f"{where}{text.title}{numbers}{detail}"
 
 
 # --- verdicts -------------------------------------------------------------------------------
@@ -116,10 +91,10 @@ def _take_resting_verdict(core: Core, found: Verdict) -> None:
     if found.cause in LOST_DRIVE or found.cause in _BUS_CAUSES:
         core.verdict = found
         core.drives = None
-        _enter(core, Event.DRIVES_LOST)
+        enter(core, Event.DRIVES_LOST)
     elif core.reset_cycles_left == 0:
         core.verdict = found
-        _enter(core, Event.DRIVE_FAULTY)
+        enter(core, Event.DRIVE_FAULTY)
     else:
         return
     core.events.append(describe(found))
@@ -152,9 +127,9 @@ def _first_step(verdict: Verdict, axis: Axis) -> Step:
 
 
 def _begin_stop(core: Core, cycle: int, steps: dict[str, Step]) -> None:
-    _enter(core, Event.STOP)
+    enter(core, Event.STOP)
     for leg in core.legs:
-        leg.plan = _brake(leg)
+        leg.plan = plans.brake(leg)
         for axis in leg.axes:
             axis.stop = stopping.begin(steps[axis.name], axis.joint, cycle)
 
@@ -169,180 +144,11 @@ def lose_bus(core: Core, what: str) -> None:
     for axis in core.axes:
         axis.feedback, axis.stop, axis.joint = None, None, Joint()
     if core.mode.active:
-        _enter(core, Event.STOP)
+        enter(core, Event.STOP)
     if core.mode == Mode.STOPPING:
-        _enter(core, Event.AT_REST_STOPPED)
+        enter(core, Event.AT_REST_STOPPED)
     elif core.mode == Mode.READY:
-        _enter(core, Event.DRIVES_LOST)
-
-
-# --- requests -------------------------------------------------------------------------------
-
-
-def answer(core: Core, orders: Orders, cycle: int) -> None:
-    """Judge a new request and act on it; its outcome may come now or later."""
-    request = orders.request
-    if request is None:
-        return
-    if core.request is not None:
-        core.result = RequestResult(request.id, Outcome.REFUSED, "another request is outstanding")
-        return
-    reason = modes.refusal(request.kind, request.mode, _circumstances(core, cycle))
-    if cycle - request.for_cycle > STALE_REQUEST_CYCLES:
-        reason = f"made for cycle {request.for_cycle}, it is {cycle} now"
-    if not reason and request.mode.mode in {Mode.GAIT, Mode.EXCITE}:
-        reason = _refuse_way(core)
-    if reason:
-        core.result = RequestResult(request.id, Outcome.REFUSED, reason)
-        core.events.append(f"{request.kind.name.lower()} refused: {reason}")
-        return
-    core.request = request
-    core.result = RequestResult(request.id)
-    core.events.append(_requested(request.kind, request.mode))
-    _act(core, request.kind, request.mode, cycle)
-
-
-def _refuse_way(core: Core) -> str:
-    """Every exercise begins with an approach to mid pose."""
-    for leg in core.legs:
-        angles = reference.gait_angles(leg.shape, 0.0, 0.0)
-        motion = reference.approach(leg.parameters, core.config.gait, _present(leg), angles)
-        if not reference.way_is_clear(
-            leg.parameters, motion, core.config.thresholds.singularity_stop_ratio
-        ):
-            return f"{leg.name}: there is no clear way from here to mid pose"
-    return ""
-
-
-def _requested(kind: RequestKind, wanted: ModeRequest) -> str:
-    if kind != RequestKind.MODE:
-        return f"{kind.name.lower()} requested"
-    return f"mode {wanted.mode.name.lower()} requested"
-
-
-def _act(core: Core, kind: RequestKind, wanted: ModeRequest, cycle: int) -> None:
-    if kind == RequestKind.ENABLE:
-        _enter(core, Event.ENABLE)
-        core.verdict = Verdict()
-        core.load_checked, core.load_settle_cycles = False, 0
-    elif kind == RequestKind.DISABLE:
-        core.disabling = True
-        _enter(core, Event.DISABLE)
-        for leg in core.legs:
-            leg.plan = _brake(leg)
-            for axis in leg.axes:
-                axis.stop = stopping.begin(Step.HOLD, axis.joint, cycle)
-    elif kind == RequestKind.RESET:
-        _enter(core, Event.RESET)
-        core.drives = None
-        core.verdict = Verdict()
-        core.reset_cycles_left = RESET_CYCLES
-    else:
-        _begin_exercise(core, wanted)
-
-
-def _begin_exercise(core: Core, wanted: ModeRequest) -> None:
-    for leg in core.legs:
-        if wanted.mode == Mode.GAIT:
-            leg.plan = _gait(core, leg, wanted)
-        elif wanted.mode == Mode.EXCITE:
-            leg.plan = _excite(core, leg, wanted)
-        else:
-            leg.plan = _hold_from(leg)
-    event = modes.event_of(RequestKind.MODE, wanted)
-    if event is not None:
-        _enter(core, event)
-
-
-def _gait(core: Core, leg: Leg, wanted: ModeRequest) -> GaitPlay:
-    gait = core.config.gait
-    start = _present(leg)
-    mean = reference.gait_angles(leg.shape, 0.0, 0.0)
-    return GaitPlay(
-        leg=leg.parameters,
-        shape=leg.shape,
-        motion=reference.approach(leg.parameters, gait, start, mean),
-        start=start,
-        announce_s=gait.announce_s,
-        cadence_hz=wanted.cadence_hz,
-        amplitude_ratio=wanted.amplitude_ratio,
-        duration_s=wanted.duration_s,
-        ramp_strides=gait.ramp_strides,
-        phase_offset=leg.phase_offset,
-    )
-
-
-def _excite(core: Core, leg: Leg, wanted: ModeRequest) -> ExcitePlay:
-    scenario = core.config.excite[wanted.scenario]
-    angles = reference.gait_angles(leg.shape, 0.0, 0.0)
-    middle = reference.joints_of_angles(leg.parameters, angles)
-    return ExcitePlay(
-        leg=leg.parameters,
-        motion=reference.approach(leg.parameters, core.config.gait, _present(leg), angles),
-        middle=middle,
-        middle_load=reference.load_at(leg.parameters, middle),
-        window=reference.excite_window(scenario),
-        torque=scenario.torque,
-        artificial=scenario.artificial,
-        duration_s=wanted.duration_s,
-    )
-
-
-def _circumstances(core: Core, cycle: int) -> modes.Circumstances:
-    config = core.config
-    fresh = [axis for axis in core.axes if axis.feedback is not None and axis.joint.fresh]
-    inputs = [axis.feedback.inputs for axis in fresh if axis.feedback is not None]
-    return modes.Circumstances(
-        mode=core.mode,
-        gateway_alive=cycle - core.level_cycle <= config.thresholds.gateway_silence_cycles,
-        at_rest=all(
-            abs(axis.joint.velocity_si) < axis.limits.standstill_si_per_s for axis in fresh
-        ),
-        hand_switch_closed=all(Input.HAND_SWITCH_CLOSED in one for one in inputs),
-        sto_released=all(Input.STO_RELEASED in one for one in inputs),
-        unreferenced=tuple(axis.name for axis in core.axes if not axis.referenced),
-        outside=_outside(core),
-        drives_powered=core.load_checked,
-        cadence_max_hz=config.gait.cadence_max_hz,
-        scenarios={name: one.duration_max_s for name, one in config.excite.items()},
-        artificial=frozenset(name for name, one in config.excite.items() if one.artificial),
-        patient_configured=config.patient_configured,
-        guidance=config.gait.guidance,
-    )
-
-
-def _outside(core: Core) -> tuple[str, ...]:
-    axes = tuple(
-        axis.name
-        for axis in core.axes
-        if not axis.limits.position_min_si <= axis.joint.position_si <= axis.limits.position_max_si
-    )
-    stop_ratio = core.config.thresholds.singularity_stop_ratio
-    return axes + tuple(leg.name for leg in core.legs if leg.singularity_ratio < stop_ratio)
-
-
-def _finish_request(core: Core) -> None:
-    """Say what became of the accepted request as soon as it is known."""
-    if core.request is None:
-        return
-    outcome, reason = _outcome(core, core.request.kind)
-    if outcome == Outcome.PENDING:
-        return
-    core.result = RequestResult(core.request.id, outcome, reason)
-    core.events.append(f"{core.request.kind.name.lower()} {outcome.name.lower()} {reason}".strip())
-    core.request = None
-
-
-def _outcome(core: Core, kind: RequestKind) -> tuple[Outcome, str]:
-    if core.verdict.cause != Cause.NONE:
-        return Outcome.REFUSED, describe(core.verdict)
-    done = {
-        RequestKind.ENABLE: core.load_checked,
-        RequestKind.DISABLE: core.mode == Mode.READY,
-        RequestKind.RESET: core.mode == Mode.READY and core.reset_cycles_left == 0,
-        RequestKind.MODE: True,
-    }
-    return (Outcome.DONE if done[kind] else Outcome.PENDING), ""
+        enter(core, Event.DRIVES_LOST)
 
 
 # --- time -----------------------------------------------------------------------------------
@@ -356,8 +162,8 @@ def _move_on(core: Core, cycle: int) -> None:
         _advance_plan(core, leg)
     if core.mode.active and any(_is_over(leg) for leg in core.legs):
         for leg in core.legs:
-            leg.plan = _hold_from(leg)
-        _enter(core, Event.EXERCISE_OVER)
+            leg.plan = plans.hold_from(leg)
+        enter(core, Event.EXERCISE_OVER)
     if core.mode in {Mode.STOPPING, Mode.FAULT}:
         _advance_stops(core, cycle)
     if core.mode == Mode.READY and core.reset_cycles_left > 0:
@@ -369,7 +175,7 @@ def _settle(core: Core, cycle: int) -> None:
     if not all(axis.reached_enabled for axis in core.axes):
         core.load_settle_cycles = 0
         for leg in core.legs:
-            leg.plan = _hold_at(leg, _measured(leg), (0.0, 0.0))
+            leg.plan = plans.hold_at(leg, plans.measured(leg), (0.0, 0.0))
         return
     core.load_settle_cycles += 1
     if core.load_settle_cycles < LOAD_SETTLE_CYCLES:
@@ -393,7 +199,7 @@ def _advance_plan(core: Core, leg: Leg) -> None:
     elif isinstance(plan, GaitPlay):
         leg.plan = reference.advance_gait(plan, period_s)
     elif isinstance(plan, ExcitePlay):
-        leg.plan = reference.advance_excite(plan, period_s, _measured(leg))
+        leg.plan = reference.advance_excite(plan, period_s, plans.measured(leg))
     if isinstance(plan, GaitPlay | ExcitePlay) and isinstance(leg.plan, GaitPlay | ExcitePlay):
         _tell_stage(core, leg.name, plan.stage, leg.plan.stage)
 
@@ -447,13 +253,13 @@ def _stopped(core: Core, cycle: int) -> bool:
 
 def _come_to_rest(core: Core) -> None:
     if core.disabling:
-        _enter(core, Event.AT_REST_WELL)
+        enter(core, Event.AT_REST_WELL)
         for leg in core.legs:
             leg.plan = None
             for axis in leg.axes:
                 axis.stop = None
     else:
-        _enter(core, Event.AT_REST_STOPPED)
+        enter(core, Event.AT_REST_STOPPED)
 
 
 def _await_reset(core: Core) -> None:
@@ -476,58 +282,3 @@ def power_off(core: Core, cycle: int) -> None:
     for axis in core.axes:
         if axis.stop is None or axis.stop.step < Step.DISABLE:
             axis.stop = stopping.begin(Step.DISABLE, axis.joint, cycle)
-
-
-# --- plans ----------------------------------------------------------------------------------
-
-
-def _reference(core: Core, leg: Leg) -> reference.Reference | None:
-    plan = leg.plan
-    if isinstance(plan, Hold):
-        return reference.hold_reference(plan)
-    if isinstance(plan, GaitPlay):
-        return reference.gait_reference(plan, core.config.period_s)
-    if isinstance(plan, ExcitePlay):
-        return reference.excite_reference(plan, _measured(leg))
-    return None
-
-
-def _measured(leg: Leg) -> tuple[float, float]:
-    hip, slide = leg.axes
-    return hip.joint.position_si, slide.joint.position_si
-
-
-def _present(leg: Leg) -> tuple[float, float]:
-    """Where guidance is now, so that the next plan begins without a step."""
-    if leg.reference is not None and leg.reference.guided:
-        return leg.reference.position
-    return _measured(leg)
-
-
-def _hold_from(leg: Leg) -> Hold:
-    """Brake from where guidance is, or from where the leg is if nothing guides it."""
-    if leg.reference is not None and leg.reference.guided:
-        return _hold_at(leg, leg.reference.position, leg.reference.velocity)
-    return _brake(leg)
-
-
-def _brake(leg: Leg) -> Hold:
-    """Brake from where the leg is: a stop does not first catch up with a reference."""
-    hip, slide = leg.axes
-    return _hold_at(leg, _measured(leg), (hip.joint.velocity_si, slide.joint.velocity_si))
-
-
-def _hold_at(leg: Leg, start: tuple[float, float], velocity: tuple[float, float]) -> Hold:
-    hip, slide = leg.axes
-    deceleration = (
-        hip.limits.quick_stop_deceleration_si_per_s2,
-        slide.limits.quick_stop_deceleration_si_per_s2,
-    )
-    return Hold(start, velocity, deceleration)
-
-
-def _enter(core: Core, event: Event) -> None:
-    before = core.mode
-    core.mode = modes.next_mode(before, event)
-    core.progress = ""
-    core.events.append(f"mode {before.name.lower()} -> {core.mode.name.lower()}: {event.value}")

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from daemon.core import conduct, guidance, inbox, joints, recording, safety
+from daemon.core import conduct, guidance, inbox, joints, plans, recording, requests, safety
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.tick import Tick
 from daemon.record import Cause, CycleRecord, Level, Mode, Verdict
@@ -43,7 +43,7 @@ def step(
 def rest(core: Core, levels: Sequence[Level], tick: Tick) -> CycleRecord:
     """One cycle without drives: nothing to sense and nothing to send, but heard and told."""
     orders = inbox.hear(core, levels, tick.cycle)
-    conduct.answer(core, orders, tick.cycle)
+    requests.answer(core, orders, tick.cycle)
     return recording.record(core, tick)
 
 
@@ -108,7 +108,7 @@ def observe(core: Core, tick: Tick) -> None:
     """Feed each leg's observer with this cycle's samples; what did not come is NaN."""
     for leg in core.legs:
         hip, slide = leg.axes
-        leg.artificial = conduct.artificial(leg)
+        leg.artificial = plans.artificial(leg)
         leg.measured = (_sampled_si(hip), _sampled_si(slide))
         leg.effort_used = (
             hip.joint.effort_si - leg.artificial[0],
@@ -126,7 +126,7 @@ def observe(core: Core, tick: Tick) -> None:
             tick.dt_s,
             late=tick.late,
             unreferenced=not referenced,
-            artificial=leg.artificial != (0.0, 0.0) or conduct.is_artificial(leg),
+            artificial=leg.artificial != (0.0, 0.0) or plans.is_artificial(leg),
         )
         bad = Validity.BAD in estimate.validity
         leg.observer_bad_cycles = leg.observer_bad_cycles + 1 if bad else 0

@@ -118,6 +118,8 @@ class Loop:
         self._nmt_stopped: tuple[int, ...] = ()
         self._power_off_cycles = 0
         self._status = ""
+        self.bug: Exception | None = None
+        """What ended the loop with ExitCode.BUG."""
 
     def run(self, asked_to_end: Callable[[], bool]) -> ExitCode:
         """Turn until asked to end, and then until everything is at rest and without power."""
@@ -127,9 +129,10 @@ class Loop:
         except BringUpRefused:
             self._tell(cycle.rest(self._core, [], self._tick(self._grid_ns)))
             return ExitCode.REFUSED
-        except Exception:
+        except Exception as bug:  # noqa: BLE001 - the one broad catch: it stops the machine
             self._stop_blindly()
-            raise
+            self.bug = bug
+            return ExitCode.BUG
         finally:
             self._supervisor.send("STOPPING=1", f"STATUS={conduct.progress(self._core)}")
             self.leave()

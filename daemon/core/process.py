@@ -56,13 +56,11 @@ def run_core(settings: Settings, notify_address: str | None) -> ExitCode:
         print(f"gaitd core: {refused}", file=sys.stderr)
     try:
         code = loop.run(asked_to_end)
-    except Exception:  # noqa: BLE001 - the one broad catch: our bug ends the process as ours
-        # The loop has stopped the drives; whoever reads the journal gets all that we know.
-        traceback.print_exc()
-        code = ExitCode.BUG
     finally:
         seam.close()
         supervisor.close()
+    if loop.bug is not None:
+        traceback.print_exception(loop.bug)
     if code == ExitCode.REFUSED:
         print(f"gaitd core: {built.core.verdict.detail}", file=sys.stderr)
     return code

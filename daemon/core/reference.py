@@ -209,7 +209,7 @@ class GaitPlay:
     amplitude_ratio: float
     duration_s: float
     ramp_strides: float
-    phase_offset: float
+    phase_offset_strides: float
     """The other leg walks half a stride later."""
     stage: Stage = Stage.ANNOUNCE
     elapsed_s: float = 0.0
@@ -246,7 +246,7 @@ def gait_phase(play: GaitPlay) -> float:
     """0..1 of the stride, or -1 while none is played."""
     if play.stage not in {Stage.PLAY, Stage.END}:
         return -1.0
-    return (play.strides + play.phase_offset) % 1.0
+    return (play.strides + play.phase_offset_strides) % 1.0
 
 
 def _gait_joints(play: GaitPlay) -> Pair:
@@ -254,7 +254,9 @@ def _gait_joints(play: GaitPlay) -> Pair:
         return play.start
     if play.stage == Stage.APPROACH:
         return joints_of_angles(play.leg, _approach_angles(play.motion, play.elapsed_s))
-    angles = gait_angles(play.shape, play.strides + play.phase_offset, _amplitude_ratio(play))
+    angles = gait_angles(
+        play.shape, play.strides + play.phase_offset_strides, _amplitude_ratio(play)
+    )
     return joints_of_angles(play.leg, angles)
 
 

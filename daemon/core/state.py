@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 from daemon.config.settings import Excite, Gait, Impedance
 from daemon.core.joints import Joint
+from daemon.core.limits import AxisLimits, Categories, Thresholds
 from daemon.core.reference import ExcitePlay, GaitPlay, GaitShape, Hold, Reference
-from daemon.core.safety import AxisLimits, Categories, Thresholds
 from daemon.core.stopping import DriveStop, StopRules
 from daemon.record import Cause, Mode, Request, RequestResult, Verdict
 from drives.drive import DriveGroup
@@ -67,7 +67,7 @@ class Leg:
     shape: GaitShape
     axes: tuple[Axis, Axis]
     observer: LegObserver
-    phase_offset: float
+    phase_offset_strides: float
     plan: Plan | None = None
     reference: Reference | None = None
     estimate: LegEstimate | None = None

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from daemon.causes import DOUBTFUL_FEEDBACK, LOST_DRIVE
 from daemon.core.joints import Joint
-from daemon.core.safety import AxisLimits
+from daemon.core.limits import AxisLimits
 from daemon.record import StopCategory, Verdict
 from drives.signals import DriveFeedback, PowerRequest, PowerState
 

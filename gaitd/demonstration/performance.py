@@ -19,6 +19,7 @@ from gaitd.demonstration.script import (
     ActError,
     Action,
     Ask,
+    Hurry,
     Kind,
     Patient,
     Plan,
@@ -100,7 +101,7 @@ class Performance:
             if self._plan.paper_s > 0:
                 self._act(paper_act(self._plan), empty=True)
         except ActError as error:
-            trouble = str(error)
+            trouble = "\n".join((str(error), *getattr(error, "__notes__", ())))
         except KeyboardInterrupt:
             trouble = "interrupted"
         self._end_span()
@@ -113,12 +114,13 @@ class Performance:
         with stage(self._configs, empty=empty) as where:
             tail = TruthTail(where.truth, self._true)
             outstanding = Outstanding(where.target)
+            audience = Audience(where.target, where.leg, self._heard)
             try:
-                with Audience(where.target, where.leg, self._heard) as audience:
+                with audience:
                     self._turns(act, where, audience, tail, outstanding)
-                    if audience.health is not None:
-                        self._health.append(audience.health)
             finally:
+                if audience.health is not None:
+                    self._health.append(audience.health)
                 outstanding.close()
                 tail.read()
                 tail.close()
@@ -146,6 +148,8 @@ class Performance:
             outstanding.ask(action)
         elif isinstance(action, Patient):
             where.patient(action.programme)
+        elif isinstance(action, Hurry):
+            where.hurry()
         elif isinstance(action, Scene):
             self._begin_scene(action)
 

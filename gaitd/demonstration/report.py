@@ -1,6 +1,7 @@
 """What a demonstration says in words: one line a second, and the table at its end."""
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -16,6 +17,8 @@ from gaitd.demonstration.script import Plan
 from gaitd.demonstration.view import Moment
 
 NEWEST: Final = 12
+PLAIN_WIDTH: Final = 120
+"""Of a table that goes to a file."""
 
 
 def line(moment: Moment) -> str:
@@ -41,6 +44,8 @@ def _newest(values: np.ndarray) -> str:
 def report(results: Results, plan: Plan) -> None:
     """Print the table of errors, the cycle's statistics, and the verdict."""
     console = Console()
+    if not console.is_terminal:
+        console = Console(width=PLAIN_WIDTH)
     if results.rows:
         console.print(_errors(results.rows))
     if results.health:
@@ -55,7 +60,7 @@ def report(results: Results, plan: Plan) -> None:
         console.print("[bold red]not all within bounds[/]")
 
 
-def _errors(rows: tuple[Row, ...] | list[Row]) -> Table:
+def _errors(rows: Sequence[Row]) -> Table:
     table = Table(box=box.SIMPLE_HEAD, title="estimate against truth", title_justify="left")
     for name in ("span", "axis"):
         table.add_column(name, no_wrap=True)
@@ -84,7 +89,7 @@ def _text(value: float, digits: int = 2) -> str:
     return "–" if math.isnan(value) else f"{value:.{digits}f}"
 
 
-def _cycles(healths: tuple[wire.Health, ...] | list[wire.Health]) -> Table:
+def _cycles(healths: Sequence[wire.Health]) -> Table:
     """Statistics of all cycles: how late SYNC left, what was missed."""
     bounds = healths[0].lateness_bound_us
     counts = np.sum([health.lateness_count for health in healths], axis=0)

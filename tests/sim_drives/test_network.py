@@ -1,7 +1,7 @@
 """NMT, heartbeats and what silence does: S01 to S03 and S07 of canopen.md 6.2."""
 
 import pytest
-from conftest import Bench
+from drive_bench import Bench
 
 SAVE = int.from_bytes(b"save", "little")
 LOAD = int.from_bytes(b"load", "little")

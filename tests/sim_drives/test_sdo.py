@@ -180,5 +180,6 @@ def test_motor_data_and_saving_are_refused_while_the_power_stage_is_on(bench):
     bench.go_operational()
     bench.enable()
 
-    assert bench.write(0x3001, 2, 5000, 4) == 0x08000022
+    assert bench.write(0x3001, 1, 4000, 4) == 0x08000022
+    assert bench.write(0x3001, 2, 11000, 4) == 0
     assert bench.write(0x1010, 1, 0x65766173, 4) == 0x08000022

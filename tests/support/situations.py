@@ -2,14 +2,8 @@
 
 from daemon.causes import CHOSEN_CATEGORY
 from daemon.core.joints import Joint
-from daemon.core.safety import (
-    AxisLimits,
-    AxisSituation,
-    Categories,
-    LegSituation,
-    ServiceSituation,
-    Thresholds,
-)
+from daemon.core.limits import AxisLimits, Categories, Thresholds
+from daemon.core.safety import AxisSituation, LegSituation, ServiceSituation
 from drives.signals import (
     DriveFeedback,
     Input,

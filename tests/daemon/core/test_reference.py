@@ -34,7 +34,7 @@ def gait_play(*, cadence_hz=0.5, duration_s=10.0, start=(0.1, 0.45)):
         amplitude_ratio=1.0,
         duration_s=duration_s,
         ramp_strides=GAIT.ramp_strides,
-        phase_offset=0.0,
+        phase_offset_strides=0.0,
     )
 
 
@@ -112,7 +112,7 @@ def test_the_second_leg_walks_half_a_stride_later():
     for _ in range(1500):
         first = reference.advance_gait(first, DT_S)
 
-    second = reference.replace(first, phase_offset=0.5)
+    second = reference.replace(first, phase_offset_strides=0.5)
 
     assert (reference.gait_phase(second) - reference.gait_phase(first)) % 1 == pytest.approx(0.5)
 

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL
 
+from daemon.core.limits import Categories
 from daemon.core.safety import (
     EFFORT_MARGIN_RATIO,
     ENABLE_CYCLES,
@@ -17,7 +18,6 @@ from daemon.core.safety import (
     NO_VERDICT,
     OBSERVER_BAD_MAX_CYCLES,
     TX_DROPPED_MAX,
-    Categories,
     bound,
     judge,
     worse,

@@ -1,0 +1,81 @@
+"""Compiles `anchor.c` and calls it: the hand-written C that the observer is measured against."""
+
+import ctypes
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.leg_memory import START_STD
+from observer.leg_observer import Setup
+
+SOURCE = Path(__file__).with_name("anchor.c")
+COMPILERS = ("cc", "gcc", "clang")
+FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")
+
+Matrix = NDArray[np.float64]
+
+
+class Estimates(NamedTuple):
+    """After each step: state (n, 8) and NIS (n,); at the end the root of the covariance (8, 8)."""
+
+    state: Matrix
+    nis: NDArray[np.float64]
+    root: Matrix
+
+
+Run = Callable[[Setup, Matrix, Matrix, float], Estimates]
+
+
+def build() -> Run | None:
+    """The anchor as `run(setup, measured (n, 2), effort (n, 2), dt_s)`; None without a compiler.
+
+    It begins at rest at the first measurement, which it does not correct by, as the observer does.
+    """
+    compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
+    if compiler is None:
+        return None
+    folder = Path(tempfile.mkdtemp(prefix="gaitd-anchor-"))
+    try:
+        library = folder / "anchor.so"
+        subprocess.run([compiler, *FLAGS, "-o", library, SOURCE, "-lm"], check=True)
+        loaded = ctypes.CDLL(str(library))
+    finally:
+        shutil.rmtree(folder)  # once it is mapped, the file is not needed
+    function = loaded.anchor_run
+    function.restype = None
+    return lambda setup, measured, effort, dt_s: _run(function, setup, measured, effort, dt_s)
+
+
+def _run(
+    function: Callable[..., None], setup: Setup, measured: Matrix, effort: Matrix, dt_s: float
+) -> Estimates:
+    _, _, integrator, substeps = setup.options
+    model = np.concatenate(
+        (
+            *(setup.leg, setup.hip, setup.slide, [setup.coriolis_share]),
+            *(setup.process_std, setup.measurement_std),
+        )
+    )
+    count = len(measured) - 1
+    mean = np.zeros(8)
+    mean[:2] = measured[0]
+    root = np.diag(START_STD)
+    state, nis = np.empty((count, 8)), np.empty(count)
+    function(
+        *(_pointer(model), ctypes.c_int(int(integrator)), ctypes.c_int(int(substeps))),
+        *(ctypes.c_int(count), _pointer(measured[1:]), _pointer(effort[1:]), ctypes.c_double(dt_s)),
+        *(_pointer(mean), _pointer(root), _pointer(state), _pointer(nis)),
+    )
+    return Estimates(state, nis, root)
+
+
+def _pointer(array: Matrix) -> ctypes.c_void_p:
+    if not (array.flags.c_contiguous and array.dtype == np.float64):
+        raise ValueError("the anchor takes contiguous doubles")
+    return array.ctypes.data_as(ctypes.c_void_p)

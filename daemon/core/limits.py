@@ -1,0 +1,98 @@
+"""limits.toml in the terms of the core: SI units, cycles, and the category of every cause."""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from daemon.causes import FIXED_CATEGORY
+from daemon.config.settings import CATEGORIES, HipLimits, Limits, SlideLimits
+from daemon.record import Cause, StopCategory
+
+
+class AxisLimits(NamedTuple):
+    """Limits of one axis in SI units at the joint: rad and N·m, or m and N."""
+
+    position_min_si: float
+    position_max_si: float
+    soft_margin_si: float
+    velocity_max_si: float
+    effort_max_si: float
+    effort_rate_max_si_per_s: float
+    power_max_w: float
+    tracking_max_si: float
+    temperature_max_degc: float
+    quick_stop_deceleration_si_per_s2: float
+    static_load_tolerance_si: float
+    standstill_si_per_s: float
+    breakaway_si: float
+    """Static friction of the axis: pushing harder than this and more must move it."""
+    brake: bool
+
+
+def hip_limits(limits: Limits, breakaway_nm: float) -> AxisLimits:
+    """[hip] of limits.toml in SI units."""
+    hip: HipLimits = limits.hip
+    return AxisLimits(
+        position_min_si=math.radians(hip.position_min_deg),
+        position_max_si=math.radians(hip.position_max_deg),
+        soft_margin_si=math.radians(hip.soft_margin_deg),
+        velocity_max_si=hip.velocity_max_rad_per_s,
+        effort_max_si=hip.torque_max_nm,
+        effort_rate_max_si_per_s=hip.torque_rate_max_nm_per_s,
+        power_max_w=hip.power_max_w,
+        tracking_max_si=math.radians(hip.tracking_max_deg),
+        temperature_max_degc=hip.temperature_max_degc,
+        quick_stop_deceleration_si_per_s2=hip.quick_stop_deceleration_rad_per_s2,
+        static_load_tolerance_si=hip.static_load_tolerance_nm,
+        standstill_si_per_s=limits.stop.standstill_hip_rad_per_s,
+        breakaway_si=breakaway_nm,
+        brake=hip.brake,
+    )
+
+
+def slide_limits(limits: Limits, breakaway_n: float) -> AxisLimits:
+    """[slide] of limits.toml in SI units."""
+    slide: SlideLimits = limits.slide
+    return AxisLimits(
+        position_min_si=slide.position_min_m,
+        position_max_si=slide.position_max_m,
+        soft_margin_si=slide.soft_margin_m,
+        velocity_max_si=slide.velocity_max_m_per_s,
+        effort_max_si=slide.force_max_n,
+        effort_rate_max_si_per_s=slide.force_rate_max_n_per_s,
+        power_max_w=slide.power_max_w,
+        tracking_max_si=slide.tracking_max_m,
+        temperature_max_degc=slide.temperature_max_degc,
+        quick_stop_deceleration_si_per_s2=slide.quick_stop_deceleration_m_per_s2,
+        static_load_tolerance_si=slide.static_load_tolerance_n,
+        standstill_si_per_s=limits.stop.standstill_slide_m_per_s,
+        breakaway_si=breakaway_n,
+        brake=slide.brake,
+    )
+
+
+class Categories:
+    """The stop category of every cause: the design's where it fixes one, else the file's."""
+
+    def __init__(self, chosen: Mapping[str, str]) -> None:
+        """`chosen` is `stop_category` of limits.toml, whose keys the loader has checked."""
+        self._by_cause = {Cause[name.upper()]: CATEGORIES[text] for name, text in chosen.items()}
+        self._by_cause |= FIXED_CATEGORY
+
+    def of(self, cause: Cause) -> StopCategory:
+        """The category; S1 for a cause that neither names, so that nothing goes unstopped."""
+        return self._by_cause.get(cause, StopCategory.S1)
+
+
+class Thresholds(NamedTuple):
+    """What the judgement needs beside the limits of an axis, from limits.toml."""
+
+    sample_age_max_cycles: int
+    heartbeat_timeout_ns: int
+    gateway_silence_cycles: int
+    overruns_in_a_row: int
+    encoder_frozen_cycles: int
+    encoder_jump_ratio: float
+    singularity_stop_ratio: float
+    mode_switch_cycles: int
+    """How long a drive may take to show a mode and to follow in it."""

@@ -1,0 +1,65 @@
+"""The plan of one leg as the core sees it: where it is, where it is wanted, how it brakes."""
+
+from daemon.core import reference
+from daemon.core.reference import ExcitePlay, GaitPlay, Hold, Stage
+from daemon.core.state import Core, Leg
+
+
+def reference_of(core: Core, leg: Leg) -> reference.Reference | None:
+    """Where the leg's plan wants it in this cycle; None without a plan."""
+    plan = leg.plan
+    if isinstance(plan, Hold):
+        return reference.hold_reference(plan)
+    if isinstance(plan, GaitPlay):
+        return reference.gait_reference(plan, core.config.period_s)
+    if isinstance(plan, ExcitePlay):
+        return reference.excite_reference(plan, measured(leg))
+    return None
+
+
+def measured(leg: Leg) -> tuple[float, float]:
+    """Hip angle in rad and slide position in m by the raw encoders."""
+    hip, slide = leg.axes
+    return hip.joint.position_si, slide.joint.position_si
+
+
+def present(leg: Leg) -> tuple[float, float]:
+    """Where guidance is now, so that the next plan begins without a step."""
+    if leg.reference is not None and leg.reference.guided:
+        return leg.reference.position
+    return measured(leg)
+
+
+def hold_from(leg: Leg) -> Hold:
+    """Brake from where guidance is, or from where the leg is if nothing guides it."""
+    if leg.reference is not None and leg.reference.guided:
+        return hold_at(leg, leg.reference.position, leg.reference.velocity)
+    return brake(leg)
+
+
+def brake(leg: Leg) -> Hold:
+    """Brake from where the leg is: a stop does not first catch up with a reference."""
+    hip, slide = leg.axes
+    return hold_at(leg, measured(leg), (hip.joint.velocity_si, slide.joint.velocity_si))
+
+
+def hold_at(leg: Leg, start: tuple[float, float], velocity: tuple[float, float]) -> Hold:
+    """Brake from a position and a velocity with the deceleration of a quick stop."""
+    hip, slide = leg.axes
+    deceleration = (
+        hip.limits.quick_stop_deceleration_si_per_s2,
+        slide.limits.quick_stop_deceleration_si_per_s2,
+    )
+    return Hold(start, velocity, deceleration)
+
+
+def artificial(leg: Leg) -> tuple[float, float]:
+    """The artificial disturbance in force on this leg's observer: N·m, N."""
+    plan = leg.plan
+    return reference.artificial_disturbance(plan) if isinstance(plan, ExcitePlay) else (0.0, 0.0)
+
+
+def is_artificial(leg: Leg) -> bool:
+    """Whether the scenario that plays has an artificial disturbance, now or later."""
+    plan = leg.plan
+    return isinstance(plan, ExcitePlay) and bool(plan.artificial) and plan.stage == Stage.PLAY

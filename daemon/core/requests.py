@@ -1,0 +1,182 @@
+"""Requests of clients: judged by the guards of `modes.py`, begun, and answered when it is known."""
+
+from daemon.core import modes, plans, reference, stopping
+from daemon.core.inbox import Orders
+from daemon.core.modes import Event
+from daemon.core.reference import ExcitePlay, GaitPlay
+from daemon.core.state import Core, Leg
+from daemon.core.stopping import Step
+from daemon.core.transition import describe, enter
+from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind, RequestResult, Verdict
+from drives.signals import Input
+
+STALE_REQUEST_CYCLES = 100
+"""A request made when the newest cycle was older than this was made for another situation."""
+RESET_CYCLES = 100
+"""For this long a requested fault reset may take."""
+
+
+def answer(core: Core, orders: Orders, cycle: int) -> None:
+    """Judge a new request and act on it; its outcome may come now or later."""
+    request = orders.request
+    if request is None:
+        return
+    if core.request is not None:
+        core.result = RequestResult(request.id, Outcome.REFUSED, "another request is outstanding")
+        return
+    reason = modes.refusal(request.kind, request.mode, _circumstances(core, cycle))
+    if cycle - request.for_cycle > STALE_REQUEST_CYCLES:
+        reason = f"made for cycle {request.for_cycle}, it is {cycle} now"
+    if not reason and request.mode.mode in {Mode.GAIT, Mode.EXCITE}:
+        reason = _refuse_way(core)
+    if reason:
+        core.result = RequestResult(request.id, Outcome.REFUSED, reason)
+        core.events.append(f"{request.kind.name.lower()} refused: {reason}")
+        return
+    core.request = request
+    core.result = RequestResult(request.id)
+    core.events.append(_requested(request.kind, request.mode))
+    _act(core, request.kind, request.mode, cycle)
+
+
+def _refuse_way(core: Core) -> str:
+    """Every exercise begins with an approach to mid pose."""
+    for leg in core.legs:
+        angles = reference.gait_angles(leg.shape, 0.0, 0.0)
+        motion = reference.approach(leg.parameters, core.config.gait, plans.present(leg), angles)
+        if not reference.way_is_clear(
+            leg.parameters, motion, core.config.thresholds.singularity_stop_ratio
+        ):
+            return f"{leg.name}: there is no clear way from here to mid pose"
+    return ""
+
+
+def _requested(kind: RequestKind, wanted: ModeRequest) -> str:
+    if kind != RequestKind.MODE:
+        return f"{kind.name.lower()} requested"
+    return f"mode {wanted.mode.name.lower()} requested"
+
+
+def _act(core: Core, kind: RequestKind, wanted: ModeRequest, cycle: int) -> None:
+    if kind == RequestKind.ENABLE:
+        enter(core, Event.ENABLE)
+        core.verdict = Verdict()
+        core.load_checked, core.load_settle_cycles = False, 0
+    elif kind == RequestKind.DISABLE:
+        core.disabling = True
+        enter(core, Event.DISABLE)
+        for leg in core.legs:
+            leg.plan = plans.brake(leg)
+            for axis in leg.axes:
+                axis.stop = stopping.begin(Step.HOLD, axis.joint, cycle)
+    elif kind == RequestKind.RESET:
+        enter(core, Event.RESET)
+        core.drives = None
+        core.verdict = Verdict()
+        core.reset_cycles_left = RESET_CYCLES
+    else:
+        _begin_exercise(core, wanted)
+
+
+def _begin_exercise(core: Core, wanted: ModeRequest) -> None:
+    for leg in core.legs:
+        if wanted.mode == Mode.GAIT:
+            leg.plan = _gait(core, leg, wanted)
+        elif wanted.mode == Mode.EXCITE:
+            leg.plan = _excite(core, leg, wanted)
+        else:
+            leg.plan = plans.hold_from(leg)
+    event = modes.event_of(RequestKind.MODE, wanted)
+    if event is not None:
+        enter(core, event)
+
+
+def _gait(core: Core, leg: Leg, wanted: ModeRequest) -> GaitPlay:
+    gait = core.config.gait
+    start = plans.present(leg)
+    mean = reference.gait_angles(leg.shape, 0.0, 0.0)
+    return GaitPlay(
+        leg=leg.parameters,
+        shape=leg.shape,
+        motion=reference.approach(leg.parameters, gait, start, mean),
+        start=start,
+        announce_s=gait.announce_s,
+        cadence_hz=wanted.cadence_hz,
+        amplitude_ratio=wanted.amplitude_ratio,
+        duration_s=wanted.duration_s,
+        ramp_strides=gait.ramp_strides,
+        phase_offset_strides=leg.phase_offset_strides,
+    )
+
+
+def _excite(core: Core, leg: Leg, wanted: ModeRequest) -> ExcitePlay:
+    scenario = core.config.excite[wanted.scenario]
+    angles = reference.gait_angles(leg.shape, 0.0, 0.0)
+    middle = reference.joints_of_angles(leg.parameters, angles)
+    return ExcitePlay(
+        leg=leg.parameters,
+        motion=reference.approach(leg.parameters, core.config.gait, plans.present(leg), angles),
+        middle=middle,
+        middle_load=reference.load_at(leg.parameters, middle),
+        window=reference.excite_window(scenario),
+        torque=scenario.torque,
+        artificial=scenario.artificial,
+        duration_s=wanted.duration_s,
+    )
+
+
+def _circumstances(core: Core, cycle: int) -> modes.Circumstances:
+    config = core.config
+    fresh = [axis for axis in core.axes if axis.feedback is not None and axis.joint.fresh]
+    inputs = [axis.feedback.inputs for axis in fresh if axis.feedback is not None]
+    return modes.Circumstances(
+        mode=core.mode,
+        gateway_alive=cycle - core.level_cycle <= config.thresholds.gateway_silence_cycles,
+        at_rest=all(
+            abs(axis.joint.velocity_si) < axis.limits.standstill_si_per_s for axis in fresh
+        ),
+        hand_switch_closed=all(Input.HAND_SWITCH_CLOSED in one for one in inputs),
+        sto_released=all(Input.STO_RELEASED in one for one in inputs),
+        unreferenced=tuple(axis.name for axis in core.axes if not axis.referenced),
+        outside=_outside(core),
+        drives_powered=core.load_checked,
+        cadence_max_hz=config.gait.cadence_max_hz,
+        scenarios={name: one.duration_max_s for name, one in config.excite.items()},
+        artificial=frozenset(name for name, one in config.excite.items() if one.artificial),
+        patient_configured=config.patient_configured,
+        guidance=config.gait.guidance,
+    )
+
+
+def _outside(core: Core) -> tuple[str, ...]:
+    axes = tuple(
+        axis.name
+        for axis in core.axes
+        if not axis.limits.position_min_si <= axis.joint.position_si <= axis.limits.position_max_si
+    )
+    stop_ratio = core.config.thresholds.singularity_stop_ratio
+    return axes + tuple(leg.name for leg in core.legs if leg.singularity_ratio < stop_ratio)
+
+
+def finish_request(core: Core) -> None:
+    """Say what became of the accepted request as soon as it is known."""
+    if core.request is None:
+        return
+    outcome, reason = _outcome(core, core.request.kind)
+    if outcome == Outcome.PENDING:
+        return
+    core.result = RequestResult(core.request.id, outcome, reason)
+    core.events.append(f"{core.request.kind.name.lower()} {outcome.name.lower()} {reason}".strip())
+    core.request = None
+
+
+def _outcome(core: Core, kind: RequestKind) -> tuple[Outcome, str]:
+    if core.verdict.cause != Cause.NONE:
+        return Outcome.REFUSED, describe(core.verdict)
+    done = {
+        RequestKind.ENABLE: core.load_checked,
+        RequestKind.DISABLE: core.mode == Mode.READY,
+        RequestKind.RESET: core.mode == Mode.READY and core.reset_cycles_left == 0,
+        RequestKind.MODE: True,
+    }
+    return (Outcome.DONE if done[kind] else Outcome.PENDING), ""

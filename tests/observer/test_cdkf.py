@@ -1,0 +1,275 @@
+"""Appendix A against what is known of it: the linear Kalman filter, moments, signs, and mutants."""
+
+import importlib.util
+import itertools
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+from numba import njit
+
+from observer import cdkf
+
+STEPS = 300
+
+
+@njit
+def linear_model(state, inputs, dt_s):
+    return inputs.reshape((state.size, state.size)) @ state
+
+
+@njit
+def linear_measurement(state, inputs):
+    return inputs.reshape((inputs.size // state.size, state.size)) @ state
+
+
+@njit
+def square(state, inputs):
+    return state * state
+
+
+class LinearSystem:
+    """Random F, H, Q, R and a run of measurements."""
+
+    def __init__(self, seed: int, n: int = 6, m: int = 2, steps: int = STEPS):
+        random = np.random.default_rng(seed)
+        turn, _ = np.linalg.qr(random.normal(size=(n, n)))
+        self.F = turn @ np.diag(random.uniform(0.7, 1.0, n)) @ turn.T
+        self.H = random.normal(size=(m, n))
+        self.q = random.uniform(0.1, 1.0, n)
+        self.r = random.uniform(0.1, 1.0, m)
+        self.start = random.normal(size=n)
+        self.root = np.linalg.cholesky(np.eye(n) + 0.3 * np.ones((n, n)))
+        self.measured = random.normal(size=(steps, m))
+
+    def joseph(self):
+        """The linear Kalman filter in Joseph form: mean, covariance, NIS after each step."""
+        x, P = self.start, self.root @ self.root.T
+        Q, R, identity = np.diag(self.q**2), np.diag(self.r**2), np.eye(len(x))
+        for z in self.measured:
+            x, P = self.F @ x, self.F @ P @ self.F.T + Q
+            S = self.H @ P @ self.H.T + R
+            innovation = z - self.H @ x
+            K = np.linalg.solve(S, self.H @ P).T
+            left = identity - K @ self.H
+            x, P = x + K @ innovation, left @ P @ left.T + K @ R @ K.T
+            yield x, P, innovation @ np.linalg.solve(S, innovation)
+
+
+PREDICT = cdkf.time_update(linear_model)
+UPDATE = cdkf.measurement_update(linear_measurement)
+
+
+def filtered(system, predict=PREDICT, update=UPDATE, root=None):
+    x = system.start.copy()
+    S = (system.root if root is None else root).copy()
+    for z in system.measured:
+        predict(x, S, system.F.ravel(), 0.01, system.q, cdkf.STEP)
+        nis = update(x, S, system.H.ravel(), z, system.r, cdkf.STEP)
+        yield x.copy(), S.copy(), nis
+
+
+def worst_difference(system, predict=PREDICT, update=UPDATE):
+    """Of means (absolute), of covariances (relative) and of NIS (relative)."""
+    worst = np.zeros(3)
+    for (x, P, nis), (mean, S, ours) in zip(
+        system.joseph(), filtered(system, predict, update), strict=True
+    ):
+        differences = (
+            np.abs(mean - x).max(),
+            np.abs(S @ S.T - P).max() / np.abs(P).max(),
+            abs(ours - nis) / max(1.0, nis),
+        )
+        worst = np.maximum(worst, np.nan_to_num(differences, nan=np.inf))
+    return worst
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_on_a_linear_system_it_is_the_kalman_filter(seed):
+    mean, covariance, nis = worst_difference(LinearSystem(seed))
+
+    assert mean <= 1e-12
+    assert covariance <= 1e-13
+    assert nis <= 1e-11
+
+
+def plain_copy(folder: Path, name: str, *changes: tuple[str, str]):
+    """The module's own source, changed and not compiled."""
+    source = Path(cdkf.__file__).read_text()
+    plain = (
+        ("from observer.jit import inline", "def inline(function): return function"),
+        ('numba.njit(error_model="numpy")(function)', "function"),
+    )
+    for old, new in (*plain, *changes):
+        assert source.count(old) == 1, old
+        source = source.replace(old, new)
+    file = folder / f"{name}.py"
+    file.write_text(source)
+    spec = importlib.util.spec_from_file_location(name, file)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+KEEP_POINTS = (
+    "        compress(points, noise_std, step, n, lanes, mean, root, np.empty(3 * n * n))",
+    "        predict.points = points\n"
+    "        compress(points, noise_std, step, n, lanes, mean, root, np.empty(3 * n * n))",
+)
+REUSE_POINTS = (
+    "        seen = np.empty((m, lanes))",
+    "        points = KEPT.points\n        seen = np.empty((m, lanes))",
+)
+MUTANTS = {
+    "columns of the upper factor": ([("step * root[row, column]", "step * root[column, row]")], 1),
+    "K sqrt(R) left out": ([("gain @ second, gain @ noise)", "gain @ second)")], 1e-3),
+    "sigma points used again": ([KEEP_POINTS, REUSE_POINTS], 1e-2),
+}
+
+
+def mutant_difference(tmp_path, changes):
+    module = plain_copy(tmp_path, "mutant", *changes)
+    predict = module.time_update(linear_model.py_func)
+    update = module.measurement_update(linear_measurement.py_func)
+    module.KEPT = predict
+    with np.errstate(all="ignore"):
+        return worst_difference(LinearSystem(0, n=4, steps=25), predict, update).max()
+
+
+def test_the_copy_that_mutants_are_made_of_is_the_kalman_filter(tmp_path):
+    assert mutant_difference(tmp_path, ()) <= 1e-12
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_a_mutant_is_not_the_kalman_filter(tmp_path, name):
+    changes, at_least = MUTANTS[name]
+    if name.startswith("K sqrt"):
+        changes = [
+            *changes,
+            ("    triangularise(work, n, columns, columns, 0, root)\n    whitened",
+             "    columns -= m\n    triangularise(work, n, columns, columns, 0, root)\n    whitened"),
+        ]
+
+    assert mutant_difference(tmp_path, changes) > at_least
+
+
+@njit
+def by_states(mean, root, picks, measured, noise_std):
+    n, count = mean.size, picks.size
+    innovation, innovation_root = np.zeros(count), np.zeros((count, count))
+    gain, work = np.zeros((n, count)), np.zeros(n * (n + count))
+    nis = cdkf.innovate(
+        mean, root, picks, count, measured, noise_std, innovation, innovation_root, work
+    )
+    cdkf.correct(
+        mean, root, n, picks, count, noise_std, innovation, innovation_root, gain, work
+    )
+    return nis
+
+
+@pytest.mark.parametrize(
+    "picks", [p for size in (1, 2, 3) for p in itertools.combinations(range(5), size)]
+)
+def test_measuring_states_needs_no_sigma_points(picks):
+    random = np.random.default_rng(sum(picks))
+    n = 5
+    root = np.linalg.cholesky(np.cov(random.normal(size=(n, 40))))
+    mean, measured = random.normal(size=n), random.normal(size=n)
+    noise = random.uniform(0.1, 1.0, n)
+    H = np.eye(n)[list(picks)]
+    general_mean, general_root = mean.copy(), root.copy()
+
+    nis = by_states(mean, root, np.array(picks), measured, noise)
+    general = UPDATE(
+        general_mean, general_root, H.ravel(), H @ measured, H @ noise, cdkf.STEP
+    )
+
+    assert nis == pytest.approx(general, rel=1e-12)
+    np.testing.assert_allclose(mean, general_mean, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(root, general_root, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("step", [1.2, np.sqrt(3.0), 2.5])
+def test_moments_of_a_square_are_exact_for_every_step(step):
+    """y = x^2 of x ~ N(m, s^2): mean m^2 + s^2, variance 4 m^2 s^2 + 2 s^4."""
+    mean, root = np.array([0.7]), np.array([[0.4]])
+    predict = cdkf.time_update(as_model_of_square)
+
+    predict(mean, root, np.zeros(0), 0.01, np.zeros(1), step)
+
+    assert mean[0] == pytest.approx(0.7**2 + 0.4**2, rel=1e-14)
+    assert root[0, 0] ** 2 == pytest.approx(4 * 0.7**2 * 0.4**2 + 2 * 0.4**4, rel=1e-13)
+
+
+@njit
+def as_model_of_square(state, inputs, dt_s):
+    return state * state
+
+
+def test_the_root_is_lower_triangular_with_a_diagonal_that_is_not_negative():
+    for _, S, _ in filtered(LinearSystem(3)):
+        assert np.all(np.triu(S, 1) == 0.0)
+        assert np.all(np.diag(S) >= 0.0)
+
+
+def test_signs_of_the_roots_columns_change_nothing():
+    system = LinearSystem(4)
+    signs = np.diag([1.0, -1.0, -1.0, 1.0, -1.0, 1.0])
+
+    for one, other in zip(
+        filtered(system), filtered(system, root=system.root @ signs), strict=True
+    ):
+        np.testing.assert_allclose(other[0], one[0], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(other[1], one[1], rtol=0, atol=1e-12)
+
+
+@njit
+def steps_that_stay_well(count, seed):
+    """Random steps with glitches; the first step whose root is bad, or -1; smallest diagonal."""
+    np.random.seed(seed)
+    n, lanes = 4, 9
+    mean, root = np.zeros(n), np.eye(n)
+    points, work = np.zeros(n * lanes), np.zeros(3 * n * n)
+    noise, sensor = np.array([1e-6, 1e-3, 0.1, 10.0]), np.full(n, 1e-5)
+    picks, innovation = np.array([0]), np.zeros(1)
+    innovation_root, gain = np.zeros((1, 1)), np.zeros((n, 1))
+    smallest = 1e300
+    for k in range(count):
+        cdkf.spread(mean, root, cdkf.STEP, n, lanes, points)
+        for j in range(lanes):
+            for row in range(n - 1):
+                points[row * lanes + j] += 0.01 * points[(row + 1) * lanes + j]
+            points[(n - 1) * lanes + j] *= 0.9
+        cdkf.compress(points, noise, cdkf.STEP, n, lanes, mean, root, work)
+        measured = mean + np.random.normal() * 1e-5 + (1.0 if k % 997 == 0 else 0.0)
+        cdkf.innovate(
+            mean, root, picks, 1, measured, sensor, innovation, innovation_root, work
+        )
+        cdkf.correct(mean, root, n, picks, 1, sensor, innovation, innovation_root, gain, work)
+        for i in range(n):
+            smallest = min(smallest, root[i, i])
+            if not (root[i, i] > 0.0 and np.isfinite(mean[i]) and np.all(np.isfinite(root[i]))):
+                return k, smallest
+    return -1, smallest
+
+
+def test_a_million_steps_with_glitches_leave_the_covariance_definite():
+    bad, smallest = steps_that_stay_well(1_000_000, 5)
+
+    assert bad == -1
+    assert smallest > 1e-9
+
+
+def test_no_step_allocates_memory():
+    """The blocks work in the caller's scratch: numba counts every allocation of compiled code."""
+    steps_that_stay_well(10, 1)
+    numba.core.runtime.rtsys.get_allocation_stats()
+    before = numba.core.runtime.rtsys.get_allocation_stats().alloc
+    steps_that_stay_well(10, 1)
+    few = numba.core.runtime.rtsys.get_allocation_stats().alloc - before
+    steps_that_stay_well(1010, 1)
+    many = numba.core.runtime.rtsys.get_allocation_stats().alloc - before - few
+
+    # `measured` is the test's own: one array (and its temporary) for each step.
+    assert (many - few) / 1000 <= 2

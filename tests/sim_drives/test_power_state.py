@@ -1,0 +1,495 @@
+"""The power state machine against CiA 402's own table (canopen.md 5): S04, S05, S15, S17."""
+
+import pytest
+from drive_bench import Bench
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sim_drives.actuation import Actuation, AxisFlag
+from sim_drives.power_state import TRANSITIONS, Command, PowerState, command_of
+
+SOD, RTSO, SO, OE, QSA, FRA, FAULT, NRTSO = 0x40, 0x21, 0x23, 0x27, 0x07, 0x0F, 0x08, 0x00
+DISABLE, QUICK, SHUTDOWN, SWITCH_ON, ENABLE = range(5)
+COLUMN = {
+    **dict.fromkeys((0x0, 0x1, 0x4, 0x5, 0x8, 0x9, 0xC, 0xD), DISABLE),
+    **dict.fromkeys((0x2, 0x3, 0xA, 0xB), QUICK),
+    **dict.fromkeys((0x6, 0xE), SHUTDOWN),
+    0x7: SWITCH_ON,
+    0xF: ENABLE,
+}
+"""The sixteen classes of controlword by their lowest four bits, from the patterns of 5.2."""
+NEXT = {
+    #       disable, quick stop, shutdown, switch on, enable
+    NRTSO: (NRTSO, NRTSO, NRTSO, NRTSO, NRTSO),
+    SOD: (SOD, SOD, RTSO, SOD, SOD),
+    RTSO: (SOD, SOD, RTSO, SO, OE),
+    SO: (SOD, SOD, RTSO, SO, OE),
+    OE: (SOD, QSA, RTSO, SO, OE),
+    QSA: (SOD, QSA, QSA, QSA, OE),
+    FRA: (FRA, FRA, FRA, FRA, FRA),
+    FAULT: (FAULT, FAULT, FAULT, FAULT, FAULT),
+}
+"""Copied from the standard's table by hand; options that act at once (605B, 605C = 0), 605A = 6."""
+WAY = {
+    SOD: (),
+    RTSO: (0x06,),
+    SO: (0x06, 0x07),
+    OE: (0x06, 0x07, 0x0F),
+    QSA: (0x06, 0x07, 0x0F, 0x02),
+}
+
+
+def control(bench, *controlwords):
+    for controlword in controlwords:
+        assert bench.write(0x6040, 0, controlword, 2) == 0
+
+
+def drive_in(state, **changes):
+    """A fresh drive in a state."""
+    bench = Bench(hip=changes)
+    if state == NRTSO:
+        bench.run_ms(150)
+        return bench
+    bench.boot()
+    bench.write(0x605B, 0, 0, 2)
+    bench.write(0x605C, 0, 0, 2)
+    if (0x605A, 0) in bench.world.node("right/hip").dictionary:
+        bench.write(0x605A, 0, 6, 2)
+    if state in WAY:
+        control(bench, *WAY[state])
+    elif state == FRA:
+        control(bench, *WAY[OE])
+        bench.plant.velocity[0] = 1.0
+        bench.world.command("emcy right/hip - 0x2310")
+    else:
+        bench.world.command("emcy right/hip - 0x2310")
+        bench.run_ms(10)
+    assert bench.state() == state
+    return bench
+
+
+@pytest.mark.parametrize("low_bits", range(16))
+@pytest.mark.parametrize("state", list(NEXT))
+def test_every_controlword_in_every_state_leads_where_the_standard_says(state, low_bits):
+    bench = drive_in(state)
+
+    control(bench, low_bits)
+
+    assert bench.state() == NEXT[state][COLUMN[low_bits]]
+
+
+@given(st.integers(0, 0xFFFF))
+@settings(derandomize=True)
+def test_only_the_lowest_four_bits_and_bit_seven_make_a_command(controlword):
+    expected = COLUMN[controlword & 0xF]
+    command = command_of(controlword)
+    if controlword & 0x80 and expected in (SWITCH_ON, ENABLE):
+        assert command is None
+    else:
+        assert command is list(Command)[expected]
+
+
+def test_power_is_given_by_no_other_way_than_through_switched_on():
+    into = {source for (source, _), row in TRANSITIONS.items() if row.target.value == OE}
+
+    assert into == {PowerState.SWITCHED_ON, PowerState.QUICK_STOP_ACTIVE}
+
+
+def test_a_plain_drive_waits_in_switched_on_for_the_next_controlword(generic):
+    control(generic, 0x06, 0x0F)
+    assert generic.state() == SO
+
+    control(generic, 0x0F)
+    assert generic.state() == OE
+
+
+# --- faults -----------------------------------------------------------------------------------
+
+
+def test_a_fault_is_told_once_with_code_register_and_history(bench):
+    bench.world.command("emcy right/hip - 0x2310")
+    bench.run_ms(100)
+
+    assert bench.frames(0x085) == [bytes.fromhex("1023020000000000")]
+    assert bench.read(0x603F) == 0x2310
+    assert (bench.read(0x1003, 0), bench.read(0x1003, 1)) == (1, 0x2310)
+    assert bench.read(0x1001) == 0x02
+    assert bench.state() == FAULT
+
+
+def test_a_fault_slows_the_axis_down_with_its_ramp_before_it_ends_in_fault():
+    bench = drive_in(OE)
+    bench.write(0x6085, 0, 9549, 4)  # rpm/s: 10 rad/s² at the joint
+    bench.plant.velocity[0] = 1.0
+    control(bench, 0x0F)
+
+    bench.world.command("emcy right/hip - 0x2310")
+    bench.run_ms(90)
+    assert bench.state() == FRA
+    assert bench.plant.velocity[0] == pytest.approx(0.1, abs=0.011)
+    bench.run_ms(20)
+
+    assert bench.state() == FAULT
+    assert bench.plant.orders[0].actuation is Actuation.COAST
+
+
+def test_a_fault_without_reaction_takes_the_torque_away_at_once():
+    bench = drive_in(OE)
+    bench.write(0x605E, 0, 0, 2)
+    bench.plant.velocity[0] = 1.0
+
+    bench.world.command("emcy right/hip - 0x2310")
+    bench.run_ms(0)
+
+    assert bench.plant.orders[0].actuation is Actuation.COAST
+    assert bench.state() == FRA
+    bench.run_ms(2)
+    assert bench.state() == FAULT
+
+
+def test_a_fault_is_reset_by_the_rising_edge_and_only_once_its_cause_is_gone(bench):
+    bench.world.command("emcy right/hip 0.5 0x2310")
+    bench.run_ms(10)
+
+    control(bench, 0x00, 0x80)
+    assert bench.state() == FAULT
+
+    bench.run_ms(600)
+    control(bench, 0x80)
+    assert bench.state() == FAULT  # a level is no edge
+    control(bench, 0x00, 0x80)
+    assert bench.state() == SOD
+    assert bench.frames(0x085)[-1] == bytes(8)
+    assert (bench.read(0x1001), bench.read(0x603F)) == (0, 0)
+
+
+def test_a_reset_that_is_held_does_not_reset_the_next_fault(bench):
+    bench.world.command("emcy right/hip 0.01 0x2310")
+    bench.run_ms(20)
+    control(bench, 0x80)
+    assert bench.state() == SOD
+
+    bench.world.command("emcy right/hip 0.01 0x4310")
+    bench.run_ms(20)
+    control(bench, 0x80)
+
+    assert bench.state() == FAULT
+
+
+def test_the_history_keeps_the_newest_first_and_is_emptied_by_zero(bench):
+    for code in (0x2310, 0x4310, 0x7305):
+        bench.world.command(f"emcy right/hip 0.001 {code:#x}")
+        bench.run_ms(5)
+
+    assert [bench.read(0x1003, sub) for sub in range(4)] == [3, 0x7305, 0x4310, 0x2310]
+    bench.write(0x1003, 0, 0, 1)
+    assert [bench.read(0x1003, sub) for sub in range(2)] == [0, 0]
+
+
+def test_emergencies_keep_their_distance(bench):
+    bench.write(0x1015, 0, 100, 2)  # 10 ms
+    for code in (0x2310, 0x4310, 0x7305):
+        bench.world.command(f"emcy right/hip - {code:#x}")
+    bench.run_ms(50)
+
+    first, second, third = bench.times_ms(0x085)
+    assert (second - first, third - second) == (10, 10)
+
+
+def test_an_open_sto_takes_the_torque_at_once_and_refuses_the_reset_until_it_is_released():
+    bench = drive_in(OE)
+    bench.plant.velocity[0] = 1.0
+
+    bench.world.command("sto_open right/hip")
+    assert bench.plant.orders[0].actuation is Actuation.COAST
+    bench.run_ms(5)
+    assert bench.state() == FAULT
+    assert bench.frames(0x085) == [bytes.fromhex("888a200000000000")]
+    assert not bench.read(0x60FD) >> 17 & 1
+    assert not bench.statusword() & 0x10
+
+    control(bench, 0x00, 0x80)
+    assert bench.state() == FAULT
+    bench.world.command("clear sto_open right/hip")
+    control(bench, 0x00, 0x80)
+    assert bench.state() == SOD
+
+
+def test_an_sto_that_opens_during_a_fault_ramp_ends_the_ramp():
+    bench = drive_in(FRA)
+
+    bench.world.command("sto_open right/hip")
+    assert bench.plant.orders[0].actuation is Actuation.COAST
+    bench.run_ms(2)
+
+    assert bench.state() == FAULT
+
+
+# --- option codes -----------------------------------------------------------------------------
+
+GENERIC = {"personality": "generic", "eds": "drives/generic402.eds"}
+COUNTS_PER_RAD = 1024 * 100 / 6.283185307
+
+
+def moving_generic():
+    bench = Bench(hip=GENERIC)
+    bench.boot()
+    bench.write(0x6084, 0, round(5 * COUNTS_PER_RAD), 4)
+    bench.write(0x6085, 0, round(20 * COUNTS_PER_RAD), 4)
+    control(bench, 0x06, 0x07, 0x0F)
+    bench.plant.velocity[0] = 1.0
+    return bench
+
+
+@pytest.mark.parametrize(
+    ("option", "stop_ms", "state"),
+    [(1, 200, SOD), (2, 50, SOD), (3, 1, SOD), (5, 200, QSA), (6, 50, QSA), (7, 1, QSA)],
+)
+def test_a_quick_stop_takes_its_ramp_and_ends_where_its_option_says(option, stop_ms, state):
+    bench = moving_generic()
+    bench.write(0x605A, 0, option, 2)
+
+    control(bench, 0x02)
+    assert bench.state() == QSA
+    if stop_ms > 1:
+        bench.run_ms(stop_ms * 0.9 - 1)
+        assert bench.state() == QSA
+        assert not bench.statusword() & 0x400
+    bench.run_ms(stop_ms * 0.2 + 3)
+
+    assert bench.state() == state
+    assert bool(bench.statusword() & 0x400) == (state == QSA)
+    kept = Actuation.RAMP if state == QSA else Actuation.COAST
+    assert bench.plant.orders[0].actuation is kept
+
+
+def test_quick_stop_option_zero_takes_the_torque_away():
+    bench = moving_generic()
+    bench.write(0x605A, 0, 0, 2)
+
+    control(bench, 0x02)
+
+    assert bench.state() == SOD
+    assert bench.plant.orders[0].actuation is Actuation.COAST
+
+
+@pytest.mark.parametrize(("option", "state"), [(2, SOD), (6, OE)])
+def test_a_quick_stop_is_left_to_enabled_only_where_the_option_stays(option, state):
+    bench = moving_generic()
+    bench.write(0x605A, 0, option, 2)
+
+    control(bench, 0x02)
+    bench.run_ms(200)
+    control(bench, 0x0F)
+
+    assert bench.state() == state
+
+
+@pytest.mark.parametrize(
+    ("index", "controlword", "target"), [(0x605B, 0x06, RTSO), (0x605C, 0x07, SO)]
+)
+def test_shutdown_and_disable_slow_down_in_operation_enabled_first(index, controlword, target):
+    bench = moving_generic()
+    bench.write(index, 0, 1, 2)
+
+    control(bench, controlword)
+    bench.run_ms(100)
+    assert bench.state() == OE
+    control(bench, controlword)
+    bench.run_ms(110)
+
+    assert bench.state() == target
+
+
+def test_enable_ends_the_slow_down_of_disable():
+    bench = moving_generic()
+    control(bench, 0x07)
+    bench.run_ms(50)
+
+    control(bench, 0x0F)
+    bench.run_ms(500)
+
+    assert bench.state() == OE
+
+
+@pytest.mark.parametrize(("option", "stop_ms"), [(1, 200), (2, 50)])
+def test_halt_slows_down_stays_enabled_and_goes_on(option, stop_ms):
+    bench = moving_generic()
+    bench.write(0x605D, 0, option, 2)
+
+    control(bench, 0x10F)
+    bench.run_ms(stop_ms + 5)
+    assert bench.plant.velocity[0] == 0
+    assert bench.state() == OE
+    assert bench.statusword() & 0x400
+
+    control(bench, 0x0F)
+    assert not bench.statusword() & 0x400
+
+
+def test_disable_voltage_lets_a_moving_axis_coast_at_once():
+    bench = moving_generic()
+
+    control(bench, 0x00)
+
+    assert bench.state() == SOD
+    assert bench.plant.orders[0].actuation is Actuation.COAST
+
+
+# --- modes and limits -------------------------------------------------------------------------
+
+
+def test_a_mode_is_shown_one_sync_after_it_was_applied(bench):
+    bench.go_operational()
+    bench.cycles(2, 0x06, 0)
+    bench.forget()
+
+    bench.cycles(4, 0x06, 8)
+
+    assert [data[6] for data in bench.frames(0x185)] == [0, 0, 8, 8]
+
+
+def test_a_mode_that_is_not_supported_is_ignored_in_a_pdo_and_the_rest_is_taken(bench):
+    bench.go_operational()
+    bench.cycles(3, 0x06, 10)
+
+    bench.cycles(3, 0x06, 3, 4242)
+
+    assert bench.read(0x6061) == 10
+    assert bench.read(0x607A) == 4242
+
+
+def test_a_cyclic_mode_follows_only_what_was_commanded(bench):
+    bench.write(0x6060, 0, 8, 1)
+    bench.run_ms(10)
+    control(bench, 0x06, 0x07, 0x0F)
+
+    assert not bench.statusword() & 0x1000
+    assert bench.plant.orders[0].actuation is Actuation.HOLD
+
+    bench.write(0x607A, 0, 3000, 4)
+    assert bench.statusword() & 0x1000
+    assert bench.plant.orders[0].actuation is Actuation.POSITION
+
+
+def test_a_following_error_is_fault_8611_with_its_bit_and_reaction(bench):
+    bench.write(0x6065, 0, 50, 4)
+    bench.write(0x6066, 0, 20, 2)
+    bench.go_operational()
+    start = bench.read(0x6064)
+    bench.enable(8, start)
+    bench.world.command("blocked_rotor right/hip")
+    bench.forget()
+
+    bench.cycles(2, 0x0F, 8, start + 51)
+    assert bench.frames(0x085) == []
+    bench.cycles(3, 0x0F, 8, start + 51)
+
+    assert bench.frames(0x085) == [bytes.fromhex("1186200000000000")]
+    assert bench.state() == FAULT
+    assert bench.statusword() & 0x2000
+
+
+def test_a_window_of_all_ones_watches_nothing(bench):
+    bench.write(0x6065, 0, 0xFFFFFFFF, 4)
+    bench.go_operational()
+    start = bench.read(0x6064)
+    bench.enable(8, start)
+    bench.world.command("blocked_rotor right/hip")
+
+    bench.cycles(20, 0x0F, 8, start + 20000)
+
+    assert bench.state() == OE
+
+
+def limited(kind):
+    bench = Bench(hip={"position_limit": kind})
+    bench.boot()
+    start = bench.read(0x6064)
+    bench.write(0x607D, 1, start - 500, 4)
+    bench.write(0x607D, 2, start + 500, 4)
+    bench.go_operational()
+    bench.enable(8, start)
+    return bench, start
+
+
+def test_a_position_target_outside_its_limits_is_clipped_where_the_drive_clips():
+    bench, start = limited("clip")
+
+    bench.cycles(30, 0x0F, 8, start + 900)
+
+    assert bench.read(0x6064) == pytest.approx(start + 500, abs=1)
+    assert bench.statusword() & 0x0800
+
+
+def test_a_position_target_outside_its_limits_is_fault_8a82_where_the_drive_faults():
+    bench, start = limited("fault")
+
+    bench.cycles(3, 0x0F, 8, start + 501)
+
+    assert bench.read(0x603F) == 0x8A82
+
+
+def test_a_pushed_limit_switch_is_reported_in_the_drives_direction():
+    bench = Bench(slide={"limit_switch": "fault"})
+    bench.boot()
+    control_slide = [(0x6040, 0, word, 2, 6) for word in (0x06, 0x07, 0x0F)]
+    for write in control_slide:
+        bench.write(*write)
+    bench.plant.raised[1] |= AxisFlag.END_STOP_POSITIVE
+    bench.run_ms(20)
+
+    assert bench.read(0x60FD, 0, 6) & 3 == 1  # the slide's drive counts the other way
+    assert bench.read(0x603F, 0, 6) == 0x8A80
+
+
+def test_a_torque_target_beyond_the_limit_is_cut_and_said():
+    bench = drive_in(OE)
+    bench.write(0x3001, 2, 1000, 4)
+    bench.go_operational()
+    bench.enable(10, 0, 400)
+    bench.cycles(3, 0x0F, 10, 0, 400)
+
+    assert bench.read(0x30D1, 2) == 1000
+    assert bench.statusword() & 0x0800
+
+
+# --- origin -----------------------------------------------------------------------------------
+
+
+def test_an_absolute_encoder_is_referenced_from_the_start_and_cannot_be_homed(bench):
+    assert bench.statusword() & 0x8000
+    assert not bench.read(0x6502) & 1 << 5
+
+
+def test_an_incremental_encoder_counts_from_power_on_and_is_referenced_by_homing():
+    bench = Bench(hip={"encoder": "incremental"})
+    bench.boot()
+    assert bench.read(0x6064) == 0
+    assert not bench.statusword() & 0x8000
+
+    bench.write(0x607C, 0, 1234, 4)
+    bench.write(0x6098, 0, 35, 1)
+    bench.write(0x6060, 0, 6, 1)
+    bench.run_ms(10)
+    control(bench, 0x06, 0x07, 0x0F)
+    assert bench.statusword() & 0x3400 == 0x0400  # not started
+    control(bench, 0x1F)
+
+    assert bench.statusword() & 0xB400 == 0x9400  # done, and referenced
+    assert bench.read(0x6064) == 1234
+
+
+def test_a_reboot_loses_the_origin_of_an_incremental_encoder():
+    bench = Bench(hip={"encoder": "incremental"})
+    bench.boot()
+    bench.write(0x6060, 0, 6, 1)
+    bench.run_ms(10)
+    control(bench, 0x06, 0x07, 0x0F, 0x1F)
+    bench.plant.position[0] += 0.1
+
+    bench.world.command("reboot right/hip")
+    bench.boot()
+
+    assert bench.read(0x6064) == 0
+    assert not bench.statusword() & 0x8000

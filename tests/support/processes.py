@@ -1,0 +1,159 @@
+"""The service and the virtual drives as the processes that people run, on loopback ports."""
+
+import contextlib
+import csv
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import can
+
+from daemon.record import CycleRecord
+from daemon.seam import RING_NAME, RingError, RingReader
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+POLL_S = 0.02
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+class Service:
+    """Virtual drives, core and gateway, each a process of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.bus_port, self.zenoh_port = free_port(), free_port()
+        self.config = folder / "trainer.toml"
+        text = (CONFIGS / "demo.toml").read_text()
+        text = re.sub(r"ws://127.0.0.1:\d+/", f"ws://127.0.0.1:{self.bus_port}/", text)
+        text = re.sub(r"tcp/127.0.0.1:\d+", f"tcp/127.0.0.1:{self.zenoh_port}", text)
+        text = re.sub(r'runtime = "[^"]*"', f'runtime = "{folder}/run"', text)
+        text = re.sub(r'state = "[^"]*"', f'state = "{folder}/state"', text)
+        text = re.sub(r'"((robot|limits|plant)\.toml|drives/[^"]*)"', rf'"{CONFIGS}/\1"', text)
+        self.config.write_text(text)
+        self.parts: dict[str, subprocess.Popen[bytes]] = {}
+
+    # --- processes --------------------------------------------------------------------------
+
+    def start(self, part: str, *arguments: str) -> subprocess.Popen[bytes]:
+        log = (self.folder / f"{part}.log").open("ab")
+        with log:
+            self.parts[part] = subprocess.Popen(
+                [sys.executable, "-m", "gaitd", part, "--config", str(self.config), *arguments],
+                stdout=log,
+                stderr=log,
+                cwd=self.folder,
+            )
+        return self.parts[part]
+
+    def start_drives(self) -> None:
+        self.start("sim", "--truth", str(self.truth_path), "--control", str(self.folder / "ctl"))
+        self.wait(lambda: b"virtual drives" in (self.folder / "sim.log").read_bytes(), 30)
+
+    def start_all(self) -> "Service":
+        self.start_drives()
+        self.start("core")
+        self.start("gateway")
+        return self
+
+    def kill(self, part: str, number: int = signal.SIGKILL) -> None:
+        os.kill(self.parts[part].pid, number)
+        if number == signal.SIGKILL:
+            self.parts[part].wait()
+
+    def end(self) -> None:
+        for part in reversed(list(self.parts)):
+            process = self.parts[part]
+            if process.poll() is None:
+                process.send_signal(signal.SIGCONT)
+                process.terminate()
+        for process in self.parts.values():
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(10)
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+
+    def log(self, part: str) -> str:
+        return (self.folder / f"{part}.log").read_text()
+
+    def ask(self, *words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "gaitd", *words, "--config", str(self.config)],
+            capture_output=True,
+            text=True,
+            timeout=30,
+            check=False,
+        )
+
+    def inject(self, line: str) -> str:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as end:
+            own = self.folder / f"tester{time.monotonic_ns()}"
+            end.bind(str(own))
+            end.settimeout(5)
+            end.sendto(line.encode(), str(self.folder / "ctl"))
+            return end.recv(4096).decode()
+
+    # --- witnesses --------------------------------------------------------------------------
+
+    @property
+    def truth_path(self) -> Path:
+        return self.folder / "truth.csv"
+
+    def wait(self, reached: Callable[[], object], within_s: float) -> None:
+        end_s = time.monotonic() + within_s
+        while time.monotonic() < end_s:
+            with contextlib.suppress(FileNotFoundError, RingError):
+                if reached():
+                    return
+            time.sleep(POLL_S)
+        logs = "\n".join(f"--- {part}\n{self.log(part)[-2000:]}" for part in self.parts)
+        raise AssertionError(f"not reached within {within_s} s\n{logs}")
+
+    def newest(self) -> CycleRecord:
+        with contextlib.closing(RingReader(self.folder / "run" / RING_NAME)) as ring:
+            record = ring.read(ring.newest_seq())
+        if record is None:
+            raise FileNotFoundError("no record yet")
+        return record
+
+    def records(self) -> list[CycleRecord]:
+        with contextlib.closing(RingReader(self.folder / "run" / RING_NAME)) as ring:
+            return ring.since(0)
+
+    def until(self, reached: Callable[[CycleRecord], bool], within_s: float = 20) -> CycleRecord:
+        self.wait(lambda: reached(self.newest()), within_s)
+        return self.newest()
+
+    def truth(self) -> list[dict[str, str]]:
+        with self.truth_path.open() as file:
+            return [row for row in csv.DictReader(file) if row["programme"]]
+
+    @contextlib.contextmanager
+    def listener(self) -> Iterator[can.BusABC]:
+        """A station of python-can on the same bus, that only listens."""
+        with can.Bus(interface="remote", channel=f"ws://127.0.0.1:{self.bus_port}/") as bus:
+            yield bus
+
+
+def emergencies(bus: can.BusABC, within_s: float, count: int) -> dict[int, list[tuple[float, int]]]:
+    """EMCY codes by node, with the time since this call, until so many nodes have sent one."""
+    begun_s = time.monotonic()
+    found: dict[int, list[tuple[float, int]]] = {}
+    while len(found) < count and time.monotonic() - begun_s < within_s:
+        message = bus.recv(0.1)
+        if message is not None and 0x081 <= message.arbitration_id <= 0x0FF:
+            code = int.from_bytes(message.data[:2], "little")
+            node = message.arbitration_id - 0x080
+            found.setdefault(node, []).append((time.monotonic() - begun_s, code))
+    return found
