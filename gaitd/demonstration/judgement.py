@@ -32,11 +32,11 @@ class Bound(NamedTuple):
 
 
 BOUNDS: Final = {
-    Kind.PASSIVE: Bound(0.3, 2.0, -1.0, 0.7),
+    Kind.PASSIVE: Bound(0.3, 2.0, -1.0, 0.4),
     Kind.ACTIVE: Bound(0.6, 3.0, 0.98, 0.7),
     Kind.OPEN_LOOP: Bound(0.6, 3.0, -1.0, 0.4),
 }
-"""The observer stands still for a third of the open-loop experiment, by the paper's design."""
+"""The passive span begins with a ramp from rest, and the paper's experiment rests at each reversal."""
 
 
 class Span(NamedTuple):

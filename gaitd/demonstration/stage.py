@@ -31,6 +31,7 @@ from observer.mechanism import gravity
 SERVICE_END_S: Final = 15.0
 """The service stops both axes before it ends."""
 DRIVES_END_S: Final = 5.0
+SHARED_MEMORY: Final = "/dev/shm"
 TAIL_LINES: Final = 12
 PRIORITY: Final = 40
 """Below what a service asks for itself."""
@@ -154,7 +155,7 @@ def stage(configs: Path, *, empty: bool) -> Generator[Stage]:
         configs: the project's folder of configurations.
         empty: nobody is in the trainer, and its springs carry it alone.
     """
-    folder = Path(tempfile.mkdtemp(prefix="gaitd-demo-"))
+    folder = Path(tempfile.mkdtemp(prefix="gaitd-demo-", dir=_memory()))
     with contextlib.ExitStack() as ending:
         ending.push(_tidy(folder))
         config, endpoint = write_configs(configs, folder / "configs", empty=empty)
@@ -173,8 +174,16 @@ def stage(configs: Path, *, empty: bool) -> Generator[Stage]:
         yield Stage(folder, config, truth, control, target, leg, drives, service)
 
 
+def _memory() -> str | None:
+    """A file system in memory where there is one: a disk that writes back stalls who writes to it.
+
+    Measured: 110 ms without an answer, half a minute after the truth was first written to a disk.
+    """
+    return SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK | os.X_OK) else None
+
+
 def _tidy(folder: Path) -> Callable[..., bool]:
-    """Removes the folder of an act that went well; after trouble it stays, and the error says so."""
+    """Removes the folder of an act that went well; after trouble it stays, and the error says it."""
 
     def leave(_kind: type[BaseException] | None, error: BaseException | None, _: object) -> bool:
         if isinstance(error, ActError):

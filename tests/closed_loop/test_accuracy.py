@@ -3,20 +3,8 @@
 Bounds are those of the product's acceptance; what was measured is in docs and far inside most.
 """
 
-from pathlib import Path
-
 import pytest
-from sessions import CONFIGS, Session
-
-
-def plant_with(tmp_path: Path, law: str) -> Path:
-    """plant.toml with another friction law; its own paths still lead to the repository."""
-    text = (CONFIGS / "plant.toml").read_text().replace('law = "paper"', f'law = "{law}"')
-    text = text.replace('robot = "robot.toml"', f'robot = "{CONFIGS / "robot.toml"}"')
-    text = text.replace('eds = "', f'eds = "{CONFIGS}/')
-    path = tmp_path / "plant.toml"
-    path.write_text(text)
-    return path
+from sessions import Session, changed_configs, generic_drives
 
 
 def assert_within(scores, *, hip_nm, slide_n):
@@ -50,7 +38,9 @@ def test_in_gait_at_half_a_hertz_the_patient_is_still_seen():
 
 
 def test_friction_of_another_structure_costs_accuracy_and_no_more(tmp_path):
-    session = Session(plant=plant_with(tmp_path, "lugre")).walking(cadence_hz=0.25)
+    session = Session(
+        changed_configs(tmp_path, ("plant.toml", 'law = "paper"', 'law = "lugre"'))
+    ).walking(cadence_hz=0.25)
 
     passive = session.scores(12)
     session.machine.command("patient active")
@@ -63,9 +53,16 @@ def test_friction_of_another_structure_costs_accuracy_and_no_more(tmp_path):
 
 @pytest.mark.parametrize("seed", [2, 3])
 def test_the_numbers_do_not_hang_on_one_seed(tmp_path, seed):
-    path = plant_with(tmp_path, "paper")
-    path.write_text(path.read_text().replace("seed = 1 ", f"seed = {seed} "))
-    session = Session(plant=path).walking(cadence_hz=0.25)
+    configs = changed_configs(tmp_path, ("plant.toml", "seed = 1 ", f"seed = {seed} "))
+    session = Session(configs).walking(cadence_hz=0.25)
+    session.machine.command("patient active")
+    session.lockstep.run(4)
+
+    assert_within(session.scores(8), hip_nm=0.6, slide_n=3.0)
+
+
+def test_drives_that_speak_per_mille_do_the_same_job(tmp_path):
+    session = Session(generic_drives(tmp_path)).walking(cadence_hz=0.25)
     session.machine.command("patient active")
     session.lockstep.run(4)
 

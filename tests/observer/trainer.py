@@ -137,8 +137,26 @@ def _bristle(b, z, v, dt):
 
 
 @kernel
-def _simulate(leg, hip, slide, bristles1, bristles2, is_lugre, start, drive, gains, reference,
-              reference_rate, patient, steps, dt, low, high, states, drives):
+def _simulate(
+    leg,
+    hip,
+    slide,
+    bristles1,
+    bristles2,
+    is_lugre,
+    start,
+    drive,
+    gains,
+    reference,
+    reference_rate,
+    patient,
+    steps,
+    dt,
+    low,
+    high,
+    states,
+    drives,
+):
     q1, q2, v1, v2 = start[0], start[1], 0.0, 0.0
     f1 = f2 = z1 = z2 = 0.0
     step = 0
@@ -215,12 +233,24 @@ def simulate(
     guided = reference is not None
     path = reference if guided else np.zeros((cycles, 2))
     _simulate(
-        leg, hip, slide, HIP_BRISTLES, SLIDE_BRISTLES, lugre, np.asarray(start, dtype=float),
+        leg,
+        hip,
+        slide,
+        HIP_BRISTLES,
+        SLIDE_BRISTLES,
+        lugre,
+        np.asarray(start, dtype=float),
         np.zeros((cycles, 2)) if drive is None else drive,
         GUIDANCE if guided else (0.0, 0.0, 0.0, 0.0),
-        path, np.gradient(path, time_s, axis=0) if guided else np.zeros((cycles, 2)),
+        path,
+        np.gradient(path, time_s, axis=0) if guided else np.zeros((cycles, 2)),
         np.zeros((len(fine), 2)) if patient is None else patient(fine),
-        steps, STEP, LOW, HIGH, states, drives,
+        steps,
+        STEP,
+        LOW,
+        HIGH,
+        states,
+        drives,
     )
     return Truth(time_s, states, drives)
 

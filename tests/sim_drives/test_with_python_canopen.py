@@ -24,6 +24,7 @@ def on_a_bus(bench):
         real_time = RealTime(bench.world, station)
         thread = threading.Thread(target=real_time.run, args=(over.is_set,))
         network = canopen.Network()
+        network.NOTIFIER_CYCLE = 0.05  # s; how long its thread takes to end
         network.connect(interface="virtual", channel=channel)
         thread.start()
         try:

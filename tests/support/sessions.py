@@ -1,15 +1,12 @@
 """Sessions of the whole service against the virtual machine, in lock-step, faster than time."""
 
-from dataclasses import replace
+import shutil
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from analysis.accuracy import Score, score
-from daemon.config.bundle import Settings
 from daemon.config.load import load
-from daemon.config.trainer import TrainerFile
 from daemon.record import Mode, ModeRequest, Outcome, RequestKind
 from gaitd.lockstep import Lockstep
 from gaitd.virtual_machine import virtual_machine
@@ -23,15 +20,10 @@ AXES = ("hip", "slide")
 class Session:
     """One machine and one service, from power-on."""
 
-    def __init__(
-        self, config: str = "demo.toml", *, empty: bool = False, plant: Path | None = None
-    ):
-        self.settings = settings(config, empty=empty)
-        file: TrainerFile = self.settings.file
-        if plant is not None:
-            file = replace(file, sim=plant)
+    def __init__(self, configs: Path = CONFIGS) -> None:
+        self.settings = load(configs / "demo.toml")
         self.truth = TruthLog(None)
-        self.machine: Machine = virtual_machine(file, truth={"right": self.truth})
+        self.machine: Machine = virtual_machine(self.settings.file, truth={"right": self.truth})
         self.lockstep = Lockstep(self.settings, self.machine.world)
 
     def until_ready(self) -> "Session":
@@ -83,9 +75,32 @@ class Session:
         return found
 
 
-def settings(config: str, *, empty: bool = False) -> Settings:
-    """A configuration of the repository; `empty` takes the machine without a patient."""
-    loaded = load(CONFIGS / config)
-    if not empty:
-        return loaded
-    return replace(loaded, robot=msgspec.structs.replace(loaded.robot, patient=None))
+def changed_configs(folder: Path, *changes: tuple[str, str, str]) -> Path:
+    """A copy of the repository's configs with (file, old text, new text) replaced."""
+    copy = folder / "configs"
+    shutil.copytree(CONFIGS, copy)
+    for name, old, new in changes:
+        text = (copy / name).read_text()
+        assert old in text, f"{name} does not say {old!r}"
+        (copy / name).write_text(text.replace(old, new))
+    return copy
+
+
+def empty_machine(folder: Path) -> Path:
+    """Configs of the machine without a patient, for the service and for the plant."""
+    return changed_configs(
+        folder,
+        ("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
+        ("plant.toml", '"robot.toml"', '"robot_empty.toml"'),
+    )
+
+
+def generic_drives(folder: Path) -> Path:
+    """Configs with the CiA-standard drives in place of the EPOS4-like ones."""
+    return changed_configs(
+        folder,
+        ("demo.toml", "hip_epos4", "hip_generic"),
+        ("demo.toml", "slide_epos4", "slide_generic"),
+        ("plant.toml", 'personality = "epos4"', 'personality = "generic"'),
+        ("plant.toml", "epos4.eds", "generic402.eds"),
+    )

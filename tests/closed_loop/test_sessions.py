@@ -1,0 +1,155 @@
+"""Whole sessions through CAN frames: modes, requests, torque, and the same bits every time."""
+
+import hashlib
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+from sessions import Session, empty_machine
+
+from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind
+from drives.errors import BringUpRefused
+from drives.signals import PowerState
+from gaitd.lockstep import Lockstep
+from observer.status import Status
+
+ENABLING = 0b1000
+"""Bit 3 of the controlword: enable operation."""
+
+
+def controlwords(session, node_id):
+    """All controlwords that the master has sent to a node, with their time."""
+    sent = session.lockstep.bus.sent
+    return [
+        (frame.time_ns, int.from_bytes(frame.data[:2], "little"))
+        for frame in sent
+        if frame.can_id == 0x200 + node_id
+    ]
+
+
+def test_nothing_is_enabled_before_somebody_asks():
+    session = Session().until_ready()
+
+    session.lockstep.run(3)
+
+    assert not any(word & ENABLING for node in (5, 6) for _, word in controlwords(session, node))
+    states = {drive.power_state for drive in session.lockstep.record.drives}
+    assert states == {PowerState.SWITCH_ON_DISABLED}
+
+
+def test_enable_holds_the_leg_where_it_is_and_disable_lets_it_go():
+    session = Session().enabled()
+    held = session.lockstep.record.legs[0].measured
+    session.lockstep.run(2)
+
+    assert session.lockstep.record.legs[0].measured == pytest.approx(held, abs=2e-3)
+    assert session.lockstep.request(RequestKind.DISABLE).outcome == Outcome.DONE
+    session.lockstep.run(0.2)
+    assert session.lockstep.record.mode == Mode.READY
+    states = {drive.power_state for drive in session.lockstep.record.drives}
+    assert states == {PowerState.SWITCH_ON_DISABLED}
+
+
+def test_gait_is_announced_and_ends_in_hold_after_its_duration():
+    session = Session().enabled()
+    gait = ModeRequest(Mode.GAIT, cadence_hz=0.5, amplitude_ratio=0.5, duration_s=5.0)
+
+    session.lockstep.request(RequestKind.MODE, gait)
+    ended = session.lockstep.run_until(
+        lambda record: record.mode == Mode.HOLD and record.seq > 900, within_s=40
+    )
+
+    told = [event for record in session.lockstep.records for event in record.events]
+    for words in ("gait approaching", "gait playing", "gait ending", "exercise over"):
+        assert any(words in event for event in told)
+    assert ended.verdict.cause == Cause.NONE
+
+
+def test_the_effort_that_is_sent_never_jumps_over_all_modes():
+    session = Session().walking(warm_s=3)
+    session.lockstep.request(RequestKind.MODE, ModeRequest(Mode.HOLD))
+    session.lockstep.run(1)
+    limits = session.settings.limits
+
+    active = [record for record in session.lockstep.records if record.mode.active]
+    sent = np.array([[drive.target_effort_si for drive in record.drives] for record in active])
+    steps = np.abs(np.diff(sent[30:], axis=0)).max(axis=0)
+
+    assert steps[0] <= limits.hip.torque_rate_max_nm_per_s * 0.01 * 1.001
+    assert steps[1] <= limits.slide.force_rate_max_n_per_s * 0.01 * 1.001
+
+
+def test_the_artificial_disturbance_shows_in_the_estimate_with_its_sign_and_is_marked(tmp_path):
+    session = Session(empty_machine(tmp_path)).exciting("paper", 25.0)
+    session.lockstep.run(10.5)
+    begun = len(session.lockstep.records)
+    session.lockstep.run(7)
+
+    playing = session.lockstep.records[begun:]
+    moving = [r.legs[0] for r in playing if r.legs[0].validity[1] == 0]
+    seen_n = np.array([leg.state[7] for leg in moving])
+    made_n = np.array([leg.artificial[1] for leg in moving])
+
+    assert set(made_n) == {30.0}
+    assert np.mean(seen_n) == pytest.approx(30.0, abs=3.0)
+    assert all(leg.status & Status.ARTIFICIAL for leg in (r.legs[0] for r in playing))
+
+
+def test_the_artificial_disturbance_is_refused_with_a_patient():
+    session = Session().enabled()
+
+    wanted = ModeRequest(Mode.EXCITE, duration_s=25.0, scenario="paper")
+    answer = session.lockstep.request(RequestKind.MODE, wanted)
+
+    assert answer.outcome == Outcome.REFUSED
+    assert "empty machine" in answer.reason
+
+
+def test_the_open_loop_scenario_ends_in_hold_inside_its_window(tmp_path):
+    session = Session(empty_machine(tmp_path)).exciting("open_loop", 25.0)
+
+    ended = session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=30)
+
+    assert ended.verdict.cause == Cause.NONE
+    assert session.lockstep.record.mode == Mode.HOLD
+
+
+def test_a_request_that_is_not_possible_is_refused_by_the_name_of_the_mode():
+    session = Session().until_ready()
+
+    answer = session.lockstep.request(RequestKind.MODE, ModeRequest(Mode.HOLD))
+
+    assert answer.outcome == Outcome.REFUSED
+    assert answer.reason == "'mode hold' is not possible in mode ready"
+
+
+def digest(session):
+    encoder = msgspec.msgpack.Encoder()
+    total = hashlib.sha256()
+    for record in session.lockstep.records:
+        total.update(encoder.encode(record))
+    for frame in session.lockstep.bus.sent:
+        total.update(frame.can_id.to_bytes(4, "little") + frame.data)
+    return total.hexdigest()
+
+
+def test_the_same_session_gives_the_same_records_and_frames_bit_for_bit():
+    first, second = (Session().walking(warm_s=2) for _ in range(2))
+
+    assert digest(first) == digest(second)
+
+
+def test_a_drive_that_is_another_one_ends_bring_up_with_what_was_expected_and_found():
+    session = Session()
+    leg = session.settings.legs[0]
+    identity = msgspec.structs.replace(leg.hip.axis.identity, product_code=0x1234)
+    hip = replace(leg.hip, axis=msgspec.structs.replace(leg.hip.axis, identity=identity))
+    settings = replace(session.settings, legs=(replace(leg, hip=hip),))
+    lockstep = Lockstep(settings, session.machine.world)
+
+    with pytest.raises(BringUpRefused, match="right/hip 1018h:02") as refused:
+        lockstep.run(5)
+
+    assert "1234" in str(refused.value)
+    assert not any(frame.can_id in {0x205, 0x206} for frame in lockstep.bus.sent)

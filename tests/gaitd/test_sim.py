@@ -1,0 +1,123 @@
+"""`gaitd sim` as a process: exit codes, its socket, its truth, and a client that is killed."""
+
+import csv
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import can
+import pytest
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+START_S = 60
+"""A first run compiles."""
+
+
+@pytest.fixture
+def configs(tmp_path):
+    """The demo's configuration with a port of its own."""
+    folder = tmp_path / "configs"
+    shutil.copytree(CONFIGS, folder)
+    with socket.socket() as holder:
+        holder.bind(("127.0.0.1", 0))
+        port = holder.getsockname()[1]
+    change(folder / "demo.toml", "ws://127.0.0.1:54701/", f"ws://127.0.0.1:{port}/")
+    return folder
+
+
+def change(path, old, new):
+    text = path.read_text()
+    assert text.count(old) == 1, (path, old)
+    path.write_text(text.replace(old, new))
+
+
+def arguments(configs, *more):
+    return [sys.executable, "-m", "gaitd", "sim", "--config", str(configs / "demo.toml"), *more]
+
+
+def refused(configs, *more):
+    done = subprocess.run(
+        arguments(configs, *more), capture_output=True, text=True, timeout=START_S, check=False
+    )
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+    return done.stderr
+
+
+def test_it_serves_its_bus_until_sigterm_and_writes_the_truth_of_every_sync(configs, tmp_path):
+    truth, control = tmp_path / "truth.csv", tmp_path / "control"
+    process = subprocess.Popen(
+        arguments(configs, "--truth", str(truth), "--control", str(control), "--seed", "3"),
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    with process:
+        address = process.stdout.readline().split()[-1]
+        with can.Bus(interface="remote", channel=address) as bus:
+            for _ in range(5):
+                bus.send(can.Message(arbitration_id=0x080, is_extended_id=False))
+                assert bus.recv(0.05) is None  # no TPDO before the nodes are started
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+            sender.bind(str(tmp_path / "sender"))
+            sender.settimeout(5)
+            answers = []
+            for line in ("help", "patient nobody", "silent right/hip 0.1"):
+                sender.sendto(line.encode(), str(control))
+                answers.append(sender.recv(8192).decode())
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(10) == 0
+
+    assert "encoder_glitch:" in answers[0] and "patient PROGRAMME" in answers[0]
+    assert answers[1].startswith("error: ")
+    assert answers[2] == "ok: began silent on right/hip"
+    rows = list(csv.DictReader(truth.open()))
+    assert len(rows) == 5
+    assert {"time_s", "hip_angle_rad", "slide_patient_n"} <= set(rows[0])
+    assert not control.exists()
+
+
+def test_it_ends_by_itself_after_its_duration(configs):
+    done = subprocess.run(
+        arguments(configs, "--duration", "0.1"), capture_output=True, timeout=START_S, check=False
+    )
+    assert done.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "said"),
+    [
+        ("demo.toml", 'sim = "plant.toml"\n', "", "sim = (missing)"),
+        ("demo.toml", 'sim = "plant.toml"', 'sim = "plans.toml"', "plans.toml"),
+        ("plant.toml", "lead_m = 0.15", "", "drives.right.slide"),
+        ("plant.toml", "node_id = 6", "node_id = 5", "drives.right.slide.node_id = 5"),
+        ("plant.toml", "node_id = 6", "node_id = 128", "drives.right.slide.node_id = 128"),
+        ("plant.toml", "gear_ratio = 6.0", "gear_ratio = -6.0", "drives.right.slide.gear_ratio"),
+    ],
+)
+def test_a_wrong_configuration_is_one_line_and_exit_code_2(configs, file, old, new, said):
+    change(configs / file, old, new)
+
+    assert said in refused(configs)
+
+
+def test_an_eds_that_is_none_is_named(configs):
+    (configs / "drives/epos4.eds").write_text("this is no EDS\n")
+
+    assert "drives.right.hip.eds" in refused(configs)
+
+
+def test_a_port_that_is_taken_is_named(configs):
+    port = int((configs / "demo.toml").read_text().split("ws://127.0.0.1:")[1].split("/")[0])
+    with socket.create_server(("127.0.0.1", port)):
+        assert "bus.channel" in refused(configs)
+
+
+def test_a_truth_file_that_cannot_be_written_is_named(configs, tmp_path):
+    assert "--truth" in refused(configs, "--truth", str(tmp_path / "nowhere" / "truth.csv"))
+
+
+def test_a_control_socket_that_cannot_be_made_is_named(configs, tmp_path):
+    assert "--control" in refused(configs, "--control", str(tmp_path / "nowhere" / "socket"))

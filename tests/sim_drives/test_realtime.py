@@ -1,0 +1,209 @@
+"""Real time: on a loopback bus whose clients come, go and die; commands on a socket."""
+
+import contextlib
+import socket
+import struct
+import threading
+import time
+
+import can
+import pytest
+from can.interfaces.virtual import channels
+from drive_bench import Bench
+
+from sim_drives.control import control_socket
+from sim_drives.realtime import RealTime, now_ns, open_bus
+from sim_drives.remote_bus import BusAddressError, parse_channel
+
+IDENTITY = bytes.fromhex("4018100100000000")
+ANSWER = bytes.fromhex("43181001fb000000")
+
+
+@contextlib.contextmanager
+def running(bench, bus, control=None):
+    over = threading.Event()
+    thread = threading.Thread(target=RealTime(bench.world, bus, control).run, args=(over.is_set,))
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+@pytest.fixture
+def served():
+    """The address of a bus with booted drives on it."""
+    with open_bus("remote", "ws://127.0.0.1:0/", 1_000_000) as bus:
+        bench = Bench(start_ns=now_ns() - 500_000_000)
+        with running(bench, bus):
+            yield bus.channel_info
+
+
+@contextlib.contextmanager
+def client(address):
+    with can.Bus(interface="remote", channel=address, bitrate=1_000_000) as bus:
+        yield bus
+
+
+def ask(bus, can_id, data, answer_id, patience_s=2.0):
+    bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+    return hear(bus, answer_id, patience_s)
+
+
+def hear(bus, can_id, patience_s=2.0):
+    until = time.monotonic() + patience_s
+    while time.monotonic() < until:
+        message = bus.recv(0.1)
+        if message is not None and message.arbitration_id == can_id:
+            return bytes(message.data)
+    return None
+
+
+def stations():
+    return sum(len(queues) for name, queues in channels.items() if str(name).startswith("sim-"))
+
+
+def test_a_client_of_the_loopback_bus_talks_to_the_drives(served):
+    with client(served) as bus:
+        assert ask(bus, 0x605, IDENTITY, 0x585) == ANSWER
+
+
+def test_two_clients_hear_the_drives_and_each_other(served):
+    with client(served) as one, client(served) as other:
+        assert ask(one, 0x605, IDENTITY, 0x585) == ANSWER
+        assert hear(other, 0x605) == IDENTITY
+        assert hear(other, 0x585) == ANSWER
+
+
+def test_a_client_may_come_back(served):
+    for _ in range(3):
+        with client(served) as bus:
+            assert ask(bus, 0x605, IDENTITY, 0x585) == ANSWER
+
+
+def test_a_client_that_was_killed_leaves_no_station_behind(served):
+    survivor = can.Bus(interface="remote", channel=served)
+    before = stations()
+    victim = can.Bus(interface="remote", channel=served)
+    ask(victim, 0x606, IDENTITY, 0x586)
+    linger = struct.pack("ii", 1, 0)
+    victim.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, linger)
+    victim.socket.close()  # the kernel's reset, as after SIGKILL
+    victim._is_shutdown = True
+
+    for _ in range(30):
+        assert ask(survivor, 0x605, IDENTITY, 0x585) == ANSWER
+        if stations() == before:
+            break
+        time.sleep(0.1)
+
+    assert stations() == before
+    survivor.shutdown()
+
+
+def test_what_is_no_websocket_is_sent_away_and_harms_nobody(served):
+    host, port = parse_channel(served)
+    for said in (b"", b"GET / HTTP/1.1\r\n\r\n", b"\x00\xff" * 100):
+        with socket.create_connection((host, port)) as stranger:
+            stranger.sendall(said)
+    with client(served) as bus:
+        assert ask(bus, 0x605, IDENTITY, 0x585) == ANSWER
+
+
+def test_extended_and_remote_frames_mean_nothing_to_the_drives(served):
+    with client(served) as bus:
+        for odd in ({"is_extended_id": True}, {"is_extended_id": False, "is_remote_frame": True}):
+            bus.send(can.Message(arbitration_id=0x605, data=IDENTITY, **odd))
+        assert hear(bus, 0x585, 0.2) is None
+        assert ask(bus, 0x605, IDENTITY, 0x585) == ANSWER
+
+
+def test_a_node_that_is_started_sends_its_event_driven_tpdo(served):
+    with client(served) as bus:
+        started = ask(bus, 0x000, b"\x01\x05", 0x185)
+        assert started == b"\x40\x82"
+
+
+@pytest.mark.parametrize(
+    "channel", ["vcan0", "http://127.0.0.1:5/", "ws://127.0.0.1/", "ws://:70000/", "ws:///"]
+)
+def test_an_address_that_cannot_be_served_is_refused(channel):
+    with pytest.raises(BusAddressError, match="is no ws://HOST:PORT/"):
+        parse_channel(channel)
+
+
+# --- commands ---------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def asking(tmp_path):
+    """A socket beside the drives', and what they have been told."""
+    told = []
+
+    def obey(line):
+        told.append(line)
+        return bench.world.command(line)
+
+    bench = Bench()
+    bench.boot()
+    with (
+        control_socket(tmp_path / "control", obey) as control,
+        socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender,
+    ):
+        sender.bind(str(tmp_path / "sender"))
+        sender.settimeout(2)
+
+        def ask(text):
+            sender.sendto(text.encode(), str(tmp_path / "control"))
+            control.serve()
+            return sender.recv(4096).decode()
+
+        yield ask, bench, tmp_path, control
+
+
+def test_a_command_is_obeyed_and_answered(asking):
+    ask, bench, *_ = asking
+
+    assert ask("emcy right/hip 0.5 0x2310") == "ok: began emcy on right/hip"
+    assert bench.read(0x603F) == 0x2310
+    assert ask("clear emcy right/hip") == "ok: cleared emcy on right/hip"
+
+
+def test_a_bad_command_gets_its_reason_and_the_others_of_the_datagram_are_obeyed(asking):
+    ask, bench, *_ = asking
+
+    first, second = ask("nonsense\nhand_switch_open *").splitlines()
+
+    assert first.startswith("error: ")
+    assert "expected KIND DRIVE" in first
+    assert second == "ok: began hand_switch_open on *"
+    assert not bench.read(0x60FD) >> 16 & 1
+
+
+def test_bytes_that_are_no_text_get_an_error(asking):
+    ask, *_ = asking
+    assert ask("\x00\xff").startswith("error: ")
+
+
+def test_whoever_has_no_name_is_obeyed_without_an_answer(asking):
+    _, bench, folder, control = asking
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as nameless:
+        nameless.sendto(b"hand_switch_open *", str(folder / "control"))
+        control.serve()
+
+    assert not bench.read(0x60FD) >> 16 & 1
+
+
+def test_a_socket_left_by_an_earlier_run_is_replaced_and_a_file_is_not(tmp_path):
+    left = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    left.bind(str(tmp_path / "left"))
+    left.close()
+    with control_socket(tmp_path / "left", str):
+        pass
+    assert not (tmp_path / "left").exists()
+
+    (tmp_path / "file").write_text("somebody's")
+    with pytest.raises(OSError, match="in use"), control_socket(tmp_path / "file", str):
+        pass
+    assert (tmp_path / "file").read_text() == "somebody's"
