@@ -115,9 +115,11 @@ def dynamics(
     m22 = p.slide_inertia + w.shank_slide * s2 + w.shoe_slide * s3
     rate2 = w.shank_hip * v1 + w.shank_slide * v2
     rate3 = w.shoe_hip * v1 + w.shoe_slide * v2
-    square1 = coriolis_share * v1 * v1
-    square2 = coriolis_share * rate2 * rate2
-    square3 = coriolis_share * rate3 * rate3
+    # The rates of a strut that only stands for "no such pose" are no physics: no Coriolis there.
+    share = coriolis_share if at.closes else 0.0
+    square1 = share * v1 * v1
+    square2 = share * rate2 * rate2
+    square3 = share * rate3 * rate3
     alpha2, alpha3 = _bias_accelerations(p, at, square1, square2, square3)
     # Generalised forces of the three links: B alpha + h + G + dampers.
     knee = p.knee_damping * (rate2 - v1)

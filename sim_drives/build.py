@@ -142,7 +142,8 @@ def _entries(drive: DriveSettings, folder: Path, key: str) -> tuple[Entry, ...]:
         allowed = f"an EDS file ({(error.strerror or 'cannot be read').lower()})"
         raise MachineError(f"{key}.eds", drive.eds, allowed) from error
     except (configparser.Error, ValueError, KeyError) as error:
-        raise MachineError(f"{key}.eds", drive.eds, f"an EDS file ({error})") from error
+        reason = str(error).splitlines()[0]
+        raise MachineError(f"{key}.eds", drive.eds, f"an EDS file ({reason})") from error
 
 
 def _check_transmission(drive: DriveSettings, key: str) -> None:

@@ -122,21 +122,18 @@ class Node:
         self._consumer = HeartbeatConsumer(
             dictionary, line, self.timers, self._master_lost, self._master_back
         )
-        locked = personality.cob_id_locked_while_valid
-        self._tpdos = TransmitPdos(
-            dictionary, line, self.timers, self._send_tpdo, self._tpdo_delays_ns, locked=locked
-        )
-        self._rpdos = ReceivePdos(
-            dictionary,
-            line,
-            self.timers,
-            self._apply,
-            self._length_error,
-            self._rpdo_timeout,
-            locked=locked,
-        )
+        self._tpdos, self._rpdos = self._build_pdos()
         dictionary.before_upload = self.drive.latch
         self._guard_objects()
+
+    def _build_pdos(self) -> tuple[TransmitPdos, ReceivePdos]:
+        parts = self.dictionary, self._line, self.timers
+        locked = self._personality.cob_id_locked_while_valid
+        transmit = TransmitPdos(*parts, self._send_tpdo, self._tpdo_delays_ns, locked=locked)
+        receive = ReceivePdos(
+            *parts, self._apply, self._length_error, self._rpdo_timeout, locked=locked
+        )
+        return transmit, receive
 
     def _guard_objects(self) -> None:
         self.dictionary.guard(COB_ID_SYNC, self._judge_sync_cob_id)

@@ -12,8 +12,14 @@ from observer.mechanism import Dampers, Geometry, Link, Slide, Springs
 GRAVITY = 9.81
 
 
-def build(geometry: Geometry, links: tuple[Link, Link, Link], slide: Slide, drive_inertia: float,
-          springs: Springs, dampers: Dampers) -> ca.Function:
+def build(
+    geometry: Geometry,
+    links: tuple[Link, Link, Link],
+    slide: Slide,
+    drive_inertia: float,
+    springs: Springs,
+    dampers: Dampers,
+) -> ca.Function:
     """(q, q', effort) -> ankle, M (2x2), g, C~ q', c, q'', T, V, and det of the loop's Jacobian."""
     q, v, effort = ca.SX.sym("q", 2), ca.SX.sym("v", 2), ca.SX.sym("u", 2)
     l1, l2, l3 = geometry.thigh_length_m, geometry.shank_length_m, geometry.shoe_length_m
@@ -39,7 +45,9 @@ def build(geometry: Geometry, links: tuple[Link, Link, Link], slide: Slide, driv
     kinetic += 0.5 * (slide.mass_kg + slide.drive_mass_kg) * v[1] ** 2
     potential = GRAVITY * slide.mass_kg * joint[1]
     origins, lengths = (ca.SX.zeros(2), knee, ankle), (l1, l2, l3)
-    for link, origin, length, angle in zip(links, origins, lengths, ca.vertsplit(angles), strict=True):
+    for link, origin, length, angle in zip(
+        links, origins, lengths, ca.vertsplit(angles), strict=True
+    ):
         com = origin + link.com_ratio * length * along(angle + link.com_offset_rad)
         velocity = ca.jtimes(com, q, v)
         rate = ca.jtimes(angle, q, v)

@@ -13,8 +13,8 @@ import numpy as np
 from observer.batch import Columns
 from observer.friction import FrictionParameters, friction_after
 from observer.jit import kernel
-from observer.leg_observer import ObserverTuning
 from observer.leg_model import Integrator
+from observer.leg_observer import ObserverTuning
 from observer.mechanism import (
     Dampers,
     Geometry,
@@ -129,10 +129,8 @@ def _bristle(b, z, v, dt):
     level = b.coulomb + (b.breakaway - b.coulomb) * math.exp(-((v / b.stribeck_speed) ** 2))
     # z' = v - |v| stiffness / level z, exact for constant v: bristles are stiff
     rate = abs(v) * b.stiffness / level
-    if rate * dt > 1e-9:
-        z_after = v / rate + (z - v / rate) * math.exp(-rate * dt)
-    else:
-        z_after = z + v * dt
+    bent = v / rate if rate * dt > 1e-9 else 0.0
+    z_after = bent + (z - bent) * math.exp(-rate * dt) if bent != 0.0 else z + v * dt
     return z_after, b.stiffness * z_after + b.damping * (z_after - z) / dt + b.viscous * v
 
 
