@@ -22,17 +22,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.cdkf import STEP, compress, correct, innovate, spread
-from observer.friction import STANDSTILL_GATE, FrictionParameters, gate
+from observer.friction import FrictionParameters, gate
 from observer.jit import inline, kernel
+from observer.leg_judgement import judge
 from observer.leg_memory import (
-    DISTRUST,
     EFFORT,
     GATED,
     NIS_MEAN,
     PREDICTED,
-    REST_S,
     STARTED,
-    WARM_UP,
+    SURPRISE,
     Arrays,
     N,
     arrays_in,
@@ -53,19 +52,13 @@ from observer.leg_model import (
     semi_implicit,
     substeps_for,
 )
-from observer.linkage import pose
 from observer.parameters import LegParameters
 from observer.quantities import Number
 from observer.status import (
-    BAD_BITS,
     GAP_MAX_S,
     GATED_MAX_IN_A_ROW,
     LATE_RATIO,
-    NEAR_SINGULAR_RATIO,
-    NIS_WINDOW_MAX,
     NIS_WINDOW_SAMPLES,
-    PREDICTED_MAX_CYCLES,
-    REST_MAX_S,
     Status,
     Validity,
 )
@@ -85,10 +78,10 @@ OUT_SIZE: Final = OUT_NET_STD + 2
 GATED_FRICTION_MOVING: Final = 2.0
 GATED_FRICTION_RESTING: Final = 5.0
 """Factors on friction's process noise when it is gated by velocity (observer.md 3.1)."""
-SURPRISE_STD: Final = 0.05
+PUSH_MAX: Final = 30.0
+"""rad/s^2, m/s^2: no push or stick-slip accelerates a leg more; a larger jump is the encoder's."""
 SURPRISE_CYCLES: Final = 2
-"""Noise of the velocities (rad/s, m/s) after a rejected sample, so that a leg that really moved
-otherwise (stick-slip, a push) is believed at once, while a jump of the encoder is not."""
+"""For how long a rejected sample that a push explains makes the velocities uncertain."""
 WILD_RATE: Final = 100.0
 """Predicted velocities (rad/s, m/s) that no leg has: the prediction is discarded."""
 
@@ -102,14 +95,6 @@ GATED_BIT: Final = Status.GATED.value
 PREDICT_ONLY_BIT: Final = Status.PREDICT_ONLY.value
 OUT_OF_WORKSPACE_BIT: Final = Status.OUT_OF_WORKSPACE.value
 INCONSISTENT_BIT: Final = Status.INCONSISTENT.value
-NEAR_SINGULAR_BIT: Final = Status.NEAR_SINGULAR.value
-WARM_UP_BIT: Final = Status.WARM_UP.value
-STANDSTILL_HIP_BIT: Final = Status.STANDSTILL_HIP.value
-STANDSTILL_SLIDE_BIT: Final = Status.STANDSTILL_SLIDE.value
-VALID_BIT: Final = Status.VALID.value
-BAD_MASK: Final = BAD_BITS.value
-OK: Final = Validity.OK.value
-SPLIT_UNOBSERVABLE: Final = Validity.SPLIT_UNOBSERVABLE.value
 BAD: Final = Validity.BAD.value
 RK4: Final = Integrator.RK4.value
 
@@ -175,11 +160,13 @@ def advance(
         arrays.measured[1] = position_slide
         status |= _predict(model, options, process_std, arrays, dt_s)
         if (have_hip or have_slide) and not is_lost(memory):
-            status |= _measure(model, options, measurement_std, arrays, have_hip, have_slide, out)
+            status |= _measure(
+                model, options, measurement_std, arrays, have_hip, have_slide, dt_s, out
+            )
     if memory[STARTED] == 0.0:
         return status | PREDICT_ONLY_BIT, BAD, BAD
     _report(arrays, out)
-    return _judge(model, memory, dt_s, status)
+    return judge(model, memory, dt_s, status)
 
 
 @inline
@@ -232,14 +219,15 @@ def _scale_noise(
     """Process noise of this step: standard deviations grow with the root of time.
 
     Gated by velocity (`velocity_gated`), a patient's effort does not wander at rest, where nothing
-    shows it; friction wanders more there, and less in motion.
+    shows it; friction wanders more, and most at rest. After a surprise the velocities are
+    uncertain.
     """
     scale = math.sqrt(dt_s / STEP_S)
     for i in range(N):
         a.noise[i] = scale * process_std[i]
     if 0.0 < a.memory[GATED] <= SURPRISE_CYCLES:
-        for i in range(2, 4):
-            a.noise[i] += SURPRISE_STD
+        for axis in range(2):
+            a.noise[2 + axis] += a.memory[SURPRISE + axis]
     if options.velocity_gated != 0.0:
         for axis in range(2):
             moving = gate(model.hip if axis == 0 else model.slide, a.mean[2 + axis])
@@ -257,6 +245,7 @@ def _measure(
     a: Arrays,
     have_hip: bool,
     have_slide: bool,
+    dt_s: float,
     out: Vector,
 ) -> int:
     """Measurement update by the axes that have a sample, or its rejection; bits."""
@@ -279,7 +268,7 @@ def _measure(
     for j in range(count):
         out[OUT_INNOVATION + picks[j]] = a.innovation[j]
     if not nis <= options.gate_nis:
-        return _reject(model, a, count == 2)
+        return _reject(model, a, picks, count, dt_s)
     correct(
         a.mean,
         a.root,
@@ -299,10 +288,19 @@ def _measure(
 
 
 @inline
-def _reject(model: LegModel, a: Arrays, complete: bool) -> int:
+def _reject(model: LegModel, a: Arrays, picks: NDArray[np.int64], count: int, dt_s: float) -> int:
+    """Count the sample, and ask whether a push explains it or only the encoder does; bits."""
     a.memory[GATED] += 1.0
+    if a.memory[GATED] == 1.0:
+        a.memory[SURPRISE] = a.memory[SURPRISE + 1] = 0.0
+        largest = 0.0
+        for j in range(count):
+            a.memory[SURPRISE + picks[j]] = 2.0 * math.fabs(a.innovation[j]) / dt_s
+            largest = max(largest, a.memory[SURPRISE + picks[j]])
+        if largest > PUSH_MAX * dt_s:
+            a.memory[SURPRISE] = a.memory[SURPRISE + 1] = 0.0
     too_many = a.memory[GATED] > GATED_MAX_IN_A_ROW
-    if too_many and complete and may_start(model.leg, a.measured[0], a.measured[1]):
+    if too_many and count == 2 and may_start(model.leg, a.measured[0], a.measured[1]):
         restart(a.memory, a.measured[0], a.measured[1], True)
     return GATED_BIT
 
@@ -327,48 +325,3 @@ def _report(a: Arrays, out: Vector) -> None:
             difference = a.root[6 + axis, k] - a.root[4 + axis, k]
             total += difference * difference
         out[OUT_NET_STD + axis] = math.sqrt(total)
-
-
-@inline
-def _judge(model: LegModel, memory: Vector, dt_s: float, status: int) -> tuple[int, int, int]:
-    """All bits, and the level of each axis."""
-    leg = model.leg
-    at = pose(leg, memory[0], memory[1])
-    if not at.closes:
-        status |= OUT_OF_WORKSPACE_BIT
-    if -at.delta < NEAR_SINGULAR_RATIO * leg.shank_length_m * leg.shoe_length_m:
-        status |= NEAR_SINGULAR_BIT
-    if memory[NIS_MEAN] > NIS_WINDOW_MAX or memory[DISTRUST] > 0.0:
-        status |= INCONSISTENT_BIT
-    if memory[WARM_UP] > 0.0:
-        status |= WARM_UP_BIT
-    if memory[PREDICTED] > 0.0 or memory[PREDICTED + 1] > 0.0:
-        status |= PREDICT_ONLY_BIT
-    memory[WARM_UP] = max(memory[WARM_UP] - 1.0, 0.0)
-    memory[DISTRUST] = max(memory[DISTRUST] - 1.0, 0.0)
-    if _count_rest(model.hip, memory, 0, dt_s):
-        status |= STANDSTILL_HIP_BIT
-    if _count_rest(model.slide, memory, 1, dt_s):
-        status |= STANDSTILL_SLIDE_BIT
-    level_hip = _level(memory, 0, status)
-    level_slide = _level(memory, 1, status)
-    if BAD not in (level_hip, level_slide):
-        status |= VALID_BIT
-    return status, level_hip, level_slide
-
-
-@inline
-def _count_rest(f: FrictionParameters, memory: Vector, axis: int, dt_s: float) -> bool:
-    resting = gate(f, memory[2 + axis]) < STANDSTILL_GATE
-    if not resting:
-        memory[REST_S + axis] = 0.0
-    elif 0.0 < dt_s <= GAP_MAX_S:
-        memory[REST_S + axis] += dt_s
-    return resting
-
-
-@inline
-def _level(memory: Vector, axis: int, status: int) -> int:
-    if status & BAD_MASK or memory[PREDICTED + axis] > PREDICTED_MAX_CYCLES:
-        return BAD
-    return SPLIT_UNOBSERVABLE if memory[REST_S + axis] > REST_MAX_S else OK

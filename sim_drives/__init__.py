@@ -1,1 +1,19 @@
-"""sim_drives."""
+"""Virtual CiA 402 drives with a gait trainer and a scripted patient behind them.
+
+The slave's side of CANopen, written from the standard on raw frames; it shares no protocol code
+with `drives/`, so that a mistake on one side does not cancel out on the other. Reading order:
+
+    settings, plant_settings    what plant.toml may say
+    actuation, plant_port       what passes between protocol and mechanics
+    dictionary, aborts          the object dictionary from an EDS, its rules
+    sdo_server, pdo_rules, pdo  access by SDO; PDOs: what may be mapped, what happens at a SYNC
+    nmt, heartbeat, emergency   network states, silence, errors
+    power_state, drive          CiA 402's tables, and the machine that runs them
+    motion, measurement         modes, targets, limits; process values
+    personality, scaling        what two makes of drive do differently; units
+    storage, node               saved parameters; all of it as one station on the bus
+    one_leg, world              nodes and plant from event to event, in lock-step
+    faults, control, build      what goes wrong, by script and command; wiring
+    remote_bus, realtime        the same in real time: the only files with threads or a clock
+    plant                       the mechanics: dynamics, motor, stick_slip, stops, patient, truth
+"""

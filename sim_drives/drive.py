@@ -103,6 +103,8 @@ class Drive:
         self.update()
 
     def _self_test_done(self) -> None:
+        if self.state is not PowerState.NOT_READY_TO_SWITCH_ON:
+            return  # a fault has come first
         self._enter(PowerState.SWITCH_ON_DISABLED)
         if not self.measurement.sto_released:
             self.fault(self._personality.sto_error_code)

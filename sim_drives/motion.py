@@ -73,6 +73,7 @@ class Motion:
         self._bit_4_prev = False
         self.homing_attained = False
         self.mode = Mode.NONE
+        self._requested = Mode.NONE
         dictionary.guard(MODES_OF_OPERATION, self._judge_mode)
         dictionary.watch(MODES_OF_OPERATION, lambda _: self._request_mode())
         dictionary.guard(0x6098, self._judge_homing_method)
@@ -109,8 +110,6 @@ class Motion:
             self._requested = requested
             at_ns = self._line.now_ns + MODE_SWITCH_NS
             self._timers.start(MODES_OF_OPERATION, at_ns, lambda: self._switch(requested))
-
-    _requested: Mode = Mode.NONE
 
     def _switch(self, mode: Mode) -> None:
         self.mode = mode

@@ -36,7 +36,7 @@ BOUNDS: Final = {
     Kind.ACTIVE: Bound(0.6, 3.0, 0.98, 0.7),
     Kind.OPEN_LOOP: Bound(0.6, 3.0, -1.0, 0.4),
 }
-"""The passive span begins with a ramp from rest, and the paper's experiment rests at each reversal."""
+"""The passive span begins with a ramp from rest; the paper's experiment rests at its reversals."""
 
 
 class Span(NamedTuple):

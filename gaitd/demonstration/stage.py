@@ -36,10 +36,12 @@ TAIL_LINES: Final = 12
 PRIORITY: Final = 40
 """Below what a service asks for itself."""
 END_WITH_PARENT: Final = (
-    "import ctypes, os, sys; ctypes.CDLL(None).prctl(1, 15); os.execv(sys.argv[1], sys.argv[1:])"
+    "import ctypes, os, sys; ctypes.CDLL(None).prctl(1, 15); "
+    "os.getppid() == int(sys.argv[1]) and os.execv(sys.argv[2], sys.argv[2:])"
 )
 """Asks the kernel for SIGTERM when we are gone, however we went (PR_SET_PDEATHSIG), and becomes the
-command behind it. A function between fork and exec would do the same, but not beside threads."""
+command behind it, if we are not gone already. A function between fork and exec would do the same,
+but not beside threads."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +91,19 @@ class Troupe:
         """Start `python -m gaitd ARGUMENTS` in a session of its own: Ctrl-C reaches us alone."""
         self._name = name
         self._log = log
+        python = sys.executable
         with log.open("wb") as output:
             self._process = subprocess.Popen(
-                [sys.executable, "-c", END_WITH_PARENT, sys.executable, "-m", "gaitd", *arguments],
+                [
+                    python,
+                    "-c",
+                    END_WITH_PARENT,
+                    str(os.getpid()),
+                    python,
+                    "-m",
+                    "gaitd",
+                    *arguments,
+                ],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
@@ -183,7 +195,7 @@ def _memory() -> str | None:
 
 
 def _tidy(folder: Path) -> Callable[..., bool]:
-    """Removes the folder of an act that went well; after trouble it stays, and the error says it."""
+    """Removes the folder of an act that went well; after trouble it stays, which the error says."""
 
     def leave(_kind: type[BaseException] | None, error: BaseException | None, _: object) -> bool:
         if isinstance(error, ActError):

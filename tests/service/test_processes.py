@@ -4,10 +4,12 @@ import json
 import signal
 import subprocess
 import sys
+import tempfile
 import time
+from pathlib import Path
 
 import pytest
-from processes import Service, emergencies
+from processes import MEMORY, Service, emergencies
 
 from daemon.record import Cause, Mode
 from drives.signals import PowerState
@@ -20,10 +22,13 @@ PATIENCE_S = 0.4
 
 
 @pytest.fixture
-def service(tmp_path):
-    service = Service(tmp_path)
-    yield service.start_all()
-    service.end()
+def service():
+    with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as folder:
+        service = Service(Path(folder))
+        try:
+            yield service.start_all()
+        finally:
+            service.end()
 
 
 TRIES = 3

@@ -225,6 +225,16 @@ def test_an_sto_that_opens_during_a_fault_ramp_ends_the_ramp():
     assert bench.state() == FAULT
 
 
+def test_a_fault_during_the_self_test_is_still_a_fault_after_it():
+    bench = Bench()
+    bench.run_ms(150)
+
+    bench.world.command("emcy right/hip - 0x2310")
+    bench.run_ms(300)
+
+    assert bench.state() == FAULT
+
+
 # --- option codes -----------------------------------------------------------------------------
 
 GENERIC = {"personality": "generic", "eds": "drives/generic402.eds"}

@@ -19,6 +19,8 @@ from daemon.seam import RING_NAME, RingError, RingReader
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 POLL_S = 0.02
+MEMORY = Path("/dev/shm")
+"""Truth and ring in memory: a disk that writes back stalls who writes to it for 100 ms."""
 
 
 def free_port() -> int:

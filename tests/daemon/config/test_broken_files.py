@@ -642,13 +642,13 @@ def test_there_are_more_than_twenty_kinds_of_broken_files():
     [
         (
             'state = "../out/demo/state"',
-            'state = "../out/demo/run/state"',
+            'state = "/dev/shm/gaitd-demo/state"',
             "paths.state",
             "outside",
         ),
-        ('runtime = "../out/demo/run"', 'runtime = "demo.toml"', "paths.runtime", "a directory"),
+        ('runtime = "/dev/shm/gaitd-demo"', 'runtime = "demo.toml"', "paths.runtime", "a directory"),
         (
-            'runtime = "../out/demo/run"',
+            'runtime = "/dev/shm/gaitd-demo"',
             f'runtime = "../{"long" * 30}"',
             "paths.runtime",
             "bytes, because the sockets of the seam lie in it",

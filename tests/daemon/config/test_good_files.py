@@ -97,7 +97,7 @@ def test_relative_paths_start_at_the_file_that_names_them(tmp_path, monkeypatch)
 
     settings = load(Path("configs/demo.toml"))
 
-    assert settings.runtime == tmp_path / "out/demo/run"
+    assert settings.runtime == Path("/dev/shm/gaitd-demo")
     assert settings.state == tmp_path / "out/demo/state"
     assert settings.file.sim == Path("configs/plant.toml")
     assert Path(settings.legs[0].hip.eds).samefile(configs / "drives/epos4.eds")

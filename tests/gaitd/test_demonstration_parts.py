@@ -1,0 +1,197 @@
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitd.demonstration.feed import HEARD, TRUE, Track, TruthTail
+from gaitd.demonstration.judgement import Row, Span, judge, pairs
+from gaitd.demonstration.picture import Results, draw
+from gaitd.demonstration.script import ActError, Kind
+from gaitd.demonstration.stage import Troupe, write_configs
+from gaitd.places import configs_folder
+from sim_drives.truth import TruthRow
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+CYCLE_NS = 10_000_000
+
+
+def tracks(count=400, *, error_nm=0.0, error_n=0.0, rest=()):
+    """An estimate that is the truth but for a constant, and null at some rows."""
+    heard, true = Track(HEARD), Track(TRUE)
+    for row in range(count):
+        time_ns = 1_000_000_000 + row * CYCLE_NS
+        hip, slide = 8 * math.sin(row / 40), 40 * math.cos(row / 40)
+        true.add(time_ns + 700_000, (hip, slide, 6.0, 65.0))
+        values = dict.fromkeys(HEARD, 0.0) | {
+            "hip_patient_nm": hip + error_nm,
+            "slide_patient_n": slide + error_n,
+        }
+        if row in rest:
+            values |= {"hip_patient_nm": math.nan, "slide_patient_n": math.nan}
+        heard.add(time_ns, tuple(values[name] for name in HEARD))
+    return heard, true
+
+
+def rows(kind, **changes) -> tuple[Row, ...]:
+    span = Span("a span", kind, 0, 10**12)
+    return judge([span], pairs(*tracks(**changes)))
+
+
+def test_an_estimate_within_its_bounds_passes():
+    assert all(row.passed for row in rows(Kind.ACTIVE, error_nm=0.5, error_n=2.9))
+
+
+@pytest.mark.parametrize(
+    ("axis", "errors"), [("hip", {"error_nm": 0.7}), ("slide", {"error_n": 3.1})]
+)
+def test_an_axis_out_of_its_bound_fails_alone(axis, errors):
+    assert {row.axis for row in rows(Kind.ACTIVE, **errors) if not row.passed} == {axis}
+
+
+def test_the_passive_bounds_are_the_tighter_ones():
+    assert all(row.passed for row in rows(Kind.ACTIVE, error_nm=0.4))
+    assert not all(row.passed for row in rows(Kind.PASSIVE, error_nm=0.4))
+
+
+def test_an_estimate_that_is_hardly_ever_valid_fails_however_good_it_is():
+    assert not any(row.passed for row in rows(Kind.ACTIVE, rest=range(200)))
+
+
+def test_nothing_to_judge_is_a_failure():
+    judged = judge([Span("before", Kind.ACTIVE, 0, 1)], pairs(*tracks()))
+
+    assert not any(row.passed for row in judged)
+    assert not Results(pairs(*tracks()), [], [], [], "").passed
+
+
+def test_an_artificial_disturbance_is_what_the_estimate_should_show():
+    heard, true = Track(HEARD), Track(TRUE)
+    true.add(0, (0.0, 0.0, 0.0, 0.0))
+    values = dict.fromkeys(HEARD, 0.0) | {"hip_patient_nm": 4.0, "artificial_hip_nm": 4.0}
+    heard.add(0, tuple(values[name] for name in HEARD))
+
+    hip, slide = pairs(heard, true)
+
+    assert hip.wanted.tolist() == [4.0]
+    assert slide.wanted.tolist() == [0.0]
+
+
+def test_an_estimate_without_a_truth_of_its_cycle_is_not_judged():
+    heard, true = Track(HEARD), Track(TRUE)
+    true.add(0, (0.0, 0.0, 0.0, 0.0))
+    heard.add(6_000_000, tuple(0.0 for _ in HEARD))
+
+    assert np.isnan(pairs(heard, true)[0].wanted).all()
+
+
+def test_the_truth_is_followed_by_whole_lines(tmp_path):
+    track = Track(TRUE)
+    tail = TruthTail(tmp_path / "truth.csv", track)
+    tail.read()
+    assert len(track) == 0
+
+    cells = dict.fromkeys(TruthRow._fields, "0") | {"hip_patient_nm": "8.5"}
+    line = ",".join((cells | {"sync_mono_ns": "123"}).values())
+    with (tmp_path / "truth.csv").open("w") as file:
+        file.write(",".join(TruthRow._fields) + "\n" + line[:10])
+        file.flush()
+        tail.read()
+        assert len(track) == 0
+        file.write(line[10:] + "\n")
+        file.flush()
+        tail.read()
+    tail.close()
+
+    times, values = track.arrays()
+    assert times.tolist() == [123]
+    assert track.column("hip_patient_nm", values).tolist() == [8.5]
+
+
+@pytest.mark.parametrize("empty", [False, True])
+def test_an_act_has_a_configuration_of_its_own_that_checks_out(tmp_path, empty):
+    from daemon.config.load import load
+    from gaitd.virtual_machine import load_plant
+
+    trainer, endpoint = write_configs(CONFIGS, tmp_path / "configs", empty=empty)
+
+    settings = load(trainer)
+    assert settings.file.trainer.zenoh.listen == (endpoint,)
+    assert settings.file.runtime == tmp_path / "run"
+    assert (settings.robot.patient is None) == empty
+    assert load_plant(settings.file)[1].robot == settings.file.robot.name
+    here = tomllib.loads((CONFIGS / "demo.toml").read_text())
+    assert settings.file.trainer.bus.channel != here["bus"]["channel"]
+
+
+def test_the_springs_of_the_empty_machine_carry_it_where_it_starts(tmp_path):
+    from daemon.config.load import load
+    from daemon.config.robot import leg_parameters
+    from observer.mechanism import gravity
+
+    trainer, _ = write_configs(CONFIGS, tmp_path / "configs", empty=True)
+    start = tomllib.loads((tmp_path / "configs" / "plant.toml").read_text())["start"]
+
+    pose = np.array((math.radians(start["hip_deg"]), start["slide_m"]))
+    load_there = gravity(leg_parameters(load(trainer).robot), pose)
+
+    assert np.abs(load_there) == pytest.approx([0.0, 0.0], abs=1e-3)
+
+
+def test_a_process_that_dies_is_reported_with_its_last_words(tmp_path):
+    troupe = Troupe("gaitd check", ["check", "--config", "missing.toml"], tmp_path / "log")
+    troupe._process.wait(30)
+
+    with pytest.raises(ActError, match=r"(?s)gaitd check ended with 2.*missing\.toml"):
+        troupe.check()
+
+
+def test_a_process_ends_when_the_one_that_started_it_is_killed(tmp_path):
+    script = (
+        "import sys, time; from pathlib import Path\n"
+        "from gaitd.demonstration.stage import Troupe\n"
+        f"config = {str(CONFIGS / 'demo.toml')!r}\n"
+        f"one = Troupe('sim', ['sim', '--config', config], Path({str(tmp_path)!r}) / 'log')\n"
+        "print(one.pid, flush=True); time.sleep(60)"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    child = int(parent.stdout.readline())
+    parent.send_signal(signal.SIGKILL)
+    parent.wait()
+    parent.stdout.close()
+
+    deadline = time.monotonic() + 60
+    while _lives(child) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not _lives(child)
+
+
+def _lives(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except (ProcessLookupError, FileNotFoundError):
+        return False
+    return state != "Z"
+
+
+def test_the_picture_is_drawn_also_of_a_demonstration_that_failed(tmp_path):
+    spans = [Span("gait", Kind.ACTIVE, 1_000_000_000, 4_000_000_000)]
+    both = pairs(*tracks(rest=range(50, 90)))
+
+    draw(Results(both, spans, judge(spans, both), [], "stopped"), tmp_path / "a.png")
+    draw(Results(pairs(Track(HEARD), Track(TRUE)), [], [], [], "early"), tmp_path / "b.png")
+
+    for name in ("a.png", "b.png"):
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_configurations_are_found_beside_the_code():
+    assert configs_folder("--config", "demo.toml") == CONFIGS

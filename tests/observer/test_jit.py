@@ -1,0 +1,168 @@
+"""The cache of compiled code: it is used, it is never stale, and it is never somebody else's."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from observer import jit
+
+OBSERVER = Path(jit.__file__).parent
+
+CALLER = """
+from observer.jit import kernel
+from {package}.model import twice
+
+@kernel
+def four_times(x):
+    return twice(twice(x))
+"""
+MODEL = """
+from observer.jit import kernel
+
+@kernel
+def twice(x):
+    return {factor} * x
+"""
+USE = "from {package}.caller import four_times; print(four_times(1.0), four_times.stats)"
+
+
+class Copy:
+    """A copy of observer/ with another package beside it, in a folder and a cache of its own."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self.cache = folder / "cache"
+        shutil.copytree(OBSERVER, folder / "observer", ignore=shutil.ignore_patterns("__pycache__"))
+
+    def write(self, package: str, factor: float) -> None:
+        root = self.folder / package
+        root.mkdir(exist_ok=True)
+        (root / "__init__.py").touch()
+        (root / "caller.py").write_text(CALLER.format(package=package))
+        (root / "model.py").write_text(MODEL.format(factor=factor))
+
+    def run(self, code: str) -> str:
+        """In a process of its own, which sees the copy and not us."""
+        return subprocess.run(
+            [sys.executable, "-c", code],
+            cwd=self.folder,
+            env={
+                "PATH": os.environ["PATH"],
+                "HOME": str(self.folder),
+                "PYTHONPATH": str(self.folder),
+                "PYTHONDONTWRITEBYTECODE": "1",
+                "TMPDIR": str(self.folder),
+                "NUMBA_CACHE_DIR": str(self.cache),
+            },
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+
+
+@pytest.fixture
+def copy(tmp_path):
+    return Copy(tmp_path)
+
+
+def test_a_model_in_another_file_is_new_at_once_after_an_edit(copy):
+    """Numba's own cache would go on with the old one: it looks at the caller's file only."""
+    copy.write("elsewhere", 2.0)
+    first = copy.run(USE.format(package="elsewhere"))
+    copy.write("elsewhere", 3.0)
+    second = copy.run(USE.format(package="elsewhere"))
+
+    assert first.startswith("4.0 ")
+    assert second.startswith("9.0 ")
+
+
+def test_what_did_not_change_is_loaded_and_not_compiled(copy):
+    copy.write("elsewhere", 2.0)
+    copy.run(USE.format(package="elsewhere"))
+    again = copy.run(USE.format(package="elsewhere"))
+
+    assert "cache_misses=Counter()" in again.replace("collections.", "")
+
+
+def test_an_edit_of_the_observer_is_seen_by_kernels_of_other_packages(copy):
+    use = (
+        "from observer.parameters import GRAVITY\n"
+        "import elsewhere.caller\n"
+        "from observer.jit import source_key\n"
+        "from pathlib import Path\n"
+        "print(source_key(Path('elsewhere').resolve()), source_key(Path('observer').resolve()))"
+    )
+    copy.write("elsewhere", 2.0)
+    before = copy.run(use).split()
+    parameters = copy.folder / "observer" / "parameters.py"
+    parameters.write_text(
+        parameters.read_text().replace("GRAVITY: Final = 9.81", "GRAVITY: Final = 1.62")
+    )
+    after = copy.run(use).split()
+
+    assert before[0] != after[0]
+    assert before[1] != after[1]
+
+
+def test_an_edit_of_the_observers_own_model_is_used(copy):
+    """On the moon a leg weighs less, without anybody clearing a cache."""
+    weigh = (
+        "from observer.mechanism import gravity\n"
+        "import numpy as np\n"
+        "from observer.parameters import *\n"
+        "leg = leg_parameters(Geometry(0.44, 0.44, 0.25, 1.05, 0.61, -0.70, 1.05),"
+        " (Link(8.0, 0.4, 0.0, 0.2),) * 3, Slide(4.0, 6.0), 0.3, Springs(), Dampers())\n"
+        "print(*gravity(leg, np.array([0.2, 0.5])))"
+    )
+    earth = [float(x) for x in copy.run(weigh).split()]
+    parameters = copy.folder / "observer" / "parameters.py"
+    parameters.write_text(
+        parameters.read_text().replace("GRAVITY: Final = 9.81", "GRAVITY: Final = 1.62")
+    )
+    moon = [float(x) for x in copy.run(weigh).split()]
+
+    assert moon == pytest.approx([x * 1.62 / 9.81 for x in earth], rel=1e-12)
+
+
+def test_the_key_depends_on_the_compilers_version(monkeypatch):
+    before = jit.source_key(OBSERVER)
+    monkeypatch.setattr(jit.importlib.metadata, "version", lambda name: "0.0")
+
+    assert jit.source_key(OBSERVER) != before
+
+
+def test_a_folder_that_cannot_be_written_is_not_asked_twice(copy):
+    """A read-only home: kernels still compile, and cache in the temporary folder."""
+    copy.write("elsewhere", 2.0)
+    copy.cache.write_text("a file where the folder should be")
+
+    assert copy.run(USE.format(package="elsewhere")).startswith("4.0 ")
+
+
+def test_a_temporary_cache_that_others_could_have_filled_is_not_used(tmp_path, monkeypatch):
+    monkeypatch.setattr(jit.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(jit.tempfile, "tempdir", str(tmp_path))
+    ours = jit._temporary_base()
+    ours.chmod(0o777)
+    fresh = jit._temporary_base()
+
+    assert ours.parent == tmp_path
+    assert fresh != ours
+    assert fresh.stat().st_mode & 0o077 == 0
+
+
+def test_old_generations_of_the_cache_are_removed(tmp_path):
+    for number in range(jit.DIRECTORIES_KEPT + 5):
+        folder = tmp_path / f"{number:02}"
+        folder.mkdir()
+        os.utime(folder, (1000 + number, 1000 + number))
+
+    jit._forget_old_generations(tmp_path)
+
+    left = sorted(path.name for path in tmp_path.iterdir())
+    assert len(left) == jit.DIRECTORIES_KEPT - 1
+    assert left[-1] == f"{jit.DIRECTORIES_KEPT + 4:02}"
