@@ -100,8 +100,8 @@ def _tables(results: dict[str, Any]) -> "Iterator[Table]":
         speed.add_column(name, justify="right")
     speed.add_row(
         f"{replay['recorded_s'] / 3600:g} h",
-        f"{replay['computing_speedup']:.0f} ×",
-        f"{replay['with_csv_speedup']:.0f} ×",
+        f"{replay['computing_ratio']:.0f} ×",
+        f"{replay['with_csv_ratio']:.0f} ×",
     )
     yield speed
 

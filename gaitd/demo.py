@@ -81,6 +81,9 @@ def _watch(configs: Path, plan: "Plan") -> "Results":
             def scene(self, scene: "Scene") -> None:
                 """The next picture shows it."""
 
+            def say(self, words: str) -> None:
+                """It is in the report."""
+
         return Performance(configs, plan, Pictures()).play()
 
 
@@ -99,3 +102,6 @@ class _Lines:
 
     def scene(self, scene: "Scene") -> None:
         print(f"--- {scene.title}", flush=True)
+
+    def say(self, words: str) -> None:
+        print(words, flush=True)

@@ -10,8 +10,10 @@ What happens to a sample, in this order:
    One beyond GAP_MAX_S, or more than HOLD_AFTER_CYCLES without samples, ends prediction: the state
    is held, and the filter begins anew at the next complete sample.
 3. The prediction runs over the true time step; process noise grows with it.
-4. A sample whose NIS is beyond the gate is rejected. After GATED_MAX_IN_A_ROW of them the next one
-   is believed: the filter begins anew there, says so, and is BAD until it has warmed up.
+4. A sample whose NIS is beyond the gate is rejected. If a push could have moved the leg there, the
+   next prediction allows for that push, so that it is followed from the second sample on; a jump of
+   the encoder is too large for that. After GATED_MAX_IN_A_ROW rejections the next sample is
+   believed: the filter begins anew there, says so, and is BAD until it has warmed up.
 5. The estimate is judged (bits, level of each axis) and written out.
 """
 
@@ -30,8 +32,8 @@ from observer.leg_memory import (
     GATED,
     NIS_MEAN,
     PREDICTED,
+    PUSH,
     STARTED,
-    SURPRISE,
     Arrays,
     N,
     arrays_in,
@@ -52,12 +54,14 @@ from observer.leg_model import (
     semi_implicit,
     substeps_for,
 )
+from observer.linkage import dynamics
 from observer.parameters import LegParameters
 from observer.quantities import Number
 from observer.status import (
     GAP_MAX_S,
     GATED_MAX_IN_A_ROW,
     LATE_RATIO,
+    NIS_USUAL_MAX,
     NIS_WINDOW_SAMPLES,
     Status,
     Validity,
@@ -80,8 +84,10 @@ GATED_FRICTION_RESTING: Final = 5.0
 """Factors on friction's process noise when it is gated by velocity (observer.md 3.1)."""
 PUSH_MAX: Final = 30.0
 """rad/s^2, m/s^2: no push or stick-slip accelerates a leg more; a larger jump is the encoder's."""
-SURPRISE_CYCLES: Final = 2
-"""For how long a rejected sample that a push explains makes the velocities uncertain."""
+PUSH_POSITION_SHARE: Final = 1.5
+PUSH_PATIENT_SHARE: Final = 0.5
+"""How uncertain a push makes position and patient: 1 is its own effect within one more cycle. Less
+for the patient avoids overshoot; the velocities' share, 1, does the rest."""
 WILD_RATE: Final = 100.0
 """Predicted velocities (rad/s, m/s) that no leg has: the prediction is discarded."""
 
@@ -218,16 +224,20 @@ def _scale_noise(
 ) -> None:
     """Process noise of this step: standard deviations grow with the root of time.
 
+    After a rejected sample that a push explains, the state is as uncertain as that push is strong.
     Gated by velocity (`velocity_gated`), a patient's effort does not wander at rest, where nothing
-    shows it; friction wanders more, and most at rest. After a surprise the velocities are
-    uncertain.
+    shows it; friction wanders more, and most at rest.
     """
     scale = math.sqrt(dt_s / STEP_S)
     for i in range(N):
         a.noise[i] = scale * process_std[i]
-    if 0.0 < a.memory[GATED] <= SURPRISE_CYCLES:
+    if a.memory[GATED] == 1.0:
+        d = dynamics(model.leg, a.mean[0], a.mean[1], 0.0, 0.0, 0.0)
         for axis in range(2):
-            a.noise[2 + axis] += a.memory[SURPRISE + axis]
+            push = a.memory[PUSH + axis]
+            a.noise[axis] += PUSH_POSITION_SHARE * push * dt_s * dt_s
+            a.noise[2 + axis] += push * dt_s
+            a.noise[6 + axis] += PUSH_PATIENT_SHARE * push * (d.m11 if axis == 0 else d.m22)
     if options.velocity_gated != 0.0:
         for axis in range(2):
             moving = gate(model.hip if axis == 0 else model.slide, a.mean[2 + axis])
@@ -262,12 +272,13 @@ def _measure(
         a.innovation_root,
         a.work,
     )
-    per_two = min(nis, options.gate_nis) * 2.0 / count
+    gate_nis = options.gate_nis * max(1.0, a.memory[NIS_MEAN] / NIS_USUAL_MAX)
+    per_two = min(nis, gate_nis) * 2.0 / count
     a.memory[NIS_MEAN] += (per_two - a.memory[NIS_MEAN]) / NIS_WINDOW_SAMPLES
     out[OUT_NIS] = nis
     for j in range(count):
         out[OUT_INNOVATION + picks[j]] = a.innovation[j]
-    if not nis <= options.gate_nis:
+    if not nis <= gate_nis:
         return _reject(model, a, picks, count, dt_s)
     correct(
         a.mean,
@@ -292,13 +303,13 @@ def _reject(model: LegModel, a: Arrays, picks: NDArray[np.int64], count: int, dt
     """Count the sample, and ask whether a push explains it or only the encoder does; bits."""
     a.memory[GATED] += 1.0
     if a.memory[GATED] == 1.0:
-        a.memory[SURPRISE] = a.memory[SURPRISE + 1] = 0.0
+        a.memory[PUSH] = a.memory[PUSH + 1] = 0.0
         largest = 0.0
         for j in range(count):
-            a.memory[SURPRISE + picks[j]] = 2.0 * math.fabs(a.innovation[j]) / dt_s
-            largest = max(largest, a.memory[SURPRISE + picks[j]])
-        if largest > PUSH_MAX * dt_s:
-            a.memory[SURPRISE] = a.memory[SURPRISE + 1] = 0.0
+            a.memory[PUSH + picks[j]] = 2.0 * math.fabs(a.innovation[j]) / (dt_s * dt_s)
+            largest = max(largest, a.memory[PUSH + picks[j]])
+        if largest > PUSH_MAX:
+            a.memory[PUSH] = a.memory[PUSH + 1] = 0.0
     too_many = a.memory[GATED] > GATED_MAX_IN_A_ROW
     if too_many and count == 2 and may_start(model.leg, a.measured[0], a.measured[1]):
         restart(a.memory, a.measured[0], a.measured[1], True)

@@ -42,9 +42,9 @@ DISTRUST: Final = WARM_UP + 1
 """Cycles left in which a new start counts as inconsistent."""
 GATED: Final = DISTRUST + 1
 """Rejected samples in a row."""
-SURPRISE: Final = GATED + 1
-"""How far each axis may have changed its speed unforeseen, after a rejected sample."""
-PREDICTED: Final = SURPRISE + 2
+PUSH: Final = GATED + 1
+"""Unforeseen acceleration of each axis that would explain the sample that was rejected."""
+PREDICTED: Final = PUSH + 2
 """Cycles since each axis was last corrected."""
 MEMORY_SIZE: Final = PREDICTED + 2
 

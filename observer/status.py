@@ -65,8 +65,11 @@ START_RATIO_MIN: Final = 0.15
 START_KNEE_MIN_RAD: Final = -0.17
 """A knee bent backwards more than this (10 degrees) is the wrong branch or a wrong offset."""
 NIS_WINDOW_SAMPLES: Final = 100
-NIS_WINDOW_MAX: Final = 10.0
-"""Of the mean NIS per two measurements, ideally 2; stick-slip brings it to some units."""
+NIS_USUAL_MAX: Final = 4.0
+"""Of the mean NIS per two measurements, ideally 2; above, the gate opens in proportion: what comes
+all the time is no glitch, and to reject it would only hide how wrong the model is."""
+NIS_WINDOW_MAX: Final = 15.0
+"""Of the same mean: above, the estimate is inconsistent. Stick-slip brings it to some units."""
 
 BAD_BITS: Final = (
     Status.OUT_OF_WORKSPACE | Status.INCONSISTENT | Status.UNREFERENCED | Status.UNCALIBRATED

@@ -19,8 +19,8 @@ class Speed(NamedTuple):
     """As multiples of real time."""
 
     recorded_s: float
-    computing_speedup: float
-    with_csv_speedup: float
+    computing_ratio: float
+    with_csv_ratio: float
 
 
 def measure(configs: Path, recorded_s: float) -> Speed:

@@ -49,6 +49,8 @@ class Results(NamedTuple):
     """The last of each act."""
     trouble: str
     """Why it did not play to its end; empty if it did."""
+    repeats: tuple[str, ...] = ()
+    """What was played again, and why."""
 
     @property
     def passed(self) -> bool:

@@ -52,6 +52,8 @@ def report(results: Results, plan: Plan) -> None:
         console.print(_cycles(results.health))
     if plan.paper_s == 0:
         console.print("[dim]The paper's experiment was left out: it wants 40 seconds or more.[/]")
+    for repeat in results.repeats:
+        console.print(f"[yellow]{repeat}[/]", highlight=False)
     if results.trouble:
         console.print(f"[bold red]{results.trouble}[/]", highlight=False)
     if results.passed:

@@ -70,10 +70,6 @@ class Kind(Enum):
     """The paper's experiment with its artificial disturbance."""
 
 
-class Hurry(NamedTuple):
-    """Everything runs: ask the machine for real-time scheduling before anything moves."""
-
-
 class Scene(NamedTuple):
     """From now on this is what can be seen, for about so long."""
 
@@ -82,7 +78,7 @@ class Scene(NamedTuple):
     lasting_s: float = 0.0
 
 
-Action = Ask | Patient | Hurry | Scene | None
+Action = Ask | Patient | Scene | None
 Act = Generator[Action, Situation, None]
 Playing = Generator[Action, Situation, Situation]
 
@@ -168,7 +164,6 @@ def paper_act(plan: Plan) -> Act:
 def _enabled(title: str) -> Playing:
     yield Scene(title, Kind.INTERLUDE)
     yield from _until(lambda now: now.mode == "ready", "ready", READY_WITHIN_S, powered=False)
-    yield Hurry()
     yield Scene("the drives are enabled", Kind.INTERLUDE)
     yield from _asked("enable", {})
     return (yield from _until(lambda now: now.mode == "hold", "hold", ENABLE_WITHIN_S))

@@ -33,8 +33,6 @@ SERVICE_END_S: Final = 15.0
 DRIVES_END_S: Final = 5.0
 SHARED_MEMORY: Final = "/dev/shm"
 TAIL_LINES: Final = 12
-PRIORITY: Final = 40
-"""Below what a service asks for itself."""
 END_WITH_PARENT: Final = (
     "import ctypes, os, sys; ctypes.CDLL(None).prctl(1, 15); "
     "os.getppid() == int(sys.argv[1]) and os.execv(sys.argv[2], sys.argv[2:])"
@@ -62,17 +60,6 @@ class Stage:
         """Start one of the patient's programmes."""
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
             sender.sendto(f"patient {programme}".encode(), str(self.control))
-
-    def hurry(self) -> None:
-        """Real-time scheduling for the bus and both its ends, where the machine grants it.
-
-        The virtual drives and the loopback bus between them and the core have deadlines of
-        milliseconds, as real ones have, and a desk has other things to do. What is refused is
-        done without: then a busy desk may see a drive fall silent.
-        """
-        for process in (self.drives.pid, *_children(self.service.pid, "core")):
-            with contextlib.suppress(PermissionError, FileNotFoundError):
-                _hurry(process)
 
     def check(self) -> None:
         """Both processes live.
@@ -140,23 +127,6 @@ class Troupe:
                 self._process.kill()
                 self._process.wait()
         return self._process.returncode
-
-
-def _children(pid: int, word: str) -> list[int]:
-    """Processes that a process started, with a word on their command line."""
-    try:
-        children = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="utf-8").split()
-        lines = {int(one): Path(f"/proc/{one}/cmdline").read_bytes() for one in children}
-    except FileNotFoundError:
-        return []
-    return [child for child, line in lines.items() if word.encode() in line.split(b"\0")]
-
-
-def _hurry(pid: int) -> None:
-    """SCHED_FIFO for every thread that has no such class yet."""
-    for task in Path(f"/proc/{pid}/task").iterdir():
-        if os.sched_getscheduler(int(task.name)) == os.SCHED_OTHER:
-            os.sched_setscheduler(int(task.name), os.SCHED_FIFO, os.sched_param(PRIORITY))
 
 
 @contextlib.contextmanager

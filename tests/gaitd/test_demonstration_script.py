@@ -4,7 +4,6 @@ from gaitd.demonstration.script import (
     PAPER_S,
     ActError,
     Ask,
-    Hurry,
     Kind,
     Patient,
     Plan,
@@ -86,14 +85,6 @@ def test_gait_is_played_without_and_then_with_the_patient():
     spans = {action.kind: at for at, action in did if isinstance(action, Scene)}
     assert programmes[1][0] - spans[Kind.PASSIVE] == pytest.approx(10.0, abs=0.5)
     assert programmes[2][0] - spans[Kind.ACTIVE] == pytest.approx(20.0, abs=0.5)
-
-
-def test_nothing_is_enabled_before_everything_runs_and_is_ready():
-    did = [action for _, action in play(gait_act(PLAN), Service())]
-
-    hurry = next(i for i, action in enumerate(did) if isinstance(action, Hurry))
-    enable = next(i for i, action in enumerate(did) if isinstance(action, Ask))
-    assert hurry < enable
 
 
 def test_the_paper_s_experiment_is_asked_for_by_name_and_judged_while_it_plays():

@@ -646,7 +646,12 @@ def test_there_are_more_than_twenty_kinds_of_broken_files():
             "paths.state",
             "outside",
         ),
-        ('runtime = "/dev/shm/gaitd-demo"', 'runtime = "demo.toml"', "paths.runtime", "a directory"),
+        (
+            'runtime = "/dev/shm/gaitd-demo"',
+            'runtime = "demo.toml"',
+            "paths.runtime",
+            "a directory",
+        ),
         (
             'runtime = "/dev/shm/gaitd-demo"',
             f'runtime = "../{"long" * 30}"',
