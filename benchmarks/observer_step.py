@@ -1,5 +1,12 @@
-"""One step of the observer against hand-written C and against FilterPy, in one run, as ratios."""
+"""One step of the observer against hand-written C and against FilterPy, in one run, as ratios.
 
+A benchmark, not a part of what is installed: import it as `benchmarks.observer_step` with the
+repository's root on the path, as an editable install has it. Without a C compiler, or without
+FilterPy, that competitor's times are None.
+"""
+
+import importlib
+import importlib.util
 import statistics
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,7 +14,7 @@ from time import perf_counter
 
 import numpy as np
 
-from benchmarks import c_anchor, filterpy_peer
+from benchmarks import c_anchor
 from observer.batch import Columns, run
 from observer.friction import FrictionParameters
 from observer.leg_model import STEP_S, Integrator
@@ -52,8 +59,6 @@ def measure(
     hip: FrictionParameters,
     slide: FrictionParameters,
     tuning: ObserverTuning,
-    *,
-    with_filterpy: bool = True,
 ) -> StepTimes:
     """Times of one step, all competitors taking turns, so that a busy machine is busy for all.
 
@@ -62,7 +67,6 @@ def measure(
         hip: friction of the hip.
         slide: friction of the slide.
         tuning: of the observer; integrator and substeps hold for all competitors.
-        with_filterpy: without, its times are None; it is a hundred times slower.
     """
     observer = LegObserver(leg, hip, slide, tuning)
     setup = observer.setup
@@ -75,7 +79,7 @@ def measure(
     }
     if anchor is not None:
         contestants["c"] = (lambda: anchor(setup, measured, effort, STEP_S), C_STEPS)
-    if with_filterpy:
+    if importlib.util.find_spec("filterpy"):
         few = (setup, measured[: PEER_STEPS + 1], effort[: PEER_STEPS + 1], STEP_S)
         for name, compiled in (("filterpy", False), ("filterpy_compiled", True)):
             contestants[name] = (peer(few, compiled=compiled), PEER_STEPS)
@@ -109,6 +113,7 @@ def live(observer: LegObserver, measured: np.ndarray, effort: np.ndarray) -> Non
 def peer(
     few: tuple[Setup, np.ndarray, np.ndarray, float], *, compiled: bool
 ) -> Callable[[], object]:
+    filterpy_peer = importlib.import_module("benchmarks.filterpy_peer")
     return lambda: filterpy_peer.run(*few, compiled=compiled)
 
 

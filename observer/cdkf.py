@@ -159,15 +159,21 @@ def innovate(
         work[row * columns + dense + row] = noise_std[state]
         innovation[row] = measured[state] - mean[state]
     triangularise(work, count, columns, dense, 0, innovation_root)
-    nis = 0.0
+    return _chi_square(innovation, innovation_root, count, work)
+
+
+@inline
+def _chi_square(innovation: Vector, innovation_root: Matrix, count: int, work: Vector) -> float:
+    """Innovation squared over its covariance, by one forward substitution."""
+    total = 0.0
     for row in range(count):
         whitened = innovation[row]
         for k in range(row):
             whitened -= innovation_root[row, k] * work[k]
         whitened /= innovation_root[row, row]
         work[row] = whitened
-        nis += whitened * whitened
-    return nis
+        total += whitened * whitened
+    return total
 
 
 @inline
@@ -204,20 +210,11 @@ def correct(
     dense = picks[count - 1] + 1
     columns = n + count
     for row in range(n):
-        shift = 0.0
         for j in range(count):
-            cross = 0.0
+            gain[row, j] = 0.0
             for k in range(min(row + 1, dense)):
-                cross += root[row, k] * root[picks[j], k]
-            for k in range(j):
-                cross -= gain[row, k] * innovation_root[j, k]
-            gain[row, j] = cross / innovation_root[j, j]
-        for j in range(count - 1, -1, -1):
-            for k in range(j + 1, count):
-                gain[row, j] -= gain[row, k] * innovation_root[k, j]
-            gain[row, j] /= innovation_root[j, j]
-            shift += gain[row, j] * innovation[j]
-        mean[row] += shift
+                gain[row, j] += root[row, k] * root[picks[j], k]
+        mean[row] += _gain_from_cross(gain, row, innovation_root, innovation, count)
     for row in range(n):
         base = row * columns
         for k in range(dense):
@@ -230,6 +227,24 @@ def correct(
         for k in range(dense, n):
             work[base + count + k] = root[row, k]
     triangularise(work, n, columns, dense + count, dense, root)
+
+
+@inline
+def _gain_from_cross(
+    gain: Matrix, row: int, innovation_root: Matrix, innovation: Vector, count: int
+) -> float:
+    """K = (P_xy / S_y') / S_y in place for one state, and how far the innovation moves it."""
+    for j in range(count):
+        for k in range(j):
+            gain[row, j] -= gain[row, k] * innovation_root[j, k]
+        gain[row, j] /= innovation_root[j, j]
+    shift = 0.0
+    for j in range(count - 1, -1, -1):
+        for k in range(j + 1, count):
+            gain[row, j] -= gain[row, k] * innovation_root[k, j]
+        gain[row, j] /= innovation_root[j, j]
+        shift += gain[row, j] * innovation[j]
+    return shift
 
 
 def time_update(model: Callable[[Vector, Vector, float], Vector]) -> Callable[..., None]:
@@ -299,23 +314,32 @@ def correct_by_points(
         step: h, as the points were drawn.
     """
     n, m = mean.size, measured.size
-    plus = seen[:, 1 : n + 1] - seen[:, :1]
-    minus = seen[:, n + 1 :] - seen[:, :1]
-    first = (plus - minus) * (0.5 / step)
-    second = (plus + minus) * (math.sqrt(SIGMA_4 - 1.0) * 0.5 / (step * step))
-    expected = seen[:, 0] + (plus + minus).sum(axis=1) * (0.5 / (step * step))
-    noise = np.diag(noise_std)
-    seen_root = np.zeros((m, m))
     columns = 2 * n + m
-    work = np.concatenate((first, second, noise), axis=1).ravel()
-    triangularise(work, m, columns, columns, 0, seen_root)
-    gain = np.linalg.solve(seen_root.T, np.linalg.solve(seen_root, first @ root.T)).T
-    innovation = measured - expected
-    mean += gain @ innovation
-    work = np.concatenate((root - gain @ first, gain @ second, gain @ noise), axis=1).ravel()
+    wide = np.zeros((m, columns))  # [S_y1, S_y2, sqrt(R)], kept, because its factor destroys it
+    innovation, innovation_root, gain = np.zeros(m), np.zeros((m, m)), np.zeros((n, m))
+    for j in range(m):
+        innovation[j] = measured[j] - seen[j, 0]
+        for i in range(n):
+            plus = seen[j, 1 + i] - seen[j, 0]
+            minus = seen[j, 1 + n + i] - seen[j, 0]
+            wide[j, i] = 0.5 / step * (plus - minus)
+            wide[j, n + i] = math.sqrt(SIGMA_4 - 1.0) * 0.5 / (step * step) * (plus + minus)
+            innovation[j] -= 0.5 / (step * step) * (plus + minus)
+        wide[j, 2 * n + j] = noise_std[j]
+    triangularise(wide.copy().ravel(), m, columns, columns, 0, innovation_root)
+    work = np.zeros(n * columns)
+    for row in range(n):
+        for j in range(m):
+            for k in range(n):
+                gain[row, j] += root[row, k] * wide[j, k]
+        mean[row] += _gain_from_cross(gain, row, innovation_root, innovation, m)
+        # S - K S_y1, K S_y2, K sqrt(R): the sign of the last two does not matter.
+        for k in range(columns):
+            work[row * columns + k] = root[row, k] if k < n else 0.0
+            for j in range(m):
+                work[row * columns + k] -= gain[row, j] * wide[j, k]
     triangularise(work, n, columns, columns, 0, root)
-    whitened = np.linalg.solve(seen_root, innovation)
-    return (whitened * whitened).sum()
+    return _chi_square(innovation, innovation_root, m, work)
 
 
 def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:

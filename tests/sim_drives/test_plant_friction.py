@@ -23,6 +23,8 @@ from sim_drives.stick_slip import (
 
 BRISTLES = (Bristles(2000.0, 44.7), Bristles(1e5, 316.0))
 LAWS = ["paper", "paper_sticking", "lugre"]
+RISE_PER_MS = 5e-5
+"""Of the breakaway load, in one millisecond."""
 
 
 def pushed(plant, push, seconds):
@@ -73,11 +75,11 @@ def test_the_papers_law_creeps_where_its_static_curve_balances_the_load():
     """Why the law alone is no model of a machine at rest."""
     plant = trainer(friction={"law": "paper"})
 
-    pushed(plant, on(HIP, 4.0), 2.0)
+    pushed(plant, on(HIP, 4.0), 8.0)
 
     speed = plant.truth().velocity[HIP]
     assert 0.002 < speed < FRICTIONS[HIP].transition
-    assert static_friction_of(FRICTIONS[HIP], speed) == pytest.approx(4.0, rel=0.02)
+    assert static_friction_of(FRICTIONS[HIP], speed) == pytest.approx(4.0, rel=0.05)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -86,15 +88,16 @@ def test_a_slowly_rising_load_breaks_away_at_the_stribeck_level(law, axis):
     plant = trainer(friction={"law": law})
     slip_speed = 2 * FRICTIONS[axis].peak
 
-    for share in np.arange(0.8, 1.2, 0.005):
-        pushed(plant, on(axis, share * FRICTIONS[axis].stribeck), 0.05)
+    for share in np.arange(0.0, 1.3, RISE_PER_MS):
+        pushed(plant, on(axis, share * FRICTIONS[axis].stribeck), 0.001)
         if plant.truth().velocity[axis] > slip_speed:
             break
 
-    assert share == pytest.approx(1.0, abs=0.05)
+    # What the load gains while the joint gathers speed counts as well.
+    assert share == pytest.approx(1.0, abs=0.08)
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", ["paper_sticking", "lugre"])
 def test_a_spring_pulled_slowly_moves_the_slide_in_jerks(law):
     plant = trainer(friction={"law": law})
     start = plant.truth().position[SLIDE]
@@ -106,9 +109,23 @@ def test_a_spring_pulled_slowly_moves_the_slide_in_jerks(law):
         speeds.append(plant.truth().velocity[SLIDE])
 
     moving = np.array(speeds[4000:]) > FRICTIONS[SLIDE].peak
+    stuck = np.abs(speeds[4000:]) < FRICTIONS[SLIDE].transition
     jerks = sum(now and not before for before, now in pairwise(moving))
     assert jerks >= 3
-    assert 0.1 < np.mean(moving) < 0.7
+    assert np.mean(stuck) > 0.1
+
+
+def test_the_papers_law_alone_slides_steadily_where_a_machine_would_jerk():
+    plant = trainer(friction={"law": "paper"})
+    start = plant.truth().position[SLIDE]
+    speeds = []
+
+    for step in range(8000):
+        pulled = start + 0.01 * step * 1e-3
+        pushed(plant, on(SLIDE, 3000.0 * (pulled - plant.truth().position[SLIDE])), 0.001)
+        speeds.append(plant.truth().velocity[SLIDE])
+
+    assert speeds[4000:] == pytest.approx([0.01] * 4000, abs=0.004)
 
 
 def steady(law, axis, speed):
