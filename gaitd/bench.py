@@ -1,140 +1,100 @@
-"""`gaitd bench`: the project's benchmarks, as ratios and shares measured in one run."""
+"""`gaitd bench`: the project's benchmarks, as ratios in one run, each beside its budget."""
 
-import importlib
-import json
+import importlib.util
+import json as json_text
 import sys
-from collections.abc import Iterator
-from dataclasses import asdict
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-PROJECT = Path(__file__).resolve().parent.parent
-GRID_S = 15.0
-RECORDED_S = 3600.0
+    from benchmarks.observer_step import StepTimes
+
+PLAIN_WIDTH = 120
+"""Of tables that go to a file."""
 
 
 def command(
-    as_json: Annotated[bool, typer.Option("--json", help="numbers for a program")] = False,
+    json: Annotated[bool, typer.Option("--json", help="print one JSON object")] = False,
+    seconds: Annotated[
+        float, typer.Option(min=2, max=25, help="of real time for the lateness of SYNC")
+    ] = 20.0,
 ) -> None:
-    """Observer's step, one cycle by part, SYNC lateness, replay speed."""
-    from gaitd.benchmarking import cycle_parts, replay_speed, sync_grid
-    from gaitd.places import configs_folder
-
-    configs = configs_folder("configs", "demo.toml")
-    results: dict[str, Any] = {}
-    results["step"] = list(_steps(configs))
-    results["cycle"] = [part._asdict() for part in cycle_parts.measure(configs)]
-    try:
-        results["grid"] = sync_grid.measure(configs, GRID_S)._asdict()
-    except sync_grid.NotReadyError as error:
-        print(f"SYNC lateness is left out: {error}", file=sys.stderr)
-    results["replay"] = replay_speed.measure(configs, RECORDED_S)._asdict()
-    if as_json:
-        print(json.dumps(results))
-    else:
-        _show(results)
-
-
-def _steps(configs: Path) -> Iterator[dict[str, Any]]:
-    """The observer's step and its competitors, where the repository's benchmarks are there."""
-    from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
-    from daemon.config.settings import Robot
-    from daemon.config.strict import load_toml
-
-    if not (PROJECT / "benchmarks" / "observer_step.py").exists():
-        print("the observer's competitors are left out: no benchmarks/ here", file=sys.stderr)
-        return
-    sys.path.insert(0, str(PROJECT))
-    observer_step = importlib.import_module("benchmarks.observer_step")
-    robot = load_toml(configs / "robot.toml", Robot)
-    hip, slide = friction_parameters(robot)
-    tuning = observer_tuning(robot)
-    for integrator, substeps in observer_step.INTEGRATORS:
-        row = observer_step.measure(
-            leg_parameters(robot),
-            hip,
-            slide,
-            tuning._replace(integrator=integrator, substeps=substeps),
-        )
-        yield asdict(row)
-
-
-def _show(results: dict[str, Any]) -> None:
+    """Measure the observer's step, the parts of a cycle, the lateness of SYNC, and replay."""
     from rich.console import Console
 
-    console = Console()
-    for table in _tables(results):
-        console.print(table)
+    from gaitd.benchmark.tables import plain
+    from gaitd.places import configs_folder
+
+    console = Console(stderr=json)
+    if not console.is_terminal:
+        console = Console(stderr=json, width=PLAIN_WIDTH)
+    configs = configs_folder("configs", "demo.toml")
+    results: dict[str, object] = {}
+    for name, measure in _measures(configs, seconds).items():
+        with console.status(f"measuring: {name}"):
+            results[name], table = measure()
+        if not json:
+            console.print(table)
+    if json:
+        print(json_text.dumps({name: plain(found) for name, found in results.items()}, indent=2))
 
 
-def _tables(results: dict[str, Any]) -> "Iterator[Table]":
-    from rich.table import Table
-
-    steps = Table(title="one step of the observer, µs (median)", title_justify="left")
-    for name in ("integrator", "observer", "live", "C", "FilterPy", "to C", "FilterPy to live"):
-        steps.add_column(name, justify="right")
-    for row in results["step"]:
-        steps.add_row(*_step_cells(row))
-    yield steps
-
-    parts = Table(title="Python time of one cycle, two drives, µs", title_justify="left")
-    for name in ("part", "median", "99.9 %", "share of the whole"):
-        parts.add_column(name, justify="right")
-    whole_us = next(p["median_us"] for p in results["cycle"] if p["name"] == "whole cycle")
-    for part in results["cycle"]:
-        share = f"{part['median_us'] / whole_us:.0%}"
-        parts.add_row(part["name"], f"{part['median_us']:.1f}", f"{part['p999_us']:.1f}", share)
-    yield parts
-
-    if "grid" in results:
-        yield _grid_table(results["grid"])
-
-    replay = results["replay"]
-    speed = Table(title="replay, times real time", title_justify="left")
-    for name in ("recording", "computing", "with CSV in and out"):
-        speed.add_column(name, justify="right")
-    speed.add_row(
-        f"{replay['recorded_s'] / 3600:g} h",
-        f"{replay['computing_ratio']:.0f} ×",
-        f"{replay['with_csv_ratio']:.0f} ×",
-    )
-    yield speed
+def _measures(
+    configs: Path, seconds: float
+) -> "dict[str, Callable[[], tuple[object, Table | str]]]":
+    """What is measured, in the order of the output: the result, and its table."""
+    return {
+        "observer_step": lambda: _steps(configs),
+        "cycle": lambda: _cycle(configs),
+        "lateness": lambda: _lateness(configs, seconds),
+        "replay": lambda: _replay(configs),
+    }
 
 
-def _step_cells(row: dict[str, Any]) -> tuple[str, ...]:
-    c_us, filterpy_us = row["c_us"], row["filterpy_us"]
-    return (
-        f"{row['integrator']} × {row['substeps']}",
-        f"{row['observer_us']:.1f}",
-        f"{row['live_us']:.1f}",
-        f"{c_us:.1f}" if c_us else "no compiler",
-        f"{filterpy_us:.0f}" if filterpy_us else "–",
-        f"{row['observer_us'] / c_us:.2f}" if c_us else "–",
-        f"{filterpy_us / row['live_us']:.0f} ×" if filterpy_us else "–",
-    )
+def _steps(configs: Path) -> "tuple[tuple[StepTimes, ...] | str, Table | str]":
+    """By `benchmarks/` of the repository; a word where it is not."""
+    from gaitd.benchmark import tables
+
+    title = "the observer's step, against hand-written C and FilterPy"
+    root = Path(__file__).resolve().parent.parent
+    if not (root / "benchmarks" / "observer_step.py").exists():
+        word = "skipped: benchmarks/ is part of the repository, and is not installed"
+        return word, f"{title}: {word}"
+    if importlib.util.find_spec("benchmarks") is None:
+        sys.path.insert(0, str(root))
+    from gaitd.benchmark.steps import measure
+
+    found = measure(configs / "robot.toml")
+    return found, tables.steps(title, found)
 
 
-def _grid_table(grid: dict[str, Any]) -> "Table":
-    from rich.table import Table
+def _cycle(configs: Path) -> "tuple[object, Table]":
+    from daemon.config.load import load
+    from gaitd.benchmark import tables
+    from gaitd.benchmark.cycle_parts import measure
 
-    from gaitd.benchmarking.sync_grid import EDGES_US
+    found = measure(load(configs / "demo.toml"))
+    return found, tables.cycle("Python time of one cycle, two drives, gait", found)
 
-    title = (
-        f"SYNC on the loopback bus, {grid['cycle_count']} cycles, {grid['overrun_count']} overruns"
-    )
-    table = Table(title=title, title_justify="left")
-    for name in ("µs", "median", "99 %", "99.9 %", "worst"):
-        table.add_column(name, justify="right")
-    table.add_row("late", *(f"{value:.0f}" for value in grid["lateness_us"]))
-    table.add_row("until both answered", *(f"{value:.0f}" for value in grid["collect_us"]))
-    labels = [f"≤ {edge}" for edge in EDGES_US] + [f"> {EDGES_US[-1]}"]
-    counts = ", ".join(
-        f"{label}: {count}" for label, count in zip(labels, grid["histogram"], strict=True) if count
-    )
-    table.caption = f"lateness in µs, cycles: {counts}"
-    return table
+
+def _lateness(configs: Path, seconds: float) -> "tuple[object, Table]":
+    from gaitd.benchmark import tables
+    from gaitd.benchmark.lateness import measure
+
+    found = measure(configs, seconds)
+    return found, tables.lateness("SYNC in real time on the loopback bus", found)
+
+
+def _replay(configs: Path) -> "tuple[object, Table]":
+    from daemon.config.settings import Robot
+    from daemon.config.strict import load_toml
+    from gaitd.benchmark import tables
+    from gaitd.benchmark.replay_speed import measure
+
+    found = measure(load_toml(configs / "robot.toml", Robot))
+    return found, tables.replay("replay of ten minutes", found)

@@ -1,0 +1,123 @@
+"""Tables for people: each number beside the budget it is held to."""
+
+from dataclasses import asdict, is_dataclass
+from typing import TYPE_CHECKING, Any, Final, cast
+
+from rich import box
+from rich.table import Table
+
+from gaitd.benchmark.cycle_parts import WHOLE, Part
+from gaitd.benchmark.lateness import Lateness
+from gaitd.benchmark.replay_speed import ReplaySpeed
+
+if TYPE_CHECKING:
+    from benchmarks.observer_step import StepTimes
+
+C_RATIO_MAX: Final = 1.0
+FILTERPY_RATIO_MIN: Final = 50.0
+CYCLE_MEDIAN_MAX_US: Final = 400.0
+CYCLE_HIGH_MAX_US: Final = 800.0
+LATE_P999_MAX_US: Final = 500.0
+COMPUTING_RATIO_MIN: Final = 1000.0
+WITH_CSV_RATIO_MIN: Final = 500.0
+"""The budgets of the design, for a desktop core that does nothing else."""
+BAR_WIDTH: Final = 30
+
+
+def _table(title: str, *columns: str) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold")
+    for index, column in enumerate(columns):
+        left = index == 0 or not column
+        table.add_column(column, justify="left" if left else "right", no_wrap=True)
+    return table
+
+
+def _judged(text: str, good: bool) -> str:
+    return f"[green]{text}[/]" if good else f"[yellow]{text}[/]"
+
+
+def steps(title: str, found: "tuple[StepTimes, ...]") -> Table:
+    """The observer's step."""
+    table = _table(
+        title,
+        "integrator",
+        "observer",
+        "from Python",
+        "C",
+        "to C (≤ 1)",
+        "FilterPy",
+        "times (≥ 50)",
+    )
+    for row in found:
+        to_c, to_filterpy = row.ratio_to_c, row.speed_up_to_filterpy
+        table.add_row(
+            f"{row.integrator} x{row.substeps}",
+            f"{row.observer_us:.1f} µs",
+            f"{row.live_us:.1f} µs",
+            "no compiler" if row.c_us is None else f"{row.c_us:.1f} µs",
+            "–" if to_c is None else _judged(f"{to_c:.2f}", to_c <= C_RATIO_MAX),
+            "not installed" if row.filterpy_us is None else f"{row.filterpy_us:.0f} µs",
+            "–"
+            if to_filterpy is None
+            else _judged(f"{to_filterpy:.0f}", to_filterpy >= FILTERPY_RATIO_MIN),
+        )
+    return table
+
+
+def cycle(title: str, found: tuple[Part, ...]) -> Table:
+    """Parts of a cycle."""
+    table = _table(title, "part", "median", "99.9 %", "share", "")
+    for part in found:
+        whole = part.name == WHOLE
+        median, high = f"{part.median_us:.0f} µs", f"{part.high_us:.0f} µs"
+        table.add_row(
+            f"[bold]{part.name}[/] (≤ 400, ≤ 800 µs)" if whole else part.name,
+            _judged(median, part.median_us <= CYCLE_MEDIAN_MAX_US) if whole else median,
+            _judged(high, part.high_us <= CYCLE_HIGH_MAX_US) if whole else high,
+            f"{part.share_ratio:.0%}",
+            "" if whole else "━" * round(BAR_WIDTH * part.share_ratio),
+            end_section=whole,
+        )
+    return table
+
+
+def lateness(title: str, found: Lateness) -> Table:
+    """Histogram of SYNC's lateness."""
+    table = _table(title, "SYNC late by", "count", "")
+    names = [f"≤ {bound} µs" for bound in found.bound_us] + [f"> {found.bound_us[-1]} µs"]
+    most = max(found.class_count)
+    for name, count in zip(names, found.class_count, strict=True):
+        table.add_row(name, str(count), f"{'━' * round(BAR_WIDTH * count / most):<{BAR_WIDTH}}")
+    p999 = _judged(f"99.9 % {found.p999_us:.0f} µs (≤ 500)", found.p999_us <= LATE_P999_MAX_US)
+    table.caption = (
+        f"{found.sync_count} SYNCs: median {found.median_us:.0f} µs, 99 % {found.p99_us:.0f} µs, "
+        f"{p999}, worst {found.worst_us:.0f} µs; {found.overrun_count} skipped; "
+        f"SYNC to last TPDO {found.collect_median_us:.0f} µs"
+    )
+    table.caption_justify = "left"
+    return table
+
+
+def replay(title: str, found: ReplaySpeed) -> Table:
+    """Speed of replay."""
+    table = _table(title, "", "times real time", "each row")
+    computing = _judged(
+        f"{found.computing_ratio:.0f}", found.computing_ratio >= COMPUTING_RATIO_MIN
+    )
+    whole = _judged(f"{found.with_csv_ratio:.0f}", found.with_csv_ratio >= WITH_CSV_RATIO_MIN)
+    table.add_row("computing (≥ 1000)", computing, f"{found.computing_us:.1f} µs")
+    table.add_row("reading CSV", "", f"{found.reading_us:.1f} µs")
+    table.add_row("writing CSV", "", f"{found.writing_us:.1f} µs")
+    table.add_row("CSV in and out (≥ 500)", whole, "")
+    return table
+
+
+def plain(value: object) -> object:
+    """Results as json takes them: what has names becomes an object."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return asdict(value)
+    if isinstance(value, tuple | list):
+        names: tuple[str, ...] | None = getattr(value, "_fields", None)
+        members = [plain(member) for member in cast("tuple[Any, ...]", value)]
+        return dict(zip(names, members, strict=True)) if names else members
+    return value
