@@ -2,7 +2,7 @@
 
 The kernel is the service's own, in one compiled loop over all rows, so the same file gives the same
 bits again. A ring holds the newest 30 s only: its replay begins with a fresh filter, and agrees
-with what the service said then after about a second.
+with what the service said then once the leg has moved for some seconds.
 """
 
 from pathlib import Path

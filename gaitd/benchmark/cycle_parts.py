@@ -1,7 +1,8 @@
 """Where the Python time of a cycle goes: the real one in lock-step, its parts under a stopwatch.
 
 The stopwatch stands between the caller and each part of `daemon/core/cycle.py`, for as long as the
-measurement takes. The virtual machine computes between two cycles, so caches are as cold as in service.
+measurement takes. The virtual machine computes between two cycles, so caches are as cold as in
+service.
 """
 
 import contextlib

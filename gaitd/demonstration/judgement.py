@@ -35,7 +35,7 @@ class Bound(NamedTuple):
 
 
 BOUNDS: Final = {
-    Kind.PASSIVE: Bound(0.3, 2.0, -1.0, 0.4),
+    Kind.PASSIVE: Bound(0.3, 2.0, -1.0, 0.2),
     Kind.ACTIVE: Bound(0.6, 3.0, 0.98, 0.7),
     Kind.OPEN_LOOP: Bound(0.6, 3.0, -1.0, 0.4),
 }

@@ -1,90 +1,140 @@
-"""Replay against the service itself: the black box of a session gives the session's estimates."""
+"""Replay against what was published, against itself, and against files that are no recording."""
 
-import subprocess
-import sys
+import csv
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
-from sessions import CONFIGS, Session
+from sessions import Session
 
-from analysis.estimates import write_csv
-from analysis.replay import estimate, read
-from daemon.core.build import ring_header
-from daemon.seam import RING_NAME, RingWriter
+from analysis.recording import RecordingError
+from analysis.replay import estimate, read, read_ring
+from daemon.config.settings import Robot
+from daemon.config.strict import load_toml
+from daemon.seam import RING_NAME, RingHeader, RingWriter
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+ROBOT = load_toml(CONFIGS / "robot.toml", Robot)
+HEADER = ["time_s", "hip_angle_rad", "slide_position_m", "hip_torque_nm", "slide_force_n"]
 
 
 @pytest.fixture(scope="module")
-def session():
-    return Session().walking(warm_s=5)
+def session() -> Session:
+    return Session().walking(warm_s=4.0)
 
 
 @pytest.fixture(scope="module")
-def ring(session, tmp_path_factory):
-    path = tmp_path_factory.mktemp("box") / RING_NAME
-    writer = RingWriter(path, ring_header(session.settings, "lockstep", 0, "test"))
+def ring(session, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("ring") / RING_NAME
+    import msgspec
+
+    header = RingHeader(
+        core_boot_id="test",
+        start_utc_ns=0,
+        period_ns=10_000_000,
+        trainer="trainer",
+        drive_names=("right/hip", "right/slide"),
+        leg_names=("right",),
+        config_hashes={},
+        version="test",
+        robot=msgspec.to_builtins(ROBOT),
+        limits={},
+    )
+    writer = RingWriter(path, header)
     for record in session.lockstep.records:
         writer.write(record)
     writer.close()
     return path
 
 
-def test_the_black_box_replays_to_what_the_service_had_estimated(session, ring):
+def test_a_black_box_is_replayed_with_its_own_robot_to_what_was_published(session, ring):
     source = read(ring)
+    made = estimate(source, source.robot)
 
-    again = estimate(source, source.robot)
-
-    live = [r.legs[0] for r in session.lockstep.records if np.isfinite(r.legs[0].measured[0])]
-    states = np.array([leg.state for leg in live])[-500:]
-    # The service began one cycle into its first sample, so the two agree to what a start leaves.
-    assert again.state[-500:] == pytest.approx(states, abs=0.1, nan_ok=True)
-    assert again.state[-500:, :2] == pytest.approx(states[:, :2], abs=1e-6, nan_ok=True)
-
-
-def test_a_replay_gives_the_same_bytes_every_time(ring, tmp_path):
-    source = read(ring)
-    for name in ("first", "second"):
-        write_csv(source.recording.time_s, estimate(source, source.robot), tmp_path / name)
-
-    assert (tmp_path / "first").read_bytes() == (tmp_path / "second").read_bytes()
+    records = session.lockstep.records[-len(source.recording.time_s) :]
+    published = np.array([record.legs[0].state for record in records])
+    status = np.array([record.legs[0].status for record in records])
+    assert source.robot == ROBOT
+    assert (np.abs(made.state - published)[-100:] < 1e-3 * made.std[-100:]).all()
+    assert np.array_equal(made.status[-100:], status[-100:])
 
 
-def test_the_truth_of_the_virtual_drives_is_a_recording_that_replay_reads(session, tmp_path):
-    rows = session.truth.rows[60:]
-    names = ("time_s", "hip_angle_rad", "slide_position_m", "hip_torque_nm", "slide_force_n")
+def test_a_csv_of_the_same_session_gives_the_same_estimates(session, ring, tmp_path):
+    path = tmp_path / "session.csv"
+    from_ring = read(ring)
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(HEADER)
+        made = from_ring.recording
+        for time_s, position, effort in zip(made.time_s, made.position, made.effort, strict=True):
+            writer.writerow([repr(float(value)) for value in (time_s, *position, *effort)])
+    path.write_text(path.read_text().replace("nan", ""))
+
+    a = estimate(from_ring, ROBOT)
+    b = estimate(read(path), ROBOT)
+
+    assert np.array_equal(a.state, b.state, equal_nan=True)
+
+
+def test_a_second_replay_gives_the_same_bits(ring):
+    first, second = (estimate(read(ring), ROBOT) for _ in range(2))
+
+    assert first.state.tobytes() == second.state.tobytes()
+    assert first.std.tobytes() == second.std.tobytes()
+    assert first.status.tobytes() == second.status.tobytes()
+
+
+def test_words_about_the_progress_change_no_bit(ring, monkeypatch):
+    told: list[float] = []
+    whole = estimate(read(ring), ROBOT)
+    monkeypatch.setattr("observer.batch.BLOCK_ROWS", 100)
+
+    parts = estimate(read(ring), ROBOT, told.append)
+
+    assert parts.state.tobytes() == whole.state.tobytes()
+    assert parts.status.tobytes() == whole.status.tobytes()
+    assert told[-1] == 1.0
+    assert len(told) > 5
+
+
+def test_the_truth_of_the_virtual_drives_is_a_recording_too(session, tmp_path):
     path = tmp_path / "truth.csv"
-    lines = [",".join(str(getattr(row, name)) for name in names) for row in rows]
-    path.write_text("\n".join([",".join(names), *lines]) + "\n")
+    rows = session.truth.rows
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(rows[0]._fields)
+        writer.writerows(rows)
 
-    finished = subprocess.run(
-        [
-            *(sys.executable, "-m", "gaitd", "replay", str(path)),
-            *("--robot", str(CONFIGS / "robot.toml"), "--plot", str(tmp_path / "plot.png")),
-        ],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    made = estimate(read(path), ROBOT)
 
-    assert finished.returncode == 0, finished.stderr
-    assert (tmp_path / "plot.png").stat().st_size > 10_000
-    header = (tmp_path / "truth.csv.estimates.csv").read_text().splitlines()[0].split(",")
-    for column in ("hip_patient_nm", "slide_patient_n_std", "hip_net_nm", "nis", "status"):
-        assert column in header
+    friction = np.array([row.hip_friction_nm for row in rows])
+    assert np.corrcoef(made.state[-200:, 4], friction[-200:])[0, 1] > 0.98
 
 
-def test_a_recording_in_degrees_is_refused_with_a_word(tmp_path):
-    path = tmp_path / "degrees.csv"
-    header = "time_s,hip_angle_rad,slide_position_m,hip_torque_nm,slide_force_n"
-    rows = [f"{k * 0.01},{14 + 10 * np.sin(k * 0.05)},0.5,1.0,10.0" for k in range(300)]
-    path.write_text("\n".join([header, *rows]) + "\n")
+def test_a_leg_that_is_not_there_is_refused_by_name(ring):
+    with pytest.raises(RecordingError, match="has no leg left, only right"):
+        read_ring(ring, "left")
 
-    finished = subprocess.run(
-        [sys.executable, "-m", "gaitd", "replay", str(path)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
 
-    assert finished.returncode == 2
-    assert "degrees.csv" in finished.stderr
-    assert "hip_angle_rad" in finished.stderr
+@pytest.mark.parametrize(
+    ("content", "said"), [(b"", "is empty"), (b"hello" * 9000, "begins with"), (None, "No such")]
+)
+def test_a_file_that_is_no_ring_is_refused(tmp_path, content, said):
+    path = tmp_path / "something.bin"
+    if content is not None:
+        path.write_bytes(content)
+
+    with pytest.raises(RecordingError, match=said):
+        read(path)
+
+
+def test_a_ring_in_which_the_observer_never_ran_is_refused(ring, tmp_path):
+    shutil.copy(ring, tmp_path / "empty.ring")
+    from daemon.seam import RingReader
+
+    header = RingReader(ring).header
+    RingWriter(tmp_path / "empty.ring", header).close()
+
+    with pytest.raises(RecordingError, match="the observer ran in none of its 0 records"):
+        read(tmp_path / "empty.ring")

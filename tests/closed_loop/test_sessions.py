@@ -6,7 +6,7 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
-from sessions import Session, empty_machine
+from sessions import Session, empty_machine, two_legs
 
 from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind
 from drives.errors import BringUpRefused
@@ -153,3 +153,16 @@ def test_a_drive_that_is_another_one_ends_bring_up_with_what_was_expected_and_fo
 
     assert "1234" in str(refused.value)
     assert not any(frame.can_id in {0x205, 0x206} for frame in lockstep.bus.sent)
+
+
+def test_two_legs_walk_half_a_stride_apart_and_stop_together(tmp_path):
+    session = Session(two_legs(tmp_path)).walking(warm_s=6)
+    walking = session.lockstep.record
+    session.machine.command("hand_switch_open left/slide")
+    session.lockstep.run(2)
+
+    stopped = session.lockstep.record
+    assert [leg.name for leg in walking.legs] == ["right", "left"]
+    assert abs(walking.legs[0].reference[0] - walking.legs[1].reference[0]) > 0.05
+    assert stopped.verdict.drive == "left/slide"
+    assert {drive.power_state for drive in stopped.drives} == {PowerState.QUICK_STOP_ACTIVE}

@@ -1,0 +1,126 @@
+"""The live view draws at every moment of a performance, on screens of any size."""
+
+import math
+
+import numpy as np
+import pytest
+from rich.console import Console
+from rich.text import Text
+
+from daemon import wire
+from gaitd.demonstration.curves import Chart, Curve
+from gaitd.demonstration.feed import HEARD, TRUE, Audience, Track
+from gaitd.demonstration.report import line
+from gaitd.demonstration.script import Kind, Scene
+from gaitd.demonstration.view import Moment, picture
+from gaitd.remote import Target
+
+NOW_NS = 20_000_000_000
+
+
+def tracks(*, silent: bool = False) -> tuple[Track, Track]:
+    heard, true = Track(HEARD), Track(TRUE)
+    for row in range(1600):
+        time_ns = NOW_NS - (1600 - row) * 10_000_000
+        hip = 8 * math.sin(row / 64)
+        true.add(time_ns, (hip, 5 * hip, 6.0, 65.0))
+        values = dict.fromkeys(HEARD, 1.0) | {"hip_patient_nm": math.nan if silent else hip}
+        heard.add(time_ns, tuple(values[name] for name in HEARD))
+    return heard, true
+
+
+def moment(heard: Track, true: Track, audience: Audience | None = None) -> Moment:
+    scene = Scene("gait, the patient takes part", Kind.ACTIVE, 20.0)
+    return Moment(NOW_NS, 20.0, scene, 5.0, audience, heard, true)
+
+
+def health() -> wire.Health:
+    return wire.Health(
+        seq=1,
+        core_boot_id="a",
+        cycle=1,
+        sample_time_ns=1,
+        lateness_bound_us=(100, 1000),
+        lateness_count=(990, 9, 1),
+        lateness_p50_us=90.0,
+        lateness_max_us=1200.0,
+        collect_max_us=1500.0,
+        work_max_us=600.0,
+        overrun_count=0,
+        record_count=100,
+        bus_load_ratio=0.1,
+        drives=(),
+        tx_dropped_count=0,
+        record_missed_count=0,
+        record_skipped_count=0,
+        level_dropped_count=0,
+        inquiry_dropped_count=0,
+        gateway_wake_max_us=300.0,
+    )
+
+
+def drawn(shown: Moment, width: int = 140, height: int = 44) -> list[str]:
+    console = Console(width=width, height=height, force_terminal=True)
+    with console.capture() as captured:
+        console.print(picture(shown), height=height)
+    return Text.from_ansi(captured.get()).plain.splitlines()
+
+
+def test_estimate_and_truth_of_both_axes_are_on_the_screen():
+    screen = "\n".join(drawn(moment(*tracks())))
+
+    for words in ("hip: patient torque", "slide: patient force", "hip: friction", "estimate"):
+        assert words in screen
+    assert "gait, the patient takes part" in screen
+    assert "5 of 20 s" in screen
+
+
+@pytest.mark.parametrize(("width", "height"), [(140, 44), (80, 24), (60, 16), (220, 60)])
+def test_the_picture_fits_its_screen(width, height):
+    lines = drawn(moment(*tracks()), width, height)
+
+    assert len(lines) <= height
+    assert max(map(len, lines)) <= width
+
+
+def test_before_anything_is_heard_the_view_says_so():
+    screen = "\n".join(drawn(moment(Track(HEARD), Track(TRUE))))
+
+    assert "starting" in screen
+    assert "no word yet" in screen
+
+
+def test_the_service_s_own_state_is_shown():
+    audience = Audience(Target((), "trainer"), "right", Track(HEARD))
+    audience.health = health()
+
+    screen = "\n".join(drawn(moment(*tracks(), audience)))
+
+    assert "1200 µs" in screen
+    assert "overruns" in screen
+
+
+def test_an_estimate_that_is_null_is_a_gap_and_not_zero():
+    assert "–" in line(moment(*tracks(silent=True)))
+    assert "hip patient    0.0" not in line(moment(*tracks(silent=True)))
+
+
+def test_a_curve_with_gaps_and_a_curve_without_points_are_drawn():
+    time_s = np.linspace(-16, 0, 200)
+    values = np.sin(time_s)
+    values[50:80] = np.nan
+    chart = Chart(
+        [
+            Curve("gaps", "orange", time_s, values),
+            Curve("nothing", "cyan+", np.empty(0), np.empty(0)),
+            Curve("unknown", "cyan+", time_s, np.full(200, np.nan)),
+        ],
+        16.0,
+        1.0,
+    )
+
+    console = Console(width=60, height=12, force_terminal=True)
+    with console.capture() as captured:
+        console.print(chart, height=12)
+
+    assert any("⠀" < character <= "⣿" for character in captured.get())
