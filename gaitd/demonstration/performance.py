@@ -131,7 +131,7 @@ class Performance:
                 held_up_ms = held_up(self._heard, self._true) / 1e6
                 if held_up_ms < HELD_UP_MS or len(self._repeats) >= REPEATS_MAX:
                     raise
-                self._end_span()
+                self._scene = BEFORE
                 del self._spans[before:], self._health[health:]
                 self._repeats.append(
                     f"this machine held the virtual drives up by {held_up_ms:.0f} ms; "

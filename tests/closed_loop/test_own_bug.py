@@ -1,0 +1,32 @@
+"""An exception in a cycle is a bug of ours: it stops the machine before it ends the process."""
+
+from unittest import mock
+
+from sessions import Session
+
+from daemon.core import cycle
+from daemon.core.loop import BLIND_STOP_CYCLES, ExitCode
+
+ENABLE = 0x0F
+QUICK_STOP = 0x02
+
+
+def test_an_exception_in_a_cycle_stops_both_drives_and_ends_as_our_bug():
+    session = Session().walking(warm_s=2)
+    bus = session.lockstep.bus
+    before = len(bus.sent)
+
+    with mock.patch.object(cycle, "judge", side_effect=ZeroDivisionError("ours")):
+        code = session.lockstep.loop.run(lambda: False)
+
+    sent = bus.sent[before:]
+    words = {
+        int.from_bytes(frame.data[:2], "little") for frame in sent if frame.can_id in {0x205, 0x206}
+    }
+    truth = session.truth.rows[-1]
+    assert code == ExitCode.BUG
+    assert isinstance(session.lockstep.loop.bug, ZeroDivisionError)
+    assert words == {QUICK_STOP}
+    assert sum(frame.can_id == 0x080 for frame in sent) >= BLIND_STOP_CYCLES
+    assert abs(truth.hip_velocity_rad_per_s) < 0.05
+    assert abs(truth.slide_velocity_m_per_s) < 0.05

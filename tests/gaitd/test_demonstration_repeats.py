@@ -1,0 +1,78 @@
+"""An act is played again when this machine was too slow for it, and for no other reason."""
+
+import pytest
+
+from gaitd.demonstration import performance
+from gaitd.demonstration.performance import REPEATS_MAX, Performance
+from gaitd.demonstration.script import ActError, Kind, Scene, plan_of
+
+
+class Screen:
+    def __init__(self):
+        self.said: list[str] = []
+
+    def show(self, moment):
+        pass
+
+    def scene(self, scene):
+        pass
+
+    def say(self, words):
+        self.said.append(words)
+
+
+@pytest.fixture
+def played(monkeypatch):
+    """Plays acts that fail so many times, with the virtual drives held up or not."""
+
+    def play(failures: int, held_up_ns: int):
+        made = Performance(None, plan_of(30.0), Screen())
+        left = [failures]
+
+        def act(_act, *, empty):
+            made._begin_scene(Scene("gait", Kind.ACTIVE, 1.0))
+            if left[0]:
+                left[0] -= 1
+                raise ActError("the service stopped: a drive does not answer")
+
+        monkeypatch.setattr(made, "_act", act)
+        monkeypatch.setattr(performance, "held_up", lambda heard, true: held_up_ns)
+        return made.play()
+
+    return play
+
+
+def test_an_act_that_the_machine_held_up_is_played_again_and_only_then_judged(played):
+    results = played(failures=1, held_up_ns=112_000_000)
+
+    assert not results.trouble
+    assert len(results.repeats) == 1
+    assert "112 ms" in results.repeats[0]
+    assert "does not answer" in results.repeats[0]
+    assert [span.kind for span in results.spans].count(Kind.ACTIVE) == 1
+
+
+def test_a_service_that_stops_for_reasons_of_its_own_gets_no_second_chance(played):
+    results = played(failures=1, held_up_ns=600_000)
+
+    assert "does not answer" in results.trouble
+    assert not results.repeats
+    assert not results.passed
+
+
+def test_a_machine_that_is_too_slow_every_time_is_given_up(played):
+    results = played(failures=10, held_up_ns=112_000_000)
+
+    assert results.trouble
+    assert len(results.repeats) == REPEATS_MAX
+
+
+def test_ctrl_c_ends_the_performance_in_an_orderly_way(monkeypatch):
+    made = Performance(None, plan_of(30.0), Screen())
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(made, "_act", interrupted)
+
+    assert made.play().trouble == "interrupted"
