@@ -1,1 +1,6 @@
-"""analysis."""
+"""Offline work on recordings: read them, run the observer over them, judge and draw the result.
+
+Reading order: `recording.py` (CSV in, checked), `replay.py` (the observer over a CSV or a black
+box), `estimates.py` (CSV out), `accuracy.py` (an estimate against the truth), `drawing.py` and
+`replay_figure.py` (pictures).
+"""

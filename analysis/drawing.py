@@ -89,6 +89,21 @@ def legend(axes: Axes) -> None:
     )
 
 
+def limit_to(axes: Axes, *values: Values, share: float = 0.999) -> None:
+    """Show this share of all values and some air; a spike or a wide band may leave the picture.
+
+    Args:
+        axes: whose value axis is set.
+        values: any shapes; NaN counts for nothing.
+        share: of the values that must be seen.
+    """
+    known = np.concatenate([one[np.isfinite(one)] for one in values])
+    if len(known):
+        low, high = np.quantile(known, ((1 - share) / 2, (1 + share) / 2)).tolist()
+        air = 0.15 * max(high - low, 1e-3)
+        axes.set_ylim(low - air, high + air)
+
+
 def stretches(flags: NDArray[np.bool_], time: Values) -> list[tuple[float, float]]:
     """Where a flag is up, as (begin, length) in the unit of `time`, for `broken_barh`."""
     if len(flags) == 0:

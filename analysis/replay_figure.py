@@ -17,6 +17,7 @@ from analysis.drawing import (
     TEXT,
     band,
     legend,
+    limit_to,
     line,
     stretches,
     style,
@@ -84,18 +85,9 @@ def _column(
     line(patient, time, value, ESTIMATE, "", 0.5)
     line(patient, time, split, ESTIMATE, "patient, where it can be split from friction", 1.5)
     patient.axhline(0, color=FAINT, linewidth=0.6)
-    _limit_to(patient, split, estimates.net[:, index])
+    limit_to(patient, split, estimates.net[:, index])
     for panel in (place, patient):
         legend(panel)
-
-
-def _limit_to(panel: Axes, *values: np.ndarray) -> None:
-    """Show the values and some air; a band that grows at rest may leave the picture."""
-    known = np.concatenate([one[np.isfinite(one)] for one in values])
-    if len(known):
-        low, high = np.percentile(known, [0.05, 99.95])
-        air = 0.15 * max(high - low, 1e-3)
-        panel.set_ylim(low - air, high + air)
 
 
 def _shown(estimates: BatchEstimates) -> list[Status]:

@@ -84,8 +84,19 @@ STOP_NEGATIVE: Final = int(AxisFlag.END_STOP_NEGATIVE)
 STOP_POSITIVE: Final = int(AxisFlag.END_STOP_POSITIVE)
 
 
-def fill_order(row: np.void, order: AxisActuation) -> None:
-    """Write an order where the kernels read it."""
+NOT_BEGUN: Final = -1
+"""Of `acting`: the ordered actuation begins at the loops' next tick."""
+
+
+def take_order(row: np.void, loop: np.void, order: AxisActuation) -> None:
+    """Write an order where the kernels read it.
+
+    What the loops said of another actuation is void at once: nobody takes the standstill of an
+    older ramp for that of a new one.
+    """
+    if row["actuation"] != order.actuation:
+        loop["acting"] = NOT_BEGUN
+        loop["flags"] &= STOP_NEGATIVE | STOP_POSITIVE
     row["actuation"] = order.actuation
     row["effort"], row["position"] = order.target_effort_si, order.target_position_si
     row["deceleration"], row["interpolation_s"] = order.deceleration_si, order.interpolation_s
@@ -117,7 +128,6 @@ def _enter(loop: np.void, drive: np.void, order: np.void, position: float, veloc
     loop["set_speed"] = 0.0
     loop["holding"] = 0
     loop["error_time_s"] = 0.0
-    loop["flags"] = loop["flags"] & (STOP_NEGATIVE | STOP_POSITIVE)
     if order["actuation"] == Actuation.RAMP:
         loop["set_speed"] = velocity
     if order["actuation"] == Actuation.HOLD:

@@ -14,7 +14,7 @@ from observer.friction import FrictionParameters
 from observer.mechanism import LegParameters, singularity_ratio
 from sim_drives.actuation import Actuation, AxisActuation, AxisFlag, AxisSample
 from sim_drives.dynamics import WORK, Constants, State, advance_steps
-from sim_drives.motor import DRIVE, LOOP, ORDER, fill_order
+from sim_drives.motor import DRIVE, LOOP, ORDER, take_order
 from sim_drives.patient import EFFORT, compile_programme, resting_stride
 from sim_drives.plant_settings import Loops, Motor, Motors, PlantTables
 from sim_drives.stick_slip import JOINT, LAW_CODES, STICKING, Bristles
@@ -186,9 +186,9 @@ class Trainer:
         """Give an axis a new order; it acts from the next step of the grid.
 
         Sending the same order again changes nothing; a new position target starts a new line from
-        the present set point.
+        the present set point. Another actuation takes back the flags of the last one.
         """
-        fill_order(self._orders[axis], actuation)
+        take_order(self._orders[axis], self._state.loops[axis], actuation)
 
     def block_rotor(self, axis: int, blocked: bool) -> None:
         """Block an axis's rotor from outside, or free it. A moving axis stops in one step."""

@@ -5,6 +5,7 @@ Requests to the service run in a thread of their own, because an answer may take
 """
 
 import json
+import shutil
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -131,12 +132,14 @@ class Performance:
                 held_up_ms = held_up(self._heard, self._true) / 1e6
                 if held_up_ms < HELD_UP_MS or len(self._repeats) >= REPEATS_MAX:
                     raise
-                self._scene = BEFORE
+                self._scene, self._scene_since_s = BEFORE, time.monotonic()
                 del self._spans[before:], self._health[health:]
                 self._repeats.append(
                     f"this machine held the virtual drives up by {held_up_ms:.0f} ms; "
-                    f"the act is played again ({_words(error)})"
+                    f"the act is played again ({error})"
                 )
+                if error.folder is not None:
+                    shutil.rmtree(error.folder, ignore_errors=True)
                 self._screen.say(self._repeats[-1])
             else:
                 return
@@ -207,7 +210,8 @@ class Performance:
 
 
 def _words(error: ActError) -> str:
-    return "; ".join((str(error), *getattr(error, "__notes__", ())))
+    where = f"; logs, truth and black box are in {error.folder}" if error.folder else ""
+    return f"{error}{where}"
 
 
 def _next(act: Act, now: Situation) -> tuple[Action, bool]:

@@ -21,6 +21,7 @@ from analysis.drawing import (
     Values,
     band,
     legend,
+    limit_to,
     line,
     style,
 )
@@ -119,11 +120,13 @@ def _column(panels: list[Axes], results: Results, pair: Pair, index: int, begin_
     band(patient, time, estimate - SIGMAS * std, estimate + SIGMAS * std, ESTIMATE, "±3σ")
     line(patient, time, curves.wanted, TRUTH, "truth", 2.2)
     line(patient, time, estimate, ESTIMATE, "estimate", 1.1)
+    limit_to(patient, curves.wanted, estimate)
     legend(patient)
 
     style(error, f"{axis}: estimate − truth", unit)
     line(error, time, estimate - curves.wanted, ESTIMATE, "", 0.8)
     _bounds(error, results.spans, begin_ns, index)
+    limit_to(error, estimate - curves.wanted, share=0.99)
 
     style(rubbing, f"{axis}: friction", unit)
     line(rubbing, time, curves.true_friction, TRUTH, "truth", 2.2)
@@ -200,7 +203,9 @@ def _table(panel: Axes, results: Results) -> None:
     cells: list[list[str]] = []
     colours: list[str] = []
     for row in results.rows:
-        correlation = "–" if np.isnan(row.score.correlation) else f"{row.score.correlation:.3f}"
+        # Nothing correlates with a patient who does nothing.
+        asked = row.span.kind is not Kind.PASSIVE and not np.isnan(row.score.correlation)
+        correlation = f"{row.score.correlation:.3f}" if asked else "–"
         cells.append(
             [
                 f"{row.span.title}",

@@ -13,11 +13,11 @@ from daemon import wire
 from gaitd.demonstration.feed import verdict_text
 from gaitd.demonstration.judgement import AXES, Row, pairs
 from gaitd.demonstration.picture import Results
-from gaitd.demonstration.script import Plan
+from gaitd.demonstration.script import Kind, Plan
 from gaitd.demonstration.view import Moment
 
 NEWEST: Final = 12
-PLAIN_WIDTH: Final = 120
+PLAIN_WIDTH: Final = 132
 """Of a table that goes to a file."""
 
 
@@ -78,7 +78,7 @@ def _errors(rows: Sequence[Row]) -> Table:
             f"{row.rms_bound:g}",
             _text(found.worst),
             _text(found.bias),
-            _text(found.correlation, 4),
+            "–" if row.span.kind is Kind.PASSIVE else _text(found.correlation, 4),
             f"{row.correlation_min:g}" if row.correlation_min > -1 else "",
             f"{found.covered_ratio:.0%}",
             f"{row.covered_min_ratio:.0%}",

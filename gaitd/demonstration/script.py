@@ -8,6 +8,7 @@ happen (a stop, a refusal, silence) ends it with `ActError`.
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from enum import Enum
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 READY_WITHIN_S: Final = 240.0
@@ -25,6 +26,9 @@ UNPOWERED: Final = frozenset({"off", "bringing_up"})
 
 class ActError(Exception):
     """The demonstration cannot go on; the text says why, in words for a person."""
+
+    folder: Path | None = None
+    """Where logs, truth and black box of the act are, once it has ended."""
 
 
 class Situation(NamedTuple):

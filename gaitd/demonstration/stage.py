@@ -169,7 +169,7 @@ def _tidy(folder: Path) -> Callable[..., bool]:
 
     def leave(_kind: type[BaseException] | None, error: BaseException | None, _: object) -> bool:
         if isinstance(error, ActError):
-            error.add_note(f"logs, truth and black box are in {folder}")
+            error.folder = folder
         else:
             shutil.rmtree(folder, ignore_errors=True)
         return False
