@@ -180,7 +180,7 @@ ONE_FILE = [
     broken(
         "explicit Euler",
         "robot.toml",
-        'integrator = "semi_implicit"',
+        'integrator = "rk4"',
         'integrator = "euler"',
         "observer.integrator",
         '"euler"',
@@ -469,11 +469,11 @@ TOGETHER = [
         "robot.toml",
         "transition_m_per_s = 0.004\npeak_m_per_s = 0.02\nedge_m_per_s = 0.012\n"
         "time_constant_s = 0.02",
-        "transition_m_per_s = 0.0008\npeak_m_per_s = 0.02\nedge_m_per_s = 0.0024\n"
-        "time_constant_s = 0.002",
+        "transition_m_per_s = 0.0004\npeak_m_per_s = 0.02\nedge_m_per_s = 0.0012\n"
+        "time_constant_s = 0.001",
         "observer.substeps",
         "2",
-        "<= 10: semi_implicit with this friction is unstable below",
+        "<= 10: rk4 with this friction is unstable below",
     ),
     broken(
         "friction too steep for any substeps",
@@ -483,7 +483,7 @@ TOGETHER = [
         "transition_rad_per_s = 0.0001\npeak_rad_per_s = 0.05\nedge_rad_per_s = 0.0001\n"
         "time_constant_s = 0.0001",
         "observer.integrator",
-        "semi_implicit",
+        "rk4",
         "too steep for 10 substeps",
     ),
 ]

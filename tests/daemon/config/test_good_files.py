@@ -177,7 +177,7 @@ def test_the_observer_takes_what_the_robot_file_says():
 
     assert tuning.process_std == DEFAULT_TUNING.process_std
     assert tuning.measurement_std == DEFAULT_TUNING.measurement_std
-    assert (tuning.integrator, tuning.substeps) == (Integrator.SEMI_IMPLICIT, 2)
+    assert (tuning.integrator, tuning.substeps) == (Integrator.RK4, 2)
     assert (tuning.coriolis, tuning.velocity_gated, tuning.gate_nis) == (True, False, 60.0)
 
 
