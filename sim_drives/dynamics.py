@@ -31,7 +31,7 @@ from sim_drives.motor import (
 )
 from sim_drives.patient import follow_stride, script
 from sim_drives.stick_slip import Bristles, slide_or_stick
-from sim_drives.stops import Stop, ankle_stop_effort, stop_effort
+from sim_drives.stops import Reach, Stop, keep_in_reach, stop_effort
 
 Records = NDArray[np.void]
 
@@ -45,7 +45,8 @@ class Constants(NamedTuple):
     leg: LegParameters
     frictions: tuple[FrictionParameters, FrictionParameters]
     bristles: tuple[Bristles, Bristles]
-    stops: tuple[Stop, Stop, Stop]
+    stops: tuple[Stop, Stop]
+    reach: Reach
     law: int
     step_s: float
     loop_steps: int
@@ -100,22 +101,13 @@ def _move_patient(constants: Constants, state: State, programme: Records, elapse
 
 
 @kernel
-def _touch_stops(constants: Constants, state: State, hip_rate: float, slide_rate: float) -> None:
-    """Contact efforts of all stops, and the flags of the two axes' own."""
-    joints = state.joints
-    at_ankle = ankle_stop_effort(
-        constants.leg,
-        constants.stops[2],
-        joints[0]["position"],
-        joints[1]["position"],
-        hip_rate,
-        slide_rate,
-    )
-    rate = (hip_rate, slide_rate)
+def _touch_stops(constants: Constants, state: State, rates: tuple[float, float]) -> None:
+    """Contact efforts of both axes' end stops, and their flags."""
     for axis in range(2):
         stop = constants.stops[axis]
-        position = joints[axis]["position"]
-        joints[axis]["contact"] = stop_effort(stop, position, rate[axis]) + at_ankle[axis]
+        joint = state.joints[axis]
+        position = joint["position"]
+        joint["contact"] = stop_effort(stop, position, rates[axis])
         set_flag(state.loops[axis], STOP_NEGATIVE, position < stop.low_si)
         set_flag(state.loops[axis], STOP_POSITIVE, position > stop.high_si)
 
@@ -144,12 +136,12 @@ def _step(constants: Constants, drives: Records, state: State) -> None:
     joints = state.joints
     for axis in range(2):
         joints[axis]["position"] += 0.5 * step_s * joints[axis]["velocity"]
-    hip_rate = _midpoint_speed(joints[0], step_s)
-    slide_rate = _midpoint_speed(joints[1], step_s)
-    _touch_stops(constants, state, hip_rate, slide_rate)
+    rates = (_midpoint_speed(joints[0], step_s), _midpoint_speed(joints[1], step_s))
+    _touch_stops(constants, state, rates)
     d = dynamics(
-        constants.leg, joints[0]["position"], joints[1]["position"], hip_rate, slide_rate, 1.0
+        constants.leg, joints[0]["position"], joints[1]["position"], rates[0], rates[1], 1.0
     )
+    mass = (d.m11, d.m12, d.m22)
     effort = (
         lag_current(state.loops[0], drives[0], step_s),
         lag_current(state.loops[1], drives[1], step_s),
@@ -158,19 +150,15 @@ def _step(constants: Constants, drives: Records, state: State) -> None:
     for axis in range(2):
         joint = joints[axis]
         joint["load"] = effort[axis] + joint["patient"] + joint["contact"] - bias[axis]
-    slide_or_stick(
-        constants.law,
-        constants.frictions,
-        constants.bristles,
-        joints,
-        (d.m11, d.m12, d.m22),
-        step_s,
-    )
+    slide_or_stick(constants.law, constants.frictions, constants.bristles, joints, mass, step_s)
+    struck = keep_in_reach(constants.leg, constants.reach, joints, mass, step_s)
     for axis in range(2):
         _book_work(state, effort[axis], axis, step_s)
         joint = joints[axis]
         change = joint["next_velocity"] - joint["velocity"]
-        joint["acceleration"] = 0.0 if joint["held"] == 1 else change / step_s
+        # Of a blow nothing goes on after the step: it is no acceleration to extrapolate with.
+        smooth = joint["held"] == 0 and not struck
+        joint["acceleration"] = change / step_s if smooth else 0.0
         joint["velocity"] = joint["next_velocity"]
         joint["position"] += 0.5 * step_s * joint["velocity"]
         warm(state.loops[axis], drives[axis], step_s)

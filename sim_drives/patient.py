@@ -68,10 +68,10 @@ STRIDE: Final = np.dtype(
 
 SELECTIVITY: Final = 0.6
 """k of the integrator: less rejects the gait's harmonics better and locks later."""
-MEAN_GAIN: Final = 0.15
+MEAN_GAIN: Final = 0.1
 """Of the offset's integrator, per pulsation."""
-LOCK_GAIN_PER_S: Final = 1.5
-"""Of the frequency; about two strides until locked."""
+LOCK_GAIN: Final = 1.0
+"""Of the frequency, per radian of stride; some two strides until locked."""
 SLOWEST_RAD_PER_S: Final = 2 * math.pi * 0.1
 FASTEST_RAD_PER_S: Final = 2 * math.pi * 1.0
 START_RAD_PER_S: Final = 2 * math.pi * 0.3
@@ -126,7 +126,7 @@ def follow_stride(stride: np.void, hip_angle_rad: float, step_s: float) -> None:
     x += step_s * pulsation * (SELECTIVITY * error - y)
     y += step_s * pulsation * x
     lock = error * y / (x * x + y * y + BLIND_RAD * BLIND_RAD)
-    pulsation -= step_s * LOCK_GAIN_PER_S * SELECTIVITY * pulsation * lock
+    pulsation -= step_s * LOCK_GAIN * SELECTIVITY * pulsation * pulsation * lock
     stride["in_phase_rad"] = x
     stride["quadrature_rad"] = y
     stride["mean_rad"] += step_s * MEAN_GAIN * pulsation * error

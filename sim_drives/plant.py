@@ -18,7 +18,7 @@ from sim_drives.motor import DRIVE, LOOP, ORDER, take_order
 from sim_drives.patient import EFFORT, compile_programme, resting_stride
 from sim_drives.plant_settings import Loops, Motor, Motors, PlantTables
 from sim_drives.stick_slip import JOINT, LAW_CODES, STICKING, Bristles
-from sim_drives.stops import build_stops
+from sim_drives.stops import joint_stops, leg_reach
 from sim_drives.truth import Truth
 
 HIP: Final = 0
@@ -91,7 +91,8 @@ def _constants(
             Bristles(hip.bristle_stiffness_nm_per_rad, hip.bristle_damping_nm_s_per_rad),
             Bristles(slide.bristle_stiffness_n_per_m, slide.bristle_damping_n_s_per_m),
         ),
-        stops=build_stops(settings.stops),
+        stops=joint_stops(settings.stops.hip, settings.stops.slide),
+        reach=leg_reach(settings.stops.ankle, leg),
         law=LAW_CODES[settings.friction.law],
         step_s=step.physics_us * 1e-6,
         loop_steps=step.drive_loop_us // step.physics_us,
@@ -102,7 +103,7 @@ def _constants(
 def _start_state(settings: PlantTables, constants: Constants) -> State:
     pose = (math.radians(settings.start.hip_deg), settings.start.slide_m)
     for name, value, stop in zip(
-        ("start.hip_deg", "start.slide_m"), pose, constants.stops[:2], strict=True
+        ("start.hip_deg", "start.slide_m"), pose, constants.stops, strict=True
     ):
         if not stop.low_si <= value <= stop.high_si:
             raise PlantError(

@@ -86,12 +86,10 @@ class SlideStop(Table, frozen=True):
 
 
 class AnkleStop(Table, frozen=True):
-    """The stop between shank and shoe, which keeps the mechanism off its singularity."""
+    """The rigid stop between shank and shoe, which keeps the mechanism off its singularity."""
 
     edge_ratio: Annotated[float, Meta(gt=0.02, lt=1)]
     """|sin| of the angle between shank and shoe where the stop begins."""
-    stiffness_nm_per_rad: Annotated[float, Meta(gt=0, le=1e5)]
-    damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=1e3)]
 
 
 class Stops(Table, frozen=True):

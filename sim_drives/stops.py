@@ -1,17 +1,26 @@
-"""Mechanical stops: springs with dampers that push and never pull.
+"""Mechanical stops: what the joints meet at the end of their travel.
 
-Hip and slide have a stop at each end of their travel. A third one stands between shank and shoe:
-the mechanism's only singularity is where those two are in line, and near it the angle between them
-moves fast for little travel, so a torsion spring there is a wall that neither drives nor a fall
-pass.
+Hip and slide have springs with dampers at each end, which push and never pull.
+
+The mechanism as a whole has a stop between shank and shoe, before its only singularity, where those
+two are in line. Near it the angle between them moves fast for little travel, so no spring is stiff
+enough at a fixed step; the stop is rigid and inelastic instead. It bounds the distance between knee
+and slide joint, which is smooth there: a velocity that would take the distance past its bound
+within one step is reduced by an impulse along the distance's gradient. Neither the drives at full
+effort nor a fall pass it.
 """
 
 import math
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from observer.jit import kernel
-from observer.mechanism import LegParameters, pose, rates
-from sim_drives.plant_settings import Stops
+from observer.mechanism import LegParameters, pose
+from sim_drives.plant_settings import AnkleStop, HipStop, SlideStop
+
+Records = NDArray[np.void]
 
 
 class Stop(NamedTuple):
@@ -23,10 +32,15 @@ class Stop(NamedTuple):
     damping_si: float
 
 
-def build_stops(stops: Stops) -> tuple[Stop, Stop, Stop]:
-    """Stops of hip, slide and the angle between shank and shoe."""
-    hip, slide, ankle = stops.hip, stops.slide, stops.ankle
-    edge_rad = math.asin(ankle.edge_ratio)
+class Reach(NamedTuple):
+    """Bounds of the distance between knee and slide joint: leg folded, leg stretched."""
+
+    nearest_m: float
+    farthest_m: float
+
+
+def joint_stops(hip: HipStop, slide: SlideStop) -> tuple[Stop, Stop]:
+    """The end stops of hip and slide."""
     return (
         Stop(
             math.radians(hip.min_deg),
@@ -35,13 +49,16 @@ def build_stops(stops: Stops) -> tuple[Stop, Stop, Stop]:
             hip.damping_nm_s_per_rad,
         ),
         Stop(slide.min_m, slide.max_m, slide.stiffness_n_per_m, slide.damping_n_s_per_m),
-        Stop(
-            edge_rad,
-            math.pi - edge_rad,
-            ankle.stiffness_nm_per_rad,
-            ankle.damping_nm_s_per_rad,
-        ),
     )
+
+
+def leg_reach(stop: AnkleStop, leg: LegParameters) -> Reach:
+    """The distances at which |sin| of the angle between shank and shoe is the stop's ratio."""
+    shank_m, shoe_m = leg.shank_length_m, leg.shoe_length_m
+    squares = shank_m * shank_m + shoe_m * shoe_m
+    cosine = math.sqrt(1.0 - stop.edge_ratio * stop.edge_ratio)
+    twice = 2.0 * shank_m * shoe_m * cosine  # law of cosines
+    return Reach(math.sqrt(squares - twice), math.sqrt(squares + twice))
 
 
 @kernel
@@ -57,21 +74,62 @@ def stop_effort(stop: Stop, position: float, velocity: float) -> float:
 
 
 @kernel
-def ankle_stop_effort(
-    p: LegParameters, stop: Stop, hip: float, slide: float, hip_rate: float, slide_rate: float
+def _response(
+    joints: Records, mass: tuple[float, float, float], by_hip: float, by_slide: float
 ) -> tuple[float, float]:
-    """Generalised torque N·m and force N of the stop between shank and shoe.
-
-    The angle between them is pi with the leg stretched and 0 with it folded; its gradient is the
-    difference of the two links' rates, so virtual work gives the generalised forces.
-    """
-    at = pose(p, hip, slide)
-    along = at.shank_x * at.shoe_x + at.shank_y * at.shoe_y
-    angle = math.atan2(-at.delta, along)
-    if stop.low_si <= angle <= stop.high_si:
+    """Change of both velocities for a unit impulse along the gradient; held axes do not move."""
+    m11, m12, m22 = mass
+    if joints[0]["held"] == 1 and joints[1]["held"] == 1:
         return 0.0, 0.0
-    w = rates(p, at)
-    by_hip = w.shank_hip - w.shoe_hip
-    by_slide = w.shank_slide - w.shoe_slide
-    torque = stop_effort(stop, angle, by_hip * hip_rate + by_slide * slide_rate)
-    return by_hip * torque, by_slide * torque
+    if joints[0]["held"] == 1:
+        return 0.0, by_slide / m22
+    if joints[1]["held"] == 1:
+        return by_hip / m11, 0.0
+    determinant = m11 * m22 - m12 * m12
+    return (
+        (m22 * by_hip - m12 * by_slide) / determinant,
+        (m11 * by_slide - m12 * by_hip) / determinant,
+    )
+
+
+@kernel
+def keep_in_reach(
+    p: LegParameters,
+    reach: Reach,
+    joints: Records,
+    mass: tuple[float, float, float],
+    step_s: float,
+) -> bool:
+    """Reduce `next_velocity` where it would take the leg past its reach; the force is contact.
+
+    Args:
+        p: the leg.
+        reach: its bounds.
+        joints: JOINT records after `slide_or_stick`, written.
+        mass: M11, M12, M22 at this pose.
+        step_s: the step.
+
+    Returns: whether the leg struck its stop.
+    """
+    a, b = joints[0], joints[1]
+    at = pose(p, a["position"], b["position"])
+    # From the knee to the slide joint, and how its length changes with hip and slide.
+    dx = at.shank_x - at.shoe_x
+    dy = at.shank_y - at.shoe_y
+    distance = math.hypot(dx, dy)
+    by_hip = (dx * at.knee_y - dy * at.knee_x) / distance
+    by_slide = (dx * p.rail_cos + dy * p.rail_sin) / distance
+    rate = by_hip * a["next_velocity"] + by_slide * b["next_velocity"]
+    fastest = (reach.farthest_m - distance) / step_s
+    slowest = (reach.nearest_m - distance) / step_s
+    excess = rate - min(max(rate, slowest), fastest)
+    hip_change, slide_change = _response(joints, mass, by_hip, by_slide)
+    gain = by_hip * hip_change + by_slide * slide_change
+    if excess == 0.0 or gain <= 0.0:
+        return False
+    impulse = excess / gain
+    a["next_velocity"] -= hip_change * impulse
+    b["next_velocity"] -= slide_change * impulse
+    a["contact"] -= by_hip * impulse / step_s
+    b["contact"] -= by_slide * impulse / step_s
+    return True
