@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.leg_filter import Options
 from observer.leg_memory import START_STD
 from observer.leg_observer import Setup
 
@@ -55,7 +56,7 @@ def build() -> Run | None:
 def _run(
     function: Callable[..., None], setup: Setup, measured: Matrix, effort: Matrix, dt_s: float
 ) -> Estimates:
-    _, _, integrator, substeps = setup.options
+    options = Options(*setup.options)
     model = np.concatenate(
         (
             *(setup.leg, setup.hip, setup.slide, [setup.coriolis_share]),
@@ -68,7 +69,11 @@ def _run(
     root = np.diag(START_STD)
     state, nis = np.empty((count, 8)), np.empty(count)
     function(
-        *(_pointer(model), ctypes.c_int(int(integrator)), ctypes.c_int(int(substeps))),
+        *(
+            _pointer(model),
+            ctypes.c_int(int(options.integrator)),
+            ctypes.c_int(int(options.substeps)),
+        ),
         *(ctypes.c_int(count), _pointer(measured[1:]), _pointer(effort[1:]), ctypes.c_double(dt_s)),
         *(_pointer(mean), _pointer(root), _pointer(state), _pointer(nis)),
     )

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from observer.friction import FrictionParameters, friction_rate
 from observer.jit import kernel
+from observer.leg_filter import Options
 from observer.leg_memory import START_STD
 from observer.leg_observer import Setup
 from observer.linkage import bounded_acceleration
@@ -49,7 +50,7 @@ def run(setup: Setup, measured: Matrix, effort: Matrix, dt_s: float, *, compiled
 
 def compiled_model(setup: Setup, torque: Vector) -> Callable[[Vector, float], Vector]:
     """One step of the observer's own mechanism and friction for one point."""
-    substeps = int(setup.options[3])
+    substeps = int(Options(*setup.options).substeps)
     physics = (setup.leg, setup.hip, setup.slide, setup.coriolis_share)
     return lambda x, dt_s: _compiled_step(*physics, torque, dt_s, substeps, x)
 
@@ -87,7 +88,7 @@ def python_model(setup: Setup, torque: Vector) -> Callable[[Vector, float], Vect
     """The same step in plain Python, scalar by scalar: small arrays would be slower."""
     leg = LegParameters(*setup.leg)
     hip, slide = FrictionParameters(*setup.hip), FrictionParameters(*setup.slide)
-    substeps = int(setup.options[3])
+    substeps = int(Options(*setup.options).substeps)
 
     def slope(x: Floats) -> Floats:
         q1, q2, v1, v2, f1, f2, d1, d2 = x

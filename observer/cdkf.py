@@ -53,7 +53,7 @@ def spread(mean: Vector, root: Matrix, step: float, n: int, lanes: int, points: 
 @inline
 def compress(
     points: Vector,
-    noise_std: Vector,
+    noise_root: Matrix,
     step: float,
     n: int,
     lanes: int,
@@ -65,7 +65,7 @@ def compress(
 
     Args:
         points: sigma points after the model, (n * lanes).
-        noise_std: of the process noise of this step, (n).
+        noise_root: lower triangular root of this step's process noise, (n, n).
         step: h, as they were drawn.
         n: number of states.
         lanes: points per state in memory.
@@ -87,9 +87,8 @@ def compress(
             minus = points[base + 1 + n + i] - centre
             work[to + i] = first * (plus - minus)
             work[to + n + i] = second * (plus + minus)
-            work[to + 2 * n + i] = 0.0
+            work[to + 2 * n + i] = noise_root[row, i] if i <= row else 0.0
             total += plus + minus
-        work[to + 2 * n + row] = noise_std[row]
         mean[row] = centre + share * total
     triangularise(work, n, columns, 2 * n, 0, root)
 
@@ -265,7 +264,7 @@ def time_update(model: Callable[[Vector, Vector, float], Vector]) -> Callable[..
         spread(mean, root, step, n, lanes, points)
         for lane in range(lanes):
             points[lane::lanes] = model(points[lane::lanes].copy(), inputs, dt_s)
-        compress(points, noise_std, step, n, lanes, mean, root, np.empty(3 * n * n))
+        compress(points, np.diag(noise_std), step, n, lanes, mean, root, np.empty(3 * n * n))
 
     return _compiled(predict)
 

@@ -11,8 +11,9 @@ What happens to a sample, in this order:
    is held, and the filter begins anew at the next complete sample.
 3. The prediction runs over the true time step; process noise grows with it.
 4. A sample whose NIS is beyond the gate is rejected. If a push could have moved the leg there, the
-   next prediction allows for that push, so that it is followed from the second sample on; a jump of
-   the encoder is too large for that. After GATED_MAX_IN_A_ROW rejections the next sample is
+   next prediction allows for that push, so that it is followed from the second sample on, and the
+   split is in doubt for a while: it may be friction that catches. A jump of the encoder is too
+   large for a push. After GATED_MAX_IN_A_ROW rejections the next sample is
    believed: the filter begins anew there, says so, and is BAD until it has warmed up.
 5. The estimate is judged (bits, level of each axis) and written out.
 """
@@ -24,19 +25,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.cdkf import STEP, compress, correct, innovate, spread
-from observer.friction import FrictionParameters, gate
+from observer.friction import STANDSTILL_GATE, FrictionParameters, gate
 from observer.jit import inline, kernel
-from observer.leg_judgement import judge
+from observer.leg_judgement import distrust_split, judge
 from observer.leg_memory import (
     EFFORT,
+    EVENT,
     GATED,
     NIS_MEAN,
     PREDICTED,
     PUSH,
+    SPLIT,
     STARTED,
+    STEPPED,
     Arrays,
     N,
     arrays_in,
+    begin_cycle,
+    effort_acting,
     fill,
     is_lost,
     lose,
@@ -54,7 +60,7 @@ from observer.leg_model import (
     semi_implicit,
     substeps_for,
 )
-from observer.linkage import dynamics
+from observer.leg_noise import note_lean, set_measurement_noise, set_process_noise
 from observer.parameters import LegParameters
 from observer.quantities import Number
 from observer.status import (
@@ -79,15 +85,8 @@ OUT_NET: Final = OUT_NIS + 1
 OUT_NET_STD: Final = OUT_NET + 2
 OUT_SIZE: Final = OUT_NET_STD + 2
 
-GATED_FRICTION_MOVING: Final = 2.0
-GATED_FRICTION_RESTING: Final = 5.0
-"""Factors on friction's process noise when it is gated by velocity (observer.md 3.1)."""
 PUSH_MAX: Final = 30.0
 """rad/s^2, m/s^2: no push or stick-slip accelerates a leg more; a larger jump is the encoder's."""
-PUSH_POSITION_SHARE: Final = 1.5
-PUSH_PATIENT_SHARE: Final = 0.5
-"""How uncertain a push makes position and patient: 1 is its own effect within one more cycle. Less
-for the patient avoids overshoot; the velocities' share, 1, does the rest."""
 WILD_RATE: Final = 100.0
 """Predicted velocities (rad/s, m/s) that no leg has: the prediction is discarded."""
 
@@ -112,6 +111,12 @@ class Options(NamedTuple):
     velocity_gated: Number
     integrator: Number
     substeps: Number
+    patient_noise_max_ratio: Number
+    viscous_outside: Number
+    effort_delay_cycles: Number
+    sample_jitter_s: float
+    ripple_hip: Number
+    ripple_slide: Number
 
 
 @kernel
@@ -144,17 +149,20 @@ def advance(
     before (N m, N), which was `dt_s` ago. `caller_bits` are those of Status that only the caller
     can know. `out` (OUT_SIZE) gets mean, std, covariance, innovation, nis, net and net std.
     """
-    model = LegModel(
-        LegParameters(*leg), FrictionParameters(*hip), FrictionParameters(*slide), coriolis_share
-    )
     options = Options(*options_of)
+    model = LegModel(
+        LegParameters(*leg),
+        FrictionParameters(*hip),
+        FrictionParameters(*slide),
+        coriolis_share,
+        options.viscous_outside,
+    )
     arrays = arrays_in(memory, scratch, points)
+    begin_cycle(memory, dt_s)
     usable = take_efforts(memory, effort_hip, effort_slide)
     have_hip = usable and math.isfinite(position_hip)
     have_slide = usable and math.isfinite(position_slide)
     fill(out, 0, OUT_SIZE, math.nan)
-    memory[PREDICTED] += 1.0
-    memory[PREDICTED + 1] += 1.0
     status = caller_bits
     if not 0.0 < dt_s <= LATE_RATIO * STEP_S:
         status |= LATE_BIT
@@ -192,14 +200,22 @@ def _begin(model: LegModel, memory: Vector, hip: float, slide: float, complete: 
 @inline
 def _predict(model: LegModel, options: Options, process_std: Vector, a: Arrays, dt_s: float) -> int:
     """Time update over `dt_s`; bits. A prediction that no leg could follow is not taken."""
-    _scale_noise(model, options, process_std, a, dt_s)
+    set_process_noise(
+        model,
+        process_std,
+        options.patient_noise_max_ratio,
+        (options.ripple_hip, options.ripple_slide),
+        options.velocity_gated != 0.0,
+        a,
+        dt_s,
+    )
     for i in range(EFFORT):
         a.backup[i] = a.memory[i]
     spread(a.mean, a.root, STEP, N, LANES, a.points)
     substeps = substeps_for(dt_s, int(options.substeps))
     step_s = dt_s / substeps
-    effort_hip = a.memory[EFFORT]
-    effort_slide = a.memory[EFFORT + 1]
+    effort_hip = effort_acting(a.memory, 0, options.effort_delay_cycles)
+    effort_slide = effort_acting(a.memory, 1, options.effort_delay_cycles)
     outside = 0
     for _ in range(substeps):
         if options.integrator == RK4:
@@ -215,36 +231,10 @@ def _predict(model: LegModel, options: Options, process_std: Vector, a: Arrays, 
             a.memory[i] = a.backup[i]
         lose(a.memory)
         return INCONSISTENT_BIT
+    a.memory[EVENT] = STEPPED
+    for i in range(EFFORT):
+        a.forecast[i] = a.memory[i]
     return OUT_OF_WORKSPACE_BIT if outside > 0 else 0
-
-
-@inline
-def _scale_noise(
-    model: LegModel, options: Options, process_std: Vector, a: Arrays, dt_s: float
-) -> None:
-    """Process noise of this step: standard deviations grow with the root of time.
-
-    After a rejected sample that a push explains, the state is as uncertain as that push is strong.
-    Gated by velocity (`velocity_gated`), a patient's effort does not wander at rest, where nothing
-    shows it; friction wanders more, and most at rest.
-    """
-    scale = math.sqrt(dt_s / STEP_S)
-    for i in range(N):
-        a.noise[i] = scale * process_std[i]
-    if a.memory[GATED] == 1.0:
-        d = dynamics(model.leg, a.mean[0], a.mean[1], 0.0, 0.0, 0.0)
-        for axis in range(2):
-            push = a.memory[PUSH + axis]
-            a.noise[axis] += PUSH_POSITION_SHARE * push * dt_s * dt_s
-            a.noise[2 + axis] += push * dt_s
-            a.noise[6 + axis] += PUSH_PATIENT_SHARE * push * (d.m11 if axis == 0 else d.m22)
-    if options.velocity_gated != 0.0:
-        for axis in range(2):
-            moving = gate(model.hip if axis == 0 else model.slide, a.mean[2 + axis])
-            a.noise[4 + axis] *= GATED_FRICTION_MOVING * moving + GATED_FRICTION_RESTING * (
-                1.0 - moving
-            )
-            a.noise[6 + axis] *= moving
 
 
 @inline
@@ -261,13 +251,14 @@ def _measure(
     """Measurement update by the axes that have a sample, or its rejection; bits."""
     count = 2 if have_hip and have_slide else 1
     picks = BOTH if count == 2 else (HIP_ONLY if have_hip else SLIDE_ONLY)
+    set_measurement_noise(measurement_std, options.sample_jitter_s, a)
     nis = innovate(
         a.mean,
         a.root,
         picks,
         count,
         a.measured,
-        measurement_std,
+        a.seen_std,
         a.innovation,
         a.innovation_root,
         a.work,
@@ -280,13 +271,15 @@ def _measure(
         out[OUT_INNOVATION + picks[j]] = a.innovation[j]
     if not nis <= gate_nis:
         return _reject(model, a, picks, count, dt_s)
+    for j in range(count):
+        note_lean(a, picks[j], j)
     correct(
         a.mean,
         a.root,
         N,
         picks,
         count,
-        measurement_std,
+        a.seen_std,
         a.innovation,
         a.innovation_root,
         a.gain,
@@ -295,7 +288,20 @@ def _measure(
     a.memory[GATED] = 0.0
     for j in range(count):
         a.memory[PREDICTED + picks[j]] = 0.0
+    if options.velocity_gated != 0.0:
+        _bound_friction(model.hip, a, 0)
+        _bound_friction(model.slide, a, 1)
     return 0
+
+
+@inline
+def _bound_friction(f: FrictionParameters, a: Arrays, axis: int) -> None:
+    """At rest friction holds no more than its breakaway level; the rest is the patient's."""
+    if gate(f, a.mean[2 + axis]) < STANDSTILL_GATE:
+        friction = a.mean[4 + axis]
+        held = min(max(friction, -f.stribeck), f.stribeck)
+        a.mean[4 + axis] = held
+        a.mean[6 + axis] += held - friction
 
 
 @inline
@@ -310,6 +316,9 @@ def _reject(model: LegModel, a: Arrays, picks: NDArray[np.int64], count: int, dt
             largest = max(largest, a.memory[PUSH + picks[j]])
         if largest > PUSH_MAX:
             a.memory[PUSH] = a.memory[PUSH + 1] = 0.0
+        else:
+            distrust_split(model.hip, a.memory, 0)
+            distrust_split(model.slide, a.memory, 1)
     too_many = a.memory[GATED] > GATED_MAX_IN_A_ROW
     if too_many and count == 2 and may_start(model.leg, a.measured[0], a.measured[1]):
         restart(a.memory, a.measured[0], a.measured[1], True)
@@ -318,7 +327,10 @@ def _reject(model: LegModel, a: Arrays, picks: NDArray[np.int64], count: int, dt
 
 @inline
 def _report(a: Arrays, out: Vector) -> None:
-    """State, standard deviations, covariance and net efforts into `out`."""
+    """State, standard deviations, covariance and net efforts into `out`.
+
+    What is uncertain of the split of a joint at rest counts, wherever it is kept (leg_noise.py).
+    """
     at = OUT_COVARIANCE
     for row in range(N):
         out[row] = a.mean[row]
@@ -326,6 +338,8 @@ def _report(a: Arrays, out: Vector) -> None:
             total = 0.0
             for k in range(column + 1):
                 total += a.root[row, k] * a.root[column, k]
+            if column >= 4 and (row - column) % 2 == 0:
+                total += a.memory[SPLIT + row % 2]
             out[at] = total
             at += 1
         out[OUT_STD + row] = math.sqrt(out[at - 1])

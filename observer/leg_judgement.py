@@ -2,8 +2,8 @@
 
 The three levels are the design's. An axis is BAD when its numbers may be wrong (out of workspace,
 inconsistent, unreferenced, uncalibrated, predicted over for too long), SPLIT_UNOBSERVABLE when it
-has been at rest for longer than 100 ms, and OK otherwise. A reversal that takes less keeps its
-split, with the larger standard deviation that the filter gives it.
+has rested for longer than 100 ms, or was hit by a push that nothing foresaw, and has not moved for
+four T1 since; and OK otherwise. A reversal that takes less than 100 ms keeps its split.
 
 Consistency is judged by the mean NIS from above only: a filter that is too modest shows no wrong
 number. Nor does NIS see a bias (observer.md, fact 10); other checks must.
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from observer.friction import STANDSTILL_GATE, FrictionParameters, gate
 from observer.jit import inline
-from observer.leg_memory import DISTRUST, NIS_MEAN, PREDICTED, REST_S, WARM_UP
+from observer.leg_memory import DISTRUST, NIS_MEAN, PREDICTED, REST_S, SETTLE_S, WARM_UP
 from observer.leg_model import LegModel
 from observer.linkage import pose
 from observer.status import (
@@ -26,6 +26,7 @@ from observer.status import (
     NIS_WINDOW_MAX,
     PREDICTED_MAX_CYCLES,
     REST_MAX_S,
+    SETTLE_TIME_CONSTANTS,
     Status,
     Validity,
 )
@@ -77,16 +78,27 @@ def judge(model: LegModel, memory: Vector, dt_s: float, status: int) -> tuple[in
 
 @inline
 def _count_rest(f: FrictionParameters, memory: Vector, axis: int, dt_s: float) -> bool:
+    """Count how long an axis rests, then how long it has moved since; whether it rests."""
     resting = gate(f, memory[2 + axis]) < STANDSTILL_GATE
-    if not resting:
+    passed_s = dt_s if 0.0 < dt_s <= GAP_MAX_S else 0.0
+    if resting:
+        memory[REST_S + axis] += passed_s
+        if memory[REST_S + axis] > REST_MAX_S:
+            distrust_split(f, memory, axis)
+    else:
         memory[REST_S + axis] = 0.0
-    elif 0.0 < dt_s <= GAP_MAX_S:
-        memory[REST_S + axis] += dt_s
+        memory[SETTLE_S + axis] = max(memory[SETTLE_S + axis] - passed_s, 0.0)
     return resting
+
+
+@inline
+def distrust_split(f: FrictionParameters, memory: Vector, axis: int) -> None:
+    """Friction may be anything: only motion, for some T1, brings the split back."""
+    memory[SETTLE_S + axis] = SETTLE_TIME_CONSTANTS * f.time_constant_s
 
 
 @inline
 def _level(memory: Vector, axis: int, status: int) -> int:
     if status & BAD_MASK or memory[PREDICTED + axis] > PREDICTED_MAX_CYCLES:
         return BAD
-    return SPLIT_UNOBSERVABLE if memory[REST_S + axis] > REST_MAX_S else OK
+    return SPLIT_UNOBSERVABLE if memory[SETTLE_S + axis] > 0.0 else OK

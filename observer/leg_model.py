@@ -117,6 +117,8 @@ class LegModel(NamedTuple):
     slide: FrictionParameters
     coriolis_share: Number
     """1 for the full dynamics, 0 for the paper's."""
+    viscous_outside: Number = 0.0
+    """1: viscous friction acts at once; 0, the paper's: through the low-pass, like all of (13)."""
 
 
 @kernel
@@ -125,6 +127,8 @@ def semi_implicit(
 ) -> int:
     """One substep in place; how many points were where the mechanism does not close."""
     outside = 0
+    at_once_hip = model.viscous_outside * model.hip.viscous
+    at_once_slide = model.viscous_outside * model.slide.viscous
     # Not LANES: a loop of a count that the compiler knows is unrolled, and never vector code.
     for j in range(points.size // STATE_COUNT):
         velocity_hip = points[2 * LANES + j]
@@ -148,6 +152,8 @@ def semi_implicit(
         velocity_slide += dt_s * a_slide
         points[2 * LANES + j] = velocity_hip
         points[3 * LANES + j] = velocity_slide
+        friction_hip += at_once_hip * dt_s * a_hip
+        friction_slide += at_once_slide * dt_s * a_slide
         points[4 * LANES + j] = friction_after(model.hip, friction_hip, velocity_hip, dt_s)
         points[5 * LANES + j] = friction_after(model.slide, friction_slide, velocity_slide, dt_s)
         outside += 0 if inside else 1
@@ -204,8 +210,10 @@ def _slope(model: LegModel, u1: float, u2: float, x: Motion) -> tuple[Motion, bo
     a1, a2, inside = bounded_acceleration(
         model.leg, x.q1, x.q2, x.v1, x.v2, u1 - x.f1, u2 - x.f2, model.coriolis_share
     )
-    rate1 = friction_rate(model.hip, x.f1, x.v1)
-    rate2 = friction_rate(model.slide, x.f2, x.v2)
+    rate1 = friction_rate(model.hip, x.f1, x.v1) + model.viscous_outside * model.hip.viscous * a1
+    rate2 = (
+        friction_rate(model.slide, x.f2, x.v2) + model.viscous_outside * model.slide.viscous * a2
+    )
     return Motion(x.v1, x.v2, a1, a2, rate1, rate2), inside
 
 

@@ -31,7 +31,7 @@ from observer.leg_filter import (
     Options,
     advance,
 )
-from observer.leg_memory import MEMORY_SIZE, POINTS_SIZE, SCRATCH_SIZE, may_start, start
+from observer.leg_memory import EFFORTS, MEMORY_SIZE, POINTS_SIZE, SCRATCH_SIZE, may_start, start
 from observer.leg_model import STEP_S, Integrator, substeps_needed
 from observer.mechanism import WorkspaceError, smallest_inertia
 from observer.parameters import LegParameters
@@ -60,10 +60,21 @@ class ObserverTuning(NamedTuple):
     """rad, m."""
     coriolis: bool = True
     velocity_gated: bool = False
-    """Process noise of patient and friction by the gate a(v): at rest the patient's stays put."""
+    """At rest what changes is friction's, the patient's stays put, and the split is uncertain."""
     integrator: Integrator = Integrator.RK4
     substeps: int = 2
     gate_nis: float = 60.0
+    patient_noise_max_ratio: float = 1.0
+    """How far the patient's process noise may rise while innovations lean to one side."""
+    viscous_outside: bool = False
+    """Viscous friction acts at once, as with bristles; else through eq. (11)'s low-pass."""
+    effort_delay_ms: float = 0.0
+    """The effort given with a sample acts so much later than the step that it is given for."""
+    sample_jitter_us: float = 0.0
+    """Standard deviation of a sample's true time about the one given."""
+    ripple_hip_nm: float = 0.0
+    ripple_slide_n: float = 0.0
+    """Standard deviation of the sampled effort about its mean over the step."""
 
 
 DEFAULT_TUNING: Final = ObserverTuning(
@@ -72,6 +83,7 @@ DEFAULT_TUNING: Final = ObserverTuning(
 
 
 LEVELS: Final = tuple(Validity)
+EFFORT_DELAY_MAX_MS: Final = 1e3 * STEP_S * (EFFORTS - 1)
 CALLER_BITS: Final = (
     Status.LATE,
     Status.UNREFERENCED,
@@ -247,6 +259,12 @@ def setup_of(
         velocity_gated=float(tuning.velocity_gated),
         integrator=float(tuning.integrator),
         substeps=float(tuning.substeps),
+        patient_noise_max_ratio=float(tuning.patient_noise_max_ratio),
+        viscous_outside=float(tuning.viscous_outside),
+        effort_delay_cycles=1e-3 * tuning.effort_delay_ms / STEP_S,
+        sample_jitter_s=1e-6 * tuning.sample_jitter_us,
+        ripple_hip=float(tuning.ripple_hip_nm),
+        ripple_slide=float(tuning.ripple_slide_n),
     )
     return Setup(
         tuple(map(float, leg)),
@@ -277,6 +295,15 @@ def check_tuning(
     ):
         if len(values) != count or not all(math.isfinite(x) and x > 0.0 for x in values):
             raise TuningError(f"{name} = {values}: must be {count} positive numbers")
+    for name, value, least, most in (
+        ("patient_noise_max_ratio", tuning.patient_noise_max_ratio, 1.0, math.inf),
+        ("effort_delay_ms", tuning.effort_delay_ms, 0.0, EFFORT_DELAY_MAX_MS),
+        ("sample_jitter_us", tuning.sample_jitter_us, 0.0, math.inf),
+        ("ripple_hip_nm", tuning.ripple_hip_nm, 0.0, math.inf),
+        ("ripple_slide_n", tuning.ripple_slide_n, 0.0, math.inf),
+    ):
+        if not (math.isfinite(value) and least <= value <= most):
+            raise TuningError(f"{name} = {value}: must be a number in {least}..{most}")
     for name, friction in (("hip", hip), ("slide", slide)):
         least = smallest_stribeck(friction)
         if friction.stribeck <= least:

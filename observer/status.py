@@ -55,6 +55,8 @@ GATED_MAX_IN_A_ROW: Final = 5
 """After as many rejected samples the next one is believed, and the filter starts anew there."""
 REST_MAX_S: Final = 0.1
 """Standstill up to this long keeps the split: a gait's reversal."""
+SETTLE_TIME_CONSTANTS: Final = 4.0
+"""So many T1 of motion after a longer standstill bring the split back: friction meets its law."""
 LATE_RATIO: Final = 1.5
 """A time step longer than this many nominal ones is late."""
 GAP_MAX_S: Final = 0.1

@@ -110,6 +110,12 @@ def observer_tuning(robot: Robot) -> ObserverTuning:
         integrator=integrator_named(table.integrator),
         substeps=table.substeps,
         gate_nis=table.gate_nis,
+        patient_noise_max_ratio=table.patient_noise_max_ratio,
+        viscous_outside=table.viscous_outside,
+        effort_delay_ms=table.effort_delay_ms,
+        sample_jitter_us=table.sample_jitter_us,
+        ripple_hip_nm=table.ripple_hip_nm,
+        ripple_slide_n=table.ripple_slide_n,
     )
 
 

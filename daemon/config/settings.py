@@ -133,10 +133,16 @@ class ObserverTuning(Table, frozen=True):
     measurement_slide_position_m: Positive
     coriolis: bool
     velocity_gated: bool
-    """Disturbance noise scaled by the gate a(v): standstill is absorbed into friction (Fig. 5)."""
+    """At rest what changes is friction's (Fig. 5), and the split is uncertain."""
     integrator: Literal["semi_implicit", "rk4"]
     substeps: Annotated[int, Meta(ge=1, le=10)]
     gate_nis: Annotated[float, Meta(ge=20, le=1000)]
+    patient_noise_max_ratio: Annotated[float, Meta(ge=1, le=10)] = 1.0
+    viscous_outside: bool = False
+    effort_delay_ms: Annotated[float, Meta(ge=0, le=30)] = 0.0
+    sample_jitter_us: Annotated[float, Meta(ge=0, le=2000)] = 0.0
+    ripple_hip_nm: Annotated[float, Meta(ge=0, le=50)] = 0.0
+    ripple_slide_n: Annotated[float, Meta(ge=0, le=500)] = 0.0
 
 
 class Robot(Table, frozen=True):

@@ -107,9 +107,9 @@ def plain_copy(folder: Path, name: str, *changes: tuple[str, str]):
 
 
 KEEP_POINTS = (
-    "        compress(points, noise_std, step, n, lanes, mean, root, np.empty(3 * n * n))",
+    "        compress(points, np.diag(noise_std), step, n, lanes, mean, root, np.empty(3 * n * n))",
     "        predict.points = points\n"
-    "        compress(points, noise_std, step, n, lanes, mean, root, np.empty(3 * n * n))",
+    "        compress(points, np.diag(noise_std), step, n, lanes, mean, root, np.empty(3 * n * n))",
 )
 REUSE_POINTS = (
     "        seen = np.empty((m, lanes))",
@@ -219,7 +219,7 @@ def steps_that_stay_well(noises):
     n, lanes = 4, 9
     mean, root = np.zeros(n), np.eye(n)
     points, work = np.zeros(n * lanes), np.zeros(3 * n * n)
-    noise, sensor = np.array([1e-6, 1e-3, 0.1, 10.0]), np.full(n, 1e-5)
+    noise, sensor = np.diag(np.array([1e-6, 1e-3, 0.1, 10.0])), np.full(n, 1e-5)
     picks, innovation = np.array([0]), np.zeros(1)
     innovation_root, gain = np.zeros((1, 1)), np.zeros((n, 1))
     smallest = 1e300

@@ -217,14 +217,14 @@ def test_standstill_shows_within_one_sample_and_ends_the_split_after_100_ms():
         one.step(position, effort, DT)
         for position, effort in zip(recorded.position, recorded.effort, strict=True)
     ]
-    stands = [abs(v) < 0.83 * HIP.edge for v in truth.state[:, 2]]
-    stopped = max(k for k in range(300) if not stands[k]) + 1
-    shown = max(k for k in range(300) if Status.STANDSTILL_HIP not in rows[k].status) + 1
+    walked = 150
+    stopped = next(k for k in range(walked, 300) if abs(truth.state[k, 2]) < 0.83 * HIP.edge)
+    shown = next(k for k in range(walked, 300) if Status.STANDSTILL_HIP in rows[k].status)
 
     assert abs(shown - stopped) <= 1
-    for row in rows[shown : shown + 10]:
+    for row in rows[shown : shown + 9]:
         assert row.validity[0] is Validity.OK
-    for row in rows[shown + 11 :]:
+    for row in rows[shown + 11 :]:  # a twitch of 30 ms in between does not bring it back
         assert row.validity[0] is Validity.SPLIT_UNOBSERVABLE
         assert Status.VALID in row.status
 

@@ -178,7 +178,8 @@ def test_the_observer_takes_what_the_robot_file_says():
     assert tuning.process_std == DEFAULT_TUNING.process_std
     assert tuning.measurement_std == DEFAULT_TUNING.measurement_std
     assert (tuning.integrator, tuning.substeps) == (Integrator.RK4, 2)
-    assert (tuning.coriolis, tuning.velocity_gated, tuning.gate_nis) == (True, False, 60.0)
+    assert (tuning.coriolis, tuning.velocity_gated, tuning.gate_nis) == (True, True, 60.0)
+    assert tuning.patient_noise_max_ratio == 3.0
 
 
 @pytest.mark.parametrize("name", ["robot.toml", "robot_empty.toml"])
