@@ -141,13 +141,12 @@ def advance(
 ) -> tuple[int, int, int]:
     """One cycle; Status, Validity of the hip, Validity of the slide. Numbers go to `out`.
 
-    Physics (leg, hip, slide, coriolis_share) and Options come as plain tuples of floats, which are
-    quicker to hand over than named ones. `process_std` (N) is per step of STEP_S,
-    `measurement_std` (2) in rad and m. `memory` (MEMORY_SIZE) is what the cycle before left, all
-    zero before the first; `scratch` (SCRATCH_SIZE) and `points` (POINTS_SIZE) need no content.
-    Positions are measured now (rad, m; not finite if missing), efforts acted since the cycle
-    before (N m, N), which was `dt_s` ago. `caller_bits` are those of Status that only the caller
-    can know. `out` (OUT_SIZE) gets mean, std, covariance, innovation, nis, net and net std.
+    Physics and Options come as plain tuples of floats, quicker to hand over than named ones.
+    `process_std` (N) is per step of STEP_S, `measurement_std` (2) in rad, m. `memory` (MEMORY_SIZE)
+    is what the cycle before left, zero before the first; `scratch` (SCRATCH_SIZE) and `points`
+    (POINTS_SIZE) need no content. Positions are measured now (rad, m; not finite if missing),
+    efforts acted since the cycle before (N m, N), `dt_s` ago. `caller_bits` of Status only the
+    caller can know. `out` (OUT_SIZE): mean, std, covariance, innovation, nis, net and net std.
     """
     options = Options(*options_of)
     model = LegModel(
@@ -170,8 +169,7 @@ def advance(
         complete = have_hip and have_slide
         status |= _begin(model, memory, position_hip, position_slide, complete)
     elif dt_s > 0.0:
-        arrays.measured[0] = position_hip
-        arrays.measured[1] = position_slide
+        arrays.measured[0], arrays.measured[1] = position_hip, position_slide
         status |= _predict(model, options, process_std, arrays, dt_s)
         if (have_hip or have_slide) and not is_lost(memory):
             status |= _measure(
