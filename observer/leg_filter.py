@@ -60,7 +60,12 @@ from observer.leg_model import (
     semi_implicit,
     substeps_for,
 )
-from observer.leg_noise import note_lean, set_measurement_noise, set_process_noise
+from observer.leg_noise import (
+    note_lean,
+    rest_from_the_start,
+    set_measurement_noise,
+    set_process_noise,
+)
 from observer.parameters import LegParameters
 from observer.quantities import Number
 from observer.status import (
@@ -167,10 +172,10 @@ def advance(
         status |= LATE_BIT
     if memory[STARTED] == 0.0 or dt_s > GAP_MAX_S or is_lost(memory):
         complete = have_hip and have_slide
-        status |= _begin(model, memory, position_hip, position_slide, complete)
+        status |= _begin(model, options, memory, position_hip, position_slide, complete)
     elif dt_s > 0.0:
         arrays.measured[0], arrays.measured[1] = position_hip, position_slide
-        status |= _predict(model, options, process_std, arrays, dt_s)
+        status |= _predict(model, options, process_std, measurement_std, arrays, dt_s)
         if (have_hip or have_slide) and not is_lost(memory):
             status |= _measure(
                 model, options, measurement_std, arrays, have_hip, have_slide, dt_s, out
@@ -182,12 +187,14 @@ def advance(
 
 
 @inline
-def _begin(model: LegModel, memory: Vector, hip: float, slide: float, complete: bool) -> int:
+def _begin(
+    model: LegModel, options: Options, memory: Vector, hip: float, slide: float, complete: bool
+) -> int:
     """Begin, or begin anew after a gap, at a complete sample of a possible pose; bits."""
     possible = complete and may_start(model.leg, hip, slide)
     if memory[STARTED] == 0.0:
         if possible:
-            start(memory, hip, slide)
+            begin_at_rest(model, options, memory, hip, slide)
     elif possible:
         restart(memory, hip, slide, False)
     else:
@@ -196,11 +203,30 @@ def _begin(model: LegModel, memory: Vector, hip: float, slide: float, complete: 
 
 
 @inline
-def _predict(model: LegModel, options: Options, process_std: Vector, a: Arrays, dt_s: float) -> int:
+def begin_at_rest(
+    model: LegModel, options: Options, memory: Vector, hip: float, slide: float
+) -> None:
+    """Begin at a measured pose, at rest."""
+    start(memory, hip, slide)
+    if options.velocity_gated != 0.0:
+        rest_from_the_start(model.hip, memory, 0)
+        rest_from_the_start(model.slide, memory, 1)
+
+
+@inline
+def _predict(
+    model: LegModel,
+    options: Options,
+    process_std: Vector,
+    measurement_std: Vector,
+    a: Arrays,
+    dt_s: float,
+) -> int:
     """Time update over `dt_s`; bits. A prediction that no leg could follow is not taken."""
     set_process_noise(
         model,
         process_std,
+        measurement_std,
         options.patient_noise_max_ratio,
         (options.ripple_hip, options.ripple_slide),
         options.velocity_gated != 0.0,

@@ -27,7 +27,7 @@ from typing import Final
 
 from observer.friction import FrictionParameters
 from observer.jit import inline
-from observer.leg_memory import GATED, LEAN, MARK, PUSH, QUIET_S, SPLIT, Arrays, N, Vector
+from observer.leg_memory import GATED, LEAN, MARK, PUSH, QUIET_S, ROOT, SPLIT, Arrays, N, Vector
 from observer.leg_model import STEP_S, LegModel
 from observer.linkage import dynamics
 
@@ -49,6 +49,8 @@ REST_FRICTION_FACTOR: Final = 4.0
 SPLIT_RATIO: Final = 0.4
 """Standard deviation of friction at rest over its breakaway level: anywhere within it."""
 SPLIT_GROWTH_S: Final = 0.1
+RESTING_PATIENT_RATIO: Final = 0.1
+"""On the patient's uncertainty at the start: what is not known of the split is in SPLIT."""
 MOVED_S: Final = 0.02
 MOVED_SIGMAS: Final = 5.0
 """A joint moves when it is so long at the gate's edge speed, and so many sigma, off its mark."""
@@ -60,6 +62,7 @@ MARK_S: Final = 0.05
 def set_process_noise(
     model: LegModel,
     process_std: Vector,
+    measurement_std: Vector,
     patient_noise_max_ratio: float,
     ripple: tuple[float, float],
     velocity_gated: bool,
@@ -87,16 +90,23 @@ def set_process_noise(
             )
             a.noise[6 + axis, 6 + axis] += PUSH_PATIENT_SHARE * push * inertia
     if velocity_gated:
-        _gate(model.hip, a, 0, dt_s)
-        _gate(model.slide, a, 1, dt_s)
+        _gate(model.hip, measurement_std[0], a, 0, dt_s)
+        _gate(model.slide, measurement_std[1], a, 1, dt_s)
 
 
 @inline
-def _gate(f: FrictionParameters, a: Arrays, axis: int, dt_s: float) -> None:
+def rest_from_the_start(f: FrictionParameters, memory: Vector, axis: int) -> None:
+    """At the start, at rest, friction holds what it finds, and the split is as unsure as can be."""
+    memory[ROOT + (6 + axis) * (N + 1)] *= RESTING_PATIENT_RATIO
+    memory[SPLIT + axis] = (SPLIT_RATIO * f.stribeck) ** 2
+
+
+@inline
+def _gate(f: FrictionParameters, std: float, a: Arrays, axis: int, dt_s: float) -> None:
     """Gate the noise of friction and patient of one axis by its time at rest."""
     friction, patient = 4 + axis, 6 + axis
     split = 0.0
-    if _moves(f, a, axis, dt_s):
+    if _moves(f, std, a, axis, dt_s):
         split = a.memory[SPLIT + axis]
         a.memory[SPLIT + axis] = a.memory[QUIET_S + axis] = 0.0
     else:
@@ -119,19 +129,17 @@ def _gate(f: FrictionParameters, a: Arrays, axis: int, dt_s: float) -> None:
 
 
 @inline
-def _moves(f: FrictionParameters, a: Arrays, axis: int, dt_s: float) -> bool:
+def _moves(f: FrictionParameters, std: float, a: Arrays, axis: int, dt_s: float) -> bool:
     """Whether the joint has certainly moved on since it was last asked.
 
-    Not by its velocity: a step of torque that friction holds shows in the estimated velocity for
-    some samples. The position must leave a mark that follows it slowly.
+    By its samples, not by the estimate: a step of torque that friction holds shows there as
+    velocity for some cycles. A sample must leave a mark that follows slowly.
     """
-    variance = 0.0
-    for k in range(axis + 1):
-        variance += a.root[axis, k] * a.root[axis, k]
-    far = max(MOVED_S * f.edge, MOVED_SIGMAS * math.sqrt(variance))
-    away = a.mean[axis] - a.memory[MARK + axis]
-    if math.fabs(away) > far:
-        a.memory[MARK + axis] = a.mean[axis]
+    away = a.measured[axis] - a.memory[MARK + axis]
+    if not math.isfinite(away):
+        return False
+    if math.fabs(away) > max(MOVED_S * f.edge, MOVED_SIGMAS * std):
+        a.memory[MARK + axis] = a.measured[axis]
         return True
     a.memory[MARK + axis] += away * min(dt_s / MARK_S, 1.0)
     return False

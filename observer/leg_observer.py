@@ -30,9 +30,10 @@ from observer.leg_filter import (
     OUT_STD,
     Options,
     advance,
+    begin_at_rest,
 )
-from observer.leg_memory import EFFORTS, MEMORY_SIZE, POINTS_SIZE, SCRATCH_SIZE, may_start, start
-from observer.leg_model import STEP_S, Integrator, substeps_needed
+from observer.leg_memory import EFFORTS, MEMORY_SIZE, POINTS_SIZE, SCRATCH_SIZE, may_start
+from observer.leg_model import STEP_S, Integrator, LegModel, substeps_needed
 from observer.mechanism import WorkspaceError, smallest_inertia
 from observer.parameters import LegParameters
 from observer.quantities import Number
@@ -163,7 +164,7 @@ class LegObserver:
         hip, slide = _number(position[0]), _number(position[1])
         if not (math.isfinite(hip) and math.isfinite(slide)):
             raise PoseError(f"hip {position[0]} rad, slide {position[1]} m is no pose")
-        if not _begin_at(self.setup.leg, self._memory, hip, slide):
+        if not _begin_at(*self.setup[:5], self._memory, hip, slide):
             raise PoseError(
                 f"hip {hip:.4f} rad, slide {slide:.4f} m: shank and shoe do not reach each other, "
                 f"are within {START_RATIO_MIN} of the singularity, or the knee is bent backwards; "
@@ -231,7 +232,7 @@ class LegObserver:
         scratch, points = np.zeros(SCRATCH_SIZE), np.zeros(POINTS_SIZE)
         missing = (math.nan, math.nan, math.nan, math.nan)
         advance(*self.setup, memory, scratch, points, *missing, STEP_S, 0, out)
-        _begin_at(self.setup.leg, memory, math.nan, math.nan)
+        _begin_at(*self.setup[:5], memory, math.nan, math.nan)
         mechanism.warm_up(LegParameters(*self.setup.leg))
 
 
@@ -321,11 +322,26 @@ def check_tuning(
 
 
 @kernel
-def _begin_at(leg: tuple[float, ...], memory: Vector, hip: float, slide: float) -> bool:
+def _begin_at(
+    leg: tuple[float, ...],
+    friction_hip: tuple[float, ...],
+    friction_slide: tuple[float, ...],
+    coriolis_share: float,
+    options: tuple[float, ...],
+    memory: Vector,
+    hip: float,
+    slide: float,
+) -> bool:
     """Begin at rest at a pose if the leg can be there."""
-    possible = may_start(LegParameters(*leg), hip, slide)
+    model = LegModel(
+        LegParameters(*leg),
+        FrictionParameters(*friction_hip),
+        FrictionParameters(*friction_slide),
+        coriolis_share,
+    )
+    possible = may_start(model.leg, hip, slide)
     if possible:
-        start(memory, hip, slide)
+        begin_at_rest(model, Options(*options), memory, hip, slide)
     return possible
 
 

@@ -28,9 +28,9 @@ def _one_step(model, state, effort_hip, effort_slide, points):
         state[row] = points[row * LANES]
 
 
-def consistency(runs: int, steps: int) -> tuple[float, float]:
+def consistency(runs: int, steps: int, tuning=TUNING) -> tuple[float, float]:
     """Mean NEES and NIS over all runs and steps, without the gate's rejections."""
-    setup = setup_of(PROTOTYPE, HIP, SLIDE_FRICTION, TUNING)
+    setup = setup_of(PROTOTYPE, HIP, SLIDE_FRICTION, tuning)
     total = np.zeros(2)
     for run in range(runs):
         total += _run(setup, np.random.default_rng(100 + run), steps)

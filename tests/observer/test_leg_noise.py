@@ -1,0 +1,348 @@
+"""What the filter does about what is not in its model: rest, pushes, jitter, delay, ripple."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from observer import batch, leg_memory
+from observer.friction import static_friction_of
+from observer.leg_filter import OUT_SIZE, advance
+from observer.leg_memory import (
+    BEGAN,
+    EVENT,
+    MEMORY_SIZE,
+    NOTHING,
+    POINTS_SIZE,
+    SCRATCH_SIZE,
+    STEPPED,
+    Arrays,
+    N,
+)
+from observer.leg_observer import LegObserver, TuningError, setup_of
+from observer.status import Status, Validity
+from tests.observer.trainer import (
+    HIP,
+    MID_POSE,
+    PATIENT,
+    PROTOTYPE,
+    SLIDE_FRICTION,
+    TUNING,
+    encoded,
+    gait,
+    moving,
+    rms,
+    simulate,
+)
+
+SHIPPED = TUNING._replace(velocity_gated=True, patient_noise_max_ratio=3.0)
+
+
+def estimated(leg, truth, tuning=SHIPPED, columns=None):
+    setup = setup_of(leg, HIP, SLIDE_FRICTION, tuning)
+    return batch.run(setup, encoded(truth) if columns is None else columns)
+
+
+def walking(cadence_hz, size=(8.0, 40.0), lugre=False):
+    """Guided gait with a patient who pushes over the stride; truth, and the rows that count."""
+    cycles = int(3 / cadence_hz * 100) + 300
+    time_s = np.arange(1, cycles + 1) * 0.01
+    path = gait(PATIENT, np.maximum(time_s - 2.0, 0.0), cadence_hz)
+
+    def patient(t):
+        turns = 2 * np.pi * cadence_hz * t
+        efforts = np.column_stack((np.sin(turns), np.sin(turns + 1.0))) * size
+        return efforts * (t > 2.0)[:, None]
+
+    truth = simulate(PATIENT, cycles, reference=path, start=path[0], patient=patient, lugre=lugre)
+    return truth, slice(300, None)
+
+
+def activity_error(truth, estimates, rows):
+    open_gate = moving(truth)[rows]
+    error = (estimates.state - truth.state)[rows, 6:8]
+    return np.array([rms(error[open_gate[:, axis], axis]) for axis in range(2)])
+
+
+def coverage(truth, estimates, rows):
+    """Share of the samples in motion whose patient is within three sigma."""
+    open_gate = moving(truth)[rows]
+    within = np.abs(estimates.state - truth.state)[rows, 6:8] <= 3 * estimates.std[rows, 6:8]
+    return np.array([np.mean(within[open_gate[:, axis], axis]) for axis in range(2)])
+
+
+# --- a patient who changes ---------------------------------------------------------------------
+
+
+def test_a_patient_who_pushes_ever_harder_is_followed_with_less_lag_and_an_honest_sigma():
+    truth, rows = walking(0.5)
+    calm = estimated(PATIENT, truth, SHIPPED._replace(patient_noise_max_ratio=1.0))
+    agile = estimated(PATIENT, truth)
+
+    assert np.all(activity_error(truth, agile, rows) <= 0.8 * activity_error(truth, calm, rows))
+    assert coverage(truth, calm, rows)[0] < 0.6
+    assert np.all(coverage(truth, agile, rows) >= 0.99)
+
+
+def test_without_a_patient_the_agile_filter_shows_no_more_activity_than_the_calm_one():
+    truth, rows = walking(0.25, size=(0.0, 0.0))
+    calm = estimated(PATIENT, truth, SHIPPED._replace(patient_noise_max_ratio=1.0))
+    agile = estimated(PATIENT, truth)
+
+    assert np.all(activity_error(truth, agile, rows) <= 1.02 * activity_error(truth, calm, rows))
+
+
+def test_agility_keeps_nees_and_nis_in_their_chi_square_bands():
+    from tests.observer.monte_carlo import consistency
+
+    nees, nis = consistency(30, 300, TUNING._replace(patient_noise_max_ratio=3.0))
+
+    assert 6.8 <= nees <= 9.3
+    assert 1.85 <= nis <= 2.1
+
+
+# --- rest --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def minute_at_rest():
+    truth = simulate(PROTOTYPE, 6000, drive=np.zeros((6000, 2)))
+    return truth, estimated(PROTOTYPE, truth)
+
+
+def test_a_minute_at_rest_shows_nearly_no_patient(minute_at_rest):
+    """observer.md, test 22: at most 0.1 N m and 1 N; with constant noise 0.15 and 2.3."""
+    _, estimates = minute_at_rest
+
+    assert np.all(rms(estimates.state[:, 6:8]) <= (0.1, 1.0))  # 0.07 N m, 0.5 N
+
+
+def test_at_rest_the_split_is_uncertain_and_the_net_is_not(minute_at_rest):
+    _, estimates = minute_at_rest
+    std = estimates.std[-1]
+
+    assert 0.3 * HIP.stribeck <= std[6] <= 0.6 * HIP.stribeck
+    assert 0.3 * SLIDE_FRICTION.stribeck <= std[7] <= 0.6 * SLIDE_FRICTION.stribeck
+    assert np.all(estimates.net_std[-1] <= (0.6, 6.0))
+    assert np.all(estimates.net_std[-1] <= 1.1 * estimates.net_std[500])
+
+
+def test_the_covariance_at_rest_tells_that_friction_and_patient_are_one(minute_at_rest):
+    _, estimates = minute_at_rest
+    covariance = np.zeros((8, 8))
+    covariance[np.tril_indices(8)] = estimates.covariance[-1]
+
+    for axis in range(2):
+        shared = covariance[6 + axis, 4 + axis]
+        assert shared / (estimates.std[-1, 6 + axis] * estimates.std[-1, 4 + axis]) > 0.97
+    assert np.linalg.eigvalsh(covariance + np.tril(covariance, -1).T).min() > 0.0
+
+
+def test_what_is_pushed_at_rest_is_in_net_at_once_and_never_more_friction_than_holds():
+    """12 N m on a held hip: friction keeps what it can hold, 7 N m, the rest is the patient's."""
+
+    def push(t):
+        return np.column_stack((np.where(t > 2.0, 12.0, 0.0), 0.0 * t))
+
+    pose = np.tile(MID_POSE, (500, 1))
+    truth = simulate(PATIENT, 500, reference=pose, start=MID_POSE, patient=push)
+    estimates = estimated(PATIENT, truth)
+
+    true_net = truth.state[:, 6:8] - truth.state[:, 4:6]
+    assert np.abs(estimates.net - true_net)[250:, 0].max() <= 1.5
+    resting = (estimates.status & Status.STANDSTILL_HIP) > 0
+    assert np.abs(estimates.state[resting, 4]).max() <= HIP.stribeck + 1e-9
+
+
+def test_a_rest_is_over_when_the_position_moved_not_when_the_estimated_velocity_did():
+    """A step of what is seen, as an artificial disturbance makes it, shows as velocity at first."""
+    cycles = 200
+
+    def push(t):
+        return np.column_stack((0.0 * t, np.where(t > 1.0, 30.0, 0.0)))
+
+    drive = -push(np.arange(cycles) * 0.01 + 0.005)
+    truth = simulate(PROTOTYPE, cycles, drive=drive, patient=push)
+    estimates = estimated(PROTOTYPE, truth)
+
+    assert np.abs(truth.state[100:, 3]).max() < 0.2 * SLIDE_FRICTION.edge
+    assert np.abs(estimates.state[100:, 3]).max() > 0.8 * SLIDE_FRICTION.edge
+    assert np.abs(estimates.state[100:, 7]).max() <= 8.0
+    assert estimates.state[-1, 7] - estimates.state[-1, 5] == pytest.approx(30.0, abs=5.0)
+
+
+def test_a_split_counts_again_only_after_four_time_constants_of_motion():
+    cycles = 260
+    path = np.tile(MID_POSE, (cycles, 1))
+    path[:, 0] += 0.3 * np.maximum(np.arange(cycles) * 0.01 - 1.5, 0.0)
+    truth = simulate(PATIENT, cycles, reference=path, start=path[0])
+    estimates = estimated(PATIENT, truth)
+
+    onset = int(np.argmax(np.abs(truth.state[150:, 2]) > HIP.edge)) + 150
+    back = int(np.argmax(estimates.validity[150:, 0] == Validity.OK)) + 150
+    assert 6 <= back - onset <= 12
+    assert np.all(estimates.validity[back:, 0] == Validity.OK)
+
+
+# --- viscous friction outside the low-pass -------------------------------------------------------
+
+
+def test_viscous_outside_is_the_better_model_of_bristles_and_the_worse_of_the_papers_law():
+    """observer.md 1.2, row 18: d a T1 = 18 N at 15 m/s^2."""
+    outside = SHIPPED._replace(viscous_outside=True)
+    bristles, rows = walking(0.5, lugre=True)
+    paper, _ = walking(0.5)
+
+    def slide_error(truth, tuning):
+        return activity_error(truth, estimated(PATIENT, truth, tuning), rows)[1]
+
+    assert slide_error(bristles, outside) <= 0.7 * slide_error(bristles, SHIPPED)
+    assert slide_error(paper, outside) >= 2.0 * slide_error(paper, SHIPPED)
+
+
+@pytest.mark.parametrize("integrator", [0, 1])
+def test_viscous_outside_reaches_the_same_friction_at_constant_speed(integrator):
+    tuning = SHIPPED._replace(viscous_outside=True, integrator=type(TUNING.integrator)(integrator))
+    time_s = np.arange(1, 171) * 0.01
+    path = MID_POSE + np.outer(np.maximum(time_s - 0.2, 0.0), (0.10, 0.14))
+    truth = simulate(PROTOTYPE, 170, reference=path)
+    estimates = estimated(PROTOTYPE, truth, tuning)
+
+    for axis, law in enumerate((HIP, SLIDE_FRICTION)):
+        expected = static_friction_of(law, truth.state[-1, 2 + axis])
+        assert estimates.state[-1, 4 + axis] == pytest.approx(expected, rel=0.03)
+
+
+# --- delay, jitter, ripple -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("cycles", [1, 2, 3])
+def test_a_delay_of_whole_cycles_is_undone_exactly(cycles):
+    truth, _ = walking(0.25)
+    recorded = encoded(truth)
+    ahead = np.roll(recorded.effort, -cycles, axis=0)
+    ahead[-cycles:] = recorded.effort[-1]
+    early = dataclasses.replace(recorded, effort=ahead)
+
+    right = estimated(PATIENT, truth)
+    undone = estimated(
+        PATIENT, truth, SHIPPED._replace(effort_delay_ms=10.0 * cycles), columns=early
+    )
+
+    # Both have the same efforts once the first rows, which knew none before them, are forgotten.
+    assert np.allclose(undone.state[300:], right.state[300:], atol=1e-6)
+
+
+def test_a_delay_between_cycles_is_nearer_than_the_whole_ones_beside_it():
+    truth, rows = walking(0.5)
+    recorded = encoded(truth)
+    half = recorded.effort + 0.5 * (np.roll(recorded.effort, -1, axis=0) - recorded.effort)
+    early = dataclasses.replace(recorded, effort=half)
+
+    def error(delay_ms):
+        tuning = SHIPPED._replace(effort_delay_ms=delay_ms)
+        return activity_error(truth, estimated(PATIENT, truth, tuning, early), rows)[1]
+
+    assert error(5.0) < min(error(0.0), error(10.0))
+
+
+def test_jitter_that_is_told_keeps_the_filter_consistent():
+    """Samples off their time stamps by 0.5 ms: without being told NIS is an alarm (test 28)."""
+    cycles = 900
+    late = np.random.default_rng(3).normal(size=cycles) * 5
+    late = np.clip(np.round(late), -45, 45).astype(int)
+    steps = 100 + np.diff(np.concatenate(([0], late)))
+    time_s = np.arange(1, cycles + 1) * 0.01
+    path = gait(PATIENT, np.maximum(time_s - 2.0, 0.0), 0.25)
+    truth = simulate(PATIENT, cycles, reference=path, start=path[0], steps=steps)
+    nominal = dataclasses.replace(encoded(truth), time_s=time_s)
+    rows = slice(300, None)
+
+    trusting = estimated(PATIENT, truth, columns=nominal)
+    told = estimated(PATIENT, truth, SHIPPED._replace(sample_jitter_us=500.0), columns=nominal)
+
+    assert np.nanmean(trusting.nis[rows]) > 5.0
+    assert np.nanmean(told.nis[rows]) < 2.5
+    assert activity_error(truth, told, rows)[1] < 0.7 * activity_error(truth, trusting, rows)[1]
+
+
+def test_ripple_of_the_current_that_is_told_keeps_the_filter_consistent():
+    truth, rows = walking(0.25, size=(0.0, 0.0))
+    ripple = np.random.default_rng(4).normal(size=(len(truth.time_s), 2)) * (0.5, 12.0)
+    recorded = encoded(truth)
+    rippled = dataclasses.replace(recorded, effort=recorded.effort + ripple)
+    covered = SHIPPED._replace(ripple_hip_nm=0.5, ripple_slide_n=12.0)
+
+    trusting = estimated(PATIENT, truth, columns=rippled)
+    told = estimated(PATIENT, truth, covered, rippled)
+
+    assert np.nanmean(told.nis[rows]) < 0.6 * np.nanmean(trusting.nis[rows])
+    assert np.all(coverage(truth, told, rows) >= coverage(truth, trusting, rows))
+    assert np.all(activity_error(truth, told, rows) < activity_error(truth, trusting, rows))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"patient_noise_max_ratio": 0.5}, "patient_noise_max_ratio = 0.5"),
+        ({"effort_delay_ms": 31.0}, "effort_delay_ms = 31.0"),
+        ({"effort_delay_ms": -1.0}, "effort_delay_ms = -1.0"),
+        ({"sample_jitter_us": math.nan}, "sample_jitter_us = nan"),
+        ({"ripple_hip_nm": -0.1}, "ripple_hip_nm = -0.1"),
+        ({"ripple_slide_n": math.inf}, "ripple_slide_n = inf"),
+    ],
+)
+def test_options_that_cannot_be_are_refused_with_what_is_allowed(change, words):
+    with pytest.raises(TuningError, match=words) as refused:
+        LegObserver(PATIENT, HIP, SLIDE_FRICTION, SHIPPED._replace(**change))
+
+    assert "must be" in str(refused.value)
+
+
+# --- what a cycle leaves for a smoother ------------------------------------------------------
+
+
+class _Cycles:
+    def __init__(self):
+        self.setup = setup_of(PATIENT, HIP, SLIDE_FRICTION, SHIPPED)
+        self.memory, self.scratch = np.zeros(MEMORY_SIZE), np.zeros(SCRATCH_SIZE)
+        self.points, self.out = np.zeros(POINTS_SIZE), np.zeros(OUT_SIZE)
+
+    def step(self, position=tuple(MID_POSE), dt_s=0.01):
+        buffers = (self.memory, self.scratch, self.points)
+        advance(*self.setup, *buffers, *position, 0.0, 0.0, dt_s, 0, self.out)
+        return self.memory[EVENT]
+
+    def arrays(self) -> Arrays:
+        return leg_memory.arrays_in(self.memory, self.scratch, self.points)
+
+
+def test_each_cycle_says_whether_it_began_stepped_or_did_nothing():
+    cycles = _Cycles()
+    nowhere = (math.nan, math.nan)
+
+    assert cycles.step(nowhere) == NOTHING
+    assert cycles.step() == BEGAN
+    assert cycles.step() == STEPPED
+    assert cycles.step(nowhere) == STEPPED
+    assert cycles.step(dt_s=0.0) == NOTHING
+    assert cycles.step(dt_s=0.5) == BEGAN
+
+
+def test_a_cycle_leaves_where_it_came_from_what_it_foresaw_and_with_which_noise():
+    cycles = _Cycles()
+    cycles.step()
+    before = cycles.memory[: N + N * N].copy()
+    cycles.step((MID_POSE[0] + 1e-4, MID_POSE[1]))
+    a = cycles.arrays()
+    after = cycles.memory[: N + N * N].copy()
+
+    assert np.array_equal(a.backup, before)
+    root = a.forecast[N:].reshape(N, N)
+    assert np.all(np.diag(root) >= np.diag(after[N:].reshape(N, N)) - 1e-12)
+    assert a.forecast[0] != after[0]
+    assert np.array_equal(a.noise, np.tril(a.noise))
+    points = a.points.reshape(N, -1)
+    mean = (points[:, 1:17].sum(axis=1) - 10.0 * points[:, 0]) / 6.0  # h^2 = 3, n = 8
+    assert np.allclose(mean, a.forecast[:N], atol=1e-9)
