@@ -238,6 +238,12 @@ class LegRecord(msgspec.Struct, frozen=True, array_like=True):
     """Where the mode wants the leg: rad, m; the present pose when it wants nothing."""
     artificial: tuple[float, float] = (0.0, 0.0)
     """The artificial disturbance of EXCITE: seen = measured - this."""
+    mean_nis: float = float("nan")
+    """Of the last hundred cycles or so, for two measurements: ideally 2."""
+    drift_correlation: tuple[float, float] = (float("nan"), float("nan"))
+    """Of the patient's effort with the direction of motion; NaN while nobody can tell."""
+    friction_error: tuple[float, float] = (float("nan"), float("nan"))
+    """By how much friction seems higher than its law, if there is no patient: N·m, N."""
 
 
 class CycleTiming(msgspec.Struct, frozen=True, array_like=True):

@@ -114,6 +114,7 @@ def _leg(
         shape=gait_shape(settings.trainer.gait),
         axes=(_axis(drives.hip, bounds[0]), _axis(drives.slide, bounds[1])),
         observer=observer,
+        friction=(hip_friction, slide_friction),
         phase_offset_strides=phase,
     )
 

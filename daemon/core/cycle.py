@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from daemon.core import conduct, guidance, inbox, joints, plans, recording, requests, safety
+from daemon.core.friction_watch import watch
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.tick import Tick
 from daemon.record import Cause, CycleRecord, Level, Mode, Verdict
@@ -128,6 +129,7 @@ def observe(core: Core, tick: Tick) -> None:
             unreferenced=not referenced,
             artificial=leg.artificial != (0.0, 0.0) or plans.is_artificial(leg),
         )
+        watch(core, leg, estimate, tick.dt_s)
         bad = Validity.BAD in estimate.validity
         leg.observer_bad_cycles = leg.observer_bad_cycles + 1 if bad else 0
 

@@ -1,11 +1,14 @@
 """The record of one cycle from the state of the core; nothing is computed here that decides."""
 
+from collections.abc import Callable
+
 from daemon.core import conduct
 from daemon.core.reference import GaitPlay, gait_phase
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.tick import Tick
 from daemon.record import STATE_COUNT, CycleRecord, DriveRecord, LegRecord
 from drives.signals import Input, NmtState, PowerState
+from observer.drift import Drift, correlation, friction_error
 from observer.status import Status, Validity
 
 NAN = float("nan")
@@ -142,7 +145,15 @@ def _leg(leg: Leg) -> LegRecord:
         effort_used=leg.effort_used,
         reference=reference,
         artificial=leg.artificial,
+        mean_nis=estimate.mean_nis,
+        drift_correlation=_of_both(leg, correlation),
+        friction_error=_of_both(leg, friction_error),
     )
+
+
+def _of_both(leg: Leg, figure: Callable[[Drift], float]) -> tuple[float, float]:
+    hip, slide = leg.axes
+    return figure(hip.drift), figure(slide.drift)
 
 
 def _referenced(leg: Leg) -> bool:

@@ -11,6 +11,8 @@ from daemon.record import Cause, Mode, Request, RequestResult, Verdict
 from drives.drive import DriveGroup
 from drives.signals import DriveFeedback
 from drives.units import AxisScaling
+from observer.drift import NO_DRIFT, Drift
+from observer.friction import FrictionParameters
 from observer.leg_observer import LegEstimate, LegObserver
 from observer.mechanism import LegParameters
 
@@ -56,6 +58,8 @@ class Axis:
     unready_cycles: int = 0
     emergencies_seen: int = 0
     """Count of EMCYs at the last reset: only later ones stop."""
+    drift: Drift = NO_DRIFT
+    calibration_advised: bool = False
 
 
 @dataclass(slots=True)
@@ -67,6 +71,8 @@ class Leg:
     shape: GaitShape
     axes: tuple[Axis, Axis]
     observer: LegObserver
+    friction: tuple[FrictionParameters, FrictionParameters]
+    """Of hip and slide, as the observer has it."""
     phase_offset_strides: float
     plan: Plan | None = None
     reference: Reference | None = None

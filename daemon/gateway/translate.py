@@ -132,6 +132,8 @@ def estimate(view: View, seq: int) -> wire.Estimate:
         innovation_hip_rad=finite(leg.innovation[0]),
         innovation_slide_m=finite(leg.innovation[1]),
         nis=finite(leg.nis),
+        mean_nis=finite(leg.mean_nis),
+        observable_rank=_observable_rank(leg.status),
         measured_hip_angle_rad=finite(leg.measured[0]),
         measured_slide_position_m=finite(leg.measured[1]),
         hip_torque_nm=finite(leg.effort_used[0]),
@@ -164,7 +166,16 @@ def activity(view: View, seq: int) -> wire.Activity:
 
 def friction(view: View, seq: int) -> wire.Friction:
     """LEG/friction."""
-    return wire.Friction(**view.common, seq=seq, **_friction(view))
+    leg = view.leg
+    return wire.Friction(
+        **view.common,
+        seq=seq,
+        **_friction(view),
+        hip_drift_correlation=finite(leg.drift_correlation[0]),
+        slide_drift_correlation=finite(leg.drift_correlation[1]),
+        hip_friction_error_nm=finite(leg.friction_error[0]),
+        slide_friction_error_n=finite(leg.friction_error[1]),
+    )
 
 
 def drive_state(drive: DriveRecord, stamp: Stamp, seq: int) -> wire.DriveState:
@@ -291,6 +302,12 @@ def _common(
 def _status_names(status: int) -> tuple[str, ...]:
     """Few combinations occur, and 15 tests of an IntFlag take as long as all the rest."""
     return tuple(name_of(bit) for bit in StatusBit if bit & status)
+
+
+def _observable_rank(status: int) -> int:
+    """Proven equal to the rank of the observability matrix: observer/observability.py."""
+    resting = bool(status & StatusBit.STANDSTILL_HIP) + bool(status & StatusBit.STANDSTILL_SLIDE)
+    return STATE_COUNT - resting
 
 
 def _friction(view: View) -> dict[str, Any]:

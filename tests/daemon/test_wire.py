@@ -123,6 +123,10 @@ def test_a_friction_looks_like_this():
         hip_friction_nm_std=0.5,
         slide_friction_n=-20.0,
         slide_friction_n_std=2.0,
+        hip_drift_correlation=-0.5,
+        slide_drift_correlation=None,
+        hip_friction_error_nm=0.25,
+        slide_friction_error_n=None,
     )
 
     assert msgspec.json.encode(message) == (
@@ -130,7 +134,9 @@ def test_a_friction_looks_like_this():
         b'"leg":"left","mode":"hold","status":["valid","near_limit"],"status_bits":"0x2001",'
         b'"hip_validity":"ok","slide_validity":"ok",'
         b'"hip_friction_nm":2.5,"hip_friction_nm_std":0.5,'
-        b'"slide_friction_n":-20.0,"slide_friction_n_std":2.0}'
+        b'"slide_friction_n":-20.0,"slide_friction_n_std":2.0,'
+        b'"hip_drift_correlation":-0.5,"slide_drift_correlation":null,'
+        b'"hip_friction_error_nm":0.25,"slide_friction_error_n":null}'
     )
 
 

@@ -28,12 +28,15 @@ def messages(leg, record) -> list[dict]:
     return [as_json(make(view, 1)) for make in makers]
 
 
+NO_ESTIMATES = ("validity", "torque_nm", "force_n", "drift_correlation", "error_nm", "error_n")
+
+
 def numbers_of(axis: str, message: dict) -> dict:
-    """Estimated values of an axis; raw measurements and inputs are no estimates."""
+    """Estimated values of an axis; raw measurements, inputs and long-term figures are none."""
     return {
         key: value
         for key, value in message.items()
-        if key.startswith(axis) and not key.endswith(("validity", "torque_nm", "force_n"))
+        if key.startswith(axis) and not key.endswith(NO_ESTIMATES)
     }
 
 
@@ -62,6 +65,24 @@ def test_nothing_of_a_bad_axis_is_given_and_the_other_one_stays(make_leg, make_r
         assert set(numbers_of("slide", message).values()) == {None}
         assert None not in numbers_of("hip", message).values()
         assert message.get("covariance") is None
+
+
+def test_friction_says_how_far_it_has_drifted_and_null_while_nobody_can_tell(make_leg, make_record):
+    known = make_leg(drift_correlation=(-0.97, float("nan")), friction_error=(0.6, float("nan")))
+    _, _, friction = messages(known, make_record())
+
+    assert (friction["hip_drift_correlation"], friction["hip_friction_error_nm"]) == (-0.97, 0.6)
+    assert friction["slide_drift_correlation"] is friction["slide_friction_error_n"] is None
+
+
+def test_an_axis_at_rest_costs_one_observable_state(make_leg, make_record):
+    def rank(status):
+        return messages(make_leg(status=status), make_record())[0]["observable_rank"]
+
+    resting = StatusBit.STANDSTILL_HIP | StatusBit.STANDSTILL_SLIDE
+    assert rank(StatusBit.VALID) == 8
+    assert rank(StatusBit.VALID | StatusBit.STANDSTILL_SLIDE) == 7
+    assert rank(StatusBit.VALID | resting) == 6
 
 
 @pytest.mark.parametrize("bit", list(translate.NEVER_SHOWN))

@@ -1,0 +1,102 @@
+"""Friction drift monitor: does the estimated patient always brake, or always push, with the motion?
+
+Friction that is higher or lower than its law by e shows as a patient of -e sign(v), and nothing in
+NIS tells it (observer.md, fact 10). So this watches the correlation of the patient's effort with
+the sign of velocity, over the last tens of seconds of certain motion. For Coulomb friction that is
+10 % off it is 0.98 and more (observer.md, test 33).
+
+A patient who pushes with the motion looks just the same (fact 6). So the number is always there,
+but it is advice to calibrate only where nobody is in the machine.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+from observer.friction import FrictionParameters
+
+MEMORY_S: Final = 20.0
+"""Of motion: what is older counts less than 1/e."""
+CERTAIN_EDGES: Final = 3.0
+"""Only samples faster than so many times the gate's edge: their friction is past its hump."""
+MOTION_MIN_S: Final = 4.0
+"""Less motion than this tells nothing."""
+BALANCE_MIN: Final = 0.2
+"""Least share of samples in either direction: one direction alone cannot be correlated."""
+CORRELATION_MAX: Final = 0.8
+ERROR_MAX_RATIO: Final = 0.03
+"""Of Coulomb friction: a smaller error matters less than a calibration costs."""
+
+
+class Drift(NamedTuple):
+    """Weighted sums over samples in certain motion of one axis."""
+
+    motion_s: float = 0.0
+    direction_s: float = 0.0
+    patient_s: float = 0.0
+    product_s: float = 0.0
+    square_s: float = 0.0
+
+
+NO_DRIFT: Final = Drift()
+
+
+def noted(drift: Drift, f: FrictionParameters, speed: float, patient: float, dt_s: float) -> Drift:
+    """The sums with one more valid sample.
+
+    Args:
+        drift: so far; NO_DRIFT at first.
+        f: the axis.
+        speed: estimated, rad/s or m/s.
+        patient: estimated, N m or N.
+        dt_s: of the sample.
+    """
+    if not abs(speed) > CERTAIN_EDGES * f.edge:
+        return drift
+    keep = math.exp(-dt_s / MEMORY_S)
+    along = math.copysign(dt_s, speed)
+    return Drift(
+        keep * drift.motion_s + dt_s,
+        keep * drift.direction_s + along,
+        keep * drift.patient_s + patient * dt_s,
+        keep * drift.product_s + patient * along,
+        keep * drift.square_s + patient * patient * dt_s,
+    )
+
+
+def correlation(drift: Drift) -> float:
+    """Of patient and direction of motion, -1..1; NaN while there is too little to tell from."""
+    if not _tells(drift):
+        return math.nan
+    covariance, directions, patients = _moments(drift)
+    return covariance / math.sqrt(directions * patients) if patients > 0.0 else 0.0
+
+
+def friction_error(drift: Drift) -> float:
+    """By how much friction is higher than its law, N m or N; NaN while that cannot be told."""
+    if not _tells(drift):
+        return math.nan
+    covariance, directions, _ = _moments(drift)
+    return -covariance / directions
+
+
+def asks_for_calibration(drift: Drift, f: FrictionParameters) -> bool:
+    """Whether an empty machine with this drift should be calibrated."""
+    far = abs(friction_error(drift)) > ERROR_MAX_RATIO * f.coulomb
+    return far and abs(correlation(drift)) > CORRELATION_MAX
+
+
+def _tells(drift: Drift) -> bool:
+    if drift.motion_s < MOTION_MIN_S:
+        return False
+    return abs(drift.direction_s) <= (1.0 - 2.0 * BALANCE_MIN) * drift.motion_s
+
+
+def _moments(drift: Drift) -> tuple[float, float, float]:
+    """Covariance of patient and direction, and the variances of direction and patient."""
+    direction = drift.direction_s / drift.motion_s
+    patient = drift.patient_s / drift.motion_s
+    return (
+        drift.product_s / drift.motion_s - direction * patient,
+        1.0 - direction * direction,
+        drift.square_s / drift.motion_s - patient * patient,
+    )

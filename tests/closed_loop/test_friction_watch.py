@@ -1,0 +1,54 @@
+"""Friction that is not what the calibration said, seen through CAN frames on the empty machine."""
+
+import math
+
+import pytest
+from sessions import Session, changed_configs, empty_machine
+
+
+def excited(configs, duration_s=18.0):
+    session = Session(configs).exciting("open_loop", duration_s)
+    session.lockstep.run(duration_s)
+    return session
+
+
+def said(session):
+    return [event for record in session.lockstep.records for event in record.events]
+
+
+def test_friction_a_tenth_higher_than_calibrated_is_told_once_with_its_size(tmp_path):
+    configs = empty_machine(tmp_path)
+    plant = configs / "plant.toml"
+    plant.write_text(plant.read_text().replace('"robot_empty.toml"', '"robot_worn.toml"'))
+    worn = (configs / "robot_empty.toml").read_text()
+    worn = worn.replace("stribeck_nm = 7.0", "stribeck_nm = 7.7")
+    (configs / "robot_worn.toml").write_text(worn.replace("coulomb_nm = 6.0", "coulomb_nm = 6.6"))
+    session = excited(configs)
+
+    leg = session.lockstep.record.legs[0]
+    assert leg.friction_error[0] == pytest.approx(0.6, rel=0.3)
+    assert leg.drift_correlation[0] < -0.8
+    advice = [event for event in said(session) if "calibrate" in event]
+    assert len(advice) == 1
+    assert advice[0].startswith("right/hip: friction is +0.")
+
+
+def test_friction_as_calibrated_is_not_worth_a_word(tmp_path):
+    session = excited(empty_machine(tmp_path))
+
+    leg = session.lockstep.record.legs[0]
+    assert abs(leg.friction_error[0]) < 0.1
+    assert abs(leg.friction_error[1]) < 1.0
+    assert not [event for event in said(session) if "calibrate" in event]
+
+
+def test_with_a_patient_in_the_machine_the_number_is_there_and_no_advice(tmp_path):
+    """A patient who pushes with the motion looks the same."""
+    session = Session(
+        changed_configs(tmp_path, ("plant.toml", 'start = "passive"', 'start = "active"'))
+    ).walking(warm_s=16.0)
+
+    leg = session.lockstep.record.legs[0]
+    assert all(map(math.isfinite, leg.drift_correlation))
+    assert leg.friction_error[0] < -1.0
+    assert not [event for event in said(session) if "calibrate" in event]
