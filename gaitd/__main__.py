@@ -25,6 +25,8 @@ COMMANDS: Final = {
     "sim": "The virtual drives of a configuration, in real time.",
     "demo": "Virtual drives, service and a scripted patient; a live view; the errors at the end.",
     "replay": "The observer over a recorded file, as fast as it can.",
+    "experiment": "The paper's experiment on the empty virtual machine: figures and numbers.",
+    "delay": "How much later than its row an effort acts, measured from a recording.",
     "doctor": "What this machine can and cannot do for gaitd.",
     "bench": "The project's benchmarks.",
     "status": "What a running service does.",

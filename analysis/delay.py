@@ -1,0 +1,242 @@
+"""How much later than its row an effort acts: measured from a recording with quick efforts.
+
+One cycle too early or too late does not show in the mean NIS, because the disturbance states absorb
+it. So the absolute size of the innovations is not looked at, only where it is smallest: the same
+recording goes through the observer once for each assumed delay, and the delay whose innovations
+are smallest is the one that explains how the motion follows the effort. This is the correlation of
+effort and acceleration, with noise, friction and the other axis taken care of by the model.
+
+Only rows in motion count. At a reversal friction hides when an effort began to act, and a friction
+level that is wrong would be taken for a delay; in motion a wrong level is a constant, which the
+disturbance state takes. So what tells is a quick effort on top of a slow motion: `[excite.delay]`.
+
+Between whole cycles, an effort that is constant over a cycle and acts a part f of it later has the
+mean (1 - f) u_k + f u_(k-1) over (k-1, k].
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Final, NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion, gaussian_filter1d
+
+from analysis.recording import Progress, Recording, RecordingError
+from analysis.replay import setup_for
+from daemon.config.robot import friction_parameters
+from daemon.config.settings import Robot
+from observer.batch import Columns, run
+from observer.leg_model import STEP_S
+
+Values = NDArray[np.float64]
+Cycles = tuple[float, float]
+"""Assumed delay of hip and slide."""
+
+AXES: Final = ("hip", "slide")
+COARSE_CYCLES: Final = tuple(range(-4, 6))
+EDGE_CYCLES: Final = (-3, 5)
+"""A minimum here or beyond is where looking ended, not where the effort acts."""
+FINE_CYCLES: Final = (-0.5, -0.25, 0.0, 0.25, 0.5)
+"""About the best of the coarse ones, for the parabola."""
+START_ROWS: Final = 50
+"""The filter settles."""
+MOVING_EDGES: Final = 5.0
+"""Faster than so many edge speeds v_0 an axis is in motion for certain."""
+MARGIN_ROWS: Final = 3
+SMOOTHING_ROWS: Final = 1.5
+"""Of the speed that judges motion, not of what is measured."""
+MOVING_MIN_ROWS: Final = 100
+GLITCH_SIGMAS: Final = 4.0
+"""A larger innovation counts as one of this size: a glitch or a stick-slip event says no more."""
+BLOCKS: Final = 8
+"""Parts of the recording, each left out once: the spread of the answers is the uncertainty."""
+STD_MAX_MS: Final = 2.0
+"""An answer less certain than this is none."""
+
+
+class Delay(NamedTuple):
+    """Of one axis."""
+
+    axis: str
+    delay_ms: float
+    """So much later than its row says the effort acts; NaN where the recording does not tell."""
+    std_ms: float
+    """One standard deviation; infinite where the recording does not tell."""
+    moving_count: int
+    """Rows in motion."""
+
+    @property
+    def known(self) -> bool:
+        """Whether the recording tells."""
+        return self.std_ms <= STD_MAX_MS
+
+
+def measure(
+    recording: Recording, robot: Robot, progress: Progress | None = None
+) -> tuple[Delay, Delay]:
+    """Delay of hip torque and slide force.
+
+    Args:
+        recording: with quick efforts in motion; two or three efforts a second are too slow.
+        robot: that made it; its own `effort_delay_ms` is left out of account.
+        progress: told the share done.
+
+    Raises:
+        RecordingError: no axis is in motion for MOVING_MIN_ROWS rows.
+    """
+    moving = _moving(recording, robot)
+    counts = moving.sum(axis=0)
+    if counts.max() < MOVING_MIN_ROWS:
+        raise RecordingError(
+            f"{recording.source}: the hip is in motion in {counts[0]} rows, the slide in "
+            f"{counts[1]}; a delay needs {MOVING_MIN_ROWS} rows of at least one axis"
+        )
+    told = _counted(progress, len(COARSE_CYCLES) + len(FINE_CYCLES))
+    innovations = _innovations_by_delay(recording, robot, told)
+    coarse = {float(cycles): innovations((cycles, cycles)) for cycles in COARSE_CYCLES}
+    best = tuple(_best(coarse, moving, axis) for axis in range(2))
+    fine = [innovations((best[0] + step, best[1] + step)) for step in FINE_CYCLES]
+    hip, slide = (_axis(fine, moving[:, axis], best[axis], axis) for axis in range(2))
+    return hip, slide
+
+
+def delayed(effort: Values, cycles: float) -> Values:
+    """Mean effort of each row's cycle, if every effort acts so many cycles later than its row says.
+
+    Args:
+        effort: shape (n,), constant over each cycle.
+        cycles: any; negative is earlier. Beyond the ends the first and the last effort go on.
+    """
+    whole = math.floor(cycles)
+    part = cycles - whole
+    rows = np.arange(len(effort)) - whole
+    now, before = np.clip(rows, 0, len(effort) - 1), np.clip(rows - 1, 0, len(effort) - 1)
+    return (1 - part) * effort[now] + part * effort[before]
+
+
+def in_words(delay: Delay) -> str:
+    """One line for people."""
+    if not delay.known:
+        return f"{delay.axis}: the recording does not tell ({delay.moving_count} rows in motion)"
+    found = f"{delay.delay_ms:+.1f} ± {delay.std_ms:.1f} ms"
+    return f"{delay.axis}: {found}, from {delay.moving_count} rows in motion"
+
+
+def advice(delays: tuple[Delay, Delay]) -> str:
+    """One sentence: the value of [observer] effort_delay_ms, or what to record."""
+    known = [one for one in delays if one.known]
+    if not known:
+        return "record `excite` with scenario `delay`: quick efforts on top of a slow motion"
+    weights = np.array([1.0 / max(one.std_ms, 0.05) ** 2 for one in known])
+    mean_ms = float(np.average([one.delay_ms for one in known], weights=weights))
+    if len(known) == 2 and abs(known[0].delay_ms - known[1].delay_ms) > STD_MAX_MS:
+        return (
+            "the axes differ by more than one value can hold: look at the torque source and the "
+            "mapping of both drives before effort_delay_ms is set"
+        )
+    if mean_ms < -STD_MAX_MS:
+        return (
+            "efforts act before their rows: they are recorded too late, which no delay mends; "
+            "look at which row the torque of a SYNC is written to"
+        )
+    return f"set effort_delay_ms = {max(mean_ms, 0.0):.1f} in [observer] of robot.toml"
+
+
+def _moving(recording: Recording, robot: Robot) -> NDArray[np.bool_]:
+    """Shape (n, 2): rows in motion for certain, with some rows of motion on both sides."""
+    position = np.apply_along_axis(_filled, 0, recording.position)
+    smooth = gaussian_filter1d(position, SMOOTHING_ROWS, axis=0)
+    speed = np.abs(np.gradient(smooth, recording.time_s, axis=0)) if len(smooth) > 1 else smooth * 0
+    edges = np.array([one.edge for one in friction_parameters(robot)])
+    fast = speed > MOVING_EDGES * edges
+    sure = binary_erosion(fast, np.ones((2 * MARGIN_ROWS + 1, 1)))
+    sure[:START_ROWS] = False
+    return sure
+
+
+def _filled(values: Values) -> Values:
+    """Missing samples on straight lines; there is at least one that is not missing."""
+    known = np.flatnonzero(np.isfinite(values))
+    return np.interp(np.arange(len(values)), known, values[known])
+
+
+def _innovations_by_delay(
+    recording: Recording, robot: Robot, told: Iterator[None]
+) -> Callable[[Cycles], Values]:
+    setup = setup_for(_without_delay(robot))
+
+    def innovations(cycles: Cycles) -> Values:
+        effort = np.column_stack(
+            [delayed(recording.effort[:, axis], cycles[axis]) for axis in range(2)]
+        )
+        next(told)
+        return run(setup, Columns(recording.time_s, recording.position, effort)).innovation
+
+    return innovations
+
+
+def _without_delay(robot: Robot) -> Robot:
+    tuning = robot.observer
+    if "effort_delay_ms" not in tuning.__struct_fields__:
+        return robot
+    return msgspec.structs.replace(
+        robot, observer=msgspec.structs.replace(tuning, effort_delay_ms=0.0)
+    )
+
+
+def _best(coarse: dict[float, Values], moving: NDArray[np.bool_], axis: int) -> float:
+    """Whole cycles with the smallest innovations."""
+    rows = moving[:, axis]
+    if not rows.any():
+        return 0.0
+    scale = min(_scale(one[rows, axis]) for one in coarse.values())
+    costs = {cycles: float(_costs(one[rows, axis], scale).sum()) for cycles, one in coarse.items()}
+    return min(costs, key=costs.__getitem__)
+
+
+def _axis(fine: list[Values], rows: NDArray[np.bool_], best: float, axis: int) -> Delay:
+    count = int(np.count_nonzero(rows))
+    if count < MOVING_MIN_ROWS:
+        return Delay(AXES[axis], math.nan, math.inf, count)
+    scale = min(_scale(one[rows, axis]) for one in fine)
+    costs = np.array([_costs(one[rows, axis], scale) for one in fine])
+    blocks = np.array([part.sum(axis=1) for part in np.array_split(costs, BLOCKS, axis=1)])
+    whole = blocks.sum(axis=0)
+    bottom, curvature = _bottom(whole)
+    if not curvature > 0 or not EDGE_CYCLES[0] < best < EDGE_CYCLES[1]:
+        return Delay(AXES[axis], math.nan, math.inf, count)
+    left_out = np.array([_bottom(whole - block)[0] for block in blocks])
+    # What white innovations of variance 1 would leave, and what the parts of the recording say.
+    by_curvature = math.sqrt(whole.min() / count / curvature)
+    by_parts = math.sqrt((BLOCKS - 1) / BLOCKS * float(np.sum((left_out - left_out.mean()) ** 2)))
+    std_ms = 1e3 * STEP_S * max(by_curvature, by_parts)
+    if not std_ms <= STD_MAX_MS or abs(bottom) > 1.0:
+        return Delay(AXES[axis], math.nan, math.inf, count)
+    return Delay(AXES[axis], 1e3 * STEP_S * (best + bottom), std_ms, count)
+
+
+def _bottom(costs: Values) -> tuple[float, float]:
+    """Where the parabola through the costs of FINE_CYCLES is lowest, and its curvature."""
+    curvature, slope, _ = np.polyfit(FINE_CYCLES, costs, 2)
+    return float(-slope / (2 * curvature)), float(curvature)
+
+
+def _scale(innovation: Values) -> float:
+    """Standard deviation of most of the innovations: the rare large ones do not count."""
+    known = innovation[np.isfinite(innovation)]
+    return 1.4826 * float(np.median(np.abs(known))) if len(known) else math.inf
+
+
+def _costs(innovation: Values, scale: float) -> Values:
+    """Squares in units of the scale, bounded; a missing sample costs nothing."""
+    squares = np.square(np.nan_to_num(innovation / scale))
+    return np.minimum(squares, GLITCH_SIGMAS**2)
+
+
+def _counted(progress: Progress | None, turns: int) -> Iterator[None]:
+    for turn in range(1, turns + 1):
+        if progress:
+            progress(turn / turns)
+        yield
