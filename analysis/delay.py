@@ -151,7 +151,7 @@ def _moving(recording: Recording, robot: Robot) -> NDArray[np.bool_]:
     speed = np.abs(np.gradient(smooth, recording.time_s, axis=0)) if len(smooth) > 1 else smooth * 0
     edges = np.array([one.edge for one in friction_parameters(robot)])
     fast = speed > MOVING_EDGES * edges
-    sure = binary_erosion(fast, np.ones((2 * MARGIN_ROWS + 1, 1)))
+    sure = np.asarray(binary_erosion(fast, np.ones((2 * MARGIN_ROWS + 1, 1))), dtype=np.bool_)
     sure[:START_ROWS] = False
     return sure
 

@@ -26,6 +26,7 @@ from analysis.drawing import (
 )
 from analysis.experiment import Marks, Run, Transfer, transfer
 from observer.friction import FrictionParameters, static_friction_of
+from observer.leg_model import STEP_S
 from observer.status import Status, Validity
 
 Values = NDArray[np.float64]
@@ -82,7 +83,7 @@ def draw_axis(run: Run, index: int, subtitle: str, path: Path) -> Figure:
     _friction(panels[3], run, index)
     _disturbance(panels[4], run, index)
     panels[4].set_xlabel("time since the scenario began [s]", fontsize=8.5, color=TEXT)
-    panels[4].set_xlim(float(run.time_s[0]), float(run.time_s[-1]))
+    panels[4].set_xlim(0.0, float(run.time_s[-1]) + STEP_S)
     _title(figure, f"The paper's {axis.figure}, played again: {axis.name}", subtitle)
     figure.savefig(path, dpi=DPI, format="png", pil_kwargs={"optimize": True})
     return figure
@@ -283,8 +284,9 @@ def _mark_transfer(panels: list[Axes], found: Transfer) -> None:
     _note(panels[0], moved_s, 0.05, "gate opens", TEXT)
     _note(panels[1], moved_s, 0.05, "low-pass", TEXT)
     _note(panels[1], moved_s, 0.05, "memory", TEXT, left=True)
-    words = f"90 % found, {1e3 * found.after_motion_s:+.0f} ms from motion"
-    _note(panels[2], reached_s, 0.4, words, ESTIMATE, left=reached_s > moved_s + 0.5)
+    late_ms = round(1e3 * found.after_motion_s)
+    words = f"90 % {abs(late_ms)} ms {'before' if late_ms < 0 else 'after'} motion"
+    _note(panels[2], max(moved_s, reached_s), 0.4, words, ESTIMATE)
 
 
 def _note(

@@ -142,9 +142,9 @@ class Stage:
         while lockstep.record.mode == Mode.EXCITE:
             lockstep.run(TURN_S)
             told(min((len(lockstep.records) - begun) * STEP_S, seconds))
-        run = _run(lockstep.records[begun:], truth.rows)
-        whole = len(run.time_s) >= round(seconds / STEP_S)
-        return Played(run, "" if whole else _why(lockstep, run))
+        count = round(seconds / STEP_S)
+        run = _run(lockstep.records[begun:], truth.rows, count)
+        return Played(run, "" if len(run.time_s) == count else _why(lockstep, run))
 
 
 def _begin(lockstep: Lockstep, scenario: str, seconds: float) -> int:
@@ -167,10 +167,10 @@ def _playing(record: CycleRecord) -> bool:
     return record.mode == Mode.EXCITE and "playing" in record.progress
 
 
-def _run(records: list[CycleRecord], truth: list[TruthRow]) -> Run:
-    """The cycles of the scenario, each beside the truth of its SYNC."""
+def _run(records: list[CycleRecord], truth: list[TruthRow], count: int) -> Run:
+    """The first `count` cycles of the scenario, each beside the truth of its SYNC."""
     rows = {row.sync_mono_ns: row for row in truth}
-    played = [one for one in records if _playing(one) and one.sync_mono_ns in rows]
+    played = [one for one in records if _playing(one) and one.sync_mono_ns in rows][:count]
     legs = [record.legs[0] for record in played]
     true = [rows[record.sync_mono_ns] for record in played]
     artificial = np.array([leg.artificial for leg in legs]).reshape(-1, 2)

@@ -1,0 +1,284 @@
+"""The paper's experiment through CAN frames, once for all tests of this file."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sessions import changed_configs
+
+from analysis.delay import advice, measure
+from analysis.experiment import lag, marks, moving, peak, rms, transfer
+from analysis.experiment_figures import draw_axis, draw_details
+from analysis.experiment_table import rows
+from analysis.recording import Recording
+from daemon.config.strict import ConfigError
+from gaitd.excitation import NotPlayedError, Stage
+from observer.status import Validity
+from sim_drives.plant_settings import FrictionLaw
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+TOLERANCE_MS = (1.0, 2.0)
+
+
+def silent(seconds: float) -> None:
+    del seconds
+
+
+@pytest.fixture(scope="module")
+def stage():
+    return Stage(CONFIGS / "demo.toml")
+
+
+@pytest.fixture(scope="module")
+def played(stage):
+    return stage.play("paper", 25.0, silent)
+
+
+@pytest.fixture(scope="module")
+def run(played):
+    return played.run
+
+
+@pytest.fixture(scope="module")
+def when(stage):
+    return marks(stage.settings.trainer.excite["paper"])
+
+
+@pytest.fixture(scope="module")
+def quick(stage):
+    """Quick efforts in motion, as a recording has them."""
+    run = stage.play("delay", 10.0, silent).run
+    return Recording("quick", run.time_s, run.measured, run.exerted)
+
+
+@pytest.fixture(scope="module")
+def lines(run, when, stage):
+    return {row.name: row for row in rows(run, when, stage.frictions, matched=True)}
+
+
+def gaitd(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "gaitd", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+# --- the scenario -----------------------------------------------------------------------------
+
+
+def test_the_scenario_is_played_to_its_end_on_the_empty_machine(played, stage):
+    assert played.trouble == ""
+    assert len(played.run.time_s) == 2500
+    assert stage.settings.robot.patient is None
+
+
+def test_the_observer_is_given_what_the_drives_exert_less_the_artificial_disturbance(run):
+    real = run.time_s > 0.05
+
+    # 0.01 A of current noise are 0.06 N·m and 0.3 N.
+    assert rms(run.exerted[real, 0] - run.true_effort[real, 0]) < 0.1
+    assert rms(run.exerted[real, 1] - run.true_effort[real, 1]) < 0.5
+    assert np.ptp(run.artificial[:, 0]) == pytest.approx(8.0, abs=0.05)
+    assert set(run.artificial[:, 1]) == {0.0, 30.0}
+
+
+def test_the_velocity_peak_after_the_step_is_known_within_two_percent_and_one_sample(run, when):
+    found = peak(run, when)
+
+    assert found.true_rad_per_s > 0.2
+    assert abs(found.difference_ratio) <= 0.02  # 0.9 %
+    assert abs(found.lag_count) <= 1.0  # 0.0
+
+
+def test_a_disturbance_that_came_at_rest_is_found_within_100_ms_of_motion(run, when, stage):
+    found = transfer(run, when, moving(run, stage.frictions))
+
+    assert found.motion_s > 0.1  # the slide rests when the disturbance comes
+    assert found.after_motion_s <= 0.1  # the paper's friction creeps: found 60 ms before
+    settled = run.between(found.onset_s + found.motion_s + 0.1, when.offset_s)
+    shown = settled.validity[:, 1] == Validity.OK
+    assert rms(settled.state[shown, 7] - 30.0) <= 3.0
+
+
+def test_errors_in_motion_keep_to_the_targets_of_a_matched_plant(lines):
+    for name in (
+        "position, rms error",
+        "velocity, rms error",
+        "friction, rms error in motion",
+        "disturbance, rms error in motion",
+        "net effort, rms error",
+    ):
+        assert lines[name].met, lines[name]
+
+
+def test_a_lag_is_found_to_a_fraction_of_a_sample():
+    true = np.sin(np.arange(60) / 6)
+
+    for late in (-1.0, 0.0, 0.4, 2.0):
+        assert lag(true, np.sin((np.arange(60) - late) / 6)) == pytest.approx(late, abs=0.05)
+
+
+def test_the_same_configuration_gives_the_same_bits(run, stage):
+    again = stage.play("paper", 3.0, silent).run
+
+    np.testing.assert_array_equal(again.state, run.state[:300])
+    np.testing.assert_array_equal(again.true_friction, run.true_friction[:300])
+
+
+def test_another_friction_of_the_plant_gives_another_truth(run):
+    bristles = Stage(CONFIGS / "demo.toml", FrictionLaw.LUGRE).play("paper", 1.0, silent).run
+
+    assert np.max(np.abs(bristles.true_friction - run.true_friction[:100])) > 0.1
+
+
+# --- what cannot be played ----------------------------------------------------------------------
+
+
+def test_a_stop_before_the_end_is_named_with_its_time(tmp_path):
+    narrow = "[excite.paper]\nhip_window_deg = 24.0"
+    configs = changed_configs(tmp_path, ("demo.toml", narrow, narrow.replace("24.0", "2.0")))
+
+    played = Stage(configs / "demo.toml").play("paper", 5.0, silent)
+
+    assert len(played.run.time_s) < 500
+    assert "has left its window" in played.trouble
+    assert " s: " in played.trouble
+
+
+def test_a_scenario_that_is_refused_says_why():
+    stage = Stage(CONFIGS / "demo.toml")
+
+    with pytest.raises(NotPlayedError, match="mode was refused"):
+        stage.play("no_such_scenario", 5.0, silent)
+
+
+def test_a_configuration_without_an_empty_machine_is_refused(tmp_path):
+    configs = changed_configs(tmp_path)
+    (configs / "robot_empty.toml").unlink()
+
+    with pytest.raises(ConfigError, match=r"robot_empty\.toml beside it"):
+        Stage(configs / "demo.toml")
+
+
+def test_a_trainer_file_without_the_scenario_says_which_it_has(stage):
+    with pytest.raises(ConfigError, match=r"open_loop, paper.*\[excite\.other\]"):
+        stage.longest_s("other")
+
+
+# --- the delay ----------------------------------------------------------------------------------
+
+
+def earlier(effort: np.ndarray, cycles: float) -> np.ndarray:
+    """A recording that gives efforts so much before they act: means over cycles of held values."""
+    at = np.arange(len(effort)) + cycles
+    held = np.concatenate(([0.0], np.cumsum(effort)))
+    edges = np.clip(at, 0, len(effort)), np.clip(at + 1, 0, len(effort))
+    return np.diff([np.interp(edge, np.arange(len(held)), held) for edge in edges], axis=0)[0]
+
+
+@pytest.mark.parametrize("cycles", [-1.0, -0.4, 0.0, 0.3, 1.0, 1.5, 2.0])
+def test_a_shift_of_the_efforts_is_measured(quick, stage, cycles):
+    effort = np.column_stack([earlier(quick.effort[:, axis], cycles) for axis in range(2)])
+    shifted = Recording("shifted", quick.time_s, quick.position, effort)
+
+    found = measure(shifted, stage.settings.robot)
+
+    for delay, tolerance_ms in zip(found, TOLERANCE_MS, strict=True):
+        assert delay.known
+        assert delay.delay_ms == pytest.approx(10.0 * cycles, abs=tolerance_ms)
+        assert delay.std_ms < tolerance_ms
+
+
+def test_each_axis_has_a_delay_of_its_own(quick, stage):
+    effort = np.column_stack((earlier(quick.effort[:, 0], 2.0), quick.effort[:, 1]))
+
+    hip, slide = measure(
+        Recording("one", quick.time_s, quick.position, effort), stage.settings.robot
+    )
+
+    assert hip.delay_ms == pytest.approx(20.0, abs=1.0)
+    assert slide.delay_ms == pytest.approx(0.0, abs=2.0)
+    assert "the axes differ" in advice((hip, slide))
+
+
+def test_slow_efforts_do_not_tell_the_delay_and_it_is_said_what_to_record(run, stage):
+    slow = Recording("slow", run.time_s, run.measured, run.exerted)
+
+    found = measure(slow, stage.settings.robot)
+
+    assert not any(one.known for one in found)
+    assert "scenario `delay`" in advice(found)
+
+
+# --- pictures and commands ----------------------------------------------------------------------
+
+
+def test_both_figures_have_the_paper_s_five_panels_and_the_details_three_each(
+    run, when, stage, tmp_path
+):
+    for index, name in enumerate(("hip", "slide")):
+        figure = draw_axis(run, index, "test", tmp_path / f"{name}.png")
+        titles = [panel.get_title(loc="left") for panel in figure.axes]
+        assert [title[:3] for title in titles] == ["(a)", "(b)", "(c)", "(d)", "(e)"]
+        assert all(panel.get_ylabel() for panel in figure.axes)
+    gates = moving(run, stage.frictions)
+    details = draw_details(run, when, gates, stage.frictions[1], "test", tmp_path / "details.png")
+
+    assert len(details.axes) == 6
+    for name in ("hip", "slide", "details"):
+        assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_command_prints_its_numbers_beside_their_targets_and_draws(tmp_path):
+    ran = gaitd("experiment", "--seconds", "3", "--output", tmp_path / "new" / "folder")
+
+    assert ran.returncode == 0, ran.stderr
+    assert "velocity peak, difference" in ran.stdout
+    assert "within ±2" in ran.stdout
+    assert "effort_delay_ms" in ran.stdout
+    for name in ("hip", "slide", "details"):
+        assert (tmp_path / "new" / "folder" / f"experiment_{name}.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--seconds", "26"), "--seconds = 26.0: at most 25"),
+        (("--config", "nowhere.toml"), "nowhere.toml"),
+        (("--law", "sand"), "lugre"),
+    ],
+)
+def test_a_wrong_option_ends_with_two_and_says_what_is_allowed(arguments, said, tmp_path):
+    ran = gaitd("experiment", "--output", tmp_path, *arguments)
+
+    assert ran.returncode == 2
+    assert said in ran.stderr
+
+
+def test_the_delay_of_a_csv_is_printed_with_the_value_to_set(quick, tmp_path):
+    path = tmp_path / "quick.csv"
+    columns = np.column_stack((quick.time_s, quick.position, quick.effort))
+    names = "time_s,hip_angle_rad,slide_position_m,hip_torque_nm,slide_force_n"
+    np.savetxt(path, columns, delimiter=",", header=names, comments="")
+
+    ran = gaitd("delay", path)
+
+    assert ran.returncode == 0, ran.stderr
+    assert "hip: +0.5 ± " in ran.stdout
+    assert "set effort_delay_ms = 0." in ran.stdout
+
+
+def test_the_delay_of_a_leg_at_rest_is_refused(tmp_path):
+    path = tmp_path / "rest.csv"
+    lines = ["time_s,hip_angle_rad,slide_position_m,hip_torque_nm,slide_force_n"]
+    lines += [f"{row * 0.01:.2f},0.24,0.59,5,60" for row in range(300)]
+    path.write_text("\n".join(lines))
+
+    ran = gaitd("delay", path)
+
+    assert ran.returncode == 2
+    assert "in motion in 0 rows" in ran.stderr
