@@ -178,12 +178,8 @@ def _innovations_by_delay(
 
 
 def _without_delay(robot: Robot) -> Robot:
-    tuning = robot.observer
-    if "effort_delay_ms" not in tuning.__struct_fields__:
-        return robot
-    return msgspec.structs.replace(
-        robot, observer=msgspec.structs.replace(tuning, effort_delay_ms=0.0)
-    )
+    tuning = msgspec.structs.replace(robot.observer, effort_delay_ms=0.0)
+    return msgspec.structs.replace(robot, observer=tuning)
 
 
 def _best(coarse: dict[float, Values], moving: NDArray[np.bool_], axis: int) -> float:

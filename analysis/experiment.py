@@ -21,6 +21,8 @@ Flags = NDArray[np.bool_]
 
 START_S: Final = 0.5
 """Not judged: torque is new, and the pose of the approach is left."""
+PEAK_MIN_RAD_PER_S: Final = 0.05
+"""Slower, the hip has not broken loose, and there is no peak to compare."""
 LAG_MAX_SAMPLES: Final = 4
 REACHED_SHARE: Final = 0.9
 CROSS_S: Final = 0.3
@@ -145,11 +147,13 @@ class Peak(NamedTuple):
 
 
 def peak(run: Run, marks: Marks) -> Peak | None:
-    """The velocity's first peak after the hip torque's step; None if the run ends before it."""
+    """The velocity's first peak after the hip torque's step; None if the run does not have it."""
     step = run.between(marks.step_s, marks.step_end_s)
     if len(step.time_s) < 4 * LAG_MAX_SAMPLES or run.time_s[-1] < marks.step_end_s:
         return None
     true, estimate = step.true_velocity[:, 0], step.state[:, 2]
+    if true.max() < PEAK_MIN_RAD_PER_S:
+        return None
     return Peak(float(true.max()), float(estimate.max()), lag(true, estimate))
 
 
