@@ -13,11 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.config.settings import Excite
+from observer import batch
+from observer.batch import BatchEstimates, Columns
 from observer.friction import STANDSTILL_GATE, FrictionParameters, gate_of
+from observer.leg_observer import Setup
 from observer.status import Validity
 
 Values = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Number = float | None
+"""None where there is none."""
 
 START_S: Final = 0.5
 """Not judged: torque is new, and the pose of the approach is left."""
@@ -98,8 +103,10 @@ class Row(NamedTuple):
     """One line of the table; None where the run does not say."""
 
     name: str
-    hip: float | None
-    slide: float | None
+    hip: Number
+    """In `hip_unit`."""
+    slide: Number
+    """In `slide_unit`."""
     hip_unit: str
     slide_unit: str
     target: str
@@ -220,24 +227,38 @@ def fall_s(run: Run, marks: Marks) -> float | None:
     return float(after.time_s[gone[0]] - marks.offset_s) if size > 0 and len(gone) else None
 
 
-def cross_talk(run: Run, marks: Marks) -> tuple[float, float] | None:
-    """What one axis' disturbance does to the other's estimate; None if the run ends before.
+def cross_talk(run: Run, marks: Marks, setup: Setup) -> tuple[float | None, float | None]:
+    """What one axis' disturbance does to the other's estimate, largest: N·m and N.
 
-    Returns: largest change of the hip's estimate after the slide's disturbance goes (N·m), and
-        amplitude of the slide's estimate in step with the hip's sine (N).
+    The recorded motion is replayed with and without the other axis' disturbance in the efforts: the
+    difference has no noise. It counts where the axis moves and both replays show its split: for the
+    hip in CROSS_S after the slide's disturbance goes, for the slide while the hip's sine lasts.
+
+    Args:
+        run: as played.
+        marks: of its scenario.
+        setup: of the observer.
     """
-    step = run.between(marks.offset_s, marks.offset_s + CROSS_S)
-    sine = run.between(max(marks.sine_s, marks.offset_s + CROSS_S), math.inf)
-    if len(step.time_s) < 10 or len(sine.time_s) < 200:
-        return None
-    hip_error = step.state[:, 6] - step.artificial[:, 0]
-    cause = sine.artificial[:, 0]
-    rows = sine.validity[:, 1] == Validity.OK
-    waves = np.column_stack((cause, np.gradient(cause), np.ones(len(cause))))
-    error = sine.state[:, 7] - sine.artificial[:, 1]
-    factors = np.linalg.lstsq(waves[rows], error[rows], rcond=None)[0]
-    heard = waves[:, :2] @ factors[:2]
-    return float(np.max(np.abs(hip_error - hip_error[0]))), float(np.max(np.abs(heard)))
+    whole = _replayed(run, setup, (1.0, 1.0))
+    gone = (run.time_s >= marks.offset_s) & (run.time_s < marks.offset_s + CROSS_S)
+    spans = gone, run.time_s >= marks.sine_s
+    hip, slide = (
+        _largest(whole, _replayed(run, setup, kept), axis, spans[axis])
+        for axis, kept in enumerate(((1.0, 0.0), (0.0, 1.0)))
+    )
+    return hip, slide
+
+
+def _replayed(run: Run, setup: Setup, kept: tuple[float, float]) -> BatchEstimates:
+    """The observer over the run, with so much of each axis' disturbance."""
+    seen = run.exerted - run.artificial * np.array(kept)
+    return batch.run(setup, Columns(run.time_s, run.measured, seen))
+
+
+def _largest(one: BatchEstimates, other: BatchEstimates, axis: int, span: Flags) -> float | None:
+    shown = (one.validity[:, axis] == Validity.OK) & (other.validity[:, axis] == Validity.OK)
+    difference = np.abs(one.state[:, 6 + axis] - other.state[:, 6 + axis])[span & shown]
+    return float(difference.max()) if len(difference) else None
 
 
 def rms(values: Values) -> float | None:

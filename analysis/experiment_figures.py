@@ -285,7 +285,7 @@ def _mark_transfer(panels: list[Axes], found: Transfer) -> None:
     _note(panels[1], moved_s, 0.05, "low-pass", TEXT)
     _note(panels[1], moved_s, 0.05, "memory", TEXT, left=True)
     late_ms = round(1e3 * found.after_motion_s)
-    words = f"90 % {abs(late_ms)} ms {'before' if late_ms < 0 else 'after'} motion"
+    words = f"90 % found {abs(late_ms)} ms {'before' if late_ms < 0 else 'after'} motion"
     _note(panels[2], max(moved_s, reached_s), 0.4, words, ESTIMATE)
 
 

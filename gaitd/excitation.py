@@ -115,13 +115,20 @@ class Stage:
             raise ConfigError(file, "excite", ", ".join(known), f"a table [excite.{scenario}]")
         return known[scenario].duration_max_s
 
-    def play(self, scenario: str, seconds: float, told: Callable[[float], None]) -> Played:
+    def play(
+        self,
+        scenario: str,
+        seconds: float,
+        told: Callable[[float], None],
+        heard: Callable[[CycleRecord], None] | None = None,
+    ) -> Played:
         """From power-on to the end of the scenario.
 
         Args:
             scenario: name of an [excite] table.
             seconds: of it.
             told: the simulated seconds of the scenario so far.
+            heard: gets every record, from power-on, as a gateway would.
 
         Raises:
             NotPlayedError: the service refused it, or did not get as far.
@@ -137,7 +144,7 @@ class Stage:
             )
         except MachineError as error:
             raise ConfigError(self._path, error.key, error.value, error.allowed) from error
-        lockstep = Lockstep(self.settings, machine.world)
+        lockstep = Lockstep(self.settings, machine.world, heard)
         begun = _begin(lockstep, scenario, seconds)
         while lockstep.record.mode == Mode.EXCITE:
             lockstep.run(TURN_S)

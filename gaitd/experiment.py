@@ -116,6 +116,7 @@ def _print_numbers(stage: "Stage", run: "Run") -> None:
 
     from analysis.experiment import marks
     from analysis.experiment_table import rows
+    from analysis.replay import setup_for
     from sim_drives.plant_settings import FrictionLaw
 
     console = Console()
@@ -125,7 +126,9 @@ def _print_numbers(stage: "Stage", run: "Run") -> None:
     for title in ("", "hip", "slide", "target"):
         table.add_column(title, justify="left" if title in {"", "target"} else "right")
     when = marks(stage.settings.trainer.excite[SCENARIO])
-    for row in rows(run, when, stage.frictions, matched=stage.law is not FrictionLaw.LUGRE):
+    setup = setup_for(stage.settings.robot)
+    matched = stage.law is not FrictionLaw.LUGRE
+    for row in rows(run, when, stage.frictions, setup, matched=matched):
         target = row.target
         if row.met is not None:
             target = f"[green]{target}, met[/]" if row.met else f"[yellow]{target}, missed[/]"
