@@ -111,6 +111,8 @@ def _effort_rows(run: Run, open_gate: Flags, frictions: Frictions, matched: bool
     share, coulomb = FRICTION_SHARE[matched], (frictions[0].coulomb, frictions[1].coulomb)
     limits = share * coulomb[0], share * coulomb[1]
     yield _limited("friction, rms error in motion", _both(friction, open_gate), limits, *EFFORT)
+    shown = run.validity == Validity.OK
+    yield Row("friction, rms error where shown", *_both(friction, shown), *EFFORT, "", None)
     yield Row("friction, rms error with rest", *_both(friction), *EFFORT, "", None)
     size = np.max(np.abs(run.artificial), axis=0) if len(run.time_s) else np.zeros(2)
     limits = (
@@ -119,7 +121,6 @@ def _effort_rows(run: Run, open_gate: Flags, frictions: Frictions, matched: bool
     )
     moving_error = _both(patient, open_gate)
     yield _limited("disturbance, rms error in motion", moving_error, limits, *EFFORT)
-    shown = run.validity == Validity.OK
     yield Row("disturbance, rms error where shown", *_both(patient, shown), *EFFORT, "", None)
     yield Row("disturbance, rms error with rest", *_both(patient), *EFFORT, "flagged", None)
     net = run.net - (run.artificial - run.true_friction)
