@@ -70,7 +70,7 @@ class Stage:
         friction = msgspec.structs.replace(plant.friction, law=law or plant.friction.law)
         self._plant = msgspec.structs.replace(plant, friction=friction)
         if self.law is FrictionLaw.PAPER_STICKING:
-            self.settings = _patient_with_encoders(self.settings)
+            self.settings = _slow_to_doubt_encoders(self.settings)
         check_together(self.settings)
 
     @property
@@ -212,17 +212,18 @@ def _why(lockstep: Lockstep, run: Run) -> str:
 
 
 def _empty(robot: Robot, file: Path, named: str) -> Robot:
-    """The machine with nobody in it: as it is, or of the file beside it."""
+    """The machine with nobody in it, and its springs turned down as the file beside it says."""
     if robot.patient is None:
         return robot
     path = beside(file, named).with_name(EMPTY)
     if not path.is_file():
         allowed = f"a robot without [patient], or {EMPTY} beside it"
         raise ConfigError(file, "robot", named, allowed)
-    return load_toml(path, Robot)
+    springs = load_toml(path, Robot).springs
+    return msgspec.structs.replace(robot, patient=None, springs=springs)
 
 
-def _patient_with_encoders(settings: Settings) -> Settings:
+def _slow_to_doubt_encoders(settings: Settings) -> Settings:
     communication = msgspec.structs.replace(
         settings.limits.communication, encoder_frozen_cycles=STICKING_FROZEN_CYCLES
     )

@@ -170,6 +170,16 @@ def test_a_scenario_that_is_refused_says_why():
         stage.play("no_such_scenario", 5.0, silent)
 
 
+def test_the_empty_machine_rubs_as_the_robot_that_it_is_made_from(tmp_path):
+    robot = ("robot.toml", "coulomb_nm = 6.0", "coulomb_nm = 5.5")
+
+    stage = Stage(changed_configs(tmp_path, robot) / "demo.toml")
+
+    assert stage.frictions[0].coulomb == 5.5
+    assert stage.settings.robot.friction.hip.coulomb_nm == 5.5
+    assert stage.settings.robot.patient is None
+
+
 def test_a_configuration_without_an_empty_machine_is_refused(tmp_path):
     configs = changed_configs(tmp_path)
     (configs / "robot_empty.toml").unlink()
