@@ -40,12 +40,29 @@ def write_csv(
     Args:
         time_s: shape (n,), as recorded.
         estimates: of the same n rows.
-        path: replaced if it is there.
+        path: replaced if it is there, as a whole: a run that ends early leaves it as it was.
         progress: told the share done.
 
     Raises:
         OSError: the file cannot be written.
     """
+    if path.exists() and not path.is_file():  # a pipe, or a terminal
+        _write(time_s, estimates, path, progress)
+        return
+    beside = path.with_name(path.name + ".part")
+    try:
+        _write(time_s, estimates, beside, progress)
+        beside.replace(path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def _write(
+    time_s: NDArray[np.float64],
+    estimates: BatchEstimates,
+    path: Path,
+    progress: Progress | None,
+) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         file.write(",".join(COLUMNS) + "\n")
         for done, text in _chunks(time_s, estimates):

@@ -28,6 +28,7 @@ COMMANDS: Final = {
     "experiment": "The paper's experiment on the empty virtual machine: figures and numbers.",
     "delay": "How much later than its row an effort acts, measured from a recording.",
     "doctor": "What this machine can and cannot do for gaitd.",
+    "honesty": "Whether what the observer says of itself is true: sigmas, gaps, rest, drift.",
     "bench": "The project's benchmarks.",
     "status": "What a running service does.",
     "enable": "Let a running service enable its drives.",

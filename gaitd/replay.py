@@ -1,5 +1,6 @@
 """`gaitd replay`: the observer over a recorded file, as fast as it can."""
 
+import math
 import sys
 import time
 from collections.abc import Callable, Generator
@@ -33,6 +34,9 @@ def command(
     """The observer over a recorded file: CSV in, CSV of the estimates out."""
     from analysis.recording import RecordingError
 
+    if output is not None and output.exists() and output.samefile(recorded):
+        print(f"{output}: is the recording itself; --output must be another file", file=sys.stderr)
+        raise typer.Exit(EXIT_REFUSED)
     try:
         _replay(recorded, robot, output or recorded.with_name(recorded.name + SUFFIX), plot, leg)
     except RecordingError as error:
@@ -66,6 +70,7 @@ def _replay(
         draw(source.recording, estimates, plot)
     whole_s = ended_s - began_s - (computing_s - loading_s)
     _report(source, estimates, name, computed_s - computing_s, whole_s)
+    _print_drift(estimates, robot)
     print(f"estimates    {output}")
     if plot is not None:
         print(f"picture      {plot}")
@@ -106,6 +111,33 @@ def _report(
         f"speed        {made.duration_s / computing_s:.0f} x real time computing, "
         f"{made.duration_s / whole_s:.0f} x with reading and writing"
     )
+
+
+def _print_drift(estimates: "BatchEstimates", robot: "Robot") -> None:
+    """What the drift monitor says of friction, axis by axis."""
+    from analysis.consistency import drift_of
+    from daemon.config.robot import friction_parameters
+    from observer.drift import asks_for_calibration, correlation, friction_error
+    from observer.leg_model import STEP_S
+
+    laws = friction_parameters(robot)
+    units = (("hip", "N·m"), ("slide", "N"))
+    found = drift_of(estimates, laws, STEP_S)
+    for (axis, unit), law, drift in zip(units, laws, found, strict=True):
+        rho = correlation(drift)
+        if math.isnan(rho):
+            print(f"friction     {axis}: too little motion to tell its level")
+            continue
+        print(
+            f"friction     {axis}: {friction_error(drift):+.2f} {unit} from its law, correlation "
+            f"with the motion {rho:+.2f}{_advice(asks_for_calibration(drift, law), robot)}"
+        )
+
+
+def _advice(asked: bool, robot: "Robot") -> str:
+    if not asked:
+        return ""
+    return ": calibrate" if robot.patient is None else ": a patient, or time to calibrate"
 
 
 @contextmanager

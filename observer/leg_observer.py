@@ -341,6 +341,7 @@ def _begin_at(
         FrictionParameters(*friction_hip),
         FrictionParameters(*friction_slide),
         coriolis_share,
+        0.0,
     )
     possible = may_start(model.leg, hip, slide)
     if possible:

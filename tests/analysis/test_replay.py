@@ -21,7 +21,7 @@ HEADER = ["time_s", "hip_angle_rad", "slide_position_m", "hip_torque_nm", "slide
 
 @pytest.fixture(scope="module")
 def session() -> Session:
-    return Session().walking(warm_s=4.0)
+    return Session().walking(warm_s=8.0)
 
 
 @pytest.fixture(scope="module")

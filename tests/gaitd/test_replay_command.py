@@ -70,3 +70,34 @@ def test_what_cannot_be_used_is_named_and_the_exit_code_is_two(recorded, tmp_pat
     assert ran.returncode == 2
     assert said in ran.stderr
     assert "Traceback" not in ran.stderr
+
+
+def test_the_recording_itself_is_no_place_for_the_estimates(recorded, tmp_path):
+    before = recorded.read_bytes()
+
+    ran = gaitd("replay", recorded, "--output", recorded, folder=tmp_path)
+
+    assert ran.returncode == 2
+    assert "is the recording itself" in ran.stderr
+    assert recorded.read_bytes() == before
+
+
+def test_nothing_is_written_when_the_recording_is_refused(recorded, tmp_path):
+    out = tmp_path / "out.csv"
+    out.write_text("of another day")
+    recorded.write_text(recorded.read_text().replace("0.29,", "0.19,", 1))
+
+    ran = gaitd("replay", recorded, "--output", out, folder=tmp_path)
+
+    assert ran.returncode == 2
+    assert "time_s goes from" in ran.stderr
+    assert out.read_text() == "of another day"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.csv", "recorded.csv"]
+
+
+def test_replay_says_what_it_thinks_of_friction(recorded, tmp_path):
+    ran = gaitd("replay", recorded, "--robot", CONFIGS / "robot.toml", folder=tmp_path)
+
+    assert ran.returncode == 0
+    assert "friction     hip:" in ran.stdout
+    assert "friction     slide:" in ran.stdout

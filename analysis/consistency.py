@@ -1,0 +1,379 @@
+"""Whether the observer is as sure as it may be: measured on a plant whose noise is known.
+
+The plant is the filter's own model with the filter's own noise (Monte Carlo), or without any
+(`still`, `gaps`, `drifting`), so every deviation is the filter's. Chi-square bands are those of the
+mean over all runs: 95 % of all honest filters lie inside.
+
+Sources: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 5.4
+(NEES, NIS, whiteness).
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import count
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from analysis.recording import Progress
+from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
+from daemon.config.settings import Robot
+from observer import batch, drift
+from observer.batch import BatchEstimates, Columns
+from observer.friction import FrictionParameters
+from observer.jit import kernel
+from observer.leg_memory import START_STD
+from observer.leg_model import LANES, STEP_S, LegModel, runge_kutta
+from observer.leg_observer import ObserverTuning, setup_of
+from observer.mechanism import gravity, slide_position_for_knee
+from observer.parameters import LegParameters
+from observer.quantities import Number
+from observer.states import STATE_COUNT
+from observer.status import GATED_MAX_IN_A_ROW, Status, Validity
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+BAND: Final = 0.95
+HIP_NM, SLIDE_N = 14.0, 140.0
+"""Amplitude of what keeps both axes moving."""
+CADENCE_HZ: Final = 0.4
+MID_HIP_RAD, MID_KNEE_RAD = math.radians(14.0), math.radians(22.0)
+SETTLE_ROWS: Final = 100
+EDGES: Final = Status.OUT_OF_WORKSPACE | Status.NEAR_SINGULAR
+
+
+class Plant(NamedTuple):
+    """A leg and what its observer believes of it; both take the same parameters."""
+
+    leg: LegParameters
+    frictions: tuple[FrictionParameters, FrictionParameters]
+    tuning: ObserverTuning
+    pose: tuple[float, float]
+    """In the middle: rad, m."""
+    load: tuple[float, float]
+    """What holds it there: N m, N."""
+
+
+def plant_of(robot: Robot) -> Plant:
+    """The plant that is a robot file's own model."""
+    leg = leg_parameters(robot)
+    pose = (MID_HIP_RAD, slide_position_for_knee(leg, MID_HIP_RAD, MID_KNEE_RAD))
+    load = gravity(leg, np.array(pose))
+    held = float(load[0]), float(load[1])
+    return Plant(leg, friction_parameters(robot), observer_tuning(robot), pose, held)
+
+
+class Band(NamedTuple):
+    """A mean of chi-square values, and where 95 of 100 honest ones lie."""
+
+    mean: Number
+    low: Number
+    high: Number
+
+    @property
+    def inside(self) -> bool:
+        """Whether it is in its band."""
+        return self.low <= self.mean <= self.high
+
+
+class Consistency(NamedTuple):
+    """Of runs of a plant with the filter's own noise, both axes in motion."""
+
+    nees: Band
+    nis: Band
+    nees_over_time: Vector
+    """Mean over the runs, shape (steps,)."""
+    nis_over_time: Vector
+    within_ratio: Matrix
+    """Share of the errors within 1, 2 and 3 sigma, shape (3, 8)."""
+    correlation: float
+    """Of an innovation with the next one, mean of both axes; 0 is white."""
+
+
+def monte_carlo(
+    plant: Plant, runs: int, steps: int, progress: Progress | None = None
+) -> Consistency:
+    """NEES, NIS, coverage and whiteness with both axes in motion.
+
+    Args:
+        plant: whose process and measurement noise are those of its tuning.
+        runs: with noise of their own, seeded by their number.
+        steps: of each, SETTLE_ROWS of which do not count.
+        progress: told the share done.
+    """
+    nees, nis = np.empty((runs, steps)), np.empty((runs, steps))
+    within, correlation = np.zeros((3, STATE_COUNT)), 0.0
+    played_runs = _runs_inside(plant, steps)
+    for run in range(runs):
+        truth, estimates = next(played_runs)
+        nees[run] = _nees(truth, estimates)
+        nis[run] = estimates.nis
+        rows = slice(SETTLE_ROWS, None)
+        sigmas = np.abs(truth - estimates.state)[rows] / estimates.std[rows]
+        within += [np.mean(sigmas <= k, axis=0) for k in (1, 2, 3)]
+        correlation += _correlation(estimates.innovation[rows])
+        if progress:
+            progress((run + 1) / runs)
+    counted = nees[:, SETTLE_ROWS:], nis[:, SETTLE_ROWS:]
+    return Consistency(
+        _band(counted[0], STATE_COUNT, runs),
+        _band(counted[1], 2, runs),
+        nees.mean(axis=0),
+        nis.mean(axis=0),
+        within / runs,
+        correlation / runs,
+    )
+
+
+def _runs_inside(plant: Plant, steps: int) -> Iterator[tuple[Matrix, BatchEstimates]]:
+    """Runs, one seed after the other; not those in which noise carries the leg to its edges."""
+    for seed in count(1000):
+        truth, estimates = _noisy_run(plant, np.random.default_rng(seed), steps)
+        if np.isfinite(truth).all() and not np.any(estimates.status & EDGES):
+            yield truth, estimates
+
+
+def _band(values: Matrix, freedom: int, runs: int) -> Band:
+    """The mean, and the band that a single instant's mean over the runs has."""
+    half = (1.0 - BAND) / 2.0
+    low, high = chi2.ppf((half, 1.0 - half), freedom * runs) / runs
+    return Band(float(np.mean(values)), float(low), float(high))
+
+
+def _noisy_run(
+    plant: Plant, random: np.random.Generator, steps: int
+) -> tuple[Matrix, BatchEstimates]:
+    efforts = moving_efforts(plant, steps)
+    shocks = random.normal(size=(steps, STATE_COUNT)) * plant.tuning.process_std
+    start = np.array((*plant.pose, *(0.0,) * 6)) + random.normal(size=STATE_COUNT) * START_STD
+    truth = played(plant, efforts, shocks, start, 2)
+    noise = random.normal(size=(steps, 2)) * plant.tuning.measurement_std
+    return truth, observed(plant, truth[:, :2] + noise, efforts)
+
+
+def _nees(truth: Matrix, estimates: BatchEstimates) -> Vector:
+    covariance = np.zeros((len(truth), STATE_COUNT, STATE_COUNT))
+    rows, columns = np.tril_indices(STATE_COUNT)
+    covariance[:, rows, columns] = covariance[:, columns, rows] = estimates.covariance
+    error = truth - estimates.state
+    weighted = np.linalg.solve(covariance, error[..., None])[..., 0]
+    return np.asarray(np.sum(error * weighted, axis=1), dtype=np.float64)
+
+
+def _correlation(innovation: Matrix) -> float:
+    centred = innovation - innovation.mean(axis=0)
+    lagged = np.sum(centred[1:] * centred[:-1], axis=0) / np.sum(centred**2, axis=0)
+    return float(np.mean(lagged))
+
+
+# --- without noise in the plant ------------------------------------------------------------------
+
+
+class Rest(NamedTuple):
+    """A minute at rest."""
+
+    time_s: Vector
+    estimates: BatchEstimates
+    patient_rms: tuple[float, float]
+    """What is taken for a patient, where there is none: N m, N."""
+
+
+def still(plant: Plant, seconds: float = 60.0) -> Rest:
+    """The leg at rest in balance, with encoder noise."""
+    rows = round(seconds / STEP_S)
+    random = np.random.default_rng(7)
+    position = np.array(plant.pose) + random.normal(size=(rows, 2)) * plant.tuning.measurement_std
+    estimates = observed(plant, position, np.tile(plant.load, (rows, 1)))
+    hip, slide = np.sqrt(np.mean(estimates.state[:, 6:8] ** 2, axis=0)).tolist()
+    return Rest(time_of(rows), estimates, (hip, slide))
+
+
+class Gap(NamedTuple):
+    """A stretch of motion without samples, the worst of many."""
+
+    duration_s: float
+    error: tuple[float, float]
+    """Largest distance of the predicted position at its end: rad, m."""
+    sigmas: tuple[float, float]
+    """Largest error over its standard deviation, anywhere in a gap."""
+    end_sigmas: tuple[float, float]
+    """The same at the end of a gap."""
+    growth: tuple[float, float]
+    """Standard deviation at the end over that at the beginning, the least."""
+
+
+def gaps(plant: Plant, durations_s: tuple[float, ...] = (0.1, 0.3, 0.5)) -> list[Gap]:
+    """Gaps at many places of an excited motion, one at a time."""
+    efforts = moving_efforts(plant, 900)
+    truth, position = _clean(plant, efforts)
+    return [_gap(plant, truth, position, efforts, duration_s) for duration_s in durations_s]
+
+
+def _gap(plant: Plant, truth: Matrix, position: Matrix, efforts: Matrix, duration_s: float) -> Gap:
+    cycles = round(duration_s / STEP_S)
+    errors, sigmas, ends, growths = [], [], [], []
+    for start in range(300, 800, 23):
+        lost = position.copy()
+        lost[start : start + cycles] = np.nan
+        estimates = observed(plant, lost, efforts)
+        inside = slice(start, start + cycles)
+        error = np.abs(estimates.state - truth)[inside, :2]
+        errors.append(error[-1])
+        ratio = error / estimates.std[inside, :2]
+        sigmas.append(np.max(ratio, axis=0))
+        ends.append(ratio[-1])
+        growths.append(estimates.std[inside, :2][-1] / estimates.std[start - 1, :2])
+    return Gap(
+        duration_s,
+        _pair(np.max(errors, axis=0)),
+        _pair(np.max(sigmas, axis=0)),
+        _pair(np.max(ends, axis=0)),
+        _pair(np.min(growths, axis=0)),
+    )
+
+
+class Drifted(NamedTuple):
+    """What the drift monitor says when friction is not what the file says."""
+
+    level_ratio: float
+    """True Coulomb and breakaway friction over those of the file."""
+    correlation: tuple[float, float]
+    friction_error: tuple[float, float]
+    """Found, N m and N; above the file's."""
+    true_error: tuple[float, float]
+
+
+def drifting(plant: Plant, level_ratios: tuple[float, ...]) -> list[Drifted]:
+    """The drift monitor on an empty machine in motion, for several true friction levels."""
+    return [_drifted(plant, ratio) for ratio in level_ratios]
+
+
+def _drifted(plant: Plant, ratio: float) -> Drifted:
+    hip, slide = (
+        f._replace(stribeck=f.stribeck * ratio, coulomb=f.coulomb * ratio) for f in plant.frictions
+    )
+    efforts = moving_efforts(plant, 2500)
+    _, position = _clean(plant._replace(frictions=(hip, slide)), efforts)
+    found = drift_of(observed(plant, position, efforts), plant.frictions, STEP_S)
+    return Drifted(
+        ratio,
+        _pair([drift.correlation(one) for one in found]),
+        _pair([drift.friction_error(one) for one in found]),
+        _pair([(ratio - 1.0) * f.coulomb for f in plant.frictions]),
+    )
+
+
+def drift_of(
+    estimates: BatchEstimates, frictions: tuple[FrictionParameters, ...], step_s: float
+) -> list[drift.Drift]:
+    """The drift monitor over a whole recording, axis by axis."""
+    found: list[drift.Drift] = []
+    for axis, law in enumerate(frictions):
+        valid = (estimates.validity[:, axis] == Validity.OK) & np.isfinite(estimates.state[:, 6])
+        one = drift.NO_DRIFT
+        pairs = estimates.state[valid][:, (2 + axis, 6 + axis)].tolist()
+        for speed, patient in pairs:
+            one = drift.noted(one, law, speed, patient, step_s)
+        found.append(one)
+    return found
+
+
+class Offset(NamedTuple):
+    """An encoder that is off from one cycle on, and stays so."""
+
+    offset_rad: float
+    believed_after_cycles: int
+    flagged: bool
+    """GATED until it is believed, then INCONSISTENT."""
+    valid_after_cycles: int
+
+
+def offsets(plant: Plant, sizes_rad: tuple[float, ...] = (0.01, 0.1)) -> list[Offset]:
+    """How a lasting offset of the hip's encoder is met."""
+    return [_offset(plant, size_rad) for size_rad in sizes_rad]
+
+
+def _offset(plant: Plant, size_rad: float) -> Offset:
+    rows, at = 300, 150
+    position = np.tile(plant.pose, (rows, 1))
+    position[at:, 0] += size_rad
+    estimates = observed(plant, position, np.tile(plant.load, (rows, 1)))
+    status = estimates.status[at:]
+    near = np.abs(estimates.state[at:, 0] - position[at:, 0]) < 0.1 * size_rad
+    believed = int(np.argmax(near))
+    gated = bool(np.all(status[: min(believed, GATED_MAX_IN_A_ROW)] & Status.GATED))
+    doubted = bool(status[believed] & (Status.INCONSISTENT | Status.GATED | Status.WARM_UP))
+    valid = int(np.argmax((np.arange(rows - at) >= believed) & ((status & Status.VALID) > 0)))
+    return Offset(size_rad, believed, gated and doubted, valid)
+
+
+# --- the plant -----------------------------------------------------------------------------
+
+
+def time_of(rows: int) -> Vector:
+    """Times of samples on the grid, s."""
+    return np.linspace(0.0, (rows - 1) * STEP_S, rows, dtype=np.float64)
+
+
+def moving_efforts(plant: Plant, steps: int) -> Matrix:
+    """What keeps both axes in motion, back and forth about the pose, shape (steps, 2)."""
+    swing = 2.0 * math.pi * CADENCE_HZ * np.arange(steps) * STEP_S
+    moved = np.column_stack((HIP_NM * np.cos(swing), SLIDE_N * np.cos(swing)))
+    return moved + np.array(plant.load)
+
+
+def observed(plant: Plant, position: Matrix, efforts: Matrix) -> BatchEstimates:
+    """What the plant's own observer makes of samples and efforts, shapes (n, 2)."""
+    setup = setup_of(plant.leg, *plant.frictions, plant.tuning)
+    return batch.run(setup, Columns(time_of(len(position)), position, efforts))
+
+
+def _clean(plant: Plant, efforts: Matrix) -> tuple[Matrix, Matrix]:
+    """States without process noise, in fine steps, and samples of them with encoder noise."""
+    start = np.array((*plant.pose, *(0.0,) * 6))
+    truth = played(plant, efforts, np.zeros((len(efforts), STATE_COUNT)), start, 20)
+    noise = np.random.default_rng(11).normal(size=(len(efforts), 2))
+    return truth, truth[:, :2] + noise * plant.tuning.measurement_std
+
+
+def played(plant: Plant, efforts: Matrix, shocks: Matrix, start: Vector, substeps: int) -> Matrix:
+    """States of the plant at each sample, shape (n, 8); the effort of a row acts until it."""
+    states = np.empty((len(efforts), STATE_COUNT))
+    physics = (float(plant.tuning.coriolis), float(plant.tuning.viscous_outside))
+    _play(plant.leg, *plant.frictions, *physics, efforts, shocks, start.copy(), substeps, states)
+    return states
+
+
+@kernel
+def _play(
+    leg: LegParameters,
+    hip: FrictionParameters,
+    slide: FrictionParameters,
+    coriolis_share: float,
+    viscous_outside: float,
+    efforts: Matrix,
+    shocks: Matrix,
+    state: Vector,
+    substeps: int,
+    states: Matrix,
+) -> None:
+    model = LegModel(leg, hip, slide, coriolis_share, viscous_outside)
+    points = np.empty(STATE_COUNT * LANES)
+    for k in range(efforts.shape[0]):
+        if k > 0:
+            for row in range(STATE_COUNT):
+                for lane in range(LANES):
+                    points[row * LANES + lane] = state[row]
+            for _ in range(substeps):
+                runge_kutta(model, efforts[k, 0], efforts[k, 1], STEP_S / substeps, points)
+            for row in range(STATE_COUNT):
+                state[row] = points[row * LANES] + shocks[k, row]
+        for row in range(STATE_COUNT):
+            states[k, row] = state[row]
+
+
+def _pair(values: Sequence[float] | Vector) -> tuple[float, float]:
+    return float(values[0]), float(values[1])
