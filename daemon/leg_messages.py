@@ -67,7 +67,9 @@ class Estimate(Estimated, frozen=True, kw_only=True):
     nis: Annotated[float | None, Meta(description="Normalised innovation squared; 2 on average.")]
     mean_nis: Annotated[
         float | None,
-        Meta(description="Mean of 100 cycles: 1.6 to 2.4 in 95 % if all is as modelled."),
+        Meta(
+            description="Forgetting mean of some 100 cycles: 1.72 to 2.28 in 95 % if as modelled."
+        ),
     ]
     observable_rank: Annotated[
         int, Meta(description="Of 8 states; one less for each axis whose split cannot be told.")

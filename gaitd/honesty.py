@@ -65,6 +65,9 @@ def _consistency(found: "Consistency", runs: int) -> None:
     from observer.states import STATE_NAMES
 
     print(f"Monte Carlo  {runs} runs of {STEPS} steps, both axes in motion")
+    print(
+        f"             {found.discarded_count} more discarded: noise carried the leg to its edges"
+    )
     print(f"NEES         {_in_band(found.nees)}, 8 is ideal")
     print(f"NIS          {_in_band(found.nis)}, 2 is ideal")
     print(f"whiteness    correlation of one innovation with the next {found.correlation:+.3f}")

@@ -112,7 +112,7 @@ class LegEstimate:
     nis: float
     """Innovation squared over its covariance; 2 on average when two axes are measured."""
     mean_nis: float
-    """Of the last hundred cycles or so, for two measurements each; in 1.6..2.4 for 95 of 100."""
+    """Of the last hundred cycles or so, for two measurements each; in 1.72..2.28 for 95 of 100."""
     net: tuple[float, float]
     """Patient minus friction: N m, N."""
     net_std: tuple[float, float]

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from analysis import consistency
-from analysis.consistency import drifting, gaps, monte_carlo, offsets, plant_of, still
+from analysis.consistency import drift_of, drifting, gaps, monte_carlo, offsets, plant_of, still
 from analysis.consistency_figure import draw
 from daemon.config.settings import Robot
 from daemon.config.strict import load_toml
+from observer.drift import NO_DRIFT
+from observer.leg_model import STEP_S
+from observer.status import Status
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -28,6 +31,8 @@ def test_nees_and_nis_are_in_their_bands_and_innovations_white(plant):
     found = monte_carlo(plant, runs=40, steps=300)
 
     assert found.nees.inside, found.nees
+    assert found.nees.inside_ratio >= 0.75
+    assert found.nis.inside_ratio >= 0.88
     assert found.nis.inside, found.nis
     assert abs(found.correlation) < 0.05
     assert np.all(found.within_ratio[2] >= 0.99)
@@ -80,6 +85,17 @@ def test_drift_is_found_in_sign_and_size(empty):
             assert one.friction_error[axis] == pytest.approx(
                 one.true_error[axis], abs=0.01 * empty.frictions[axis].coulomb
             )
+
+
+def test_an_artificial_disturbance_is_no_drift(empty):
+    efforts = consistency.moving_efforts(empty, 2500)
+    _, position = consistency._clean(empty, efforts)
+    estimates = consistency.observed(empty, position, efforts)
+    told = drift_of(estimates, empty.frictions, STEP_S)
+    estimates.status[:] |= int(Status.ARTIFICIAL)
+
+    assert all(one.motion_s > 1.0 for one in told)
+    assert drift_of(estimates, empty.frictions, STEP_S) == [NO_DRIFT, NO_DRIFT]
 
 
 def test_a_lasting_offset_is_believed_after_five_cycles_and_flagged(plant):
