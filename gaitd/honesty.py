@@ -78,7 +78,10 @@ def _consistency(found: "Consistency", runs: int) -> None:
 
 def _in_band(band: "Band") -> str:
     word = "inside" if band.inside else "OUTSIDE"
-    return f"{band.mean:.2f}, {word} its 95 % band {band.low:.2f}..{band.high:.2f}"
+    return (
+        f"{band.mean:.2f}, {word} the 95 % band of one instant {band.low:.2f}..{band.high:.2f}; "
+        f"{band.inside_ratio:.0%} of the instants inside (95 % if honest)"
+    )
 
 
 def _rest(rest: "Rest", plant: "Plant") -> None:
