@@ -85,23 +85,10 @@ def run(
     Raises:
         ValueError: columns of different lengths.
     """
-    count = len(columns.time_s)
-    bits = np.zeros(count) if columns.caller_bits is None else columns.caller_bits
-    for name, shape, wanted in (
-        ("position", columns.position.shape, (count, 2)),
-        ("effort", columns.effort.shape, (count, 2)),
-        ("caller_bits", bits.shape, (count,)),
-    ):
-        if shape != wanted:
-            raise ValueError(f"{name} has the shape {shape}, the times ask for {wanted}")
+    steps_s, position, effort, bits = prepared(columns)
+    count = len(steps_s)
     numbers = np.empty((count, OUT_SIZE))
     flags = np.empty((count, 3), dtype=np.int64)
-    time_s = np.asarray(columns.time_s, dtype=np.float64)
-    steps_s = np.diff(time_s, prepend=time_s[:1])
-    steps_s[:1] = STEP_S
-    position = np.ascontiguousarray(columns.position, dtype=np.float64)
-    effort = np.ascontiguousarray(columns.effort, dtype=np.float64)
-    bits = np.ascontiguousarray(bits, dtype=np.int64)
     memory, scratch, points = np.zeros(MEMORY_SIZE), np.zeros(SCRATCH_SIZE), np.zeros(POINTS_SIZE)
     for begin in range(0, count, BLOCK_ROWS):
         block = slice(begin, begin + BLOCK_ROWS)
@@ -119,6 +106,37 @@ def run(
         )
         if progress is not None:
             progress(min((begin + BLOCK_ROWS) / count, 1.0))
+    return split_up(numbers, flags)
+
+
+def prepared(columns: Columns) -> tuple[Vector, Matrix, Matrix, Integers]:
+    """Time steps, positions, efforts and bits as the kernels want them.
+
+    Raises:
+        ValueError: columns of different lengths.
+    """
+    count = len(columns.time_s)
+    bits = np.zeros(count) if columns.caller_bits is None else columns.caller_bits
+    for name, shape, wanted in (
+        ("position", columns.position.shape, (count, 2)),
+        ("effort", columns.effort.shape, (count, 2)),
+        ("caller_bits", bits.shape, (count,)),
+    ):
+        if shape != wanted:
+            raise ValueError(f"{name} has the shape {shape}, the times ask for {wanted}")
+    time_s = np.asarray(columns.time_s, dtype=np.float64)
+    steps_s = np.diff(time_s, prepend=time_s[:1])
+    steps_s[:1] = STEP_S
+    return (
+        steps_s,
+        np.ascontiguousarray(columns.position, dtype=np.float64),
+        np.ascontiguousarray(columns.effort, dtype=np.float64),
+        np.ascontiguousarray(bits, dtype=np.int64),
+    )
+
+
+def split_up(numbers: Matrix, flags: Integers) -> BatchEstimates:
+    """What `advance` wrote, by name: numbers (n, OUT_SIZE), and status and validity (n, 3)."""
     return BatchEstimates(
         state=numbers[:, :OUT_STD],
         std=numbers[:, OUT_STD:OUT_COVARIANCE],

@@ -1,0 +1,277 @@
+"""Fixed-lag smoother: what a cycle looked like, in the light of the 150 ms after it.
+
+The filter lags behind a patient by some 40 ms, which costs up to 60 % of a stride's work. So all
+figures of work are made from this, and controllers get the filter's estimate at once.
+
+Rauch, Tung and Striebel's recursion, with the cross covariance from the sigma points that the
+filter has propagated anyhow (Saerkkae, Bayesian Filtering and Smoothing, 2013, 10.2):
+
+    C = S_k A1',  G_k = C (P-)^-1                               A1, A2: differences of the points
+    x_s(k) = x_k + G_k (x_s(k+1) - x-(k+1))
+    P_s(k) = W_k + G_k P_s(k+1) G_k'
+    W_k = (S_k - G A1)(..)' + (G A2)(..)' + (G Q)(..)'          Q: root of the process noise
+
+P_k - G P- G' equals W_k, but W_k is a sum of squares: nothing is subtracted from a covariance here
+either. Where the filter began anew the chain is cut: nothing of after goes to before.
+
+Each cycle is one node in a ring of LAG + 1; all in one flat array of floats, like the filter's
+memory, so a copy is a snapshot. `remember` is called after each `leg_filter.advance`, on what it
+left in its memory and scratch; `smoothed` gives the node that is LAG cycles old.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.cdkf import SIGMA_4, STEP
+from observer.jit import inline, kernel
+from observer.leg_memory import (
+    EVENT,
+    NOTHING,
+    ROOT,
+    SPLIT,
+    STARTED,
+    STEPPED,
+    Arrays,
+    N,
+    arrays_in,
+)
+from observer.leg_model import LANES
+
+Vector = NDArray[np.float64]
+
+LAG: Final = 15
+"""Cycles: 150 ms."""
+NODES: Final = LAG + 1
+SQUARE: Final = N * N
+
+# Places in a node: the filtered mean, and then
+COVARIANCE: Final = N
+LINKED: Final = COVARIANCE + SQUARE
+"""How this node follows from the one before: CUT, SAME or LINKED_BY_MODEL."""
+GAIN: Final = LINKED + 1
+"""Of the node before, from this one."""
+FORECAST: Final = GAIN + SQUARE
+OWN: Final = FORECAST + N
+"""W of the node before."""
+OPEN_SPLIT: Final = OWN + SQUARE
+"""Variance of the split that the filter keeps apart (leg_noise.py)."""
+NOTES: Final = OPEN_SPLIT + 2
+"""What the caller wants to find again with the node."""
+NOTE_COUNT: Final = 6
+NODE_SIZE: Final = NOTES + NOTE_COUNT
+
+CUT: Final = 0.0
+SAME: Final = 1.0
+LINKED_BY_MODEL: Final = 2.0
+
+# Places in a ring: the nodes, and then
+COUNT: Final = NODES * NODE_SIZE
+"""Nodes ever remembered."""
+RING_SIZE: Final = COUNT + 1
+WORK_SIZE: Final = 8 * SQUARE
+
+# Places in the result: the mean, and then
+SMOOTH_STD: Final = N
+SMOOTH_COVARIANCE: Final = 2 * N
+"""Lower triangle, row by row."""
+SMOOTH_NET: Final = SMOOTH_COVARIANCE + N * (N + 1) // 2
+SMOOTH_NET_STD: Final = SMOOTH_NET + 2
+SMOOTH_NOTES: Final = SMOOTH_NET_STD + 2
+SMOOTH_SIZE: Final = SMOOTH_NOTES + NOTE_COUNT
+
+
+@kernel
+def remember(
+    ring: Vector, memory: Vector, scratch: Vector, points: Vector, notes: Vector, work: Vector
+) -> None:
+    """Take the cycle that `advance` has just finished.
+
+    Args:
+        ring: (RING_SIZE), all zero before the first cycle.
+        memory: of the filter.
+        scratch: of the filter, as `advance` left it.
+        points: of the filter, as `advance` left them.
+        notes: (NOTE_COUNT), kept with the node.
+        work: scratch, (WORK_SIZE).
+    """
+    count = int(ring[COUNT])
+    at = (count % NODES) * NODE_SIZE
+    node = ring[at : at + NODE_SIZE]
+    for i in range(N):
+        node[i] = memory[i] if memory[STARTED] != 0.0 else math.nan
+    for i in range(N):
+        for j in range(N):
+            total = 0.0
+            for k in range(min(i, j) + 1):
+                total += memory[ROOT + i * N + k] * memory[ROOT + j * N + k]
+            node[COVARIANCE + i * N + j] = total
+    for i in range(2):
+        node[OPEN_SPLIT + i] = memory[SPLIT + i]
+    for i in range(NOTE_COUNT):
+        node[NOTES + i] = notes[i]
+    node[LINKED] = CUT
+    if count > 0 and memory[EVENT] == STEPPED:
+        node[LINKED] = LINKED_BY_MODEL
+        _link(node, arrays_in(memory, scratch, points), work)
+    elif count > 0 and memory[EVENT] == NOTHING and memory[STARTED] != 0.0:
+        node[LINKED] = SAME
+    ring[COUNT] = count + 1.0
+
+
+@inline
+def _link(node: Vector, a: Arrays, work: Vector) -> None:
+    """Gain, forecast and W from the node before to this one, by the step that led here."""
+    before = a.backup[N:].reshape((N, N))
+    forecast = a.forecast[N:].reshape((N, N))
+    first, second = work[:SQUARE], work[SQUARE : 2 * SQUARE]
+    _differences(a.points, first, second)
+    gain = node[GAIN:FORECAST]
+    for i in range(N):
+        for j in range(N):
+            total = 0.0
+            for k in range(i + 1):
+                total += before[i, k] * first[j * N + k]
+            gain[i * N + j] = total
+        _solve(forecast, gain[i * N : i * N + N])
+    for i in range(N):
+        node[FORECAST + i] = a.forecast[i]
+    own, scaled, noised = (
+        work[2 * SQUARE : 3 * SQUARE],
+        work[3 * SQUARE : 4 * SQUARE],
+        work[4 * SQUARE : 5 * SQUARE],
+    )
+    for i in range(N):
+        for k in range(N):
+            rest, spread, noise = before[i, k], 0.0, 0.0
+            for j in range(N):
+                g = gain[i * N + j]
+                rest -= g * first[j * N + k]
+                spread += g * second[j * N + k]
+                noise += g * a.noise[j, k]
+            own[i * N + k], scaled[i * N + k], noised[i * N + k] = rest, spread, noise
+    for i in range(N):
+        for j in range(N):
+            total = 0.0
+            for k in range(N):
+                total += own[i * N + k] * own[j * N + k] + scaled[i * N + k] * scaled[j * N + k]
+                total += noised[i * N + k] * noised[j * N + k]
+            node[OWN + i * N + j] = total
+
+
+@inline
+def _differences(points: Vector, first: Vector, second: Vector) -> None:
+    """A1 and A2 of propagated sigma points, as `cdkf.compress` forms them."""
+    to_first = 0.5 / STEP
+    to_second = math.sqrt(SIGMA_4 - 1.0) * 0.5 / (STEP * STEP)
+    for row in range(N):
+        base = row * LANES
+        for i in range(N):
+            plus = points[base + 1 + i] - points[base]
+            minus = points[base + 1 + N + i] - points[base]
+            first[row * N + i] = to_first * (plus - minus)
+            second[row * N + i] = to_second * (plus + minus)
+
+
+@inline
+def _solve(root: Vector, row: Vector) -> None:
+    """Row (root root')^-1 in place: two triangular solves."""
+    for i in range(N):
+        for k in range(i):
+            row[i] -= root[i, k] * row[k]
+        row[i] /= root[i, i]
+    for i in range(N - 1, -1, -1):
+        for k in range(i + 1, N):
+            row[i] -= root[k, i] * row[k]
+        row[i] /= root[i, i]
+
+
+@kernel
+def smoothed(ring: Vector, lag: int, out: Vector, work: Vector) -> bool:
+    """The node that is `lag` cycles old, smoothed by all nodes after it; whether there is one.
+
+    Args:
+        ring: as `remember` keeps it.
+        lag: 0..LAG; 0 is the newest, as the filter has it.
+        out: result, (SMOOTH_SIZE).
+        work: scratch, (WORK_SIZE).
+    """
+    count = int(ring[COUNT])
+    if lag >= count or lag > LAG:
+        return False
+    mean, covariance = work[:N], work[SQUARE : 2 * SQUARE]
+    newest = ring[((count - 1) % NODES) * NODE_SIZE :]
+    _copy(newest, 0, mean, N)
+    _copy(newest, COVARIANCE, covariance, SQUARE)
+    for back in range(lag):
+        after = ring[((count - 1 - back) % NODES) * NODE_SIZE :]
+        before = ring[((count - 2 - back) % NODES) * NODE_SIZE :]
+        _step_back(before, after, mean, covariance, work[2 * SQUARE :])
+    _write(ring[((count - 1 - lag) % NODES) * NODE_SIZE :], mean, covariance, out)
+    return True
+
+
+@inline
+def _copy(source: Vector, start: int, target: Vector, count: int) -> None:
+    for i in range(count):
+        target[i] = source[start + i]
+
+
+@inline
+def _step_back(
+    before: Vector, after: Vector, mean: Vector, covariance: Vector, work: Vector
+) -> None:
+    """Mean and covariance of the node before, in place of those of the node after it."""
+    if after[LINKED] == SAME:
+        return
+    if after[LINKED] == CUT:
+        _copy(before, 0, mean, N)
+        _copy(before, COVARIANCE, covariance, SQUARE)
+        return
+    difference, half = work[:N], work[SQUARE : 2 * SQUARE]
+    for i in range(N):
+        difference[i] = mean[i] - after[FORECAST + i]
+    for i in range(N):
+        total = before[i]
+        for k in range(N):
+            total += after[GAIN + i * N + k] * difference[k]
+        mean[i] = total
+    for i in range(N):
+        for j in range(N):
+            total = 0.0
+            for k in range(N):
+                total += after[GAIN + i * N + k] * covariance[k * N + j]
+            half[i * N + j] = total
+    for i in range(N):
+        for j in range(i + 1):
+            total = after[OWN + i * N + j]
+            for k in range(N):
+                total += half[i * N + k] * after[GAIN + j * N + k]
+            covariance[i * N + j] = covariance[j * N + i] = total
+
+
+@inline
+def _write(node: Vector, mean: Vector, covariance: Vector, out: Vector) -> None:
+    """Result of one node: what is open of the split of a joint at rest counts."""
+    at = SMOOTH_COVARIANCE
+    for row in range(N):
+        out[row] = mean[row]
+        for column in range(row + 1):
+            out[at] = covariance[row * N + column]
+            if column >= 4 and (row - column) % 2 == 0:
+                out[at] += node[OPEN_SPLIT + row % 2]
+            at += 1
+        out[SMOOTH_STD + row] = math.sqrt(max(out[at - 1], 0.0))
+    for axis in range(2):
+        out[SMOOTH_NET + axis] = mean[6 + axis] - mean[4 + axis]
+        patient, friction = 6 + axis, 4 + axis
+        variance = (
+            covariance[patient * N + patient]
+            + covariance[friction * N + friction]
+            - 2.0 * covariance[patient * N + friction]
+        )
+        out[SMOOTH_NET_STD + axis] = math.sqrt(max(variance, 0.0))
+    for i in range(NOTE_COUNT):
+        out[SMOOTH_NOTES + i] = node[NOTES + i]
