@@ -1,4 +1,4 @@
-"""What is said of one leg, every cycle: for a controller, for a display, and of friction.
+"""What is said of one leg: every cycle for a controller, a display, of friction; and each stride.
 
 Part of the wire contract; `daemon/wire.py` holds the rest and names them all. Conventions are those
 of `daemon/words.py`: every number with its standard deviation, null for what is not valid.
@@ -10,11 +10,15 @@ from msgspec import Meta
 
 from daemon.words import (
     Estimated,
+    FlagBits,
+    Flags,
     HipAngle,
     HipFriction,
     HipNet,
     HipPatient,
+    ModeName,
     Phase,
+    Sampled,
     SlideFriction,
     SlideNet,
     SlidePatient,
@@ -139,3 +143,88 @@ class Friction(Estimated, frozen=True, kw_only=True):
         float | None,
         Meta(description="Friction above its law, unless a patient pushes along."),
     ]
+
+
+Coverage = Annotated[
+    float,
+    Meta(
+        description="Share of the stride's time in which the patient's effort was known; below 0.5"
+        " the axis' other figures are null."
+    ),
+]
+
+
+class Stride(Sampled, frozen=True, kw_only=True):
+    """What the patient did with one leg in one stride, when it is over: estimated activity.
+
+    From the estimate smoothed over 150 ms. Muscle force, passive tissue, and what the model of leg
+    and friction has wrong are all in it; `baseline_subtracted` takes a passive run's part away.
+    """
+
+    leg: Annotated[str, Meta(description="right or left")]
+    mode: ModeName
+    status: Flags
+    status_bits: FlagBits
+    number: Annotated[int, Meta(description="Of this leg since core start, from 1.")]
+    duration_s: Annotated[float, Meta(description="From one rise of the hip to the next.")]
+    cadence_hz: Annotated[float, Meta(description="Strides per second: 1 / duration.")]
+    sample_count: Annotated[int, Meta(description="Cycles in the stride.")]
+    hip_work_positive_j: Annotated[float | None, Meta(description="Work with the motion.")]
+    hip_work_positive_j_std: Std
+    hip_work_negative_j: Annotated[
+        float | None, Meta(description="Work against the motion; not positive.")
+    ]
+    hip_work_negative_j_std: Std
+    hip_assist_mean_nm: Annotated[float | None, Meta(description="Effort along the motion, mean.")]
+    hip_assist_mean_nm_std: Std
+    hip_assist_peak_nm: Annotated[
+        float | None, Meta(description="Effort along the motion, the largest in size.")
+    ]
+    hip_assist_peak_nm_std: Std
+    hip_power_mean_w: Annotated[float | None, Meta(description="Mean over the stride.")]
+    hip_power_mean_w_std: Std
+    hip_power_peak_w: Annotated[
+        float | None, Meta(description="The largest in size, with its sign.")
+    ]
+    hip_power_peak_w_std: Std
+    hip_share_ratio: Annotated[
+        float | None,
+        Meta(
+            description="Patient's positive work over that of patient and drive; null below 0.5 J."
+        ),
+    ]
+    hip_share_ratio_std: Std
+    hip_coverage_ratio: Coverage
+    slide_work_positive_j: Annotated[float | None, Meta(description="Work with the motion.")]
+    slide_work_positive_j_std: Std
+    slide_work_negative_j: Annotated[
+        float | None, Meta(description="Work against the motion; not positive.")
+    ]
+    slide_work_negative_j_std: Std
+    slide_assist_mean_n: Annotated[float | None, Meta(description="Effort along the motion, mean.")]
+    slide_assist_mean_n_std: Std
+    slide_assist_peak_n: Annotated[
+        float | None, Meta(description="Effort along the motion, the largest in size.")
+    ]
+    slide_assist_peak_n_std: Std
+    slide_power_mean_w: Annotated[float | None, Meta(description="Mean over the stride.")]
+    slide_power_mean_w_std: Std
+    slide_power_peak_w: Annotated[
+        float | None, Meta(description="The largest in size, with its sign.")
+    ]
+    slide_power_peak_w_std: Std
+    slide_share_ratio: Annotated[
+        float | None,
+        Meta(
+            description="Patient's positive work over that of patient and drive; null below 0.5 J."
+        ),
+    ]
+    slide_share_ratio_std: Std
+    slide_coverage_ratio: Coverage
+    work_positive_j: Annotated[float | None, Meta(description="Of both axes, with the motion.")]
+    work_positive_j_std: Std
+    work_negative_j: Annotated[float | None, Meta(description="Of both axes, against the motion.")]
+    work_negative_j_std: Std
+    share_ratio: Annotated[float | None, Meta(description="Of both axes; null below 0.5 J.")]
+    share_ratio_std: Std
+    baseline_subtracted: Annotated[bool, Meta(description="Of a passive run, per gait phase.")]

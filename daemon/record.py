@@ -212,6 +212,39 @@ class DriveRecord(msgspec.Struct, frozen=True, array_like=True):
     protocol_error_count: int
 
 
+class AxisStrideRecord(msgspec.Struct, frozen=True, array_like=True):
+    """One axis in one stride, as observer/strides.py has it; pairs are a figure and its sigma."""
+
+    work_positive_j: tuple[float, float]
+    work_negative_j: tuple[float, float]
+    assist_mean_si: tuple[float, float]
+    assist_peak_si: tuple[float, float]
+    power_mean_w: tuple[float, float]
+    power_peak_w: tuple[float, float]
+    share_ratio: tuple[float, float] | None
+    coverage_ratio: float
+
+
+class StrideRecord(msgspec.Struct, frozen=True, array_like=True):
+    """A stride that was completed in this cycle."""
+
+    number: int
+    """Of this leg since the core's start, from 1."""
+    end_mono_ns: int
+    """SYNC of its last sample; the smoother knows it 150 ms later."""
+    duration_s: float
+    sample_count: int
+    hip: AxisStrideRecord
+    slide: AxisStrideRecord
+    work_positive_j: tuple[float, float]
+    work_negative_j: tuple[float, float]
+    share_ratio: tuple[float, float] | None
+    status: int
+    """observer.status.Status bits of all its samples."""
+    baseline: bool
+    """A passive baseline was subtracted."""
+
+
 class LegRecord(msgspec.Struct, frozen=True, array_like=True):
     """One leg's estimate in one cycle, as the observer gave it; see observer/leg_observer.py."""
 
@@ -244,6 +277,7 @@ class LegRecord(msgspec.Struct, frozen=True, array_like=True):
     """Of the patient's effort with the direction of motion; NaN while nobody can tell."""
     friction_error: tuple[float, float] = (float("nan"), float("nan"))
     """By how much friction seems higher than its law, if there is no patient: N·m, N."""
+    stride: StrideRecord | None = None
 
 
 class CycleTiming(msgspec.Struct, frozen=True, array_like=True):

@@ -19,7 +19,7 @@ from typing import Annotated, Any, Final, Literal
 import msgspec
 from msgspec import Meta
 
-from daemon.leg_messages import Activity, Estimate, Friction
+from daemon.leg_messages import Activity, Estimate, Friction, Stride
 from daemon.words import (
     NMT_STATES,
     POWER_STATES,
@@ -243,6 +243,7 @@ MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {
     "estimate": Estimate,
     "activity": Activity,
     "friction": Friction,
+    "stride": Stride,
     "drives": DriveState,
     "safety": Safety,
     "events": Event,

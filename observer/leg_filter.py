@@ -92,6 +92,8 @@ OUT_SIZE: Final = OUT_NET_STD + 2
 
 PUSH_MAX: Final = 30.0
 """rad/s^2, m/s^2: no push or stick-slip accelerates a leg more; a larger jump is the encoder's."""
+PUSHED_SIGMAS: Final = 4.0
+"""Of a rejected sample: an axis that is off by less was not pushed itself."""
 WILD_RATE: Final = 100.0
 """Predicted velocities (rad/s, m/s) that no leg has: the prediction is discarded."""
 
@@ -341,12 +343,22 @@ def _reject(model: LegModel, a: Arrays, picks: NDArray[np.int64], count: int, dt
         if largest > PUSH_MAX:
             a.memory[PUSH] = a.memory[PUSH + 1] = 0.0
         else:
-            distrust_split(model.hip, a.memory, 0)
-            distrust_split(model.slide, a.memory, 1)
+            _distrust_pushed(model, a, picks, count)
     too_many = a.memory[GATED] > GATED_MAX_IN_A_ROW
     if too_many and count == 2 and may_start(model.leg, a.measured[0], a.measured[1]):
         restart(a.memory, a.measured[0], a.measured[1], True)
     return GATED_BIT
+
+
+@inline
+def _distrust_pushed(model: LegModel, a: Arrays, picks: NDArray[np.int64], count: int) -> None:
+    """The split of the axes that were pushed is in doubt."""
+    for j in range(count):
+        variance = 0.0
+        for k in range(j + 1):
+            variance += a.innovation_root[j, k] * a.innovation_root[j, k]
+        if a.innovation[j] * a.innovation[j] > PUSHED_SIGMAS * PUSHED_SIGMAS * variance:
+            distrust_split(model.hip if picks[j] == 0 else model.slide, a.memory, picks[j])
 
 
 @inline

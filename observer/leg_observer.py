@@ -229,6 +229,11 @@ class LegObserver:
             Status(status),
         )
 
+    @property
+    def buffers(self) -> tuple[Vector, Vector, Vector]:
+        """Memory, scratch and points as the last cycle left them, for `smoother.remember`."""
+        return self._memory, self._scratch, self._points
+
     def warm_up(self) -> None:
         """Compile, or load from the cache, what `step` and `reset` call; changes nothing."""
         memory, out = np.zeros(MEMORY_SIZE), np.zeros(OUT_SIZE)

@@ -17,6 +17,8 @@ from drives.plan import CycleSettings, DrivePlan, plan
 from drives.profile import DriveDescription
 from drives.units import axis_scaling, expected_base
 from observer.leg_observer import LegObserver
+from observer.leg_smoother import LegSmoother
+from observer.strides import StrideCounter
 
 NS_PER_MS = 1_000_000
 SECOND_LEG_PHASE = 0.5
@@ -114,6 +116,8 @@ def _leg(
         shape=gait_shape(settings.trainer.gait),
         axes=(_axis(drives.hip, bounds[0]), _axis(drives.slide, bounds[1])),
         observer=observer,
+        smoother=LegSmoother(observer),
+        strides=StrideCounter(),
         friction=(hip_friction, slide_friction),
         phase_offset_strides=phase,
     )

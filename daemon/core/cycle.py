@@ -12,6 +12,7 @@ import numpy as np
 
 from daemon.core import conduct, guidance, inbox, joints, plans, recording, requests, safety
 from daemon.core.friction_watch import watch
+from daemon.core.looking_back import look_back
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.tick import Tick
 from daemon.record import Cause, CycleRecord, Level, Mode, Verdict
@@ -130,6 +131,7 @@ def observe(core: Core, tick: Tick) -> None:
             artificial=leg.artificial != (0.0, 0.0) or plans.is_artificial(leg),
         )
         watch(core, leg, estimate, tick.dt_s)
+        look_back(leg, estimate, tick.dt_s)
         bad = Validity.BAD in estimate.validity
         leg.observer_bad_cycles = leg.observer_bad_cycles + 1 if bad else 0
 

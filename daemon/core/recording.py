@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from daemon.core import conduct
+from daemon.core.looking_back import stride_record
 from daemon.core.reference import GaitPlay, gait_phase
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.tick import Tick
@@ -39,7 +40,7 @@ def record(core: Core, tick: Tick) -> CycleRecord:
         stop_count=core.stop_count or 0,
         gait_phase=_phase(core),
         drives=tuple(_drive(axis, age_max) for axis in core.axes),
-        legs=tuple(_leg(leg) for leg in core.legs),
+        legs=tuple(_leg(core, tick, leg) for leg in core.legs),
         timing=tick.timing,
         bus_load_ratio=tick.bus_load_ratio,
         tx_dropped_count=tick.tx_dropped_count,
@@ -110,7 +111,7 @@ def _unseen(name: str) -> DriveRecord:
     )
 
 
-def _leg(leg: Leg) -> LegRecord:
+def _leg(core: Core, tick: Tick, leg: Leg) -> LegRecord:
     estimate = leg.estimate
     reference = leg.reference.position if leg.reference else leg.measured
     if estimate is None:
@@ -148,6 +149,7 @@ def _leg(leg: Leg) -> LegRecord:
         mean_nis=estimate.mean_nis,
         drift_correlation=_of_both(leg, correlation),
         friction_error=_of_both(leg, friction_error),
+        stride=stride_record(leg, tick.sync_ns, core.config.period_ns),
     )
 
 

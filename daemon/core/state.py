@@ -14,7 +14,9 @@ from drives.units import AxisScaling
 from observer.drift import NO_DRIFT, Drift
 from observer.friction import FrictionParameters
 from observer.leg_observer import LegEstimate, LegObserver
+from observer.leg_smoother import LegSmoother
 from observer.mechanism import LegParameters
+from observer.strides import Stride, StrideCounter
 
 Plan = Hold | GaitPlay | ExcitePlay
 
@@ -71,6 +73,8 @@ class Leg:
     shape: GaitShape
     axes: tuple[Axis, Axis]
     observer: LegObserver
+    smoother: LegSmoother
+    strides: StrideCounter
     friction: tuple[FrictionParameters, FrictionParameters]
     """Of hip and slide, as the observer has it."""
     phase_offset_strides: float
@@ -81,6 +85,9 @@ class Leg:
     effort_used: tuple[float, float] = (0.0, 0.0)
     artificial: tuple[float, float] = (0.0, 0.0)
     singularity_ratio: float = 1.0
+    stride: Stride | None = None
+    """Completed in this cycle."""
+    stride_count: int = 0
     observer_started: bool = False
     observer_bad_cycles: int = 0
 

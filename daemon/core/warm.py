@@ -23,7 +23,7 @@ def warm_up(built: Built) -> None:
         singularity_ratio(leg.parameters, np.array(pose))
         leg.observer.reset(np.array(pose))
         for _ in range(STEPS):
-            leg.observer.step(
+            estimate = leg.observer.step(
                 np.array(pose),
                 np.array(load),
                 period_s,
@@ -31,3 +31,5 @@ def warm_up(built: Built) -> None:
                 unreferenced=False,
                 artificial=False,
             )
+            leg.smoother.take(estimate, load, period_s)
+        leg.strides.warm_up()

@@ -13,7 +13,7 @@ import msgspec
 
 from daemon import wire
 from daemon.clock import Clock
-from daemon.gateway import control, events, translate
+from daemon.gateway import control, events, strides, translate
 from daemon.gateway.alive import SILENCE_NS, Presence
 from daemon.gateway.health import HealthWindow
 from daemon.gateway.translate import Stamp
@@ -205,6 +205,9 @@ class Gateway:
             for name, make in _LEG_MESSAGES:
                 parts = (leg.name, name)
                 outlet.put(make(view, outlet.next_seq(*parts)), *parts)
+            if leg.stride is not None:
+                parts = (leg.name, "stride")
+                outlet.put(strides.stride(leg.stride, view, outlet.next_seq(*parts)), *parts)
 
     def _say_drives(self, now_ns: int) -> None:
         if self._newest is None or now_ns < self._drives_due_ns:

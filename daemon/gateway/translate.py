@@ -291,7 +291,7 @@ def _common(
         **stamp._asdict(),
         "leg": leg.name,
         "mode": name_of(record.mode),
-        "status": _status_names(leg.status),
+        "status": status_names(leg.status),
         "status_bits": f"0x{leg.status:04X}",
         "hip_validity": name_of(validity[0]),
         "slide_validity": name_of(validity[1]),
@@ -299,7 +299,7 @@ def _common(
 
 
 @lru_cache(maxsize=256)
-def _status_names(status: int) -> tuple[str, ...]:
+def status_names(status: int) -> tuple[str, ...]:
     """Few combinations occur, and 15 tests of an IntFlag take as long as all the rest."""
     return tuple(name_of(bit) for bit in StatusBit if bit & status)
 

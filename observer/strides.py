@@ -1,0 +1,315 @@
+"""Strides: what the patient did in each of them, from the smoothed estimate.
+
+A stride begins where the hip's angle rises through its slow mean (towards flexion), after it has
+been lower by SWING_RAD; it counts if it was higher by SWING_RAD in between, and if it took as long
+as a stride can. So a leg at rest, or one that trembles, makes none.
+
+Samples of a stride wait in a buffer, because gait phase, and with it the passive baseline, is known
+only when the stride is over. What an axis did while its split could not be told (at rest, or after
+a push) does not count; power at rest is next to nothing, and `coverage_ratio` says what is missing.
+
+Sigma of a figure comes from the smoothed covariance. Errors of neighbouring samples hang together
+for about CORRELATION_S; a sum over a stride then has the variance sum(sigma^2 dt) 2 CORRELATION_S.
+What no covariance knows of, friction or a mass that is not as configured, is not in it.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.jit import kernel
+from observer.smoother import SMOOTH_COVARIANCE, SMOOTH_NOTES
+from observer.status import Status, Validity
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+SWING_RAD: Final = math.radians(3.0)
+"""How far the hip must swing to either side of its mean."""
+MEAN_S: Final = 4.0
+"""Time constant of the slow mean."""
+DURATION_MIN_S: Final = 0.7
+DURATION_MAX_S: Final = 15.0
+GAP_MAX_S: Final = 1.0
+"""Without an estimate for so long, the stride is given up."""
+CORRELATION_S: Final = 0.06
+WORK_MIN_J: Final = 0.5
+"""Of patient and drive together: below, nobody has a share."""
+BASELINE_BINS: Final = 50
+
+# Notes that the smoother keeps for us, and columns of the buffer.
+NOTE_DT_S, NOTE_EFFORT, NOTE_STATUS, NOTE_VALIDITY = 0, 1, 3, 4
+DT, HIP = 0, 1
+SPEED, PATIENT, EFFORT, KNOWN = 2, 4, 6, 8
+"""Pairs of hip and slide, as the next ones."""
+PATIENT_VARIANCE, SPEED_VARIANCE, SHARED = 10, 12, 14
+"""SHARED: covariance of patient and speed."""
+COLUMNS: Final = 16
+ROWS_MAX: Final = 2000
+
+# Figures of an axis as the kernel writes them; a standard deviation is two places behind a work,
+# one behind the others.
+W_POS, W_NEG, W_POS_STD, W_NEG_STD = 0, 1, 2, 3
+MEAN, MEAN_STD, PEAK, PEAK_STD, POWER_PEAK, POWER_PEAK_STD = 4, 5, 6, 7, 8, 9
+DRIVE, COVERED = 10, 11
+FIGURES: Final = 12
+
+
+class AxisStride(NamedTuple):
+    """What the patient did on one axis in one stride. Efforts in N m or N."""
+
+    work_positive_j: float
+    """With the motion."""
+    work_positive_j_std: float
+    work_negative_j: float
+    """Against it; not positive."""
+    work_negative_j_std: float
+    assist_mean_si: float
+    """Effort signed by the direction of motion, mean over the samples that count."""
+    assist_mean_si_std: float
+    assist_peak_si: float
+    assist_peak_si_std: float
+    power_mean_w: float
+    power_mean_w_std: float
+    power_peak_w: float
+    """The largest in size, with its sign."""
+    power_peak_w_std: float
+    share_ratio: float | None
+    """Patient's positive work over that of patient and drive; None where there is next to none."""
+    share_ratio_std: float | None
+    coverage_ratio: float
+    """Share of the stride's time in which the patient's effort was known."""
+
+
+class Stride(NamedTuple):
+    """One stride of one leg."""
+
+    duration_s: float
+    cadence_hz: float
+    sample_count: int
+    hip: AxisStride
+    slide: AxisStride
+    work_positive_j: float
+    """Of both axes."""
+    work_positive_j_std: float
+    work_negative_j: float
+    work_negative_j_std: float
+    share_ratio: float | None
+    share_ratio_std: float | None
+    status: Status
+    """All bits of its samples."""
+    baseline: bool
+    """Whether a passive baseline was subtracted."""
+
+
+class StrideCounter:
+    """Cuts the stream of smoothed samples of one leg into strides."""
+
+    def __init__(self, baseline: Matrix | None = None) -> None:
+        """A counter that waits for the first stride to begin.
+
+        Args:
+            baseline: of a passive run, (BASELINE_BINS, 2): N m and N by gait phase; None for none.
+        """
+        self._baseline = np.zeros((BASELINE_BINS, 2)) if baseline is None else baseline
+        self._with_baseline = baseline is not None
+        self._rows = np.zeros((ROWS_MAX, COLUMNS))
+        self._figures = np.zeros((2, FIGURES))
+        self._restart()
+
+    def take(self, sample: Sequence[float] | Vector) -> Stride | None:
+        """One smoothed sample, in order of time; the stride that it completes, if it does.
+
+        Args:
+            sample: `smoother.smoothed`'s result (SMOOTH_SIZE), with the notes of `notes_of`.
+        """
+        dt_s, hip_rad = sample[SMOOTH_NOTES + NOTE_DT_S], sample[0]
+        if not (math.isfinite(hip_rad) and dt_s >= 0.0):
+            self._restart()
+            return None
+        if math.isnan(self._mean_rad):
+            self._mean_rad = self._last_rad = hip_rad
+        self._mean_rad += (hip_rad - self._mean_rad) * min(dt_s / MEAN_S, 1.0)
+        begins = self._was_low and self._last_rad <= self._mean_rad < hip_rad
+        self._was_high = self._was_high or hip_rad > self._mean_rad + SWING_RAD
+        self._last_rad = hip_rad
+        done = self._complete() if begins else None
+        if begins:
+            self._begin()
+        self._was_low = self._was_low or hip_rad < self._mean_rad - SWING_RAD
+        if self._count >= 0:
+            self._keep(sample, dt_s)
+        return done
+
+    @property
+    def samples(self) -> Matrix:
+        """Of the stride that is going on, or was just completed: columns as named above."""
+        return self._rows[: max(self._completed, self._count)]
+
+    def warm_up(self) -> None:
+        """Compile, or load from the cache, what `take` calls; changes nothing."""
+        _measure(np.ones((2, COLUMNS)), self._baseline, np.zeros((2, FIGURES)))
+
+    def _restart(self) -> None:
+        self._mean_rad = self._last_rad = math.nan
+        self._was_low = self._was_high = False
+        self._count = -1
+        self._completed = 0
+        self._duration_s = self._blind_s = 0.0
+        self._status = Status(0)
+
+    def _begin(self) -> None:
+        self._count, self._duration_s, self._blind_s = 0, 0.0, 0.0
+        self._was_low = self._was_high = False
+        self._status = Status(0)
+
+    def _keep(self, sample: Sequence[float] | Vector, dt_s: float) -> None:
+        known = [sample[SMOOTH_NOTES + NOTE_VALIDITY + axis] == Validity.OK for axis in range(2)]
+        self._duration_s += dt_s
+        bad = (
+            Validity.BAD in sample[SMOOTH_NOTES + NOTE_VALIDITY : SMOOTH_NOTES + NOTE_VALIDITY + 2]
+        )
+        self._blind_s = self._blind_s + dt_s if bad else 0.0
+        if (
+            self._count >= ROWS_MAX
+            or self._duration_s > DURATION_MAX_S
+            or self._blind_s > GAP_MAX_S
+        ):
+            self._restart()
+            return
+        row = self._rows[self._count]
+        row[DT], row[HIP] = dt_s, sample[0]
+        for axis in range(2):
+            speed, patient = 2 + axis, 6 + axis
+            row[SPEED + axis], row[PATIENT + axis] = sample[speed], sample[patient]
+            row[EFFORT + axis] = sample[SMOOTH_NOTES + NOTE_EFFORT + axis]
+            row[KNOWN + axis] = float(known[axis])
+            row[PATIENT_VARIANCE + axis] = sample[_packed(patient, patient)]
+            row[SPEED_VARIANCE + axis] = sample[_packed(speed, speed)]
+            row[SHARED + axis] = sample[_packed(patient, speed)]
+        self._count += 1
+        self._status |= Status(int(sample[SMOOTH_NOTES + NOTE_STATUS]))
+
+    def _complete(self) -> Stride | None:
+        self._completed = max(self._count, 0)
+        if self._count < 1 or not self._was_high or self._duration_s < DURATION_MIN_S:
+            return None
+        _measure(self._rows[: self._count], self._baseline, self._figures)
+        hip, slide = (_axis(row, self._duration_s) for row in self._figures.tolist())
+        share, share_std = _share(
+            hip.work_positive_j + slide.work_positive_j,
+            math.hypot(hip.work_positive_j_std, slide.work_positive_j_std),
+            float(self._figures[0, DRIVE] + self._figures[1, DRIVE]),
+        )
+        return Stride(
+            duration_s=self._duration_s,
+            cadence_hz=1.0 / self._duration_s,
+            sample_count=self._count,
+            hip=hip,
+            slide=slide,
+            work_positive_j=hip.work_positive_j + slide.work_positive_j,
+            work_positive_j_std=math.hypot(hip.work_positive_j_std, slide.work_positive_j_std),
+            work_negative_j=hip.work_negative_j + slide.work_negative_j,
+            work_negative_j_std=math.hypot(hip.work_negative_j_std, slide.work_negative_j_std),
+            share_ratio=share,
+            share_ratio_std=share_std,
+            status=self._status,
+            baseline=self._with_baseline,
+        )
+
+
+def notes_of(
+    dt_s: float, effort: Sequence[float], status: int, validity: Sequence[int]
+) -> tuple[float, ...]:
+    """What a stride has to know of a cycle beside its estimate; for `smoother.remember`."""
+    return (dt_s, effort[0], effort[1], float(status), float(validity[0]), float(validity[1]))
+
+
+def _packed(row: int, column: int) -> int:
+    return SMOOTH_COVARIANCE + row * (row + 1) // 2 + column
+
+
+def _axis(figures: Sequence[float], duration_s: float) -> AxisStride:
+    share, share_std = _share(figures[W_POS], figures[W_POS_STD], figures[DRIVE])
+    work, work_std = (
+        figures[W_POS] + figures[W_NEG],
+        math.hypot(figures[W_POS_STD], figures[W_NEG_STD]),
+    )
+    return AxisStride(
+        work_positive_j=figures[W_POS],
+        work_positive_j_std=figures[W_POS_STD],
+        work_negative_j=figures[W_NEG],
+        work_negative_j_std=figures[W_NEG_STD],
+        assist_mean_si=figures[MEAN],
+        assist_mean_si_std=figures[MEAN_STD],
+        assist_peak_si=figures[PEAK],
+        assist_peak_si_std=figures[PEAK_STD],
+        power_mean_w=work / duration_s,
+        power_mean_w_std=work_std / duration_s,
+        power_peak_w=figures[POWER_PEAK],
+        power_peak_w_std=figures[POWER_PEAK_STD],
+        share_ratio=share,
+        share_ratio_std=share_std,
+        coverage_ratio=figures[COVERED],
+    )
+
+
+def _share(patient_j: float, patient_j_std: float, drive_j: float) -> tuple[float | None, ...]:
+    whole_j = patient_j + drive_j
+    if whole_j < WORK_MIN_J:
+        return None, None
+    return patient_j / whole_j, patient_j_std * drive_j / (whole_j * whole_j)
+
+
+@kernel
+def _measure(rows: Matrix, baseline: Matrix, figures: Matrix) -> None:
+    """All figures of one stride, both axes, into `figures` (2, FIGURES)."""
+    whole_s = 0.0
+    for k in range(rows.shape[0]):
+        whole_s += rows[k, DT]
+    for axis in range(2):
+        _measure_axis(rows, baseline, axis, whole_s, figures[axis])
+
+
+@kernel
+def _measure_axis(rows: Matrix, baseline: Matrix, axis: int, whole_s: float, to: Vector) -> None:
+    for i in range(FIGURES):
+        to[i] = 0.0
+    bins = baseline.shape[0]
+    known_s = passed_s = effort_variance = 0.0
+    for k in range(rows.shape[0]):
+        dt_s, speed = rows[k, DT], rows[k, SPEED + axis]
+        to[DRIVE] += max(rows[k, EFFORT + axis] * speed, 0.0) * dt_s
+        place = (passed_s + 0.5 * dt_s) / whole_s * bins - 0.5
+        passed_s += dt_s
+        if rows[k, KNOWN + axis] == 0.0:
+            continue
+        known_s += dt_s
+        low = math.floor(place)
+        part = place - low
+        passive = baseline[int(low) % bins, axis]
+        passive += part * (baseline[(int(low) + 1) % bins, axis] - passive)
+        patient = rows[k, PATIENT + axis] - passive
+        variance = rows[k, PATIENT_VARIANCE + axis]
+        power = patient * speed
+        power_variance = speed * speed * variance
+        power_variance += patient * patient * rows[k, SPEED_VARIANCE + axis]
+        power_variance = max(power_variance + 2.0 * power * rows[k, SHARED + axis], 0.0)
+        at = W_POS if power > 0.0 else W_NEG
+        to[at] += power * dt_s
+        to[at + 2] += 2.0 * CORRELATION_S * power_variance * dt_s
+        assist = math.copysign(1.0, speed) * patient
+        to[MEAN] += assist * dt_s
+        effort_variance += 2.0 * CORRELATION_S * variance * dt_s
+        if math.fabs(assist) > math.fabs(to[PEAK]):
+            to[PEAK], to[PEAK_STD] = assist, math.sqrt(max(variance, 0.0))
+        if math.fabs(power) > math.fabs(to[POWER_PEAK]):
+            to[POWER_PEAK], to[POWER_PEAK_STD] = power, math.sqrt(power_variance)
+    to[W_POS_STD], to[W_NEG_STD] = math.sqrt(to[W_POS_STD]), math.sqrt(to[W_NEG_STD])
+    if known_s > 0.0:
+        to[MEAN] /= known_s
+        to[MEAN_STD] = math.sqrt(effort_variance) / known_s
+    to[COVERED] = known_s / whole_s
