@@ -18,6 +18,7 @@ from daemon.record import CycleRecord
 from daemon.seam import RingError, RingReader
 from observer.batch import BatchEstimates, Columns, run
 from observer.leg_observer import Setup, setup_of
+from observer.smooth_batch import run_smoothed
 from observer.status import Status
 
 CALLER_BITS = int(
@@ -111,11 +112,23 @@ def setup_for(robot: Robot) -> Setup:
 
 def estimate(source: Source, robot: Robot, progress: Progress | None = None) -> BatchEstimates:
     """Run the observer over the whole recording."""
+    return run(setup_for(robot), columns_of(source), progress)
+
+
+def estimate_smoothed(
+    source: Source, robot: Robot, progress: Progress | None = None
+) -> BatchEstimates:
+    """Run observer and smoother over the whole recording."""
+    return run_smoothed(setup_for(robot), columns_of(source), progress)
+
+
+def columns_of(source: Source) -> Columns:
+    """A recording as the observer takes it."""
     made = source.recording
-    columns = Columns(made.time_s, made.position, made.effort, source.caller_bits)
-    return run(setup_for(robot), columns, progress)
+    return Columns(made.time_s, made.position, made.effort, source.caller_bits)
 
 
-def warm_up(robot: Robot) -> None:
+def warm_up(robot: Robot, *, smooth: bool = False) -> None:
     """Compile the kernel, or load it: seconds, or a third of one, that are no part of a speed."""
-    run(setup_for(robot), Columns(np.zeros(1), np.full((1, 2), np.nan), np.zeros((1, 2))))
+    nothing = Columns(np.zeros(1), np.full((1, 2), np.nan), np.zeros((1, 2)))
+    (run_smoothed if smooth else run)(setup_for(robot), nothing)

@@ -27,6 +27,7 @@ COMMANDS: Final = {
     "replay": "The observer over a recorded file, as fast as it can.",
     "experiment": "The paper's experiment on the empty virtual machine: figures and numbers.",
     "delay": "How much later than its row an effort acts, measured from a recording.",
+    "baseline": "What is taken for a patient while one only lies there, recorded once.",
     "doctor": "What this machine can and cannot do for gaitd.",
     "honesty": "Whether what the observer says of itself is true: sigmas, gaps, rest, drift.",
     "bench": "The project's benchmarks.",

@@ -6,11 +6,14 @@ import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from analysis.replay import Source
     from daemon.config.settings import Robot
     from observer.batch import BatchEstimates
@@ -30,6 +33,15 @@ def command(
     ] = None,
     plot: Annotated[Path | None, typer.Option(metavar="PNG", help="draw a picture")] = None,
     leg: Annotated[str | None, typer.Option(help="of a ring with two legs")] = None,
+    smooth: Annotated[
+        bool, typer.Option("--smooth", help="estimates in the light of the 150 ms after them")
+    ] = False,
+    strides: Annotated[
+        Path | None, typer.Option(metavar="CSV", help="what was done in each stride")
+    ] = None,
+    baseline: Annotated[
+        Path | None, typer.Option(help="of `gaitd baseline`, taken off the stride figures")
+    ] = None,
 ) -> None:
     """The observer over a recorded file: CSV in, CSV of the estimates out."""
     from analysis.recording import RecordingError
@@ -38,7 +50,10 @@ def command(
         print(f"{output}: is the recording itself; --output must be another file", file=sys.stderr)
         raise typer.Exit(EXIT_REFUSED)
     try:
-        _replay(recorded, robot, output or recorded.with_name(recorded.name + SUFFIX), plot, leg)
+        wanted = Wanted(
+            output or recorded.with_name(recorded.name + SUFFIX), plot, strides, baseline, smooth
+        )
+        _replay(recorded, robot, leg, wanted)
     except RecordingError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(EXIT_REFUSED) from error
@@ -47,33 +62,74 @@ def command(
         raise typer.Exit(EXIT_REFUSED) from error
 
 
-def _replay(
-    recorded: Path, robot_file: Path | None, output: Path, plot: Path | None, leg: str | None
-) -> None:
+class Wanted(NamedTuple):
+    """What to make of a recording."""
+
+    output: Path
+    plot: Path | None
+    strides: Path | None
+    baseline: Path | None
+    smooth: bool
+
+
+def _replay(recorded: Path, robot_file: Path | None, leg: str | None, wanted: Wanted) -> None:
     from analysis.estimates import write_csv
-    from analysis.replay import estimate, read, warm_up
+    from analysis.replay import estimate, estimate_smoothed, read, warm_up
 
     with _stages() as stage:
         began_s = time.perf_counter()
         source = read(recorded, leg, stage("reading"))
         robot, name = _robot(source, robot_file)
         loading_s = time.perf_counter()
-        warm_up(robot)
+        warm_up(robot, smooth=wanted.smooth)
         computing_s = time.perf_counter()
-        estimates = estimate(source, robot, stage("estimating"))
+        run = estimate_smoothed if wanted.smooth else estimate
+        estimates = run(source, robot, stage("estimating"))
         computed_s = time.perf_counter()
-        write_csv(source.recording.time_s, estimates, output, stage("writing"))
+        write_csv(source.recording.time_s, estimates, wanted.output, stage("writing"))
         ended_s = time.perf_counter()
-    if plot is not None:
+    if wanted.plot is not None:
         from analysis.replay_figure import draw
 
-        draw(source.recording, estimates, plot)
+        draw(source.recording, estimates, wanted.plot)
     whole_s = ended_s - began_s - (computing_s - loading_s)
     _report(source, estimates, name, computed_s - computing_s, whole_s)
     _print_drift(estimates, robot)
-    print(f"estimates    {output}")
-    if plot is not None:
-        print(f"picture      {plot}")
+    if wanted.strides is not None:
+        _strides(source, robot, robot_file, wanted.strides, wanted.baseline)
+    print(f"estimates    {wanted.output}{', smoothed' if wanted.smooth else ''}")
+    if wanted.plot is not None:
+        print(f"picture      {wanted.plot}")
+
+
+def _strides(
+    source: "Source", robot: "Robot", robot_file: Path | None, path: Path, baseline: Path | None
+) -> None:
+    """Strides are always made from the smoothed estimate."""
+    from analysis.replay import columns_of, estimate_smoothed
+    from analysis.stride_table import write_csv
+    from observer.strides import strides_of
+
+    passive = None if baseline is None else _baseline(baseline, robot_file)
+    found = strides_of(estimate_smoothed(source, robot), columns_of(source), passive)
+    time_s = source.recording.time_s
+    write_csv([(float(time_s[row]), stride) for row, stride in found], path)
+    print(f"strides      {len(found)} in {path}")
+    if found:
+        hip_j = sum(stride.hip.work_positive_j for _, stride in found) / len(found)
+        slide_j = sum(stride.slide.work_positive_j for _, stride in found) / len(found)
+        print(
+            f"             patient's work with the motion: {hip_j:.2f} and {slide_j:.2f} J a stride"
+        )
+
+
+def _baseline(path: Path, robot_file: Path | None) -> "NDArray[np.float64]":
+    from daemon.config.baseline import load_baseline
+    from daemon.config.strict import MISSING, ConfigError, read_toml
+
+    if robot_file is None:
+        raise ConfigError("command line", "--robot", MISSING, "the robot file of the baseline")
+    return load_baseline(path, read_toml(robot_file).sha256)
 
 
 def _robot(source: "Source", named: Path | None) -> "tuple[Robot, str]":

@@ -14,12 +14,13 @@ What no covariance knows of, friction or a mass that is not as configured, is no
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.batch import BatchEstimates, Columns
 from observer.jit import kernel
 from observer.smoother import SMOOTH_COVARIANCE, SMOOTH_NOTES
 from observer.status import Status, Validity
@@ -49,6 +50,7 @@ PATIENT_VARIANCE, SPEED_VARIANCE, SHARED = 10, 12, 14
 """SHARED: covariance of patient and speed."""
 COLUMNS: Final = 16
 ROWS_MAX: Final = 2000
+BLOCK_ROWS: Final = 10_000
 
 # Figures of an axis as the kernel writes them; a standard deviation is two places behind a work,
 # one behind the others.
@@ -117,6 +119,7 @@ class StrideCounter:
         self._baseline = np.zeros((BASELINE_BINS, 2)) if baseline is None else baseline
         self._with_baseline = baseline is not None
         self._rows = np.zeros((ROWS_MAX, COLUMNS))
+        self._last = np.zeros((ROWS_MAX, COLUMNS))
         self._figures = np.zeros((2, FIGURES))
         self._restart()
 
@@ -138,6 +141,7 @@ class StrideCounter:
         self._last_rad = hip_rad
         done = self._complete() if begins else None
         if begins:
+            self._rows, self._last = self._last, self._rows
             self._begin()
         self._was_low = self._was_low or hip_rad < self._mean_rad - SWING_RAD
         if self._count >= 0:
@@ -145,9 +149,9 @@ class StrideCounter:
         return done
 
     @property
-    def samples(self) -> Matrix:
-        """Of the stride that is going on, or was just completed: columns as named above."""
-        return self._rows[: max(self._completed, self._count)]
+    def completed(self) -> Matrix:
+        """Samples of the stride that `take` has just completed; columns as named above."""
+        return self._last[: self._completed]
 
     def warm_up(self) -> None:
         """Compile, or load from the cache, what `take` calls; changes nothing."""
@@ -313,3 +317,33 @@ def _measure_axis(rows: Matrix, baseline: Matrix, axis: int, whole_s: float, to:
         to[MEAN] /= known_s
         to[MEAN_STD] = math.sqrt(effort_variance) / known_s
     to[COVERED] = known_s / whole_s
+
+
+def strides_of(
+    smooth: BatchEstimates, columns: Columns, baseline: Matrix | None = None
+) -> list[tuple[int, Stride]]:
+    """Strides of a smoothed recording, each with the row of its first sample.
+
+    Args:
+        smooth: of `smooth_batch.run_smoothed`.
+        columns: the recording.
+        baseline: of a passive run, (BASELINE_BINS, 2); None for none.
+    """
+    counter = StrideCounter(baseline)
+    found: list[tuple[int, Stride]] = []
+    for row, sample in enumerate(samples_of(smooth, columns)):
+        stride = counter.take(sample)
+        if stride is not None:
+            found.append((row - stride.sample_count, stride))
+    return found
+
+
+def samples_of(smooth: BatchEstimates, columns: Columns) -> Iterator[list[float]]:
+    """Rows of a smoothed recording as `StrideCounter.take` wants them."""
+    steps_s = np.diff(columns.time_s, prepend=columns.time_s[:1])
+    effort = np.nan_to_num(columns.effort)
+    notes = np.column_stack((steps_s, effort, smooth.status, smooth.validity))
+    parts = (smooth.state, smooth.std, smooth.covariance, smooth.net, smooth.net_std, notes)
+    for begin in range(0, len(steps_s), BLOCK_ROWS):
+        block = slice(begin, begin + BLOCK_ROWS)
+        yield from np.concatenate([part[block] for part in parts], axis=1).tolist()

@@ -116,6 +116,7 @@ def unit_of(name: str) -> str | None:
 
 
 def says_its_unit(name: str) -> bool:
+    name = name.removesuffix("_std")  # in the unit of the figure before it
     return name.lstrip("_") in WITHOUT_UNIT or unit_of(name) is not None
 
 

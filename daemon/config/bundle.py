@@ -4,6 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from daemon.config.settings import Limits, Robot, Trainer
 from daemon.config.trainer import TrainerFile
 from drives.profile import DriveDescription
@@ -19,6 +22,8 @@ class LegDrives:
     slide: DriveDescription
     hip_file: Path
     slide_file: Path
+    baseline: NDArray[np.float64] | None = None
+    """Shape (BASELINE_BINS, 2): N m and N by gait phase."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ read once, hashed, decoded strictly (`strict.py`), and then all are compared wit
 import hashlib
 from pathlib import Path
 
+from daemon.config.baseline import load_baseline
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.cross import check_together
 from daemon.config.settings import Leg, Limits, Robot
@@ -43,7 +44,8 @@ def read_all(path: Path) -> Settings:
     robot = decoded(reader.document(path, "robot", trainer.robot), Robot)
     limits = decoded(reader.document(path, "limits", trainer.limits), Limits)
     legs = tuple(
-        _leg(reader, path, f"leg[{index}]", leg) for index, leg in enumerate(file.trainer.leg)
+        _leg(reader, path, f"leg[{index}]", leg, file.robot)
+        for index, leg in enumerate(file.trainer.leg)
     )
     return Settings(file=file, robot=robot, limits=limits, legs=legs, hashes=reader.hashes)
 
@@ -77,13 +79,18 @@ def _existing(named_in: Path, key: str, name: str) -> Path:
     return path
 
 
-def _leg(reader: _Reader, path: Path, key: str, leg: Leg) -> LegDrives:
+def _leg(reader: _Reader, path: Path, key: str, leg: Leg, robot: Path) -> LegDrives:
+    baseline = None
+    if leg.baseline is not None:
+        named = reader.hashed(path, f"{key}.baseline", leg.baseline)
+        baseline = load_baseline(named, reader.hashes[str(robot)])
     return LegDrives(
         name=leg.name,
         hip=_drive(reader, f"{leg.name}/hip", path, f"{key}.hip", leg.hip),
         slide=_drive(reader, f"{leg.name}/slide", path, f"{key}.slide", leg.slide),
         hip_file=beside(path, leg.hip),
         slide_file=beside(path, leg.slide),
+        baseline=baseline,
     )
 
 

@@ -279,11 +279,13 @@ class Cycle(Table, frozen=True):
 
 
 class Leg(Table, frozen=True):
-    """One leg: two drive files, by path relative to this file."""
+    """One leg: two drive files and maybe a baseline, by path relative to this file."""
 
     name: Literal["right", "left"]
     hip: Text
     slide: Text
+    baseline: Text | None = None
+    """Of `gaitd baseline`: taken off the stride figures; none if absent."""
 
 
 class Impedance(Table, frozen=True):

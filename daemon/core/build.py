@@ -117,7 +117,7 @@ def _leg(
         axes=(_axis(drives.hip, bounds[0]), _axis(drives.slide, bounds[1])),
         observer=observer,
         smoother=LegSmoother(observer),
-        strides=StrideCounter(),
+        strides=StrideCounter(drives.baseline),
         friction=(hip_friction, slide_friction),
         phase_offset_strides=phase,
     )

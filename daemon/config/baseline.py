@@ -1,0 +1,71 @@
+"""The passive baseline of a leg as a file: written by `gaitd baseline`, read by the service.
+
+It belongs to the robot file that it was recorded with: with other masses or friction, other things
+would be left over. So it names that file's hash, and is refused beside another one.
+"""
+
+from pathlib import Path
+from typing import Annotated, Final
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from daemon.config.settings import Table
+from daemon.config.strict import ConfigError, load_toml
+from observer.baseline import Baseline
+from observer.strides import BASELINE_BINS
+
+Bins = Annotated[tuple[float, ...], Meta(min_length=BASELINE_BINS, max_length=BASELINE_BINS)]
+
+HEAD: Final = """\
+# What is taken for a patient when one only lies there, by gait phase from one rise of the hip to
+# the next, in {bins} parts. Recorded by `gaitd baseline` from {source};
+# stride figures of a leg that names this file are without it.
+
+"""
+
+
+class BaselineFile(Table, frozen=True):
+    """baseline.toml."""
+
+    robot_sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+    """Of the robot file that it was recorded with."""
+    cadence_hz: Annotated[float, Meta(gt=0, le=2)]
+    stride_count: Annotated[int, Meta(ge=1)]
+    hip_nm: Bins
+    hip_nm_std: Bins
+    slide_n: Bins
+    slide_n_std: Bins
+
+
+def load_baseline(path: Path, robot_sha256: str) -> NDArray[np.float64]:
+    """Read a baseline for a robot, shape (BASELINE_BINS, 2): N m, N.
+
+    Raises:
+        ConfigError: the file, one of its values, or it is another robot's.
+    """
+    file = load_toml(path, BaselineFile)
+    if file.robot_sha256 != robot_sha256:
+        wanted = f"{robot_sha256}, of the robot file in use; record it again with `gaitd baseline`"
+        raise ConfigError(path, "robot_sha256", file.robot_sha256, wanted)
+    return np.column_stack((file.hip_nm, file.slide_n))
+
+
+def baseline_text(baseline: Baseline, robot_sha256: str, source: str) -> str:
+    """The file for a baseline."""
+    lists = (
+        ("hip_nm", baseline.mean[:, 0]),
+        ("hip_nm_std", baseline.std[:, 0]),
+        ("slide_n", baseline.mean[:, 1]),
+        ("slide_n_std", baseline.std[:, 1]),
+    )
+    lines = [
+        f'robot_sha256 = "{robot_sha256}"',
+        f"cadence_hz = {baseline.cadence_hz:.6g}",
+        f"stride_count = {baseline.stride_count}",
+    ]
+    lines += [
+        f"{key} = [{', '.join(f'{x:.6g}' for x in values.tolist())}]" for key, values in lists
+    ]
+    return HEAD.format(bins=BASELINE_BINS, source=source) + "\n".join(lines) + "\n"

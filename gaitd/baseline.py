@@ -1,0 +1,52 @@
+"""`gaitd baseline`: what is taken for a patient while one only lies there, recorded once."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+EXIT_REFUSED = 2
+
+
+def command(
+    recorded: Annotated[Path, typer.Argument(metavar="IN", help="a .csv, or a ring of records")],
+    robot: Annotated[Path, typer.Option(help="robot.toml that the service runs with")],
+    output: Annotated[Path, typer.Option(help="baseline.toml to write")],
+    leg: Annotated[str | None, typer.Option(help="of a ring with two legs")] = None,
+) -> None:
+    """Mean torque and force by gait phase from a passive run, for `baseline` of a [[leg]]."""
+    from analysis.recording import RecordingError
+    from observer.baseline import TooFewError
+
+    try:
+        _record(recorded, robot, output, leg)
+    except TooFewError as error:
+        print(f"{recorded}: {error}", file=sys.stderr)
+        raise typer.Exit(EXIT_REFUSED) from error
+    except RecordingError as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(EXIT_REFUSED) from error
+    except OSError as error:
+        print(f"{error.filename}: {error.strerror}", file=sys.stderr)
+        raise typer.Exit(EXIT_REFUSED) from error
+
+
+def _record(recorded: Path, robot_file: Path, output: Path, leg: str | None) -> None:
+    from analysis.replay import columns_of, read, setup_for
+    from daemon.config.baseline import baseline_text
+    from daemon.config.settings import Robot
+    from daemon.config.strict import decoded, read_toml
+    from observer.baseline import baseline_of
+    from observer.smooth_batch import run_smoothed
+
+    document = read_toml(robot_file)
+    robot = decoded(document, Robot)
+    columns = columns_of(read(recorded, leg))
+    baseline = baseline_of(run_smoothed(setup_for(robot), columns), columns)
+    output.write_text(baseline_text(baseline, document.sha256, recorded.name), encoding="utf-8")
+    hip, slide = abs(baseline.mean).max(axis=0).tolist()
+    print(f"recording    {recorded}: {baseline.stride_count} strides, {baseline.cadence_hz:.3f} Hz")
+    print(f"largest      hip {hip:.2f} N·m, slide {slide:.1f} N in {len(baseline.mean)} parts")
+    print(f"baseline     {output}")
+    print(f'             name it in the trainer file: [[leg]] baseline = "{output.name}"')

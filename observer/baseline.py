@@ -1,0 +1,101 @@
+"""The passive baseline: what is taken for a patient, by gait phase, when one only lies there.
+
+Leg mass, springs and friction are never quite as configured. What that leaves repeats with the
+stride, so it is recorded once, with a patient who does nothing, and taken away from then on.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.batch import BatchEstimates, Columns
+from observer.strides import (
+    BASELINE_BINS,
+    DT,
+    KNOWN,
+    PATIENT,
+    StrideCounter,
+    samples_of,
+)
+
+Matrix = NDArray[np.float64]
+
+STRIDES_MIN: Final = 5
+SAMPLES_MIN: Final = 3
+"""In each bin."""
+
+
+class Baseline(NamedTuple):
+    """By gait phase in BASELINE_BINS bins, from one rise of the hip to the next."""
+
+    mean: Matrix
+    """Shape (BASELINE_BINS, 2): N m, N; NaN in a bin without samples."""
+    std: Matrix
+    """Of the samples about it, same shape."""
+    sample_count: NDArray[np.int64]
+    """Same shape."""
+    stride_count: int
+    cadence_hz: float
+    """Mean over the strides."""
+
+
+class TooFewError(ValueError):
+    """A recording that makes no baseline; says what it lacks."""
+
+
+def baseline_of(smooth: BatchEstimates, columns: Columns) -> Baseline:
+    """The baseline of a smoothed passive recording.
+
+    Bins in which the split could never be told, at a reversal, are bridged from their neighbours.
+
+    Raises:
+        TooFewError: too few strides, or an axis that is hardly ever known.
+    """
+    counter = StrideCounter()
+    sums, squares = np.zeros((BASELINE_BINS, 2)), np.zeros((BASELINE_BINS, 2))
+    counts = np.zeros((BASELINE_BINS, 2), dtype=np.int64)
+    durations_s: list[float] = []
+    for sample in samples_of(smooth, columns):
+        stride = counter.take(sample)
+        if stride is None:
+            continue
+        durations_s.append(stride.duration_s)
+        _add(counter.completed, sums, squares, counts)
+    if len(durations_s) < STRIDES_MIN:
+        raise TooFewError(
+            f"has {len(durations_s)} strides; a baseline takes {STRIDES_MIN} at least"
+        )
+    for axis, name in enumerate(("hip", "slide")):
+        known = int(np.count_nonzero(counts[:, axis] >= SAMPLES_MIN))
+        if known < BASELINE_BINS // 2:
+            raise TooFewError(
+                f"the {name}'s patient is known in {known} of {BASELINE_BINS} parts of the stride; "
+                "half of them at least must be: walk faster, or wider"
+            )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = sums / counts
+        std = np.sqrt(np.maximum(squares / counts - mean * mean, 0.0))
+    for axis in range(2):
+        _bridge(mean[:, axis], counts[:, axis] >= SAMPLES_MIN)
+        _bridge(std[:, axis], counts[:, axis] >= SAMPLES_MIN)
+    return Baseline(mean, std, counts, len(durations_s), len(durations_s) / sum(durations_s))
+
+
+def _add(rows: Matrix, sums: Matrix, squares: Matrix, counts: NDArray[np.int64]) -> None:
+    ends_s = np.cumsum(rows[:, DT])
+    bins = ((ends_s - 0.5 * rows[:, DT]) / ends_s[-1] * BASELINE_BINS).astype(np.intp)
+    for axis in range(2):
+        known = rows[:, KNOWN + axis] > 0.0
+        patient = rows[known, PATIENT + axis]
+        np.add.at(sums[:, axis], bins[known], patient)
+        np.add.at(squares[:, axis], bins[known], patient * patient)
+        np.add.at(counts[:, axis], bins[known], 1)
+
+
+def _bridge(values: NDArray[np.float64], known: NDArray[np.bool_]) -> None:
+    """Bins that are not known from those beside them, round the stride."""
+    places = np.arange(BASELINE_BINS)
+    values[~known] = np.interp(
+        places[~known], places[known], values[known], period=float(BASELINE_BINS)
+    )

@@ -1,0 +1,125 @@
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daemon.config.load import load
+from daemon.config.strict import ConfigError
+from tests.observer.trainer import PATIENT, encoded, gait, simulate
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+def gaitd(*arguments) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "gaitd", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def write(path, columns):
+    header = "time_s,hip_angle_rad,slide_position_m,hip_torque_nm,slide_force_n"
+    rows = np.column_stack((columns.time_s, columns.position, columns.effort))
+    np.savetxt(path, rows, "%.9g", ",", header=header, comments="")
+    return path
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A passive walk of a leg that weighs more than the robot file says."""
+    heavy = PATIENT._replace(hip_rest_rad=PATIENT.hip_rest_rad + 0.1)
+    cycles = 2100
+    path = gait(heavy, np.maximum(np.arange(1, cycles + 1) * 0.01 - 1.0, 0.0), 0.5)
+    truth = simulate(heavy, cycles, reference=path, start=path[0])
+    return write(tmp_path_factory.mktemp("passive") / "passive.csv", encoded(truth))
+
+
+@pytest.fixture
+def baseline(recorded, tmp_path):
+    out = tmp_path / "baseline.toml"
+    ran = gaitd("baseline", recorded, "--robot", CONFIGS / "robot.toml", "--output", out)
+    assert ran.returncode == 0, ran.stderr
+    assert "strides" in ran.stdout
+    return out
+
+
+def test_a_passive_run_becomes_a_file_with_what_is_left_over(baseline):
+    written = tomllib.loads(baseline.read_text())
+
+    assert len(written["hip_nm"]) == len(written["slide_n"]) == 50
+    assert np.mean(written["hip_nm"]) == pytest.approx(2.0, abs=0.3)  # 0.1 rad of 20 N m/rad
+    assert written["cadence_hz"] == pytest.approx(0.5, rel=0.02)
+
+
+def test_strides_without_the_baseline_show_next_to_nothing(recorded, baseline, tmp_path):
+    bare, clean = tmp_path / "bare.csv", tmp_path / "clean.csv"
+    robot = ("--robot", CONFIGS / "robot.toml", "--output", tmp_path / "e.csv")
+    assert gaitd("replay", recorded, *robot, "--strides", bare).returncode == 0
+    ran = gaitd("replay", recorded, *robot, "--strides", clean, "--baseline", baseline)
+    assert ran.returncode == 0, ran.stderr
+
+    def work(path):
+        table = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8")
+        assert set(table["baseline_subtracted"]) == {int(path == clean)}
+        return np.mean(table["hip_work_positive_j"][1:])
+
+    assert work(bare) > 1.0
+    assert work(clean) < 0.15 * work(bare)
+
+
+def test_smooth_writes_the_same_columns(recorded, tmp_path):
+    out = tmp_path / "smooth.csv"
+    robot = ("--robot", CONFIGS / "robot.toml")
+
+    ran = gaitd("replay", recorded, *robot, "--smooth", "--output", out)
+
+    assert ran.returncode == 0, ran.stderr
+    assert "smoothed" in ran.stdout
+    from analysis.estimates import COLUMNS
+
+    assert out.read_text().splitlines()[0] == ",".join(COLUMNS)
+    again = tmp_path / "again.csv"
+    gaitd("replay", recorded, *robot, "--smooth", "--output", again)
+    assert out.read_bytes() == again.read_bytes()
+
+
+def test_a_recording_with_too_few_strides_is_refused(recorded, tmp_path):
+    short = tmp_path / "short.csv"
+    short.write_text("\n".join(recorded.read_text().splitlines()[:500]) + "\n")
+    out = tmp_path / "b.toml"
+
+    ran = gaitd("baseline", short, "--robot", CONFIGS / "robot.toml", "--output", out)
+
+    assert ran.returncode == 2
+    assert "strides; a baseline takes 5" in ran.stderr
+    assert not out.exists()
+
+
+def test_the_service_takes_the_baseline_that_a_leg_names(baseline, tmp_path):
+    from sessions import changed_configs
+
+    configs = changed_configs(
+        tmp_path,
+        ("demo.toml", 'name = "right"', f'name = "right"\nbaseline = "{baseline}"'),
+    )
+
+    assert load(configs / "demo.toml").legs[0].baseline.shape == (50, 2)
+
+
+def test_a_baseline_of_another_robot_is_refused_with_its_hash(baseline, tmp_path):
+    from sessions import changed_configs
+
+    configs = changed_configs(
+        tmp_path,
+        ("demo.toml", 'name = "right"', f'name = "right"\nbaseline = "{baseline}"'),
+        ("robot.toml", "coulomb_nm = 6.0", "coulomb_nm = 6.1"),
+    )
+
+    with pytest.raises(ConfigError, match="robot_sha256") as refused:
+        load(configs / "demo.toml")
+    assert "record it again" in refused.value.line

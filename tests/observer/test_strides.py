@@ -1,0 +1,363 @@
+"""Strides: how many there are, what was done in them, and how sure that is."""
+
+import math
+
+import numpy as np
+import pytest
+
+from observer.baseline import TooFewError, baseline_of
+from observer.batch import BatchEstimates, Columns
+from observer.leg_observer import setup_of
+from observer.smooth_batch import run_smoothed
+from observer.smoother import SMOOTH_COVARIANCE, SMOOTH_NOTES, SMOOTH_SIZE
+from observer.status import Status, Validity
+from observer.strides import (
+    DURATION_MIN_S,
+    SWING_RAD,
+    StrideCounter,
+    notes_of,
+    strides_of,
+)
+from tests.observer.trainer import (
+    HIP,
+    PATIENT,
+    SLIDE_FRICTION,
+    TUNING,
+    encoded,
+    gait,
+    simulate,
+)
+
+SHIPPED = TUNING._replace(velocity_gated=True, patient_noise_max_ratio=3.0)
+DT = 0.01
+AMPLITUDE = 0.3
+
+
+def sample(hip_rad, speed, patient, *, effort=(0.0, 0.0), std=0.0, known=(0, 0), status=1):
+    """One smoothed sample: slide moves with the hip, at a tenth of its speed."""
+    row = np.zeros(SMOOTH_SIZE)
+    row[0], row[1] = hip_rad, 0.5
+    row[2:4] = speed
+    row[6:8] = patient
+    for state in (6, 7):
+        row[SMOOTH_COVARIANCE + state * (state + 1) // 2 + state] = std**2
+    row[SMOOTH_NOTES:] = notes_of(DT, effort, status, known)
+    return row
+
+
+def swing(cadence_hz, seconds, patient=lambda phase: (0.0, 0.0), begin_rad=0.2, **more):
+    """Samples of a leg that swings; the patient's effort by phase of the swing."""
+    for k in range(int(seconds / DT)):
+        turn = 2 * math.pi * cadence_hz * k * DT
+        speed = AMPLITUDE * 2 * math.pi * cadence_hz * math.cos(turn)
+        hip_rad = begin_rad + AMPLITUDE * math.sin(turn)
+        yield sample(hip_rad, (speed, 0.1 * speed), patient(turn), **more)
+
+
+def counted(samples, baseline=None):
+    counter = StrideCounter(baseline)
+    return [done for row in samples if (done := counter.take(row))]
+
+
+# --- how many ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("cadence_hz", [0.1, 0.25, 0.5, 1.0])
+@pytest.mark.parametrize("strides", [3, 8])
+def test_each_swing_is_one_stride_of_its_length(cadence_hz, strides):
+    # The first rise begins at the start, before anything was lower: it opens no stride.
+    found = counted(swing(cadence_hz, (strides + 1.1) / cadence_hz))
+
+    assert len(found) == strides
+    for stride in found[1:]:
+        assert stride.duration_s == pytest.approx(1.0 / cadence_hz, rel=0.05)
+        assert stride.cadence_hz == pytest.approx(cadence_hz, rel=0.05)
+        assert stride.sample_count == pytest.approx(100.0 / cadence_hz, rel=0.05)
+
+
+def test_a_leg_at_rest_makes_no_stride():
+    assert not counted(sample(0.2, (0.0, 0.0), (3.0, 20.0)) for _ in range(6000))
+
+
+def test_a_leg_that_trembles_makes_no_stride():
+    random = np.random.default_rng(1)
+    tremor = 0.2 + 0.4 * SWING_RAD * np.sin(2 * np.pi * 5.0 * np.arange(6000) * DT)
+    tremor += 0.1 * SWING_RAD * random.normal(size=6000)
+
+    assert not counted(sample(hip_rad, (0.1, 0.0), (3.0, 0.0)) for hip_rad in tremor)
+
+
+def test_what_is_quicker_than_a_leg_can_be_is_no_stride():
+    assert not counted(swing(1.2 / DURATION_MIN_S, 20.0))
+
+
+def test_a_stride_that_never_ends_is_given_up():
+    walk = list(swing(0.25, 9.0))
+    rest = [sample(0.2, (0.0, 0.0), (0.0, 0.0)) for _ in range(3000)]
+
+    found = counted([*walk, *rest, *swing(0.25, 13.0)])
+
+    assert all(stride.duration_s < 6.0 for stride in found)
+    assert len(found) == 1 + 2
+
+
+def test_a_slow_drift_of_the_pose_changes_no_count():
+    drifting = (
+        sample(row[0] + 0.01 * k * DT, row[2:4], row[6:8])
+        for k, row in enumerate(swing(0.25, 44.4))
+    )
+
+    assert len(counted(drifting)) == 10
+
+
+# --- what was done -----------------------------------------------------------------------------
+
+
+def test_work_with_the_motion_and_against_it_are_the_whole_work():
+    """F = A cos(turn + phase), v = V cos(turn): the net work is A V T cos(phase) / 2."""
+    cadence_hz, phase = 0.25, 0.7
+
+    found = counted(
+        swing(cadence_hz, 16.4, lambda turn: (8.0 * math.cos(turn + phase), 40.0 * math.cos(turn)))
+    )
+
+    for stride in found[1:]:
+        speed = AMPLITUDE * 2 * math.pi * cadence_hz
+        hip_j = 8.0 * speed / cadence_hz * math.cos(phase) / 2.0
+        slide_j = 40.0 * 0.1 * speed / cadence_hz / 2.0
+        hip, slide = stride.hip, stride.slide
+        assert hip.work_positive_j + hip.work_negative_j == pytest.approx(hip_j, rel=0.01)
+        assert slide.work_positive_j == pytest.approx(slide_j, rel=0.01)
+        assert slide.work_negative_j == pytest.approx(0.0, abs=1e-3)
+        assert hip.work_negative_j < -0.1
+        whole = hip.work_positive_j + slide.work_positive_j
+        assert stride.work_positive_j == pytest.approx(whole)
+        assert hip.power_mean_w == pytest.approx(hip_j * stride.cadence_hz, rel=0.01)
+        assert hip.coverage_ratio == pytest.approx(1.0)
+
+
+def test_assist_is_signed_by_the_motion():
+    pushing = counted(swing(0.25, 16.4, lambda turn: (5.0 * math.copysign(1, math.cos(turn)), 0.0)))
+    braking = counted(
+        swing(0.25, 16.4, lambda turn: (-5.0 * math.copysign(1, math.cos(turn)), 0.0))
+    )
+
+    assert pushing[-1].hip.assist_mean_si == pytest.approx(5.0, rel=0.02)
+    assert pushing[-1].hip.assist_peak_si == pytest.approx(5.0)
+    assert braking[-1].hip.assist_mean_si == pytest.approx(-5.0, rel=0.02)
+    assert braking[-1].hip.power_peak_w == pytest.approx(-5.0 * AMPLITUDE * math.pi / 2, rel=0.01)
+
+
+def test_the_share_is_that_of_who_works_with_the_motion():
+    shared = counted(
+        swing(0.25, 16.4, lambda turn: (6.0 * math.copysign(1, math.cos(turn)), 0.0), effort=(0, 0))
+    )
+    assert shared[-1].hip.share_ratio == pytest.approx(1.0)
+
+    def both(row):
+        effort = (2.0 * math.copysign(1, row[2]), 0.0)
+        row[SMOOTH_NOTES:] = notes_of(DT, effort, 1, (0, 0))
+        return row
+
+    walk = swing(0.25, 16.4, lambda turn: (6.0 * math.copysign(1, math.cos(turn)), 0.0))
+    assert counted(map(both, walk))[-1].hip.share_ratio == pytest.approx(0.75, abs=0.01)
+
+
+def test_where_next_to_nothing_is_done_nobody_has_a_share():
+    found = counted(swing(0.25, 16.4))[-1]
+
+    assert found.hip.share_ratio is None
+    assert found.share_ratio is None
+    assert found.hip.work_positive_j == 0.0
+
+
+def test_what_was_not_known_is_missing_and_said():
+    def blind(k, row):
+        if 300 <= k % 400 < 400:
+            row[SMOOTH_NOTES:] = notes_of(DT, (0, 0), 1, (Validity.SPLIT_UNOBSERVABLE, 0))
+        return row
+
+    walk = swing(0.25, 20.4, lambda turn: (8.0 * math.cos(turn), 0.0))
+    found = counted(blind(k, row) for k, row in enumerate(walk))
+
+    for stride in found[1:]:
+        assert stride.hip.coverage_ratio == pytest.approx(0.75, abs=0.02)
+        assert stride.slide.coverage_ratio == pytest.approx(1.0)
+
+
+def test_a_gap_lowers_the_coverage_of_its_stride_alone():
+    bad = (Validity.BAD, Validity.BAD)
+
+    def lost(k, row):
+        if 1000 <= k < 1050:
+            row[SMOOTH_NOTES:] = notes_of(DT, (0, 0), Status.PREDICT_ONLY, bad)
+        return row
+
+    found = counted(lost(k, row) for k, row in enumerate(swing(0.25, 24.4)))
+    coverage = [stride.hip.coverage_ratio for stride in found]
+
+    assert sorted(coverage)[0] == pytest.approx(0.875, abs=0.01)
+    assert sorted(coverage)[1] == pytest.approx(1.0)
+    assert sum(Status.PREDICT_ONLY in stride.status for stride in found) == 1
+
+
+def test_a_long_loss_gives_the_stride_up():
+    bad = (Validity.BAD, Validity.BAD)
+
+    def lost(k, row):
+        if 1000 <= k < 1150:
+            row[SMOOTH_NOTES:] = notes_of(DT, (0, 0), Status.PREDICT_ONLY, bad)
+        return row
+
+    found = counted(lost(k, row) for k, row in enumerate(swing(0.25, 24.4)))
+
+    assert len(found) == len(counted(swing(0.25, 24.4))) - 2
+    assert all(stride.hip.coverage_ratio == pytest.approx(1.0) for stride in found)
+
+
+def test_all_bits_of_a_stride_are_in_its_status():
+    found = counted(swing(0.25, 16.4, status=Status.VALID | Status.ARTIFICIAL))
+
+    assert all(stride.status == Status.VALID | Status.ARTIFICIAL for stride in found)
+
+
+def test_two_counters_share_nothing():
+    one, other = StrideCounter(), StrideCounter()
+    alone = counted(swing(0.25, 16.4, lambda turn: (8.0 * math.cos(turn), 0.0)))
+    found = []
+    walk = swing(0.25, 16.4, lambda turn: (8.0 * math.cos(turn), 0.0))
+    for mine, yours in zip(walk, swing(0.4, 16.4), strict=True):
+        other.take(yours)
+        if done := one.take(mine):
+            found.append(done)
+
+    assert found == alone
+
+
+# --- baseline ----------------------------------------------------------------------------------
+
+
+def passive(turn):
+    return 2.0 + 1.5 * math.sin(turn), 10.0 * math.cos(2 * turn)
+
+
+def as_recording(samples):
+    """Samples as a smoothed recording and its columns."""
+    rows = np.array(list(samples))
+    notes = rows[:, SMOOTH_NOTES:]
+    zeros = np.zeros((len(rows), 2))
+    smooth = BatchEstimates(
+        state=rows[:, :8],
+        std=rows[:, 8:16],
+        covariance=rows[:, 16:52],
+        innovation=zeros,
+        nis=zeros[:, 0],
+        net=zeros,
+        net_std=zeros,
+        status=notes[:, 3].astype(np.int64),
+        validity=notes[:, 4:].astype(np.int64),
+    )
+    return smooth, Columns(np.arange(len(rows)) * DT, rows[:, :2], notes[:, 1:3])
+
+
+def test_a_passive_baseline_is_taken_away_by_gait_phase():
+    baseline = baseline_of(*as_recording(swing(0.25, 40.4, passive)))
+
+    bare = counted(swing(0.25, 16.4, passive))[-1]
+    clean = counted(swing(0.25, 16.4, passive), baseline.mean)[-1]
+
+    assert baseline.stride_count == 9
+    assert baseline.cadence_hz == pytest.approx(0.25, rel=0.01)
+    assert bare.hip.work_positive_j > 0.3
+    assert clean.hip.work_positive_j < 0.05 * bare.hip.work_positive_j
+    assert clean.slide.work_positive_j < 0.15 * bare.slide.work_positive_j
+    assert (bare.baseline, clean.baseline) == (False, True)
+
+
+def test_parts_of_the_stride_that_are_never_known_are_bridged():
+    def blind(k, row):
+        if abs(row[2]) < 0.05:
+            row[SMOOTH_NOTES:] = notes_of(DT, (0, 0), 1, (Validity.SPLIT_UNOBSERVABLE, 0))
+        return row
+
+    walk = enumerate(swing(0.25, 40.4, passive))
+    baseline = baseline_of(*as_recording(blind(k, row) for k, row in walk))
+
+    assert np.any(baseline.sample_count[:, 0] == 0)
+    assert np.isfinite(baseline.mean).all()
+    whole = baseline_of(*as_recording(swing(0.25, 40.4, passive)))
+    assert np.allclose(baseline.mean, whole.mean, atol=0.3)
+
+
+def test_too_few_strides_make_no_baseline():
+    with pytest.raises(TooFewError, match="has 2 strides; a baseline takes 5"):
+        baseline_of(*as_recording(swing(0.25, 12.4, passive)))
+
+
+def test_an_axis_that_is_hardly_known_makes_no_baseline():
+    blind = swing(0.25, 40.4, passive, known=(0, Validity.SPLIT_UNOBSERVABLE))
+
+    with pytest.raises(TooFewError, match="slide's patient is known in 0 of 50 parts"):
+        baseline_of(*as_recording(blind))
+
+
+# --- sigma -------------------------------------------------------------------------------------
+
+
+def walked(seed, patient):
+    cycles = 1700
+    time_s = np.arange(1, cycles + 1) * DT
+    path = gait(PATIENT, np.maximum(time_s - 1.0, 0.0), 0.5)
+    truth = simulate(PATIENT, cycles, reference=path, start=path[0], patient=patient)
+    columns = encoded(truth, seed)
+    setup = setup_of(PATIENT, HIP, SLIDE_FRICTION, SHIPPED)
+    found = strides_of(run_smoothed(setup, columns), columns)
+    return truth, found
+
+
+def pushing(t):
+    turns = 2 * np.pi * 0.5 * t
+    efforts = np.column_stack((8.0 * np.sin(turns), 40.0 * np.sin(turns + 1.0)))
+    return efforts * (t > 1.0)[:, None]
+
+
+@pytest.fixture(scope="module")
+def pushed():
+    return walked(1, pushing)
+
+
+def true_work(truth, first, stride):
+    rows = slice(first, first + stride.sample_count)
+    power = truth.state[rows, 6:8] * truth.state[rows, 2:4]
+    return np.sum(np.maximum(power, 0.0), axis=0) * DT
+
+
+def test_work_of_a_stride_is_right_within_two_percent(pushed):
+    truth, found = pushed
+
+    assert len(found) == 7
+    for first, stride in found[1:]:
+        works = (stride.hip.work_positive_j, stride.slide.work_positive_j)
+        assert works == pytest.approx(true_work(truth, first, stride), rel=0.02)
+
+
+def test_the_true_work_is_within_three_sigma_and_sigma_is_small(pushed):
+    """Measured: the error is 0.2 to 0.8 of sigma, which is 1 to 2 % of the work."""
+    truth, found = pushed
+
+    for first, stride in found[1:]:
+        for axis, true_j in zip(
+            (stride.hip, stride.slide), true_work(truth, first, stride), strict=True
+        ):
+            assert abs(axis.work_positive_j - true_j) <= 3.0 * axis.work_positive_j_std
+            assert axis.work_positive_j_std <= 0.03 * true_j
+
+
+def test_a_patient_who_does_nothing_works_within_a_few_sigma_of_nothing():
+    _, found = walked(1, None)
+
+    for _, stride in found[1:]:
+        for axis in (stride.hip, stride.slide):
+            assert axis.work_positive_j <= 3.0 * axis.work_positive_j_std
+            assert -axis.work_negative_j <= 3.0 * axis.work_negative_j_std
+        assert stride.work_positive_j <= 1.5
