@@ -1,0 +1,169 @@
+"""A trial: what an observer got, beside what was true, and what may be done to it afterwards.
+
+A trial comes from the virtual machine (`gaitd.trials`) or from any simulation. The functions here
+spoil a recording in a way that real machines do: a ripple on the current, samples off their time
+stamps, efforts a cycle late, glitches of an encoder. All take a seed and give the same bits again.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+
+from analysis.recording import Recording
+from daemon.config.robot import friction_parameters
+from daemon.config.settings import Robot
+from observer.friction import gate_of
+from observer.states import PATIENT, POSITION, VELOCITY
+
+Values = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Pair = tuple[float, float]
+
+MOVING_GATE: Final = 0.5
+"""A joint moves where its true gate a(v), eq. (12), is above."""
+JITTER_MAX_S: Final = 0.004
+"""No sample is further from its stamp: the order of samples stays."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """n cycles; the rows of recording and truth belong together."""
+
+    name: str
+    recording: Recording
+    """As the observer got it."""
+    truth: Values
+    """Shape (n, 8) in the order and units of `observer.states`; the patient's part holds the
+    patient and any artificial disturbance, which the observer cannot tell from a patient."""
+    robot: Robot
+    """As the service had it."""
+    judged: Flags
+    """Shape (n,): rows to compare: the motion without bringing up, approach and standing still
+    after a stop; all of a rest."""
+    ended: str
+    """Why the service stopped before its time; empty if it did not."""
+
+    @property
+    def moving(self) -> Flags:
+        """Shape (n, 2): the true gate of each axis is open."""
+        axes = zip(friction_parameters(self.robot), self.truth[:, VELOCITY].T, strict=True)
+        return np.column_stack(
+            [
+                [gate_of(friction, speed) > MOVING_GATE for speed in speeds]
+                for friction, speeds in axes
+            ]
+        )
+
+
+def with_ripple(trial: Trial, ripple: Pair, seed: int) -> Trial:
+    """Efforts that are samples about the mean of their cycle.
+
+    Args:
+        trial: whose efforts are means.
+        ripple: standard deviations, N·m and N.
+        seed: of the noise.
+    """
+    noise = np.random.default_rng(seed).normal(size=trial.recording.effort.shape)
+    return _with(trial, effort=trial.recording.effort + noise * ripple)
+
+
+def with_late_efforts(trial: Trial, cycles: int) -> Trial:
+    """Efforts that acted so many cycles later than their rows say.
+
+    The first rows, of which nothing older is known, keep their first effort.
+    """
+    later = np.vstack(
+        (trial.recording.effort[cycles:], np.repeat(trial.recording.effort[-1:], cycles, 0))
+    )
+    return _with(trial, effort=later)
+
+
+def with_glitches(trial: Trial, interval_s: float, size: Pair, seed: int) -> Trial:
+    """Single samples of one encoder in turn that are wrong.
+
+    Args:
+        trial: to be spoiled.
+        interval_s: mean time between two.
+        size: of the smallest and the largest, rad; metres at the slide.
+        seed: of their times, sizes and signs.
+    """
+    random = np.random.default_rng(seed)
+    position = trial.recording.position.copy()
+    rows = np.flatnonzero(trial.judged)
+    count = max(round(trial.recording.duration_s / interval_s), 1)
+    hit = random.choice(rows, size=min(count, len(rows)), replace=False)
+    height = np.exp(random.uniform(*np.log(size), size=len(hit))) * random.choice((-1, 1), len(hit))
+    position[hit, np.arange(len(hit)) % 2] += height
+    return _with(trial, position=position)
+
+
+def with_jitter(trial: Trial, sigma_s: float, noise: Pair, quantum: Pair, seed: int) -> Trial:
+    """Samples that were taken off the grid, with their true times.
+
+    Positions are those of the true motion at that time, with an encoder's noise and quanta; efforts
+    are means between the new times. `on_the_grid` gives them the stamps that a clock would.
+
+    Args:
+        trial: with a recording on a grid.
+        sigma_s: standard deviation of a sample's time about its stamp.
+        noise: of the encoders, standard deviations, rad and m.
+        quantum: of the encoders, rad and m.
+        seed: of times and noise.
+    """
+    random = np.random.default_rng(seed)
+    time_s = trial.recording.time_s
+    off_s = np.clip(random.normal(0.0, sigma_s, len(time_s)), -JITTER_MAX_S, JITTER_MAX_S)
+    taken_s = np.clip(time_s + off_s, time_s[0], time_s[-1])
+    taken_s[0], taken_s[-1] = time_s[0], time_s[-1]
+    exact = CubicHermiteSpline(time_s, trial.truth[:, POSITION], trial.truth[:, VELOCITY])(taken_s)
+    noisy = exact + random.normal(size=exact.shape) * noise
+    recording = replace(
+        trial.recording,
+        time_s=taken_s,
+        position=np.round(noisy / quantum) * quantum,
+        effort=_means_between(trial.recording, taken_s),
+    )
+    truth = np.column_stack([np.interp(taken_s, time_s, column) for column in trial.truth.T])
+    return replace(trial, recording=recording, truth=truth)
+
+
+def on_the_grid(jittered: Trial, trial: Trial) -> Trial:
+    """The same samples with the time stamps of the grid that they were meant for."""
+    return _with(jittered, time_s=trial.recording.time_s)
+
+
+def patient_range(trial: Trial) -> Pair:
+    """Largest true effort of the patient in the judged rows: N·m, N."""
+    hip, slide = np.abs(trial.truth[trial.judged][:, PATIENT]).max(axis=0).tolist()
+    return hip, slide
+
+
+def _means_between(recording: Recording, taken_s: Values) -> Values:
+    """Means of piecewise constant efforts between other times than those of the rows."""
+    steps_s = np.diff(recording.time_s, prepend=recording.time_s[:1])
+    means = np.empty_like(recording.effort)
+    for axis in range(2):
+        effort = np.nan_to_num(recording.effort[:, axis])
+        impulse = np.interp(taken_s, recording.time_s, np.cumsum(effort * steps_s))
+        means[1:, axis] = np.diff(impulse) / np.diff(taken_s)
+    means[0] = recording.effort[0]
+    return means
+
+
+def _with(
+    trial: Trial,
+    time_s: Values | None = None,
+    position: Values | None = None,
+    effort: Values | None = None,
+) -> Trial:
+    old = trial.recording
+    recording = replace(
+        old,
+        time_s=old.time_s if time_s is None else time_s,
+        position=old.position if position is None else position,
+        effort=old.effort if effort is None else effort,
+    )
+    return replace(trial, recording=recording)
