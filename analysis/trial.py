@@ -46,6 +46,10 @@ class Trial:
     ended: str
     """Why the service stopped before its time; empty if it did not."""
 
+    def named(self, name: str) -> "Trial":
+        """The same under another name."""
+        return replace(self, name=name)
+
     @property
     def moving(self) -> Flags:
         """Shape (n, 2): the true gate of each axis is open."""

@@ -1,0 +1,185 @@
+"""The ablation: the same recordings through observers of which one choice is turned off.
+
+A trial is replayed with each choice (`ablation_choices.py`), and its estimates are compared with the
+truth. Errors are given where a joint truly moves, where the observer itself calls an axis OK, and at
+rest, because these are different questions.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from analysis.ablation_choices import CHOICES, DELAY_MS, JITTER_S, RIPPLE, Choice
+from analysis.replay import setup_for
+from analysis.trial import (
+    Flags,
+    Pair,
+    Trial,
+    Values,
+    on_the_grid,
+    with_glitches,
+    with_jitter,
+    with_late_efforts,
+    with_ripple,
+)
+from observer import batch
+from observer.batch import BatchEstimates, Columns
+from observer.leg_model import STEP_S
+from observer.states import FRICTION, PATIENT, VELOCITY
+from observer.status import REST_MAX_S, Status, Validity
+
+SIGMAS: Final = 3.0
+SEED: Final = 5
+GLITCH_INTERVAL_S: Final = 1.0
+GLITCH_SIZE: Final = (0.01, 0.3)
+"""rad; metres at the slide."""
+ENCODER_NOISE: Final = (5e-5, 2e-5)
+ENCODER_QUANTUM: Final = (1.534e-5, 1.2207e-5)
+"""Of the virtual encoders, rad and m: 409 600 counts a turn, 12 288 in 0.15 m."""
+
+JITTER_TRUE: Final = "jitter 1 ms, true times"
+JITTER_NOMINAL: Final = "jitter 1 ms, times of the grid"
+LATE: Final = "efforts one cycle late"
+RIPPLED: Final = "ripple on the efforts"
+GLITCHES: Final = "glitches of the encoders"
+
+
+class Errors(NamedTuple):
+    """Root mean squares of estimate minus truth and what the estimate says of itself; pairs are hip
+    and slide. NaN where there is nothing to compare."""
+
+    patient: Pair
+    """While the joint truly moves: N·m, N."""
+    patient_ok: Pair
+    """While the observer calls the axis OK."""
+    patient_at_rest: Pair
+    """While the joint has truly rested for longer than REST_MAX_S."""
+    friction: Pair
+    """While the joint truly moves."""
+    net: Pair
+    """Patient minus friction, always."""
+    velocity: Pair
+    """Always: rad/s, m/s."""
+    patient_covered: Pair
+    """Share within 3 sigma, while the observer calls the axis OK."""
+    patient_at_rest_covered: Pair
+    """Share within 3 sigma, at rest."""
+    net_covered: Pair
+    """Share within 3 sigma, always."""
+    velocity_covered: Pair
+    ok_share: Pair
+    """Of the samples."""
+    nis: float
+    """Mean of samples that were used; 2 is ideal."""
+
+
+class Result(NamedTuple):
+    """One cell of the ablation."""
+
+    situation: str
+    choice: str
+    errors: Errors
+
+
+Results = Mapping[tuple[str, str], Errors]
+"""By situation and choice."""
+
+
+def errors_of(trial: Trial, made: BatchEstimates) -> Errors:
+    """Compare the rows of a trial that are to be judged."""
+    moving, resting = trial.moving, _resting(trial)
+    wrong = made.state - trial.truth
+    net = made.net - (trial.truth[:, PATIENT] - trial.truth[:, FRICTION])
+    ok = made.validity == Validity.OK
+    used = np.isfinite(made.nis) & ((made.status & Status.GATED) == 0) & trial.judged
+    everywhere = np.ones_like(moving)
+    patient, patient_std = wrong[:, PATIENT], made.std[:, PATIENT]
+
+    def rms(values: Values, rows: Flags) -> Pair:
+        return _per_axis(_rms, values, rows & trial.judged[:, None])
+
+    def covered(values: Values, std: Values, rows: Flags) -> Pair:
+        within = (np.abs(values) <= SIGMAS * std).astype(float)
+        within[np.isnan(values)] = np.nan
+        return _per_axis(_mean, within, rows & trial.judged[:, None])
+
+    return Errors(
+        patient=rms(patient, moving),
+        patient_ok=rms(patient, ok),
+        patient_at_rest=rms(patient, resting),
+        friction=rms(wrong[:, FRICTION], moving),
+        net=rms(net, everywhere),
+        velocity=rms(wrong[:, VELOCITY], everywhere),
+        patient_covered=covered(patient, patient_std, ok),
+        patient_at_rest_covered=covered(patient, patient_std, resting),
+        net_covered=covered(net, made.net_std, everywhere),
+        velocity_covered=covered(wrong[:, VELOCITY], made.std[:, VELOCITY], everywhere),
+        ok_share=_per_axis(_mean, ok.astype(float), trial.judged[:, None] & everywhere),
+        nis=_mean(made.nis, used),
+    )
+
+
+def replayed(trial: Trial, choice: Choice) -> BatchEstimates:
+    """The observer of a choice over a trial."""
+    made = trial.recording
+    setup = setup_for(choice.change(trial.robot))
+    return batch.run(setup, Columns(made.time_s, made.position, made.effort))
+
+
+def ablate(
+    trials: Iterable[Trial],
+    choices: Sequence[Choice] = CHOICES,
+    told: Callable[[], None] | None = None,
+) -> dict[tuple[str, str], Errors]:
+    """Every trial with every choice.
+
+    Args:
+        trials: with different names.
+        choices: with different names.
+        told: called after each trial.
+    """
+    results: dict[tuple[str, str], Errors] = {}
+    for trial in trials:
+        for choice in choices:
+            results[trial.name, choice.name] = errors_of(trial, replayed(trial, choice))
+        if told is not None:
+            told()
+    return results
+
+
+def spoiled(trial: Trial) -> tuple[Trial, ...]:
+    """The same trial with what real machines add, each under its own name."""
+    jittered = with_jitter(trial, JITTER_S, ENCODER_NOISE, ENCODER_QUANTUM, SEED)
+    late_cycles = round(1e-3 * DELAY_MS / STEP_S)
+    return (
+        jittered.named(JITTER_TRUE),
+        on_the_grid(jittered, trial).named(JITTER_NOMINAL),
+        with_late_efforts(trial, late_cycles).named(LATE),
+        with_ripple(trial, RIPPLE, SEED).named(RIPPLED),
+        with_glitches(trial, GLITCH_INTERVAL_S, GLITCH_SIZE, SEED).named(GLITCHES),
+    )
+
+
+def _resting(trial: Trial) -> Flags:
+    """Rows, by axis, in which the joint has not moved for longer than REST_MAX_S."""
+    cycles = round(REST_MAX_S / STEP_S)
+    still = np.zeros(2)
+    resting = np.zeros_like(trial.moving)
+    for row, moves in enumerate(trial.moving):
+        still = np.where(moves, 0, still + 1)
+        resting[row] = still > cycles
+    return resting
+
+
+def _per_axis(summary: Callable[[Values, Flags], float], values: Values, rows: Flags) -> Pair:
+    return summary(values[:, 0], rows[:, 0]), summary(values[:, 1], rows[:, 1])
+
+
+def _mean(values: Values, rows: Flags) -> float:
+    known = values[rows & np.isfinite(values)]
+    return float(np.mean(known)) if len(known) else float("nan")
+
+
+def _rms(values: Values, rows: Flags) -> float:
+    return float(np.sqrt(_mean(values**2, rows)))

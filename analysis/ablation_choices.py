@@ -1,0 +1,119 @@
+"""Every choice of the observer, as a change of the robot file: what the ablation turns on and off."""
+
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+import msgspec
+
+from daemon.config.settings import Robot
+
+SHIPPED: Final = "as shipped"
+PAPER_FRICTION_FACTOR: Final = 10.0
+"""Of friction's process noise in the paper's tuning: q_fric >> q_dist."""
+NO_FRICTION: Final = 1e-6
+"""N·m or N: levels of a friction that is none; the law needs positive ones."""
+OPEN_GATE_NIS: Final = 1000.0
+DELAY_MS: Final = 10.0
+JITTER_S: Final = 1e-3
+RIPPLE: Final = (0.1, 8.0)
+"""N·m and N, as the drives' own loops cause in position mode."""
+
+
+class Choice(NamedTuple):
+    """One way to set the observer up."""
+
+    name: str
+    change: Callable[[Robot], Robot]
+
+
+def _observer(**changes: float | str) -> Callable[[Robot], Robot]:
+    """Keys of [observer]."""
+
+    def change(robot: Robot) -> Robot:
+        return msgspec.structs.replace(
+            robot, observer=msgspec.structs.replace(robot.observer, **changes)
+        )
+
+    return change
+
+
+def _friction_levels(factor: float, viscous_factor: float) -> Callable[[Robot], Robot]:
+    """Coulomb and breakaway levels, and viscous friction, as the observer is told."""
+
+    def change(robot: Robot) -> Robot:
+        hip, slide = robot.friction.hip, robot.friction.slide
+        friction = msgspec.structs.replace(
+            robot.friction,
+            hip=msgspec.structs.replace(
+                hip,
+                coulomb_nm=factor * hip.coulomb_nm,
+                stribeck_nm=factor * hip.stribeck_nm,
+                viscous_nm_s_per_rad=viscous_factor * hip.viscous_nm_s_per_rad,
+            ),
+            slide=msgspec.structs.replace(
+                slide,
+                coulomb_n=factor * slide.coulomb_n,
+                stribeck_n=factor * slide.stribeck_n,
+                viscous_n_s_per_m=viscous_factor * slide.viscous_n_s_per_m,
+            ),
+        )
+        return msgspec.structs.replace(robot, friction=friction)
+
+    return change
+
+
+def _leg_mass(factor: float) -> Callable[[Robot], Robot]:
+    """Of the patient, or of the machine's links where nobody is in it."""
+
+    def change(robot: Robot) -> Robot:
+        if robot.patient is not None:
+            patient = msgspec.structs.replace(robot.patient, mass_kg=factor * robot.patient.mass_kg)
+            return msgspec.structs.replace(robot, patient=patient)
+        links = {
+            name: msgspec.structs.replace(link, mass_kg=factor * link.mass_kg)
+            for name, link in (("thigh", robot.thigh), ("shank", robot.shank), ("shoe", robot.shoe))
+        }
+        return msgspec.structs.replace(robot, **links)
+
+    return change
+
+
+def _paper_noise(robot: Robot) -> Robot:
+    """Constant noise with q_fric >> q_dist, which absorbs into friction what comes at rest."""
+    table = robot.observer
+    return _observer(
+        velocity_gated=False,
+        patient_noise_max_ratio=1.0,
+        process_hip_friction_nm=PAPER_FRICTION_FACTOR * table.process_hip_patient_nm,
+        process_slide_friction_n=PAPER_FRICTION_FACTOR * table.process_slide_patient_n,
+    )(robot)
+
+
+def _paper(robot: Robot) -> Robot:
+    """The paper's model and tuning: no Coriolis torque either."""
+    return _observer(coriolis=False)(_paper_noise(robot))
+
+
+CHOICES: Final = (
+    Choice(SHIPPED, lambda robot: robot),
+    Choice("without Coriolis", _observer(coriolis=False)),
+    Choice("not gated at rest", _observer(velocity_gated=False)),
+    Choice("noise never rises", _observer(patient_noise_max_ratio=1.0)),
+    Choice(
+        "neither gated nor rising", _observer(velocity_gated=False, patient_noise_max_ratio=1.0)
+    ),
+    Choice("semi-implicit x1", _observer(integrator="semi_implicit", substeps=1)),
+    Choice("semi-implicit x2", _observer(integrator="semi_implicit", substeps=2)),
+    Choice("viscous outside", _observer(viscous_outside=True)),
+    Choice("no friction model", _friction_levels(NO_FRICTION, 0.0)),
+    Choice("paper's noise", _paper_noise),
+    Choice("paper's observer", _paper),
+    Choice("glitch gate open", _observer(gate_nis=OPEN_GATE_NIS)),
+    Choice("delay told", _observer(effort_delay_ms=DELAY_MS)),
+    Choice("jitter told", _observer(sample_jitter_us=1e6 * JITTER_S)),
+    Choice("ripple told", _observer(ripple_hip_nm=RIPPLE[0], ripple_slide_n=RIPPLE[1])),
+    Choice("friction told 20 % low", _friction_levels(0.8, 1.0)),
+    Choice("friction told 20 % high", _friction_levels(1.2, 1.0)),
+    Choice("leg told 10 % light", _leg_mass(0.9)),
+    Choice("leg told 10 % heavy", _leg_mass(1.1)),
+)
