@@ -1,11 +1,11 @@
 """The ablation: the same recordings through observers of which one choice is turned off.
 
-A trial is replayed with each choice (`ablation_choices.py`), and its estimates are compared with the
-truth. Errors are given where a joint truly moves, where the observer itself calls an axis OK, and at
-rest, because these are different questions.
+A trial is replayed with each choice (`ablation_choices.py`), and its estimates are compared with
+the truth. Errors are given where a joint truly moves, where the observer itself calls an axis OK,
+and at rest, because these are different questions.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -46,8 +46,10 @@ GLITCHES: Final = "glitches of the encoders"
 
 
 class Errors(NamedTuple):
-    """Root mean squares of estimate minus truth and what the estimate says of itself; pairs are hip
-    and slide. NaN where there is nothing to compare."""
+    """Root mean squares of estimate minus truth, and what the estimate says of itself.
+
+    Pairs are hip and slide; NaN where there is nothing to compare.
+    """
 
     patient: Pair
     """While the joint truly moves: N·m, N."""
@@ -74,12 +76,18 @@ class Errors(NamedTuple):
     """Mean of samples that were used; 2 is ideal."""
 
 
-class Result(NamedTuple):
-    """One cell of the ablation."""
+class Summary(NamedTuple):
+    """What a trial was."""
 
     situation: str
-    choice: str
-    errors: Errors
+    judged_s: float
+    ended: str
+    """Why it ended before its time; empty if it did not."""
+
+
+def summary(trial: Trial) -> Summary:
+    """Of the rows that are judged."""
+    return Summary(trial.name, float(np.count_nonzero(trial.judged)) * STEP_S, trial.ended)
 
 
 Results = Mapping[tuple[str, str], Errors]
@@ -127,25 +135,11 @@ def replayed(trial: Trial, choice: Choice) -> BatchEstimates:
     return batch.run(setup, Columns(made.time_s, made.position, made.effort))
 
 
-def ablate(
-    trials: Iterable[Trial],
-    choices: Sequence[Choice] = CHOICES,
-    told: Callable[[], None] | None = None,
-) -> dict[tuple[str, str], Errors]:
-    """Every trial with every choice.
-
-    Args:
-        trials: with different names.
-        choices: with different names.
-        told: called after each trial.
-    """
-    results: dict[tuple[str, str], Errors] = {}
-    for trial in trials:
-        for choice in choices:
-            results[trial.name, choice.name] = errors_of(trial, replayed(trial, choice))
-        if told is not None:
-            told()
-    return results
+def ablate(trial: Trial, choices: Sequence[Choice] = CHOICES) -> dict[tuple[str, str], Errors]:
+    """One trial with every choice."""
+    return {
+        (trial.name, choice.name): errors_of(trial, replayed(trial, choice)) for choice in choices
+    }
 
 
 def spoiled(trial: Trial) -> tuple[Trial, ...]:

@@ -1,4 +1,4 @@
-"""Every choice of the observer, as a change of the robot file: what the ablation turns on and off."""
+"""Every choice of the observer, as a change of the robot file: what the ablation turns off."""
 
 from collections.abc import Callable
 from typing import Final, NamedTuple
@@ -37,8 +37,8 @@ def _observer(**changes: float | str) -> Callable[[Robot], Robot]:
     return change
 
 
-def _friction_levels(factor: float, viscous_factor: float) -> Callable[[Robot], Robot]:
-    """Coulomb and breakaway levels, and viscous friction, as the observer is told."""
+def friction_levels(factor: float, viscous_factor: float = 1.0) -> Callable[[Robot], Robot]:
+    """Coulomb and breakaway levels, and viscous friction, times a factor."""
 
     def change(robot: Robot) -> Robot:
         hip, slide = robot.friction.hip, robot.friction.slide
@@ -105,15 +105,15 @@ CHOICES: Final = (
     Choice("semi-implicit x1", _observer(integrator="semi_implicit", substeps=1)),
     Choice("semi-implicit x2", _observer(integrator="semi_implicit", substeps=2)),
     Choice("viscous outside", _observer(viscous_outside=True)),
-    Choice("no friction model", _friction_levels(NO_FRICTION, 0.0)),
+    Choice("no friction model", friction_levels(NO_FRICTION, 0.0)),
     Choice("paper's noise", _paper_noise),
     Choice("paper's observer", _paper),
     Choice("glitch gate open", _observer(gate_nis=OPEN_GATE_NIS)),
     Choice("delay told", _observer(effort_delay_ms=DELAY_MS)),
     Choice("jitter told", _observer(sample_jitter_us=1e6 * JITTER_S)),
     Choice("ripple told", _observer(ripple_hip_nm=RIPPLE[0], ripple_slide_n=RIPPLE[1])),
-    Choice("friction told 20 % low", _friction_levels(0.8, 1.0)),
-    Choice("friction told 20 % high", _friction_levels(1.2, 1.0)),
+    Choice("friction told 20 % low", friction_levels(0.8)),
+    Choice("friction told 20 % high", friction_levels(1.2)),
     Choice("leg told 10 % light", _leg_mass(0.9)),
     Choice("leg told 10 % heavy", _leg_mass(1.1)),
 )

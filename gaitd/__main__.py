@@ -28,6 +28,7 @@ COMMANDS: Final = {
     "experiment": "The paper's experiment on the empty virtual machine: figures and numbers.",
     "delay": "How much later than its row an effort acts, measured from a recording.",
     "baseline": "What is taken for a patient while one only lies there, recorded once.",
+    "ablation": "Every choice of the observer on and off: errors beside each other.",
     "doctor": "What this machine can and cannot do for gaitd.",
     "honesty": "Whether what the observer says of itself is true: sigmas, gaps, rest, drift.",
     "bench": "The project's benchmarks.",

@@ -7,6 +7,7 @@ the same configuration give the same bits. Nothing is written to a disk.
     trial = trials.gait(Situation(cadence_hz=0.5, programme="active"), duration_s=30.0)
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -58,6 +59,11 @@ class Situation(NamedTuple):
     programme: str = "passive"
     """One of plant.toml's [[patient.programme]]."""
 
+    @property
+    def name(self) -> str:
+        """For people."""
+        return f"{self.law.value}, {self.cadence_hz:g} Hz, {self.programme}"
+
 
 class TrialError(Exception):
     """A trial did not begin: says why."""
@@ -90,14 +96,18 @@ class Trials:
         """Of plant and service."""
         return self._robot
 
+    @property
+    def start_pose(self) -> tuple[float, float]:
+        """Where the plant is at power-on: rad, m."""
+        return math.radians(self._plant.start.hip_deg), self._plant.start.slide_m
+
     def gait(self, situation: Situation, duration_s: float, told: Told | None = None) -> Trial:
         """The patient walks: enable, approach, gait, for so long from its first stride on.
 
         Raises:
             TrialError: the service refused it. A service that stops later shortens the trial.
         """
-        name = f"{situation.law.value}, {situation.cadence_hz:g} Hz, {situation.programme}"
-        run = self._run(name, self._robot, situation)
+        run = self._run(situation.name, self._robot, situation)
         wanted = ModeRequest(
             Mode.GAIT, cadence_hz=situation.cadence_hz, amplitude_ratio=1.0, duration_s=600.0
         )

@@ -1,0 +1,141 @@
+"""Figures of the ablation: grouped bars, one figure for each question, and the coverage."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from analysis.ablation import Results
+from analysis.ablation_choices import SHIPPED
+from analysis.ablation_questions import Question
+from analysis.drawing import BAD, ESTIMATE, FAINT, FRICTION, GOOD, MEASURED, TEXT, TRUTH, style
+
+AXES: Final = (("hip", "N·m"), ("slide", "N"))
+COLOURS: Final = (ESTIMATE, TRUTH, MEASURED, FRICTION, GOOD, BAD)
+DPI: Final = 110
+COVERED: Final = 0.9973
+"""By 3 sigma, of a Gaussian."""
+QUANTITIES: Final = (
+    ("patient_covered", "patient, axis OK", ESTIMATE, "o"),
+    ("patient_at_rest_covered", "patient, at rest", TRUTH, "D"),
+    ("net_covered", "net", GOOD, "s"),
+    ("velocity_covered", "velocity", MEASURED, "^"),
+)
+
+
+def answered(question: Question, results: Results) -> tuple[list[str], list[str]]:
+    """The situations and choices of a question of which there are results."""
+    situations = [one for one in question.situations if (one, SHIPPED) in results]
+    known = {choice for _, choice in results}
+    return situations, [one for one in question.choices if one in known]
+
+
+def draw_question(question: Question, results: Results, path: Path) -> None:
+    """Grouped bars: hip above, slide below, one group for each situation.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    situations, choices = answered(question, results)
+    figure = Figure(figsize=(9.0, 5.6), dpi=DPI, layout="constrained")
+    panels = figure.subplots(2, 1, sharex=True)
+    for axis, panel in enumerate(panels):
+        name, unit = AXES[axis]
+        style(panel, f"{name}: rms error of the {question.measured}", unit)
+        panel.grid(visible=False, axis="x")
+        values = np.array(
+            [
+                [getattr(results[situation, choice], question.measure)[axis] for choice in choices]
+                for situation in situations
+            ]
+        )
+        _bars(panel, values, choices)
+    panels[1].set_xticks(range(len(situations)), [_wrapped(one) for one in situations])
+    figure.suptitle(question.title, x=0.01, ha="left", fontsize=12, color=TEXT, fontweight="bold")
+    figure.legend(
+        *panels[0].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=len(choices),
+        frameon=False,
+        fontsize=9,
+        labelcolor=TEXT,
+    )
+    figure.savefig(path)
+
+
+def draw_coverage(situations: Sequence[str], results: Results, path: Path) -> None:
+    """Share of samples within 3 sigma, as shipped, for each situation.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    figure = Figure(figsize=(9.0, 1.6 + 0.27 * len(situations)), dpi=DPI, layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
+    rows = np.arange(len(situations))
+    for axis, panel in enumerate(panels):
+        style(panel, AXES[axis][0])
+        panel.axvline(COVERED, color=FAINT, linewidth=1.0, linestyle="--")
+        for place, (field, label, colour, marker) in enumerate(QUANTITIES):
+            shares = [getattr(results[one, SHIPPED], field)[axis] for one in situations]
+            offset = 0.18 * (place - 1.5)
+            panel.plot(
+                shares, rows + offset, marker, color=colour, label=label, markersize=4.5, alpha=0.9
+            )
+        panel.set_xlim(0.37, 1.02)
+        panel.set_xlabel("share of samples within 3 sigma", fontsize=8, color=TEXT)
+    panels[0].set_yticks(rows, situations)
+    panels[0].set_ylim(len(situations) - 0.5, -0.5)
+    figure.suptitle(
+        "Measured 3-sigma coverage, as shipped (dashed: 0.9973)",
+        x=0.01,
+        ha="left",
+        fontsize=12,
+        color=TEXT,
+        fontweight="bold",
+    )
+    figure.legend(
+        *panels[0].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=len(QUANTITIES),
+        frameon=False,
+        fontsize=9,
+        labelcolor=TEXT,
+    )
+    figure.savefig(path)
+
+
+def _bars(panel: Axes, values: np.ndarray, choices: Sequence[str]) -> None:
+    """One group for each row, one colour for each column, each bar with its number."""
+    width = 0.8 / len(choices)
+    for column, choice in enumerate(choices):
+        places = np.arange(len(values)) + (column - (len(choices) - 1) / 2) * width
+        heights = values[:, column]
+        panel.bar(places, heights, 0.92 * width, color=COLOURS[column], label=choice)
+        for place, height in zip(places, heights, strict=True):
+            known = np.isfinite(height)
+            text = three_digits(height) if known else "no rest" if np.isnan(height) else "–"
+            panel.annotate(
+                text,
+                (place, height if known else 0.0),
+                (0, 2),
+                textcoords="offset points",
+                ha="center",
+                va="bottom",
+                fontsize=7.5,
+                color=TEXT if known else FAINT,
+            )
+    panel.margins(y=0.15)
+
+
+def three_digits(value: float) -> str:
+    """A number as precise as it deserves: 0.11, 1.09, 12.4, 120."""
+    if np.isnan(value):
+        return "–"
+    return f"{value:.2f}" if value < 9.995 else f"{value:.1f}" if value < 99.95 else f"{value:.0f}"
+
+
+def _wrapped(situation: str) -> str:
+    return situation.replace(", ", ",\n", 1)

@@ -1,0 +1,208 @@
+"""The page of the ablation: figures, tables, and where 3 sigma do not cover and why."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final
+
+from analysis.ablation import Errors, Results, Summary
+from analysis.ablation_choices import SHIPPED
+from analysis.ablation_figures import answered, draw_coverage, draw_question, three_digits
+from analysis.ablation_questions import QUESTIONS, REASONS, WRONG, Question
+from analysis.trial import Pair
+
+PAGE: Final = "ablation.md"
+COVERAGE_FIGURE: Final = "ablation_coverage.png"
+LOW: Final = 0.95
+"""Coverage below it is named, with its reason."""
+COLUMNS: Final = (
+    ("moving", "patient"),
+    ("OK", "patient_ok"),
+    ("at rest", "patient_at_rest"),
+    ("friction", "friction"),
+    ("net", "net"),
+)
+COVERAGES: Final = (
+    ("patient, axis OK", "patient_covered"),
+    ("patient at rest", "patient_at_rest_covered"),
+    ("net", "net_covered"),
+    ("velocity", "velocity_covered"),
+)
+UNKNOWN_REASON: Final = "not one of the situations that this page explains"
+
+
+def write_page(
+    folder: Path, results: Results, summaries: Sequence[Summary], command: str
+) -> list[Path]:
+    """Write the page and its figures; their paths.
+
+    Args:
+        folder: that exists.
+        results: by situation and choice.
+        summaries: of the trials, in the order of recording.
+        command: that was given.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    asked = [one for one in (*QUESTIONS, *WRONG) if answered(one, results)[0]]
+    situations = [one.situation for one in summaries]
+    paths = [folder / PAGE, folder / COVERAGE_FIGURE]
+    draw_coverage(situations, results, paths[1])
+    for question in asked:
+        paths.append(folder / figure_name(question))
+        draw_question(question, results, paths[-1])
+    paths[0].write_text("\n".join(_lines(results, summaries, asked, command)) + "\n", "utf-8")
+    return paths
+
+
+def figure_name(question: Question) -> str:
+    """Of a question's file."""
+    return f"ablation_{question.key}.png"
+
+
+def pair(values: Pair, digits: int | None = None) -> str:
+    """Hip and slide in one cell."""
+    texts = [
+        three_digits(one) if digits is None or one != one else f"{one:.{digits}f}" for one in values
+    ]
+    return " / ".join(texts)
+
+
+def _lines(
+    results: Results, summaries: Sequence[Summary], asked: Sequence[Question], command: str
+) -> Iterator[str]:
+    yield from _introduction(command)
+    yield from _overview(results, summaries)
+    for question in asked:
+        if question in WRONG:
+            continue
+        yield from _section(question, results, "##")
+    yield from _coverage(results, summaries)
+    wrong = [question for question in asked if question in WRONG]
+    if wrong:
+        yield from ("", "## What if the parameters are wrong")
+    for question in wrong:
+        yield from _section(question, results, "###")
+
+
+def _introduction(command: str) -> Iterator[str]:
+    yield "# The observer's choices, each on and off"
+    yield ""
+    yield (
+        f"Made by `{command}`: this page, its tables and its figures. The real loop runs on the "
+        "virtual machine over CAN frames; each situation is recorded once, with what was true "
+        "beside it, and replayed through observers of which one choice is changed. The same "
+        "command gives the same numbers."
+    )
+    yield ""
+    yield (
+        "All errors are root mean squares of estimate minus truth, **hip in N·m / slide in N**. "
+        "*Moving*: the joint's true gate a(v) is above 0.5. *OK*: the observer itself calls the "
+        "axis OK. *At rest*: the joint has truly not moved for more than 100 ms, where only net = "
+        "patient - friction can be observed. Velocity is in mrad/s / mm/s. A dash: there is "
+        "nothing to compare. Plants: `paper` is the observer's own friction law, "
+        "`paper_sticking` the same with ideal sticking at rest, `lugre` bristles, another law. "
+        "Sensors have noise, quanta and jitter in all of them."
+    )
+
+
+def _overview(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
+    yield from ("", "## As shipped, in every situation", "")
+    heads = [head for head, _ in COLUMNS]
+    yield _row(["situation", "judged s", *heads, "velocity", "NIS", "OK share"])
+    yield _row(["---", "---:"] + ["---:"] * (len(heads) + 3))
+    for one in summaries:
+        errors = results[one.situation, SHIPPED]
+        cells = [*_error_cells(errors), three_digits(errors.nis), pair(errors.ok_share, 2)]
+        yield _row([one.situation, f"{one.judged_s:.1f}", *cells])
+    ended = [
+        f"`{one.situation}` after {one.judged_s:.0f} s ({one.ended})"
+        for one in summaries
+        if one.ended
+    ]
+    if ended:
+        yield ""
+        yield (
+            f"The service stopped {', '.join(ended)}: an axis that sticks ideally gives no count "
+            "for as long as an encoder that is frozen. The rows until then are used."
+        )
+
+
+def _section(question: Question, results: Results, level: str) -> Iterator[str]:
+    situations, choices = answered(question, results)
+    yield from ("", f"{level} {question.title}", "", question.text, "")
+    yield f"![{question.title}]({figure_name(question)})"
+    yield ""
+    heads = [head for head, _ in COLUMNS]
+    yield _row(
+        [
+            "situation",
+            "choice",
+            *heads,
+            "velocity",
+            "3σ patient",
+            "3σ net",
+            "3σ velocity",
+            "OK share",
+            "NIS",
+        ]
+    )
+    yield _row(["---", "---"] + ["---:"] * (len(heads) + 6))
+    for situation in situations:
+        for choice in choices:
+            errors = results[situation, choice]
+            cells = [
+                *_error_cells(errors),
+                *(
+                    pair(getattr(errors, name), 2)
+                    for name in ("patient_covered", "net_covered", "velocity_covered", "ok_share")
+                ),
+                three_digits(errors.nis),
+            ]
+            yield _row([situation, choice, *cells])
+
+
+def _coverage(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
+    yield from ("", "## Measured 3-sigma coverage", "")
+    yield (
+        "The share of samples at which the truth lies within 3 sigma of the estimate, as shipped; "
+        "0.997 if errors were Gaussian and sigma right. Errors last for some samples, so a share "
+        "of half a minute is itself known to a percent or so. Above 0.997 sigma is too large: "
+        "process noise allows for a patient who changes all the time, and most do not."
+    )
+    yield from ("", f"![Coverage]({COVERAGE_FIGURE})", "")
+    yield _row(["situation", *(head for head, _ in COVERAGES)])
+    yield _row(["---"] + ["---:"] * len(COVERAGES))
+    for one in summaries:
+        errors = results[one.situation, SHIPPED]
+        yield _row([one.situation, *(pair(getattr(errors, field), 3) for _, field in COVERAGES)])
+    yield from ("", f"Where it is below {LOW:g}, and why:", "")
+    low = list(_low(results, summaries))
+    yield from low or ["- nowhere."]
+
+
+def _low(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
+    for one in summaries:
+        errors = results[one.situation, SHIPPED]
+        found = [
+            f"{head} {axis} {share:.2f}"
+            for head, field in COVERAGES
+            for axis, share in zip(("hip", "slide"), getattr(errors, field), strict=True)
+            if share < LOW
+        ]
+        if found:
+            yield f"- {one.situation}: {'; '.join(found)}. {_reason(one.situation)}."
+
+
+def _reason(situation: str) -> str:
+    text = next((why for name, why in REASONS if situation.startswith(name)), UNKNOWN_REASON)
+    return text[0].upper() + text[1:]
+
+
+def _error_cells(errors: Errors) -> list[str]:
+    milli = (1e3 * errors.velocity[0], 1e3 * errors.velocity[1])
+    return [*(pair(getattr(errors, field)) for _, field in COLUMNS), pair(milli)]
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"

@@ -1,0 +1,134 @@
+"""`gaitd ablation`: every choice of the observer on and off, errors beside each other."""
+
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+if TYPE_CHECKING:
+    from analysis.ablation import Results, Summary
+
+EXIT_REFUSED: Final = 2
+PLAIN_WIDTH: Final = 140
+"""Of a table that goes to a file."""
+
+
+def command(
+    output: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="writes a page and its figures", file_okay=False),
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(help="trainer file; by default configs/demo.toml", dir_okay=False)
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="short trials, matched plant only")
+    ] = False,
+) -> None:
+    """Record trials on the virtual machine, replay each with every choice, print the errors."""
+    from gaitd.places import configs_folder
+    from gaitd.trials import TrialError
+
+    trainer = config or configs_folder("--config", "demo.toml") / "demo.toml"
+    try:
+        if output is not None:
+            output.mkdir(parents=True, exist_ok=True)
+        results, summaries = _results(trainer, quick)
+        _print(results)
+        if output is not None:
+            _write(output, results, summaries, quick)
+    except TrialError as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(1) from error
+    except OSError as error:
+        print(f"{error.filename}: {error.strerror}", file=sys.stderr)
+        raise typer.Exit(EXIT_REFUSED) from error
+
+
+def _results(config: Path, quick: bool) -> "tuple[Results, list[Summary]]":
+    from analysis.ablation import Errors, ablate, summary
+    from gaitd.ablation_trials import planned, record
+
+    results: dict[tuple[str, str], Errors] = {}
+    summaries: list[Summary] = []
+    plan = planned(config, quick=quick)
+    with _progress(len(plan)) as told:
+        for trial in record(plan, told):
+            results |= ablate(trial)
+            summaries.append(summary(trial))
+    return results, summaries
+
+
+def _write(output: Path, results: "Results", summaries: "list[Summary]", quick: bool) -> None:
+    from analysis.ablation_page import write_page
+
+    command = f"gaitd ablation{' --quick' if quick else ''} --output {output.name}"
+    for path in write_page(output, results, summaries, command):
+        print(f"written      {path}")
+
+
+def _print(results: "Results") -> None:
+    """One table: the cells that answer the questions."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    from analysis.ablation_figures import answered, three_digits
+    from analysis.ablation_page import pair
+    from analysis.ablation_questions import QUESTIONS, WRONG
+
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=PLAIN_WIDTH)
+    table = Table(box=box.SIMPLE_HEAD, caption="rms errors and shares, hip / slide, N·m / N")
+    for title in ("", "moving", "at rest", "friction", "net", "3σ patient", "OK share", "NIS"):
+        table.add_column(title, justify="right" if title else "left", no_wrap=True)
+    for question in (*QUESTIONS, *WRONG):
+        situations, choices = answered(question, results)
+        if situations:
+            table.add_row(f"[bold]{question.title}[/]")
+        for situation in situations:
+            table.add_row(f"  {situation}")
+            for choice in choices:
+                errors = results[situation, choice]
+                shown = (errors.patient, errors.patient_at_rest, errors.friction, errors.net)
+                shares = (pair(errors.patient_covered, 2), pair(errors.ok_share, 2))
+                cells = (*map(pair, shown), *shares, three_digits(errors.nis))
+                table.add_row(f"    {choice}", *cells)
+    console.print(table)
+
+
+Told = Callable[[str], Callable[[float], None]]
+
+
+@contextmanager
+def _progress(count: int) -> Generator[Told]:
+    """One bar over all trials; only on a terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    with Progress(
+        TextColumn("{task.description:<34}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("trials"),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as progress:
+        task = progress.add_task("", total=count)
+        begun = -1
+
+        def told(title: str) -> Callable[[float], None]:
+            nonlocal begun
+            begun += 1
+            done = begun
+            progress.update(task, description=title, completed=done)
+            return lambda share: progress.update(task, completed=done + share)
+
+        yield told
