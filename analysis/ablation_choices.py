@@ -26,6 +26,10 @@ class Choice(NamedTuple):
     change: Callable[[Robot], Robot]
 
 
+def _as_it_is(robot: Robot) -> Robot:
+    return robot
+
+
 def _observer(**changes: float | str) -> Callable[[Robot], Robot]:
     """Keys of [observer]."""
 
@@ -95,7 +99,7 @@ def _paper(robot: Robot) -> Robot:
 
 
 CHOICES: Final = (
-    Choice(SHIPPED, lambda robot: robot),
+    Choice(SHIPPED, _as_it_is),
     Choice("without Coriolis", _observer(coriolis=False)),
     Choice("not gated at rest", _observer(velocity_gated=False)),
     Choice("noise never rises", _observer(patient_noise_max_ratio=1.0)),

@@ -16,6 +16,8 @@ from analysis.drawing import BAD, ESTIMATE, FAINT, FRICTION, GOOD, MEASURED, TEX
 AXES: Final = (("hip", "N·m"), ("slide", "N"))
 COLOURS: Final = (ESTIMATE, TRUTH, MEASURED, FRICTION, GOOD, BAD)
 DPI: Final = 110
+BAR_MAX: Final = 0.25
+"""Of the width of a group."""
 COVERED: Final = 0.9973
 """By 3 sigma, of a Gaussian."""
 QUANTITIES: Final = (
@@ -109,16 +111,15 @@ def draw_coverage(situations: Sequence[str], results: Results, path: Path) -> No
 
 def _bars(panel: Axes, values: np.ndarray, choices: Sequence[str]) -> None:
     """One group for each row, one colour for each column, each bar with its number."""
-    width = 0.8 / len(choices)
+    width = min(0.8 / len(choices), BAR_MAX)
     for column, choice in enumerate(choices):
         places = np.arange(len(values)) + (column - (len(choices) - 1) / 2) * width
         heights = values[:, column]
         panel.bar(places, heights, 0.92 * width, color=COLOURS[column], label=choice)
         for place, height in zip(places, heights, strict=True):
             known = np.isfinite(height)
-            text = three_digits(height) if known else "no rest" if np.isnan(height) else "–"
             panel.annotate(
-                text,
+                three_digits(height),
                 (place, height if known else 0.0),
                 (0, 2),
                 textcoords="offset points",

@@ -1,5 +1,6 @@
 """The page of the ablation: figures, tables, and where 3 sigma do not cover and why."""
 
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
@@ -26,6 +27,13 @@ COVERAGES: Final = (
     ("patient at rest", "patient_at_rest_covered"),
     ("net", "net_covered"),
     ("velocity", "velocity_covered"),
+)
+SHARES: Final = (
+    ("3σ patient", "patient_covered"),
+    ("3σ at rest", "patient_at_rest_covered"),
+    ("3σ net", "net_covered"),
+    ("3σ velocity", "velocity_covered"),
+    ("OK share", "ok_share"),
 )
 UNKNOWN_REASON: Final = "not one of the situations that this page explains"
 
@@ -61,11 +69,12 @@ def figure_name(question: Question) -> str:
 
 
 def pair(values: Pair, digits: int | None = None) -> str:
-    """Hip and slide in one cell."""
-    texts = [
-        three_digits(one) if digits is None or one != one else f"{one:.{digits}f}" for one in values
-    ]
-    return " / ".join(texts)
+    """Hip and slide in one cell; as precise as they deserve, or with so many digits."""
+
+    def text(value: float) -> str:
+        return three_digits(value) if digits is None or math.isnan(value) else f"{value:.{digits}f}"
+
+    return " / ".join(map(text, values))
 
 
 def _lines(
@@ -133,33 +142,16 @@ def _section(question: Question, results: Results, level: str) -> Iterator[str]:
     yield from ("", f"{level} {question.title}", "", question.text, "")
     yield f"![{question.title}]({figure_name(question)})"
     yield ""
-    heads = [head for head, _ in COLUMNS]
-    yield _row(
-        [
-            "situation",
-            "choice",
-            *heads,
-            "velocity",
-            "3σ patient",
-            "3σ net",
-            "3σ velocity",
-            "OK share",
-            "NIS",
-        ]
-    )
-    yield _row(["---", "---"] + ["---:"] * (len(heads) + 6))
+    heads = [*(head for head, _ in COLUMNS), "velocity", *(head for head, _ in SHARES), "NIS"]
+    yield _row(["situation", "choice", *heads])
+    yield _row(["---", "---"] + ["---:"] * len(heads))
     for situation in situations:
         for choice in choices:
             errors = results[situation, choice]
-            cells = [
-                *_error_cells(errors),
-                *(
-                    pair(getattr(errors, name), 2)
-                    for name in ("patient_covered", "net_covered", "velocity_covered", "ok_share")
-                ),
-                three_digits(errors.nis),
-            ]
-            yield _row([situation, choice, *cells])
+            shares = (pair(getattr(errors, field), 2) for _, field in SHARES)
+            yield _row(
+                [situation, choice, *_error_cells(errors), *shares, three_digits(errors.nis)]
+            )
 
 
 def _coverage(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:

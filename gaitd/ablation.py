@@ -9,11 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 if TYPE_CHECKING:
-    from analysis.ablation import Results, Summary
+    from analysis.ablation import Errors, Results, Summary
 
 EXIT_REFUSED: Final = 2
-PLAIN_WIDTH: Final = 140
-"""Of a table that goes to a file."""
+TABLE_WIDTH: Final = 120
+"""Narrower, numbers would be cut."""
+NAME_WIDTH: Final = 32
+PAIR_WIDTH: Final = 11
+NIS_WIDTH: Final = 4
+HEADS: Final = ("moving", "at rest", "friction", "net", "3σ patient", "OK share", "NIS")
 
 
 def command(
@@ -71,34 +75,41 @@ def _write(output: Path, results: "Results", summaries: "list[Summary]", quick: 
 
 
 def _print(results: "Results") -> None:
-    """One table: the cells that answer the questions."""
+    """A table for each question: the cells that answer it."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
 
-    from analysis.ablation_figures import answered, three_digits
-    from analysis.ablation_page import pair
+    from analysis.ablation_figures import answered
     from analysis.ablation_questions import QUESTIONS, WRONG
 
     console = Console()
-    if not console.is_terminal:
-        console = Console(width=PLAIN_WIDTH)
-    table = Table(box=box.SIMPLE_HEAD, caption="rms errors and shares, hip / slide, N·m / N")
-    for title in ("", "moving", "at rest", "friction", "net", "3σ patient", "OK share", "NIS"):
-        table.add_column(title, justify="right" if title else "left", no_wrap=True)
+    console = Console(width=max(console.width, TABLE_WIDTH))
+    console.print("rms errors and shares, hip / slide, N·m / N")
     for question in (*QUESTIONS, *WRONG):
         situations, choices = answered(question, results)
-        if situations:
-            table.add_row(f"[bold]{question.title}[/]")
+        if not situations:
+            continue
+        console.print(f"\n[bold]{question.title}[/]")
+        table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+        table.add_column("", no_wrap=True, min_width=NAME_WIDTH)
+        for title in HEADS:
+            width = NIS_WIDTH if title == HEADS[-1] else PAIR_WIDTH
+            table.add_column(title, justify="right", no_wrap=True, min_width=width)
         for situation in situations:
-            table.add_row(f"  {situation}")
+            table.add_row(situation)
             for choice in choices:
-                errors = results[situation, choice]
-                shown = (errors.patient, errors.patient_at_rest, errors.friction, errors.net)
-                shares = (pair(errors.patient_covered, 2), pair(errors.ok_share, 2))
-                cells = (*map(pair, shown), *shares, three_digits(errors.nis))
-                table.add_row(f"    {choice}", *cells)
-    console.print(table)
+                table.add_row(f"  {choice}", *_cells(results[situation, choice]))
+        console.print(table)
+
+
+def _cells(errors: "Errors") -> tuple[str, ...]:
+    from analysis.ablation_figures import three_digits
+    from analysis.ablation_page import pair
+
+    shown = (errors.patient, errors.patient_at_rest, errors.friction, errors.net)
+    shares = (errors.patient_covered, errors.ok_share)
+    return (*map(pair, shown), *(pair(one, 2) for one in shares), three_digits(errors.nis))
 
 
 Told = Callable[[str], Callable[[float], None]]

@@ -1,6 +1,7 @@
 """The trials of the ablation: which situations are recorded, and for how long."""
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -48,13 +49,13 @@ def planned(config: Path, *, quick: bool) -> list[Planned]:
     if quick:
         return [
             *(_walk(trials, Situation(cadence_hz=0.5, programme=name), QUICK_S) for name in WALKS),
-            Planned(REST, lambda told: trials.rest(QUICK_REST_S, told)),
+            Planned(REST, partial(trials.rest, QUICK_REST_S)),
         ]
     gaits = product(FrictionLaw, CADENCES_HZ, WALKS)
     return [
         *(_walk(trials, Situation(*one), GAIT_S) for one in gaits),
-        Planned("scenario paper", lambda told: trials.excite("paper", EXCITE_S, told)),
-        Planned(REST, lambda told: trials.rest(REST_S, told)),
+        Planned("scenario paper", partial(trials.excite, "paper", EXCITE_S)),
+        Planned(REST, partial(trials.rest, REST_S)),
         *_others(config, trials),
     ]
 
@@ -76,7 +77,7 @@ def record(plan: Sequence[Planned], told: Callable[[str], Told]) -> Iterator[Tri
 def _walk(trials: Trials, situation: Situation, duration_s: float) -> Planned:
     name = situation.name
     basis = BASIS if duration_s == GAIT_S else QUICK_BASIS
-    return Planned(name, lambda told: trials.gait(situation, duration_s, told), name == basis)
+    return Planned(name, partial(trials.gait, situation, duration_s), name == basis)
 
 
 def _others(config: Path, trials: Trials) -> Iterator[Planned]:
