@@ -1,6 +1,7 @@
 """The page of the ablation: figures, tables, and where 3 sigma do not cover and why."""
 
 import math
+import textwrap
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
@@ -13,6 +14,7 @@ from analysis.trial import Pair
 
 PAGE: Final = "ablation.md"
 COVERAGE_FIGURE: Final = "ablation_coverage.png"
+TEXT_WIDTH: Final = 118
 LOW: Final = 0.95
 """Coverage below it is named, with its reason."""
 COLUMNS: Final = (
@@ -97,14 +99,14 @@ def _lines(
 def _introduction(command: str) -> Iterator[str]:
     yield "# The observer's choices, each on and off"
     yield ""
-    yield (
+    yield _prose(
         f"Made by `{command}`: this page, its tables and its figures. The real loop runs on the "
         "virtual machine over CAN frames; each situation is recorded once, with what was true "
         "beside it, and replayed through observers of which one choice is changed. The same "
         "command gives the same numbers."
     )
     yield ""
-    yield (
+    yield _prose(
         "All errors are root mean squares of estimate minus truth, **hip in N·m / slide in N**. "
         "*Moving*: the joint's true gate a(v) is above 0.5. *OK*: the observer itself calls the "
         "axis OK. *At rest*: the joint has truly not moved for more than 100 ms, where only net = "
@@ -131,7 +133,7 @@ def _overview(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
     ]
     if ended:
         yield ""
-        yield (
+        yield _prose(
             f"The service stopped {', '.join(ended)}: an axis that sticks ideally gives no count "
             "for as long as an encoder that is frozen. The rows until then are used."
         )
@@ -139,7 +141,7 @@ def _overview(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
 
 def _section(question: Question, results: Results, level: str) -> Iterator[str]:
     situations, choices = answered(question, results)
-    yield from ("", f"{level} {question.title}", "", question.text, "")
+    yield from ("", f"{level} {question.title}", "", _prose(question.text), "")
     yield f"![{question.title}]({figure_name(question)})"
     yield ""
     heads = [*(head for head, _ in COLUMNS), "velocity", *(head for head, _ in SHARES), "NIS"]
@@ -156,7 +158,7 @@ def _section(question: Question, results: Results, level: str) -> Iterator[str]:
 
 def _coverage(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
     yield from ("", "## Measured 3-sigma coverage", "")
-    yield (
+    yield _prose(
         "The share of samples at which the truth lies within 3 sigma of the estimate, as shipped; "
         "0.997 if errors were Gaussian and sigma right. Errors last for some samples, so a share "
         "of half a minute is itself known to a percent or so. Above 0.997 sigma is too large: "
@@ -177,13 +179,14 @@ def _low(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
     for one in summaries:
         errors = results[one.situation, SHIPPED]
         found = [
-            f"{head} {axis} {share:.2f}"
+            f"{head} {axis} {share:.3f}"
             for head, field in COVERAGES
             for axis, share in zip(("hip", "slide"), getattr(errors, field), strict=True)
             if share < LOW
         ]
         if found:
-            yield f"- {one.situation}: {'; '.join(found)}. {_reason(one.situation)}."
+            text = f"- {one.situation}: {'; '.join(found)}. {_reason(one.situation)}."
+            yield textwrap.fill(text, TEXT_WIDTH, subsequent_indent="  ", break_on_hyphens=False)
 
 
 def _reason(situation: str) -> str:
@@ -194,6 +197,10 @@ def _reason(situation: str) -> str:
 def _error_cells(errors: Errors) -> list[str]:
     milli = (1e3 * errors.velocity[0], 1e3 * errors.velocity[1])
     return [*(pair(getattr(errors, field)) for _, field in COLUMNS), pair(milli)]
+
+
+def _prose(text: str) -> str:
+    return textwrap.fill(text, TEXT_WIDTH, break_long_words=False, break_on_hyphens=False)
 
 
 def _row(cells: Sequence[str]) -> str:

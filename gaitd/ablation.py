@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from analysis.ablation import Errors, Results, Summary
 
 EXIT_REFUSED: Final = 2
-TABLE_WIDTH: Final = 120
+TABLE_WIDTH: Final = 130
 """Narrower, numbers would be cut."""
 NAME_WIDTH: Final = 32
 PAIR_WIDTH: Final = 11
