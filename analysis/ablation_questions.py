@@ -99,9 +99,10 @@ QUESTIONS: Final = (
     Question(
         "integrator",
         "Integrator: RK4 with two substeps, or semi-implicit",
-        "Friction is stiff, and the semi-implicit step smears it over 10 ms. Two substeps halve "
-        "that. Explicit Euler is not in this table because it is refused: at 10 ms it is "
-        "unstable with real friction, and a configuration that names it does not load.",
+        "Friction is stiff, and the semi-implicit step smears it over 10 ms, most of all where it "
+        "changes fast; two substeps halve that (see the column of friction). Explicit Euler is not "
+        "in this table because it is refused: at 10 ms it is unstable with real friction, and a "
+        "configuration that names it does not load.",
         "patient",
         PATIENT,
         _gaits("paper", "0.25 0.5", "passive active"),
@@ -148,9 +149,11 @@ QUESTIONS: Final = (
         "Efforts: a cycle late, or with a ripple",
         "Efforts that act a cycle later than their rows say double the slide's error, and NIS "
         "hardly shows it; with `effort_delay_ms = 10` the result is that of the clean recording. "
-        "Told of a delay that is not there, the observer is as wrong. Ripple of 0.1 N·m and 8 N "
-        "on each sample makes sigma too small; told of it, it covers again. In motion the error "
-        "itself stays, since nobody knows the ripple.",
+        "Told of a delay that is not there, the observer is as wrong. Ripple of 0.1 N·m and 8 N on "
+        "each sample makes sigma too small; told of it, it covers again. In motion the error "
+        "stays, since nobody knows the ripple; told of one that is not there, the slide's error "
+        "nearly doubles, because the observer trusts its samples of effort less. Both options are "
+        "off unless the machine asks for them.",
         "patient",
         PATIENT,
         (BASIS, LATE, RIPPLED),

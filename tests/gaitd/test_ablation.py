@@ -28,7 +28,9 @@ from analysis.trial import Trial
 from daemon.config.robot import leg_parameters, observer_tuning
 from gaitd.__main__ import build
 from gaitd.ablation_trials import planned, record
+from gaitd.trials import Situation, Trials
 from observer.leg_model import integrator_named
+from sim_drives.plant_settings import FrictionLaw
 
 CONFIG = Path(__file__).parents[2] / "configs" / "demo.toml"
 PASSIVE = "paper, 0.5 Hz, passive"
@@ -178,6 +180,27 @@ def test_wrong_friction_is_an_error_of_that_friction_which_net_does_not_have(tri
     assert errors.patient[0] == pytest.approx(wrong_nm, rel=0.25)
     assert errors.patient_covered[0] < 0.3 < right.patient_covered[0]
     assert errors.net[0] < 0.5 * wrong_nm
+
+
+def test_a_load_that_sticking_holds_is_no_patient_with_the_gate():
+    trial = Trials(CONFIG).gait(Situation(FrictionLaw.PAPER_STICKING), 15.0)
+    results = ablate(trial)
+    gated, not_gated = (results[trial.name, name] for name in (SHIPPED, "not gated at rest"))
+
+    assert gated.patient_at_rest[0] < 0.5 * not_gated.patient_at_rest[0]
+    assert gated.patient[0] < 0.5 * not_gated.patient[0]
+    assert gated.patient_at_rest_covered[0] > 0.9 > not_gated.patient_at_rest_covered[0]
+
+
+def test_viscous_friction_outside_the_low_pass_suits_bristles_and_not_the_papers_law(results):
+    trial = Trials(CONFIG).gait(Situation(FrictionLaw.LUGRE, cadence_hz=0.5), 8.0)
+    bristles = ablate(trial)
+    inside, outside = (
+        bristles[trial.name, name].patient[1] for name in (SHIPPED, "viscous outside")
+    )
+
+    assert outside < 0.75 * inside
+    assert results[PASSIVE, "viscous outside"].patient[1] > 3 * results[PASSIVE, SHIPPED].patient[1]
 
 
 def test_the_choices_reach_the_observer(trials):

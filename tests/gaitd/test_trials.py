@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from analysis.ablation_choices import friction_levels
 from analysis.trial import (
     Trial,
     on_the_grid,
@@ -103,6 +104,24 @@ def test_another_patient_is_carried_by_the_springs_at_mid_pose(trials):
     heavy = balanced(msgspec.structs.replace(trials.robot, patient=patient), MID_POSE)
 
     assert np.abs(Trials(CONFIG, heavy).rest(2.0).recording.effort[-50:]).max() < 8.0
+
+
+def test_a_machine_that_rubs_twice_as_much_walks_too(trials):
+    rough = Trials(CONFIG, friction_levels(2.0)(trials.robot))
+    trial = rough.gait(Situation(cadence_hz=0.5), 6.0)
+    level_nm = trials.robot.friction.hip.coulomb_nm
+
+    assert trial.ended == ""
+    fast = trial.judged & (np.abs(trial.truth[:, 2]) > 0.3)
+    assert np.abs(trial.truth[fast, 4]).mean() == pytest.approx(2 * level_nm, rel=0.15)
+
+
+def test_progress_rises_to_the_whole(trials):
+    told: list[float] = []
+    trials.rest(3.0, told.append)
+
+    assert told == sorted(told)
+    assert told[-1] == 1.0
 
 
 def test_ripple_has_its_size_and_its_seed(walk):
