@@ -103,9 +103,6 @@ CHOICES: Final = (
     Choice("without Coriolis", _observer(coriolis=False)),
     Choice("not gated at rest", _observer(velocity_gated=False)),
     Choice("noise never rises", _observer(patient_noise_max_ratio=1.0)),
-    Choice(
-        "neither gated nor rising", _observer(velocity_gated=False, patient_noise_max_ratio=1.0)
-    ),
     Choice("semi-implicit x1", _observer(integrator="semi_implicit", substeps=1)),
     Choice("semi-implicit x2", _observer(integrator="semi_implicit", substeps=2)),
     Choice("viscous outside", _observer(viscous_outside=True)),

@@ -179,7 +179,7 @@ WRONG: Final = (
         "Friction levels 20 % off are an error of that friction, whatever the filter does; a leg "
         "10 % too heavy is its weight at the hip. At 0.25 Hz neither shows in NIS, and 3 sigma "
         "of the patient cover next to nothing: sigma tells of noise, not of a wrong number in "
-        "the robot file. Net is right with wrong friction, and wrong with a wrong leg. Hence "
+        "the robot file. Net suffers little from wrong friction, and fully from a wrong leg. Hence "
         "calibration, the friction monitor and the empty run.",
         "patient",
         PATIENT,

@@ -16,7 +16,7 @@ from analysis.recording import Recording
 from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
 from observer.friction import gate_of
-from observer.states import PATIENT, POSITION, VELOCITY
+from observer.states import POSITION, VELOCITY
 
 Values = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -137,12 +137,6 @@ def with_jitter(trial: Trial, sigma_s: float, noise: Pair, quantum: Pair, seed: 
 def on_the_grid(jittered: Trial, trial: Trial) -> Trial:
     """The same samples with the time stamps of the grid that they were meant for."""
     return _with(jittered, time_s=trial.recording.time_s)
-
-
-def patient_range(trial: Trial) -> Pair:
-    """Largest true effort of the patient in the judged rows: N·m, N."""
-    hip, slide = np.abs(trial.truth[trial.judged][:, PATIENT]).max(axis=0).tolist()
-    return hip, slide
 
 
 def _means_between(recording: Recording, taken_s: Values) -> Values:
