@@ -1,0 +1,211 @@
+"""The surprises of a filter without a patient: what the likelihood of a parameter set is made of.
+
+An extended Kalman filter of six states (positions, velocities, friction of both axes) over the same
+mechanism and friction law as the observer's, in substeps that are symmetric and of second order:
+
+    friction by half a substep, exactly, at the old velocity                (11)
+    half a substep of position, the whole one of velocity, half of position (6)
+    friction by half a substep at the new velocity
+
+The derivatives of a step come from seven points, the mean and one beside it for each state, in
+eight lanes that are vector code. An effort noise stands for what neither mechanism nor friction
+explain. The two axes of a row are taken one after the other, so their innovations are independent.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.friction import friction_after
+from observer.jit import kernel
+from observer.linkage import bounded_acceleration, dynamics
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+STATES: Final = 6
+LANES: Final = 8
+NOISES: Final = 6
+"""Measured positions, efforts, and frictions, hip and slide each."""
+
+
+@kernel
+def _advance(
+    leg: tuple[float, ...],
+    hip: tuple[float, ...],
+    slide: tuple[float, ...],
+    coriolis_share: float,
+    effort_hip: float,
+    effort_slide: float,
+    step_s: float,
+    points: Vector,
+    rates: Vector,
+) -> None:
+    """One substep of all lanes in place; `rates` keeps their accelerations between substeps."""
+    half_s = 0.5 * step_s
+    # Not LANES: a loop of a count that the compiler knows is unrolled, and never vector code.
+    for j in range(points.size // STATES):
+        v1 = points[2 * LANES + j]
+        v2 = points[3 * LANES + j]
+        f1 = friction_after(hip, points[4 * LANES + j], v1, half_s)
+        f2 = friction_after(slide, points[5 * LANES + j], v2, half_s)
+        q1 = points[j] + half_s * v1
+        q2 = points[LANES + j] + half_s * v2
+        a1, a2, _ = bounded_acceleration(
+            leg,
+            q1,
+            q2,
+            v1 + half_s * rates[j],
+            v2 + half_s * rates[LANES + j],
+            effort_hip - f1,
+            effort_slide - f2,
+            coriolis_share,
+        )
+        v1 += step_s * a1
+        v2 += step_s * a2
+        rates[j] = a1
+        rates[LANES + j] = a2
+        points[j] = q1 + half_s * v1
+        points[LANES + j] = q2 + half_s * v2
+        points[2 * LANES + j] = v1
+        points[3 * LANES + j] = v2
+        points[4 * LANES + j] = friction_after(hip, f1, v1, half_s)
+        points[5 * LANES + j] = friction_after(slide, f2, v2, half_s)
+
+
+@kernel
+def _begin(
+    leg: tuple[float, ...],
+    coriolis_share: float,
+    noise: Vector,
+    start: Vector,
+    effort: Vector,
+    spread: Vector,
+    mean: Vector,
+    cov: Matrix,
+) -> None:
+    """At a smoothed position, velocity and acceleration: friction is what these leave of effort."""
+    d = dynamics(leg, start[0], start[1], start[2], start[3], coriolis_share)
+    for i in range(4):
+        mean[i] = start[i]
+    mean[4] = effort[0] - d.m11 * start[4] - d.m12 * start[5] - d.bias_hip
+    mean[5] = effort[1] - d.m12 * start[4] - d.m22 * start[5] - d.bias_slide
+    cov[:] = 0.0
+    for i in range(STATES):
+        std = noise[i] if i < 2 else spread[i - 2]
+        cov[i, i] = std * std
+
+
+@kernel
+def _predict(
+    mean: Vector, cov: Matrix, noise: Vector, points: Vector, width: Vector, work: Matrix
+) -> None:
+    """Mean and covariance after the step, from the lanes' ends."""
+    jacobian = work[:STATES]
+    product = work[STATES:]
+    for i in range(STATES):
+        for j in range(STATES):
+            jacobian[i, j] = (points[i * LANES + 1 + j] - points[i * LANES]) / width[j]
+        mean[i] = points[i * LANES]
+    for i in range(STATES):
+        for j in range(STATES):
+            total = 0.0
+            for k in range(STATES):
+                total += jacobian[i, k] * cov[k, j]
+            product[i, j] = total
+    for i in range(STATES):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(STATES):
+                total += product[i, k] * jacobian[j, k]
+            # An effort moves an axis as a friction of the same size does, the other way round.
+            if i < 4:
+                total += noise[2] * noise[2] * jacobian[i, 4] * jacobian[j, 4]
+                total += noise[3] * noise[3] * jacobian[i, 5] * jacobian[j, 5]
+            cov[i, j] = total
+            cov[j, i] = total
+    cov[4, 4] += noise[4] * noise[4]
+    cov[5, 5] += noise[5] * noise[5]
+
+
+@kernel
+def _correct(mean: Vector, cov: Matrix, axis: int, surprise: float, variance: float) -> None:
+    """One measured position; what is left of the covariance stays symmetric."""
+    for i in range(STATES):
+        mean[i] += cov[i, axis] / variance * surprise
+    column = cov[:, axis].copy()
+    for i in range(STATES):
+        for j in range(STATES):
+            cov[i, j] -= column[i] * column[j] / variance
+
+
+@kernel
+def innovations(
+    leg: tuple[float, ...],
+    hip: tuple[float, ...],
+    slide: tuple[float, ...],
+    coriolis_share: float,
+    noise: Vector,
+    substeps: int,
+    spread: Vector,
+    width: Vector,
+    steps_s: Vector,
+    position: Matrix,
+    effort: Matrix,
+    begins: NDArray[np.bool_],
+    starts: Matrix,
+    surprise: Matrix,
+    variance: Matrix,
+) -> None:
+    """Innovations of all rows and their variances.
+
+    Args:
+        leg: LegParameters.
+        hip: friction of the hip.
+        slide: friction of the slide.
+        coriolis_share: 1 for the full dynamics.
+        noise: shape (6,): standard deviations of both positions, both efforts, both frictions.
+        substeps: of a row.
+        spread: shape (4,): standard deviation of velocities and frictions at a beginning.
+        width: shape (6,): how far beside the mean derivatives are taken.
+        steps_s: shape (n,): from the row before.
+        position: shape (n, 2), NaN where not measured.
+        effort: shape (n, 2): acted from the row before until this one.
+        begins: shape (n,): a row at which the filter begins anew; the first one must be.
+        starts: shape (n, 6): smoothed position, velocity, acceleration.
+        surprise: shape (n, 2), written; NaN where there is none.
+        variance: shape (n, 2), written.
+    """
+    mean, cov = np.zeros(STATES), np.zeros((STATES, STATES))
+    work = np.zeros((2 * STATES, STATES))
+    points, rates = np.zeros(STATES * LANES), np.zeros(2 * LANES)
+    for row in range(steps_s.size):
+        surprise[row, 0] = surprise[row, 1] = np.nan
+        variance[row, 0] = variance[row, 1] = np.nan
+        if begins[row]:
+            _begin(leg, coriolis_share, noise, starts[row], effort[row], spread, mean, cov)
+            continue
+        for i in range(STATES):
+            for j in range(LANES):
+                points[i * LANES + j] = mean[i]
+            points[i * LANES + 1 + i] += width[i]
+        rates[:] = 0.0
+        for _ in range(substeps):
+            _advance(
+                leg,
+                hip,
+                slide,
+                coriolis_share,
+                effort[row, 0],
+                effort[row, 1],
+                steps_s[row] / substeps,
+                points,
+                rates,
+            )
+        _predict(mean, cov, noise, points, width, work)
+        for axis in range(2):
+            if not np.isnan(position[row, axis]):
+                surprise[row, axis] = position[row, axis] - mean[axis]
+                variance[row, axis] = cov[axis, axis] + noise[axis] * noise[axis]
+                _correct(mean, cov, axis, surprise[row, axis], variance[row, axis])
