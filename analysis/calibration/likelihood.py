@@ -1,0 +1,137 @@
+"""The likelihood of a recording: of each innovation z with variance s, (z^2 / s + log s) / 2.
+
+Its gradient and its expected curvature (Fisher's information) need first derivatives only:
+
+    g_i  = sum( dz_i z / s + ds_i (1 - z^2 / s) / (2 s) )
+    I_ij = sum( dz_i dz_j / s + ds_i ds_j / (2 s^2) )
+
+Derivatives are differences of whole filter runs. Weak priors keep a search from wandering where the
+recording says nothing; intervals do not count them.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.calibration.innovations import innovations
+from analysis.calibration.motion import Motion
+from analysis.calibration.quantities import (
+    LAW_SIZE,
+    NOISE,
+    SIZE,
+    Frame,
+    law_of,
+    noise_of,
+)
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+SUBSTEPS: Final = 5
+DIFFERENCE: Final = 1e-4
+"""Of a free value."""
+WIDTH: Final = np.array([1e-5, 1e-5, 1e-5, 5e-6, 1e-3, 1e-2])
+SPREAD: Final = np.array([0.02, 0.01, 0.5, 5.0])
+PRIOR_LEVEL: Final = 3.0
+PRIOR_SPEED: Final = 1.0
+"""Standard deviations of free values about the first guess, factors of e: levels and noise; speeds
+and time constants of the law."""
+BLOCK_ROWS: Final = 50
+"""Innovations that are near in time are not quite independent: scores are summed over blocks."""
+CLIP: Final = 36.0
+"""A z^2 / s above this counts as this: one shock is no reason to bend the law."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surprises:
+    """Innovations and variances that count, shape (m,)."""
+
+    z: Vector
+    s: Vector
+
+    @property
+    def loss(self) -> float:
+        """Minus the logarithm of the likelihood, but for a constant."""
+        return float(0.5 * np.sum(np.minimum(self.z**2 / self.s, CLIP) + np.log(self.s)))
+
+
+class Likelihood:
+    """Of a motion, as a function of free values; runs are remembered until the next ones."""
+
+    def __init__(self, frame: Frame, motion: Motion, rows: Flags) -> None:
+        """Score the `rows`, shape (n,), that have settled."""
+        self.frame = frame
+        self.motion = motion
+        self.counted = (rows & motion.settled)[:, None] & ~np.isnan(motion.position)
+        self._z = np.empty(motion.position.shape)
+        self._s = np.empty(motion.position.shape)
+        self.row = np.nonzero(self.counted)[0]
+
+    def surprises(self, free: Vector) -> Surprises:
+        """One run of the filter."""
+        natural = self.frame.from_free(free)
+        motion = self.motion
+        innovations(
+            self.frame.leg_of(natural),
+            law_of(natural, 0),
+            law_of(natural, 1),
+            self.frame.coriolis_share,
+            noise_of(natural),
+            SUBSTEPS,
+            SPREAD,
+            WIDTH,
+            motion.steps_s,
+            motion.position,
+            motion.effort,
+            motion.begins,
+            motion.smooth,
+            self._z,
+            self._s,
+        )
+        return Surprises(self._z[self.counted], self._s[self.counted])
+
+    def derivatives(self, free: Vector, which: NDArray[np.intp]) -> tuple[Surprises, Matrix, Matrix]:
+        """Innovations, and per free value (m, k): dz and ds."""
+        base = self.surprises(free)
+        dz, ds = np.empty((len(base.z), len(which))), np.empty((len(base.z), len(which)))
+        for column, index in enumerate(which):
+            beside = free.copy()
+            beside[index] += DIFFERENCE
+            run = self.surprises(beside)
+            dz[:, column] = (run.z - base.z) / DIFFERENCE
+            ds[:, column] = (run.s - base.s) / DIFFERENCE
+        return base, dz, ds
+
+
+def scores(base: Surprises, dz: Matrix, ds: Matrix) -> tuple[Matrix, Matrix]:
+    """Gradient of each innovation, shape (m, k), and Fisher's information, shape (k, k)."""
+    ratio = base.z**2 / base.s
+    kept = (ratio < CLIP)[:, None]
+    z, s = base.z[:, None], base.s[:, None]
+    each = kept * dz * z / s + ds * (1.0 - kept * ratio[:, None]) / (2.0 * s)
+    by_mean, by_spread = kept * dz / np.sqrt(s), ds / (np.sqrt(2.0) * s)
+    return each, by_mean.T @ by_mean + by_spread.T @ by_spread
+
+
+def prior_std() -> Vector:
+    """Shape (SIZE,): of free values about the first guess."""
+    std = np.full(SIZE, PRIOR_LEVEL)
+    for axis in range(2):
+        std[axis * LAW_SIZE + 3 : (axis + 1) * LAW_SIZE] = PRIOR_SPEED
+    std[NOISE:] = PRIOR_LEVEL
+    return std
+
+
+def robust_covariance(each: Matrix, fisher: Matrix, rows: NDArray[np.intp]) -> Matrix:
+    """Of estimates: Huber's sandwich over blocks of rows, never narrower than Fisher's own."""
+    inverse = np.linalg.pinv(fisher, hermitian=True)
+    blocks = rows // BLOCK_ROWS
+    edges = np.flatnonzero(np.diff(blocks, prepend=blocks[0] - 1))
+    summed = np.add.reduceat(each, edges, axis=0)
+    sandwich = inverse @ (summed.T @ summed) @ inverse
+    plain = np.diag(inverse)
+    wider = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(plain, 1e-300), 1.0))
+    return inverse * np.outer(wider, wider)

@@ -1,0 +1,181 @@
+"""Recordings made ready for calibration: glitches out, motion smoothed, rows to fit and to hold out.
+
+Velocity and acceleration come from local polynomials (Savitzky and Golay 1964) over the positions;
+they serve the first guess and the checks, the likelihood itself takes positions as measured.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.signal import savgol_filter
+
+from analysis.recording import Recording, RecordingError
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+WINDOW_ROWS: Final = 9
+DEGREE: Final = 3
+GAP_MAX_S: Final = 0.1
+PERIOD_S: Final = (0.004, 0.02)
+DURATION_MIN_S: Final = 10.0
+MISSING_MAX_RATIO: Final = 0.3
+SETTLE_ROWS: Final = 20
+"""After a beginning, before innovations count."""
+BLOCK_S: Final = 2.0
+HELD_OUT_OF: Final = 4
+"""Of so many blocks in a row the last one is held out."""
+GLITCH: Final = (0.02, 0.01)
+"""Distance from the median of five samples, rad and m, that no leg can go to and come back from."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """Recordings, one behind the other, as the filter and the regressions take them; n rows."""
+
+    sources: tuple[str, ...]
+    time_s: Vector
+    """Shape (n,): of all, with the pauses between recordings left out."""
+    steps_s: Vector
+    """Shape (n,): from the row before, in the same recording."""
+    position: Matrix
+    """Shape (n, 2): rad, m; NaN where missing or a glitch."""
+    effort: Matrix
+    """Shape (n, 2): N·m, N; from the row before until this one."""
+    begins: Flags
+    """Shape (n,)."""
+    settled: Flags
+    """Shape (n,): long enough after a beginning."""
+    smooth: Matrix
+    """Shape (n, 6): position, velocity, acceleration of hip and slide in turn."""
+    smooth_effort: Matrix
+    """Shape (n, 2): at the row's time, smoothed as the positions are."""
+    held_out: Flags
+    """Shape (n,)."""
+
+    @property
+    def duration_s(self) -> float:
+        """Of all recordings."""
+        return float(np.sum(self.steps_s[~self.begins]))
+
+    @property
+    def velocity(self) -> Matrix:
+        """Shape (n, 2): rad/s, m/s."""
+        return self.smooth[:, 2:4]
+
+
+def prepare(recordings: Sequence[Recording], hold_out: bool = True) -> Motion:
+    """Make recordings of the same machine ready.
+
+    Args:
+        recordings: each of at least one row.
+        hold_out: keep every fourth two seconds back; otherwise nothing.
+
+    Raises:
+        RecordingError: too short, the wrong rate, or too much missing.
+    """
+    for one in recordings:
+        _check(one)
+    duration_s = sum(one.duration_s for one in recordings)
+    if duration_s < DURATION_MIN_S:
+        raise RecordingError(
+            f"{recordings[0].source}: {duration_s:.1f} s are too short to calibrate from; at least "
+            f"{DURATION_MIN_S:g} s are needed, 30 s for each axis are good"
+        )
+    parts = [_one(one) for one in recordings]
+    steps_s = np.concatenate([part[0] for part in parts])
+    time_s = np.cumsum(steps_s)
+    block = np.floor(time_s / BLOCK_S).astype(np.int64) % HELD_OUT_OF
+    begins = np.concatenate([part[3] for part in parts])
+    return Motion(
+        tuple(one.source for one in recordings),
+        time_s,
+        steps_s,
+        np.concatenate([part[1] for part in parts]),
+        np.concatenate([part[2] for part in parts]),
+        begins,
+        _settled(begins),
+        np.concatenate([part[4] for part in parts]),
+        np.concatenate([part[5] for part in parts]),
+        (block == HELD_OUT_OF - 1) & hold_out,
+    )
+
+
+def _check(one: Recording) -> None:
+    if len(one.time_s) < 2 * WINDOW_ROWS:
+        raise RecordingError(f"{one.source}: {len(one.time_s)} rows are too short to calibrate from")
+    period_s = float(np.median(np.diff(one.time_s)))
+    if not PERIOD_S[0] <= period_s <= PERIOD_S[1]:
+        raise RecordingError(
+            f"{one.source}: a row every {1e3 * period_s:.3g} ms; calibration takes "
+            f"{1e3 * PERIOD_S[0]:g} to {1e3 * PERIOD_S[1]:g} ms, a service records every 10 ms"
+        )
+    for axis, column in enumerate(("hip_angle_rad", "slide_position_m")):
+        missing = float(np.mean(np.isnan(one.position[:, axis])))
+        if missing > MISSING_MAX_RATIO:
+            raise RecordingError(
+                f"{one.source}: {column} is missing in {missing:.0%} of the rows; "
+                f"{MISSING_MAX_RATIO:.0%} are allowed"
+            )
+    for axis, column in enumerate(("hip_torque_nm", "slide_force_n")):
+        if np.mean(np.isnan(one.effort[:, axis])) > MISSING_MAX_RATIO:
+            raise RecordingError(f"{one.source}: {column} is missing in most rows")
+
+
+def _one(one: Recording) -> tuple[Vector, Matrix, Matrix, Flags, Matrix, Matrix]:
+    steps_s = np.diff(one.time_s, prepend=one.time_s[0])
+    begins = steps_s > GAP_MAX_S
+    begins[0] = True
+    period_s = float(np.median(steps_s[1:]))
+    position = one.position.copy()
+    effort = np.column_stack([_filled(one.time_s, one.effort[:, axis]) for axis in range(2)])
+    smooth, smooth_effort = np.zeros((len(steps_s), 6)), effort.copy()
+    for axis in range(2):
+        filled = _filled(one.time_s, position[:, axis])
+        wild = np.abs(filled - median_filter(filled, 5, mode="nearest")) > GLITCH[axis]
+        position[wild, axis] = np.nan
+        filled = _filled(one.time_s, position[:, axis])
+        for part in _parts(begins):
+            if part.stop - part.start < WINDOW_ROWS:
+                smooth[part, axis] = filled[part]
+                continue
+            for order in range(3):
+                smooth[part, 2 * order + axis] = smoothed(filled[part], order, period_s)
+            smooth_effort[part, axis] = smoothed(_at_rows(effort[part, axis]))
+    steps_s[begins] = period_s
+    return steps_s, position, effort, begins, smooth, smooth_effort
+
+
+def smoothed(values: Vector, order: int = 0, period_s: float = 1.0) -> Vector:
+    """The local polynomial's value or derivative, shape as given."""
+    made: Vector = savgol_filter(values, WINDOW_ROWS, DEGREE, deriv=order, delta=period_s)
+    return made
+
+
+def _at_rows(effort: Vector) -> Vector:
+    """What acted from row to row, at the rows: the mean of before and after."""
+    after = np.append(effort[1:], effort[-1])
+    return 0.5 * (effort + after)
+
+
+def _parts(begins: Flags) -> list[slice]:
+    edges = [*np.flatnonzero(begins).tolist(), len(begins)]
+    return [slice(begin, end) for begin, end in zip(edges[:-1], edges[1:], strict=True)]
+
+
+def _settled(begins: Flags) -> Flags:
+    settled = np.ones(len(begins), dtype=np.bool_)
+    for at in np.flatnonzero(begins):
+        settled[at : at + SETTLE_ROWS] = False
+    return settled
+
+
+def _filled(time_s: Vector, values: Vector) -> Vector:
+    known = ~np.isnan(values)
+    filled: Vector = np.interp(time_s, time_s[known], values[known])
+    return filled

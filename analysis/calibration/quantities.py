@@ -1,0 +1,194 @@
+"""What may be calibrated: its place in robot.toml, and numbers that a search moves well in.
+
+A search moves in `free` numbers: logarithms of what is positive, the Stribeck hump in place of the
+peak of the law (so that the law stays one), and springs by stiffness and by their effort at a pose
+in the middle of the recording (so that the two are nearly independent).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.config.settings import Robot
+from observer.friction import FrictionParameters, smallest_stribeck
+from observer.parameters import LegParameters
+
+Vector = NDArray[np.float64]
+AXES: Final = ("hip", "slide")
+
+
+class Quantity(NamedTuple):
+    """One number of robot.toml that a recording may tell."""
+
+    key: str
+    """Dotted."""
+    label: str
+    unit: str
+    axis: int
+    is_friction: bool = False
+
+
+_LAW: Final = ("coulomb", "stribeck", "viscous", "transition", "peak", "edge", "time constant")
+
+
+def _of_axis(axis: int, names: tuple[str, ...], units: tuple[str, ...]) -> list[Quantity]:
+    table = f"friction.{AXES[axis]}"
+    return [
+        Quantity(f"{table}.{name}", f"{AXES[axis]} {label}", unit, axis, is_friction=True)
+        for name, label, unit in zip(names, _LAW, units, strict=True)
+    ]
+
+
+QUANTITIES: Final = (
+    *_of_axis(
+        0,
+        (
+            *("coulomb_nm", "stribeck_nm", "viscous_nm_s_per_rad", "transition_rad_per_s"),
+            *("peak_rad_per_s", "edge_rad_per_s", "time_constant_s"),
+        ),
+        ("N·m", "N·m", "N·m s/rad", "rad/s", "rad/s", "rad/s", "s"),
+    ),
+    *_of_axis(
+        1,
+        (
+            *("coulomb_n", "stribeck_n", "viscous_n_s_per_m", "transition_m_per_s"),
+            *("peak_m_per_s", "edge_m_per_s", "time_constant_s"),
+        ),
+        ("N", "N", "N s/m", "m/s", "m/s", "m/s", "s"),
+    ),
+    Quantity("springs.hip_stiffness_nm_per_rad", "hip spring stiffness", "N·m/rad", 0),
+    Quantity("springs.hip_rest_rad", "hip spring rest", "rad", 0),
+    Quantity("hip.drive_inertia_kg_m2", "hip drive inertia", "kg m²", 0),
+    Quantity("springs.slide_stiffness_n_per_m", "slide spring stiffness", "N/m", 1),
+    Quantity("springs.slide_rest_m", "slide spring rest", "m", 1),
+    Quantity("slide.drive_mass_kg", "slide drive mass", "kg", 1),
+    Quantity("observer.measurement_hip_angle_rad", "hip encoder noise", "rad", 0),
+    Quantity("observer.measurement_slide_position_m", "slide encoder noise", "m", 1),
+)
+"""In the order of every vector of natural values; NUISANCES more numbers follow there."""
+COUNT: Final = len(QUANTITIES)
+LAW_SIZE: Final = len(_LAW)
+SPRINGS: Final = 2 * LAW_SIZE
+"""Where the springs and inertias begin, three for each axis."""
+NOISE: Final = SPRINGS + 6
+NUISANCES: Final = 4
+"""Effort noise and friction noise, hip and slide: estimated, never written."""
+SIZE: Final = COUNT + NUISANCES
+KEYS: Final = tuple(quantity.key for quantity in QUANTITIES)
+SPRING_SCALE: Final = ((20.0, 5.0, 0.2), (100.0, 30.0, 4.0))
+"""Steps of stiffness, effort and inertia that mean about as much as a free step of 1 elsewhere."""
+SMALLEST: Final = 1e-9
+LEAST_HUMP_RATIO: Final = 1e-3
+"""Of the Coulomb level: a law given without a hump begins with this one."""
+
+
+def value_of(robot: Robot, key: str) -> float:
+    """One number of a robot by its dotted key."""
+    value: object = robot
+    for part in key.split("."):
+        value = getattr(value, part)
+    assert isinstance(value, float | int)  # noqa: S101 - the keys are ours
+    return float(value)
+
+
+def natural_values(robot: Robot) -> Vector:
+    """Shape (SIZE,): what the file says, and nuisances as small parts of the Coulomb level."""
+    values = [value_of(robot, key) for key in KEYS]
+    hip, slide = values[0], values[LAW_SIZE]
+    return np.array([*values, 0.01 * hip, 0.01 * slide, 0.002 * hip, 0.002 * slide])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """What natural and free values are measured against."""
+
+    leg: LegParameters
+    """With the inertias and springs of the file."""
+    natural: Vector
+    """Of the file."""
+    middle: tuple[float, float]
+    """Pose that spring efforts are taken at, rad and m."""
+    coriolis_share: float
+
+    def free(self, natural: Vector) -> Vector:
+        """Free values of natural ones, both of shape (SIZE,)."""
+        free = np.empty(SIZE)
+        for axis in range(2):
+            law = slice(axis * LAW_SIZE, (axis + 1) * LAW_SIZE)
+            f = law_of(natural, axis)
+            rising = np.maximum(natural[law], SMALLEST)
+            rising[1] = max(f.stribeck - smallest_stribeck(f), LEAST_HUMP_RATIO * f.coulomb)
+            free[law] = np.log(rising)
+            at = SPRINGS + 3 * axis
+            stiffness, rest, inertia = natural[at : at + 3]
+            scale = SPRING_SCALE[axis]
+            free[at] = stiffness / scale[0]
+            free[at + 1] = stiffness * (self.middle[axis] - rest) / scale[1]
+            free[at + 2] = inertia / scale[2]
+        free[NOISE:] = np.log(np.maximum(natural[NOISE:], SMALLEST))
+        return free
+
+    def from_free(self, free: Vector) -> Vector:
+        """Natural values of free ones, both of shape (SIZE,)."""
+        natural = np.empty(SIZE)
+        free = np.clip(free, -60.0, 60.0)
+        for axis in range(2):
+            law = slice(axis * LAW_SIZE, (axis + 1) * LAW_SIZE)
+            natural[law] = np.exp(free[law])
+            f = law_of(natural, axis)
+            natural[law.start + 1] = f.stribeck + smallest_stribeck(f)
+            at = SPRINGS + 3 * axis
+            scale = SPRING_SCALE[axis]
+            stiffness = max(free[at], 1e-4) * scale[0]
+            natural[at] = stiffness
+            natural[at + 1] = self.middle[axis] - free[at + 1] * scale[1] / stiffness
+            natural[at + 2] = max(free[at + 2], 0.0) * scale[2]
+        natural[NOISE:] = np.exp(free[NOISE:])
+        return natural
+
+    def leg_of(self, natural: Vector) -> LegParameters:
+        """The mechanism with the natural values' springs and inertias."""
+        hip, slide = natural[SPRINGS : SPRINGS + 3], natural[SPRINGS + 3 : SPRINGS + 6]
+        more_hip = hip[2] - self.natural[SPRINGS + 2]
+        more_slide = slide[2] - self.natural[SPRINGS + 5]
+        return self.leg._replace(
+            hip_stiffness=float(hip[0]),
+            hip_rest_rad=float(hip[1]),
+            slide_stiffness=float(slide[0]),
+            slide_rest_m=float(slide[1]),
+            thigh_inertia=self.leg.thigh_inertia + float(more_hip),
+            slide_inertia=self.leg.slide_inertia + float(more_slide),
+        )
+
+
+def law_of(natural: Vector, axis: int) -> FrictionParameters:
+    """The friction of an axis in natural values."""
+    coulomb, stribeck, *rest = natural[axis * LAW_SIZE : (axis + 1) * LAW_SIZE].tolist()
+    return FrictionParameters(stribeck, coulomb, *rest)
+
+
+def noise_of(natural: Vector) -> Vector:
+    """Shape (6,): positions, efforts, frictions, as `innovations` takes them."""
+    return np.ascontiguousarray(natural[NOISE:])
+
+
+def frame_of(robot: Robot, middle: tuple[float, float]) -> Frame:
+    """The frame of a robot file and of a pose in the middle of a recording."""
+    # Composed once here: friction is checked to be what kernels take.
+    friction_parameters(robot)
+    share = 1.0 if robot.observer.coriolis else 0.0
+    return Frame(leg_parameters(robot), natural_values(robot), middle, share)
+
+
+def labelled(index: int) -> str:
+    """`hip coulomb`, and so on."""
+    return QUANTITIES[index].label if index < COUNT else "noise of effort or friction"
+
+
+def log_ratio(estimate: float, truth: float) -> float:
+    """Relative difference, as a logarithm."""
+    return math.log(estimate / truth)
