@@ -50,6 +50,14 @@ START_NOISE: Final = 0.03
 """Effort noise to begin with, of the Coulomb level: what is blurred has fewer valleys."""
 START_FACTORS: Final = (0.4, 0.63, 1.0, 1.6, 2.5)
 ROUNDS: Final = 4
+FOLLOWS: Final = {
+    1: 0,
+    LAW_SIZE + 1: LAW_SIZE,
+    SPRINGS + 1: SPRINGS,
+    SPRINGS + 4: SPRINGS + 3,
+}
+"""What moves with another although it is not told itself: the peak of the law lies above its Coulomb
+level, and a spring's rest keeps the effort in the middle."""
 DECREMENT: Final = 2e-3
 """Expected gain of the likelihood below which a search ends: a twentieth of a standard deviation."""
 
@@ -162,7 +170,8 @@ def fit(frame: Frame, motion: Motion, progress: Progress) -> Fit:
             free[index] = file_free[index]
     natural = frame.from_free(free)
     for index in reasons:
-        natural[index] = frame.natural[index] if index not in _derived(reasons) else natural[index]
+        if FOLLOWS.get(index, index) in reasons:
+            natural[index] = frame.natural[index]
     half = QUANTILE * np.sqrt(np.maximum(np.diag(_natural_covariance(frame, free, cov)), 0.0))
     results = tuple(
         Result(
@@ -201,12 +210,6 @@ def best_start(likelihood: Likelihood, guessed: Vector) -> Vector:
             losses = [likelihood.surprises(trial).loss for trial in tried]
             free = tried[int(np.nanargmin(losses))]
     return free
-
-
-def _derived(reasons: dict[int, str]) -> set[int]:
-    """Natural values that follow from others though they are not fitted themselves: none yet."""
-    del reasons
-    return set()
 
 
 def _walk(

@@ -1,0 +1,262 @@
+"""Is the mechanism itself right? What the empty machine's effort leaves over position says so.
+
+The effort that inertia, weight and springs of the file leave is friction of the shape
+
+    F = coulomb tanh(v / transition) + hump + viscous v      per axis, free factors
+
+plus, where one number of the mechanism is wrong, the change of weight and springs that it makes.
+Each candidate is tried alone, with the friction free beside it; the one that leaves least explains
+best. NIS cannot see this: the observer's integrators absorb it.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from analysis.calibration.motion import Motion
+from analysis.calibration.start import FAST, REST, moved, unexplained
+from analysis.recording import RecordingError
+from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.config.settings import Robot
+from observer.mechanism import WorkspaceError, knee_angle
+from observer.parameters import LegParameters
+from observer.status import START_KNEE_MIN_RAD
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+BLOCK_ROWS: Final = 100
+"""Rows that count as one independent sample: a second."""
+NOTICED: Final = 0.04
+"""Effort that a wrong mechanism must explain, rms and of the Coulomb level, to be worth a word."""
+SIGNIFICANT: Final = 25.0
+"""Fall of the misfit in block units (chi squared with one degree of freedom)."""
+AS_GOOD_RATIO: Final = 0.15
+"""Of the best one's fall; a candidate that misses less of it explains as well."""
+
+
+class Candidate(NamedTuple):
+    """One number of the mechanism that may be wrong."""
+
+    words: str
+    unit: str
+    scale: float  # noqa: RUF100
+    changed: Callable[[Robot, float], Robot]
+    """The robot with the number changed by so much."""
+
+
+def _table(robot: Robot, table: str, field: str, change: float) -> Robot:
+    part = getattr(robot, table)
+    new = msgspec.structs.replace(part, **{field: getattr(part, field) + change})
+    return msgspec.structs.replace(robot, **{table: new})
+
+
+def _along_rail(robot: Robot, change_m: float) -> Robot:
+    angle = math.radians(robot.geometry.rail_angle_deg)
+    moved_x = _table(robot, "geometry", "rail_x_m", change_m * math.cos(angle))
+    return _table(moved_x, "geometry", "rail_y_m", change_m * math.sin(angle))
+
+
+def _in(table: str, field: str) -> Callable[[Robot, float], Robot]:
+    return lambda robot, change: _table(robot, table, field, change)
+
+
+CANDIDATES: Final = (
+    Candidate("recline", "deg", 5.0, _in("geometry", "recline_deg")),
+    Candidate("hip encoder offset", "deg", 5.0, _in("geometry", "thigh_offset_deg")),
+    Candidate("slide encoder offset", "m", 0.05, _along_rail),
+    Candidate("hip spring stiffness", "N·m/rad", 4.0, _in("springs", "hip_stiffness_nm_per_rad")),
+    Candidate("hip spring rest", "rad", 0.1, _in("springs", "hip_rest_rad")),
+    Candidate("slide spring stiffness", "N/m", 20.0, _in("springs", "slide_stiffness_n_per_m")),
+    Candidate("slide spring rest", "m", 0.1, _in("springs", "slide_rest_m")),
+    Candidate("thigh mass", "kg", 0.5, _in("thigh", "mass_kg")),
+    Candidate("shank mass", "kg", 0.5, _in("shank", "mass_kg")),
+    Candidate("shoe mass", "kg", 0.5, _in("shoe", "mass_kg")),
+    Candidate("slide mass", "kg", 0.5, _in("slide", "mass_kg")),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """How well a change of one number explains what is left."""
+
+    words: str
+    unit: str
+    change: float  # noqa: RUF100
+    half_interval: float  # noqa: RUF100
+    explained_ratio: float
+    """Share of the misfit that the best friction alone leaves."""
+    fall: float  # noqa: RUF100
+
+    def __str__(self) -> str:
+        return f"{self.words} {self.change:+.3g} ± {self.half_interval:.2g} {self.unit}"
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """The verdict on the mechanism."""
+
+    well: bool
+    best: Explanation
+    as_good: tuple[Explanation, ...]
+    hip_left_nm: float
+    slide_left_n: float
+    """Rms that the best friction leaves, and the mechanism might explain."""
+
+    def __str__(self) -> str:
+        if self.well:
+            return (
+                "the mechanism fits: recline, springs, masses and offsets leave "
+                f"{self.hip_left_nm:.2g} N·m and {self.slide_left_n:.2g} N rms beside friction"
+            )
+        text = (
+            f"the mechanism does not fit: friction alone leaves {self.hip_left_nm:.2g} N·m and "
+            f"{self.slide_left_n:.2g} N rms. Best explained by {self.best}, which takes away "
+            f"{self.best.explained_ratio:.0%} of it"
+        )
+        if self.as_good:
+            others = "; ".join(str(one) for one in self.as_good)
+            text += f". This recording cannot tell it from: {others}"
+        return text
+
+
+def refuse_wrong_branch(robot: Robot, motion: Motion) -> None:
+    """The pose that a recording begins with must be one of a leg.
+
+    Raises:
+        RecordingError: the mechanism does not close there, or the knee is bent backwards.
+    """
+    leg = leg_parameters(robot)
+    for row in np.flatnonzero(motion.begins):
+        q = np.ascontiguousarray(motion.smooth[row, :2])
+        where = f"{motion.sources[0]}: at hip {math.degrees(q[0]):.1f} deg and slide {q[1]:.3f} m"
+        try:
+            knee = float(knee_angle(leg, q))
+        except WorkspaceError as error:
+            raise RecordingError(
+                f"{where}, where it begins, the robot file's shank and shoe do not meet: wrong "
+                "encoder offset, wrong lengths or wrong rail"
+            ) from error
+        if knee < START_KNEE_MIN_RAD:
+            raise RecordingError(
+                f"{where}, where it begins, the knee would be bent backwards by "
+                f"{-math.degrees(knee):.0f} deg: wrong branch of the mechanism, wrong sign or wrong "
+                "encoder offset"
+            )
+
+
+def check(robot: Robot, motion: Motion) -> Check:
+    """Find the number of the mechanism that explains best what friction does not.
+
+    Raises:
+        RecordingError: no axis moves.
+    """
+    regression = _Regression(robot, motion)
+    alone = regression.misfit(robot)
+    tried = [_explain(robot, regression, candidate, alone) for candidate in CANDIDATES]
+    best = max(tried, key=lambda one: one.fall)
+    as_good = tuple(
+        one for one in tried if one is not best and one.fall > (1 - AS_GOOD_RATIO) * best.fall
+    )
+    well = best.fall < SIGNIFICANT or regression.noticed(robot, best) < NOTICED
+    left = regression.left_rms(robot)
+    return Check(well, best, () if well else as_good, *left)
+
+
+def _explain(
+    robot: Robot, regression: "_Regression", candidate: Candidate, alone: float
+) -> Explanation:
+    def differences(x: Vector) -> Vector:
+        return regression.differences(candidate.changed(robot, float(x[0]) * candidate.scale))
+
+    found = least_squares(differences, np.zeros(1), diff_step=1e-3, x_scale=1.0, max_nfev=12)
+    misfit = 2.0 * float(found.cost)
+    blocks = regression.block_count
+    slope = float(np.sum(found.jac**2))
+    # Of the variance that is left, in independent samples.
+    std = math.sqrt(misfit / blocks / max(slope / len(found.fun), 1e-12) / len(found.fun))
+    return Explanation(
+        candidate.words,
+        candidate.unit,
+        float(found.x[0]) * candidate.scale,
+        1.96 * std * candidate.scale,
+        1.0 - misfit / alone,
+        blocks * math.log(alone / max(misfit, 1e-300)),
+    )
+
+
+class _Regression:
+    """Efforts left over, with the friction's free factors taken out; in units of Coulomb levels."""
+
+    def __init__(self, robot: Robot, motion: Motion) -> None:
+        self.motion = motion
+        self.rows: list[NDArray[np.bool_]] = []
+        self.bases: list[Matrix] = []
+        self.scales: list[float] = []
+        self.laws = friction_parameters(robot)
+        for axis in range(2):
+            speed = np.abs(motion.velocity[:, axis])
+            enough = moved(motion, axis).enough(axis)
+            chosen = motion.settled & (speed > 3 * REST[axis]) & enough
+            self.rows.append(chosen)
+            base = self._base(axis, chosen)
+            self.bases.append(np.linalg.qr(base)[0] if np.any(chosen) else base)
+        if not any(np.any(rows) for rows in self.rows):
+            raise RecordingError(f"{motion.sources[0]}: neither axis moves; nothing can be told")
+        left = self._left(leg_parameters(robot), robot)
+        for axis in range(2):
+            values = left[self.rows[axis], axis]
+            self.scales.append(float(np.median(np.abs(values))) if len(values) else 1.0)
+
+    @property
+    def block_count(self) -> float:
+        """Independent samples."""
+        return sum(float(np.count_nonzero(rows)) for rows in self.rows) / BLOCK_ROWS
+
+    def _base(self, axis: int, chosen: NDArray[np.bool_]) -> Matrix:
+        v = self.motion.velocity[chosen, axis]
+        before = self.motion.smooth[chosen, 4 + axis]
+        speed = FAST[axis] / 3
+        slow = np.sign(v) * np.exp(-np.abs(v) / speed)
+        return np.column_stack((np.sign(v), slow, v, v * np.abs(v), np.tanh(before / 0.5) * slow))
+
+    def _left(self, leg: LegParameters, robot: Robot) -> Matrix:
+        left = np.empty((len(self.motion.steps_s), 2))
+        share = 1.0 if robot.observer.coriolis else 0.0
+        unexplained(leg, share, self.motion.smooth, self.motion.smooth_effort, left)
+        return left
+
+    def differences(self, robot: Robot) -> Vector:
+        left = self._left(leg_parameters(robot), robot)
+        parts: list[Vector] = []
+        for axis in range(2):
+            values, base = left[self.rows[axis], axis], self.bases[axis]
+            if len(values):
+                rest = values - base @ (base.T @ values)
+                parts.append(rest / self.scales[axis])
+        return np.concatenate(parts)
+
+    def misfit(self, robot: Robot) -> float:
+        return float(np.sum(self.differences(robot) ** 2))
+
+    def noticed(self, robot: Robot, best: Explanation) -> float:
+        """Rms effort that the change makes, of the Coulomb level."""
+        candidate = next(one for one in CANDIDATES if one.words == best.words)
+        change = self.differences(candidate.changed(robot, best.change)) - self.differences(robot)
+        return float(np.sqrt(np.mean(change**2)))
+
+    def left_rms(self, robot: Robot) -> tuple[float, float]:
+        """N·m and N that the best friction leaves."""
+        left = self._left(leg_parameters(robot), robot)
+        made: list[float] = []
+        for axis in range(2):
+            values, base = left[self.rows[axis], axis], self.bases[axis]
+            rest = values - base @ (base.T @ values) if len(values) else np.zeros(1)
+            made.append(float(np.sqrt(np.mean(rest**2))))
+        return made[0], made[1]

@@ -1,0 +1,125 @@
+"""Before and after, on what was not fitted: does the new robot file describe the machine better?
+
+The observer itself, with each file's own numbers, runs over the held-out recording: what it takes
+for a patient's effort in the empty machine is an error, and its NIS says whether it knows. Beside
+them the likelihood per sample of the filter without a patient.
+"""
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.calibration.likelihood import Likelihood
+from analysis.calibration.motion import Motion
+from analysis.calibration.quantities import Frame
+from analysis.calibration.start import REST, moved
+from analysis.replay import setup_for
+from daemon.config.settings import Robot
+from observer.batch import Columns, run
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+WORSE_MAX_RATIO: Final = 1.02
+"""An axis whose false effort grows by more than this got worse."""
+PATIENT_MIN_RATIO: Final = 0.2
+"""False effort while moving, of the Coulomb level, that no friction of ours leaves behind."""
+
+
+class Score(NamedTuple):
+    """Of one robot file on the rows that were not fitted."""
+
+    loss_per_sample: float  # noqa: RUF100
+    nis: float
+    """Mean; 2 is ideal."""
+    hip_rms_nm: float
+    """Of what is taken for the patient while the hip moves."""
+    slide_rms_n: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Disturbance:
+    """What the observer takes for a patient, over the whole recording."""
+
+    patient: Matrix
+    """Shape (n, 2): N·m, N."""
+    nis: Vector
+    moving: Flags
+    """Shape (n, 2)."""
+
+
+def disturbance(robot: Robot, motion: Motion) -> Disturbance:
+    """Run the observer of a robot file over a motion."""
+    made = run(setup_for(robot), Columns(motion.time_s, motion.position, motion.effort))
+    moving = np.abs(motion.velocity) > 2.0 * np.array(REST)
+    known = np.isfinite(made.state[:, 6:8])
+    return Disturbance(made.state[:, 6:8], made.nis, moving & known & motion.settled[:, None])
+
+
+def score(frame: Frame, natural: Vector, motion: Motion, rows: Flags, seen: Disturbance) -> Score:
+    """Of natural values, and of the observer's run with them, on some rows."""
+    likelihood = Likelihood(frame, motion, rows)
+    loss = likelihood.surprises(frame.free(natural)).loss / max(len(likelihood.row), 1)
+    nis = seen.nis[rows & np.isfinite(seen.nis) & motion.settled]
+    rms = [rms_of(seen, rows, axis) for axis in range(2)]
+    return Score(loss, float(np.mean(nis)) if len(nis) else float("nan"), rms[0], rms[1])
+
+
+def rms_of(seen: Disturbance, rows: Flags, axis: int) -> float:
+    """False effort of an axis while it moves; NaN where it does not."""
+    chosen = seen.patient[rows & seen.moving[:, axis], axis]
+    return float(np.sqrt(np.mean(chosen**2))) if len(chosen) else float("nan")
+
+
+def best_noise(frame: Frame, natural: Vector, fitted: Vector) -> Vector:
+    """Old values with the fitted noise: what is compared is the law, not how loud it expects to be."""
+    del frame
+    made = natural.copy()
+    made[-4:] = fitted[-4:]
+    return made
+
+
+def why_not_better(before: Score, after: Score, motion: Motion) -> str:
+    """Why the new file is no improvement on held-out data; empty if it is one."""
+    if not after.loss_per_sample < before.loss_per_sample:
+        return (
+            "the held-out part is not described better: minus log likelihood per sample "
+            f"{before.loss_per_sample:.3f} before, {after.loss_per_sample:.3f} after"
+        )
+    pairs = (
+        ("hip", before.hip_rms_nm, after.hip_rms_nm, "N·m"),
+        ("slide", before.slide_rms_n, after.slide_rms_n, "N"),
+    )
+    for axis, (name, old, new, unit) in enumerate(pairs):
+        if moved(motion, axis).enough(axis) and new > WORSE_MAX_RATIO * old:
+            return f"the {name}'s false effort on held-out data is {new:.3g} {unit}, {old:.3g} before"
+    return ""
+
+
+def something_else(seen: Disturbance, natural: Vector, motion: Motion) -> str:
+    """What acts besides friction, in words; empty where nothing does.
+
+    Args:
+        seen: with the calibrated file.
+        natural: the calibrated values.
+        motion: the recording.
+    """
+    for axis, (name, unit) in enumerate((("hip", "N·m"), ("slide", "N"))):
+        coulomb = float(natural[7 * axis])
+        rms = rms_of(seen, np.ones(len(motion.time_s), dtype=np.bool_), axis)
+        if moved(motion, axis).enough(axis) and rms > PATIENT_MIN_RATIO * coulomb:
+            size = np.abs(np.where(seen.moving[:, axis], seen.patient[:, axis], 0.0))
+            at_s = float(motion.time_s[int(np.argmax(_windowed(size)))])
+            return (
+                f"the {name} feels {rms:.3g} {unit} rms that is no friction ({rms / coulomb:.0%} of "
+                f"its Coulomb level), most at {at_s:.0f} s: a patient, an artificial disturbance, "
+                "an end stop or a wrong mechanism; calibrate from the empty, undisturbed machine"
+            )
+    return ""
+
+
+def _windowed(values: Vector, rows: int = 100) -> Vector:
+    made: Vector = np.convolve(values, np.full(rows, 1.0 / rows), mode="same")
+    return made
