@@ -29,6 +29,7 @@ COMMANDS: Final = {
     "delay": "How much later than its row an effort acts, measured from a recording.",
     "baseline": "What is taken for a patient while one only lies there, recorded once.",
     "ablation": "Every choice of the observer on and off: errors beside each other.",
+    "calibrate": "Friction, springs and encoder noise from recordings of the empty machine.",
     "doctor": "What this machine can and cannot do for gaitd.",
     "honesty": "Whether what the observer says of itself is true: sigmas, gaps, rest, drift.",
     "bench": "The project's benchmarks.",

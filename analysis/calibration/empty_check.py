@@ -35,10 +35,10 @@ BLOCK_ROWS: Final = 100
 """Rows that count as one independent sample: a second."""
 NOTICED: Final = 0.04
 """Effort that a wrong mechanism must explain, rms and of the Coulomb level, to be worth a word."""
-SIGNIFICANT: Final = 25.0
+SIGNIFICANT: Final = 12.0
 """Fall of the misfit in block units (chi squared with one degree of freedom)."""
-AS_GOOD_RATIO: Final = 0.15
-"""Of the best one's fall; a candidate that misses less of it explains as well."""
+AS_GOOD: Final = 9.0
+"""In the same units: a candidate that explains so little less cannot be told from the best."""
 
 
 class Candidate(NamedTuple):
@@ -68,8 +68,8 @@ def _in(table: str, field: str) -> Callable[[Robot, float], Robot]:
 
 
 CANDIDATES: Final = (
-    Candidate("recline", "deg", 5.0, _in("geometry", "recline_deg")),
-    Candidate("hip encoder offset", "deg", 5.0, _in("geometry", "thigh_offset_deg")),
+    # The same to the mechanism: both turn the thigh against gravity.
+    Candidate("recline or hip encoder offset", "deg", 5.0, _in("geometry", "recline_deg")),
     Candidate("slide encoder offset", "m", 0.05, _along_rail),
     Candidate("hip spring stiffness", "N·m/rad", 4.0, _in("springs", "hip_stiffness_nm_per_rad")),
     Candidate("hip spring rest", "rad", 0.1, _in("springs", "hip_rest_rad")),
@@ -94,6 +94,11 @@ class Explanation:
     """Share of the misfit that the best friction alone leaves."""
     fall: float  # noqa: RUF100
 
+    @property
+    def is_spring(self) -> bool:
+        """Whether a calibration of the springs mends it."""
+        return "spring" in self.words
+
     def __str__(self) -> str:
         return f"{self.words} {self.change:+.3g} ± {self.half_interval:.2g} {self.unit}"
 
@@ -108,6 +113,11 @@ class Check:
     hip_left_nm: float
     slide_left_n: float
     """Rms that the best friction leaves, and the mechanism might explain."""
+
+    @property
+    def mendable(self) -> bool:
+        """Whether all is well, or a spring may be what is wrong, which calibration corrects."""
+        return self.well or any(one.is_spring for one in (self.best, *self.as_good))
 
     def __str__(self) -> str:
         if self.well:
@@ -162,7 +172,7 @@ def check(robot: Robot, motion: Motion) -> Check:
     tried = [_explain(robot, regression, candidate, alone) for candidate in CANDIDATES]
     best = max(tried, key=lambda one: one.fall)
     as_good = tuple(
-        one for one in tried if one is not best and one.fall > (1 - AS_GOOD_RATIO) * best.fall
+        one for one in tried if one is not best and one.fall > best.fall - AS_GOOD
     )
     well = best.fall < SIGNIFICANT or regression.noticed(robot, best) < NOTICED
     left = regression.left_rms(robot)

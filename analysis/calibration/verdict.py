@@ -73,9 +73,8 @@ def rms_of(seen: Disturbance, rows: Flags, axis: int) -> float:
     return float(np.sqrt(np.mean(chosen**2))) if len(chosen) else float("nan")
 
 
-def best_noise(frame: Frame, natural: Vector, fitted: Vector) -> Vector:
+def with_noise(natural: Vector, fitted: Vector) -> Vector:
     """Old values with the fitted noise: what is compared is the law, not how loud it expects to be."""
-    del frame
     made = natural.copy()
     made[-4:] = fitted[-4:]
     return made

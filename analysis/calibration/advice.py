@@ -1,0 +1,52 @@
+"""What a recording cannot tell, in words, and what to record instead."""
+
+from typing import Final
+
+from analysis.calibration.fit import Result
+from analysis.calibration.motion import Motion
+from analysis.calibration.quantities import AXES
+from analysis.calibration.start import FAST, moved
+
+UNITS: Final = (("rad", "rad/s"), ("m", "m/s"))
+REVERSALS_MIN: Final = 4
+
+
+def advice(motion: Motion, results: tuple[Result, ...]) -> list[str]:
+    """One line for each axis and kind of quantity that the recording cannot tell."""
+    lines: list[str] = []
+    for axis, name in enumerate(AXES):
+        untold = [one for one in results if one.quantity.axis == axis and not one.calibrated]
+        if untold:
+            lines += _of_axis(motion, axis, name, untold)
+    return lines
+
+
+def _of_axis(motion: Motion, axis: int, name: str, untold: list[Result]) -> list[str]:
+    how = moved(motion, axis)
+    length, speed = UNITS[axis]
+    if not how.enough(axis):
+        return [
+            f"the {name} moved over {how.range_si:.2g} {length} for {how.moving_s:.2g} s, no faster "
+            f"than {how.top_speed_si:.2g} {speed}: nothing of its friction can be told from this "
+            f"recording; record excite friction_{name}"
+        ]
+    lines: list[str] = []
+    kinds = " ".join(one.quantity.key for one in untold)
+    if "viscous" in kinds or "coulomb" in kinds:
+        lines.append(
+            f"the {name} was no faster than {how.top_speed_si:.2g} {speed}: for its viscous friction "
+            f"let it move longer above {2 * FAST[axis]:.2g} {speed}, as in excite friction_{name}"
+        )
+    if any(word in kinds for word in ("stribeck", "transition", "peak", "edge", "time_constant")):
+        few = " only" if how.reversal_count < REVERSALS_MIN else ""
+        lines.append(
+            f"the {name} reversed{few} {how.reversal_count} times: for the rise and the hump of its "
+            "law record more slow reversals through standstill, as in excite open_loop"
+        )
+    if "spring" in kinds:
+        lines.append(
+            f"the {name} moved over {how.range_si:.2g} {length}: for its spring record a wider range"
+        )
+    if "drive_inertia" in kinds or "drive_mass" in kinds:
+        lines.append(f"for the {name} drive's inertia record faster reversals (0.7 Hz and more)")
+    return lines

@@ -1,0 +1,90 @@
+"""Pictures of a calibration: friction over velocity, and what is left before and after."""
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from analysis.calibration.quantities import law_of
+from analysis.calibration.session import Calibration
+from analysis.calibration.start import left_over
+from analysis.drawing import BAD, ESTIMATE, MEASURED, TEXT, legend, limit_to, style
+from observer.friction import static_friction_of
+
+DPI: Final = 110
+POINTS_MAX: Final = 4000
+TITLES: Final = ("Hip", "Slide")
+EFFORTS: Final = ("N·m", "N")
+SPEEDS: Final = ("rad/s", "m/s")
+PLACES: Final = ("rad", "m")
+
+
+def draw_friction(made: Calibration, path: Path) -> None:
+    """The law of both axes, fitted and before, over what the motion says; a PNG."""
+    figure = Figure(figsize=(10, 4.2), layout="constrained")
+    left = left_over(made.fit.frame, made.fit.natural, made.motion)
+    for axis, axes in enumerate(figure.subplots(1, 2)):
+        speed = made.motion.velocity[:, axis]
+        chosen = _thinned(np.flatnonzero(made.motion.settled))
+        style(axes, f"{TITLES[axis]} friction over velocity", EFFORTS[axis])
+        axes.plot(
+            speed[chosen], left[chosen, axis], ".", color=MEASURED, ms=2, alpha=0.35, label="motion"
+        )
+        top = float(np.quantile(np.abs(speed), 0.999)) * 1.05 + 1e-3
+        # Dense about zero, where the law turns.
+        grid = np.linspace(-1, 1, 801) ** 3 * top
+        for natural, colour, words in (
+            (made.fit.frame.natural, BAD, "before"),
+            (made.fit.natural, ESTIMATE, "fitted"),
+        ):
+            law = law_of(natural, axis)
+            values = [static_friction_of(law, float(v)) for v in grid]
+            axes.plot(grid, values, color=colour, linewidth=1.5, label=words)
+        axes.set_xlim(-top, top)
+        limit_to(axes, left[chosen, axis], share=0.995)
+        axes.set_xlabel(f"velocity, {SPEEDS[axis]}", fontsize=8, color=TEXT)
+        legend(axes)
+    figure.savefig(path, dpi=DPI)
+
+
+def draw_residuals(made: Calibration, path: Path) -> None:
+    """What the observer takes for a patient in the empty machine, before and after; a PNG."""
+    figure = Figure(figsize=(10, 7.2), layout="constrained")
+    rows = figure.subplots(2, 2)
+    for axis in range(2):
+        over = (
+            (made.motion.smooth[:, axis], f"position, {PLACES[axis]}"),
+            (made.motion.velocity[:, axis], f"velocity, {SPEEDS[axis]}"),
+        )
+        for column, (values, words) in enumerate(over):
+            _residual(rows[axis][column], made, axis, values, words)
+    figure.savefig(path, dpi=DPI)
+
+
+def _residual(
+    axes: Axes, made: Calibration, axis: int, over: np.ndarray, words: str
+) -> None:
+    title = f"{TITLES[axis]}: false effort over {words.split(',')[0]}"
+    style(axes, title, EFFORTS[axis])
+    shown: list[np.ndarray] = []
+    for seen, colour, label in (
+        (made.seen_before, BAD, "before"),
+        (made.seen_after, ESTIMATE, "after"),
+    ):
+        chosen = _thinned(np.flatnonzero(seen.moving[:, axis]))
+        values = seen.patient[chosen, axis]
+        axes.plot(over[chosen], values, ".", color=colour, ms=2.5, alpha=0.4, label=label)
+        shown.append(values)
+    axes.axhline(0.0, color=TEXT, linewidth=0.7)
+    if any(len(values) for values in shown):
+        limit_to(axes, *shown, share=0.995)
+        legend(axes)
+    else:
+        axes.text(0.5, 0.5, "did not move", transform=axes.transAxes, ha="center", color=TEXT)
+    axes.set_xlabel(words, fontsize=8, color=TEXT)
+
+
+def _thinned(rows: np.ndarray) -> np.ndarray:
+    return rows[:: max(1, len(rows) // POINTS_MAX)]

@@ -1,0 +1,147 @@
+"""A calibration from recordings to verdict: everything but files, words and pictures."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.calibration.empty_check import Check, check, refuse_wrong_branch
+from analysis.calibration.fit import FOLLOWS, Fit, Progress, fit
+from analysis.calibration.motion import Motion, prepare
+from analysis.calibration.quantities import KEYS, QUANTITIES, frame_of, labelled
+from analysis.calibration.verdict import (
+    Disturbance,
+    Score,
+    disturbance,
+    score,
+    something_else,
+    why_not_better,
+    with_noise,
+)
+from analysis.recording import RecordingError
+from analysis.replay import Source
+from daemon.config.settings import Robot
+from observer.status import Status
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """What came out."""
+
+    motion: Motion
+    check: Check
+    fit: Fit
+    robot: Robot
+    seen_before: Disturbance
+    seen_after: Disturbance
+    before: Score
+    after: Score
+    held_out: str
+    """Which data the scores are of."""
+    fault: str
+    """Why the result must not be used; empty if it may be."""
+
+    def values(self, source: str) -> Mapping[str, tuple[float, str]]:
+        """What to write, by dotted key, each with its provenance."""
+        made: dict[str, tuple[float, str]] = {}
+        for index, one in enumerate(self.fit.results):
+            if one.calibrated:
+                made[KEYS[index]] = (
+                    one.value,
+                    f"calibrated from {source}, 95 % ± {one.half_interval:.2g}",
+                )
+            elif one.value != one.before:
+                with_it = labelled(FOLLOWS[index])
+                made[KEYS[index]] = (one.value, f"follows {with_it}, calibrated from {source}")
+        return made
+
+
+def empty_run(sources: Sequence[Source], robot: Robot) -> Motion:
+    """Recordings of the empty machine, ready; with all that makes them unfit refused.
+
+    Raises:
+        RecordingError: a patient or an artificial disturbance is in them, they are too short or of
+            a wrong rate, the mechanism does not close where they begin, or nothing moves.
+    """
+    for one in sources:
+        if one.robot is not None and one.robot.patient is not None:
+            raise RecordingError(
+                f"{one.recording.source}: was recorded with a patient in the machine; calibrate "
+                "from a recording of the empty machine"
+            )
+        if one.caller_bits is not None and np.any(one.caller_bits & Status.ARTIFICIAL):
+            raise RecordingError(
+                f"{one.recording.source}: has an artificial disturbance in it (excite with "
+                "`artificial`); calibrate from a scenario without"
+            )
+    if robot.patient is not None:
+        raise RecordingError(
+            "the robot file has a [patient]; calibrate with the empty machine's file, such as "
+            "robot_empty.toml"
+        )
+    motion = prepare([one.recording for one in sources])
+    refuse_wrong_branch(robot, motion)
+    return motion
+
+
+def calibrate(
+    sources: Sequence[Source],
+    robot: Robot,
+    held_out: Sequence[Source] = (),
+    progress: Progress = lambda _words, _share: None,
+) -> Calibration:
+    """Check the mechanism, fit, and compare with the old file on held-out data.
+
+    Args:
+        sources: recordings of the empty machine.
+        robot: of the file to begin from.
+        held_out: other recordings to compare on; without them every fourth two seconds are kept
+            back.
+        progress: told words and the share done.
+
+    Raises:
+        RecordingError: see `empty_run`.
+    """
+    motion = empty_run(sources, robot)
+    other = empty_run(held_out, robot) if held_out else None
+    if other is not None:
+        motion = prepare([one.recording for one in sources], hold_out=False)
+    checked = check(robot, motion)
+    frame = frame_of(robot, middle_of(motion))
+    made = fit(frame, motion, progress)
+    new = with_values(robot, made)
+    judged = motion if other is None else other
+    rows = motion.held_out if other is None else np.ones(len(judged.time_s), dtype=np.bool_)
+    seen = [disturbance(one, motion) for one in (robot, new)]
+    judged_seen = seen if other is None else [disturbance(one, judged) for one in (robot, new)]
+    old_natural = with_noise(frame.natural, made.natural)
+    before = score(frame, old_natural, judged, rows, judged_seen[0])
+    after = score(frame, made.natural, judged, rows, judged_seen[1])
+    fault = something_else(seen[1], made.natural, motion)
+    fault = fault or why_not_better(before, after, judged)
+    words = "every fourth two seconds" if other is None else ", ".join(other.sources)
+    return Calibration(motion, checked, made, new, seen[0], seen[1], before, after, words, fault)
+
+
+def middle_of(motion: Motion) -> tuple[float, float]:
+    """Mean pose, rad and m."""
+    hip, slide = np.mean(motion.smooth[:, :2], axis=0).tolist()
+    return hip, slide
+
+
+def with_values(robot: Robot, made: Fit) -> Robot:
+    """The robot with the fitted values."""
+    table = msgspec.to_builtins(robot)
+    for quantity, value in zip(QUANTITIES, _values(made), strict=True):
+        *path, name = quantity.key.split(".")
+        part = table
+        for step in path:
+            part = part[step]
+        part[name] = float(value)
+    return msgspec.convert(table, Robot)
+
+
+def _values(made: Fit) -> NDArray[np.float64]:
+    return np.array([one.value for one in made.results])

@@ -1,0 +1,134 @@
+"""`gaitd calibrate`: friction, springs and encoder noise from recordings of the empty machine."""
+
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from analysis.calibration.session import Calibration
+    from analysis.replay import Source
+    from daemon.config.settings import Robot
+
+EXIT_NOT_BETTER = 1
+EXIT_REFUSED = 2
+SUFFIX = ".robot.toml"
+
+
+def command(
+    recorded: Annotated[
+        list[Path], typer.Argument(metavar="IN...", help="a .csv or a ring of the empty machine")
+    ],
+    robot: Annotated[Path, typer.Option(help="robot.toml of the empty machine to begin with")],
+    output: Annotated[
+        Path | None, typer.Option(help=f"the calibrated robot.toml; by default IN{SUFFIX}")
+    ] = None,
+    page: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="write calibration.md and its pictures")
+    ] = None,
+    held_out: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="judge on this recording; else on a part of IN"),
+    ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="only look for a wrong recline, spring or offset")
+    ] = False,
+) -> None:
+    """Friction of both axes, springs, inertia and encoder noise, with intervals, from `excite`."""
+    from analysis.calibration.robot_file import RobotFileError
+    from analysis.recording import RecordingError
+
+    output = output or recorded[0].with_name(recorded[0].name + SUFFIX)
+    try:
+        if check:
+            _check(recorded, robot)
+        else:
+            _calibrate(recorded, robot, output, page, held_out or [])
+    except (RecordingError, RobotFileError) as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(EXIT_REFUSED) from error
+    except OSError as error:
+        print(f"{error.filename}: {error.strerror}", file=sys.stderr)
+        raise typer.Exit(EXIT_REFUSED) from error
+
+
+def _check(recorded: list[Path], robot_file: Path) -> None:
+    from analysis.calibration.empty_check import check
+    from analysis.calibration.session import empty_run
+
+    robot = _robot(robot_file)
+    found = check(robot, empty_run(_sources(recorded), robot))
+    print(found)
+    if not found.well:
+        raise typer.Exit(EXIT_NOT_BETTER)
+
+
+def _calibrate(
+    recorded: list[Path], robot_file: Path, output: Path, page: Path | None, held_out: list[Path]
+) -> None:
+    from analysis.calibration.robot_file import RobotFileError, write
+    from analysis.calibration.session import calibrate
+
+    if output.exists() and output.samefile(robot_file):
+        raise RobotFileError(f"{output}: is the file to begin with; give --output another name")
+    with _progress() as progress:
+        made = calibrate(_sources(recorded), _robot(robot_file), _sources(held_out), progress)
+    _report(made)
+    if page is not None:
+        from analysis.calibration.page import write_page
+
+        print(f"page         {write_page(made, robot_file.name, page)}")
+    if made.fault or not made.check.mendable:
+        fault = made.fault or "correct the mechanism's numbers first, then calibrate"
+        print(f"nothing written: {fault}", file=sys.stderr)
+        raise typer.Exit(EXIT_NOT_BETTER)
+    names = ", ".join(path.name for path in recorded)
+    write(robot_file, output, made.values(names))
+    print(f"written      {output}")
+
+
+def _robot(path: Path) -> "Robot":
+    from daemon.config.settings import Robot
+    from daemon.config.strict import load_toml
+
+    return load_toml(path, Robot)
+
+
+def _sources(recorded: list[Path]) -> "list[Source]":
+    from analysis.replay import read
+
+    return [read(path) for path in recorded]
+
+
+def _report(made: "Calibration") -> None:
+    from analysis.calibration.advice import advice
+    from analysis.calibration.words import scores_table, values_table
+
+    print(f"recording    {', '.join(made.motion.sources)}: {made.motion.duration_s:.1f} s")
+    print(f"mechanism    {made.check}")
+    print(values_table(made))
+    for line in advice(made.motion, made.fit.results):
+        print(f"to do        {line}")
+    print(scores_table(made))
+
+
+@contextmanager
+def _progress() -> Generator[Callable[[str, float], None]]:
+    """A bar with the misfit on a terminal; on anything else nothing."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = (TextColumn("calibrating  {task.description:<18}"), BarColumn())
+    with Progress(
+        *columns,
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda words, share: bar.update(task, description=words, completed=share)
