@@ -58,8 +58,8 @@ FOLLOWS: Final = {
 }
 """What moves with another although it is not told itself: the peak of the law lies above its Coulomb
 level, and a spring's rest keeps the effort in the middle."""
-DECREMENT: Final = 2e-3
-"""Expected gain of the likelihood below which a search ends: a twentieth of a standard deviation."""
+DECREMENT: Final = 1e-2
+"""Expected gain of the likelihood below which a search ends: a seventh of a standard deviation."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-SUBSTEPS: Final = 5
+SUBSTEPS: Final = 3
 DIFFERENCE: Final = 1e-4
 """Of a free value."""
 WIDTH: Final = np.array([1e-5, 1e-5, 1e-5, 5e-6, 1e-3, 1e-2])

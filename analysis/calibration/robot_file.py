@@ -17,7 +17,7 @@ from daemon.config.settings import Robot
 from daemon.config.strict import Document, decoded, read_toml
 
 _TABLE: Final = re.compile(r"^\s*\[([A-Za-z0-9_.]+)\]\s*(#.*)?$")
-_NUMBER: Final = re.compile(r"^(\s*)([A-Za-z0-9_]+)(\s*=\s*)([-+0-9.eE_]+)(\s*)(#.*)?(\r?\n?)$")
+_NUMBER: Final = re.compile(r"^(\s*)([A-Za-z0-9_]+)(\s*=\s*)([-+0-9.eE_]+)([ \t]*)(#.*)?(\r?\n?)$")
 DIGITS: Final = 6
 
 
