@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from analysis.calibration.motion import Motion
-from analysis.calibration.start import FAST, REST, moved, unexplained
+from analysis.calibration.motion import REST, Motion
+from analysis.calibration.start import FAST, moved, unexplained
 from analysis.recording import RecordingError
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot

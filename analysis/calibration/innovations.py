@@ -9,7 +9,8 @@ mechanism and friction law as the observer's, in substeps that are symmetric and
 
 The derivatives of a step come from seven points, the mean and one beside it for each state, in
 eight lanes that are vector code. An effort noise stands for what neither mechanism nor friction
-explain. The two axes of a row are taken one after the other, so their innovations are independent.
+explain. While an axis rests, friction is whatever holds it: a random walk, because the law there is
+hardly smooth and no real joint obeys it. The two axes of a row are taken one after the other, so their innovations are independent.
 """
 
 from typing import Final
@@ -39,17 +40,21 @@ def _advance(
     effort_hip: float,
     effort_slide: float,
     step_s: float,
+    open_hip: float,
+    open_slide: float,
     points: Vector,
     rates: Vector,
 ) -> None:
     """One substep of all lanes in place; `rates` keeps their accelerations between substeps."""
     half_s = 0.5 * step_s
+    half1_s = half_s * open_hip
+    half2_s = half_s * open_slide
     # Not LANES: a loop of a count that the compiler knows is unrolled, and never vector code.
     for j in range(points.size // STATES):
         v1 = points[2 * LANES + j]
         v2 = points[3 * LANES + j]
-        f1 = friction_after(hip, points[4 * LANES + j], v1, half_s)
-        f2 = friction_after(slide, points[5 * LANES + j], v2, half_s)
+        f1 = friction_after(hip, points[4 * LANES + j], v1, half1_s)
+        f2 = friction_after(slide, points[5 * LANES + j], v2, half2_s)
         q1 = points[j] + half_s * v1
         q2 = points[LANES + j] + half_s * v2
         a1, a2, _ = bounded_acceleration(
@@ -70,8 +75,8 @@ def _advance(
         points[LANES + j] = q2 + half_s * v2
         points[2 * LANES + j] = v1
         points[3 * LANES + j] = v2
-        points[4 * LANES + j] = friction_after(hip, f1, v1, half_s)
-        points[5 * LANES + j] = friction_after(slide, f2, v2, half_s)
+        points[4 * LANES + j] = friction_after(hip, f1, v1, half1_s)
+        points[5 * LANES + j] = friction_after(slide, f2, v2, half2_s)
 
 
 @kernel
@@ -99,7 +104,14 @@ def _begin(
 
 @kernel
 def _predict(
-    mean: Vector, cov: Matrix, noise: Vector, points: Vector, width: Vector, work: Matrix
+    mean: Vector,
+    cov: Matrix,
+    noise: Vector,
+    friction1: float,
+    friction2: float,
+    points: Vector,
+    width: Vector,
+    work: Matrix,
 ) -> None:
     """Mean and covariance after the step, from the lanes' ends."""
     jacobian = work[:STATES]
@@ -125,8 +137,8 @@ def _predict(
                 total += noise[3] * noise[3] * jacobian[i, 5] * jacobian[j, 5]
             cov[i, j] = total
             cov[j, i] = total
-    cov[4, 4] += noise[4] * noise[4]
-    cov[5, 5] += noise[5] * noise[5]
+    cov[4, 4] += friction1 * friction1
+    cov[5, 5] += friction2 * friction2
 
 
 @kernel
@@ -154,6 +166,8 @@ def innovations(
     position: Matrix,
     effort: Matrix,
     begins: NDArray[np.bool_],
+    rests: NDArray[np.bool_],
+    rest_noise: Vector,
     starts: Matrix,
     surprise: Matrix,
     variance: Matrix,
@@ -173,6 +187,8 @@ def innovations(
         position: shape (n, 2), NaN where not measured.
         effort: shape (n, 2): acted from the row before until this one.
         begins: shape (n,): a row at which the filter begins anew; the first one must be.
+        rests: shape (n, 2): an axis that rests; the law does not act there.
+        rest_noise: shape (2,): friction noise there.
         starts: shape (n, 6): smoothed position, velocity, acceleration.
         surprise: shape (n, 2), written; NaN where there is none.
         variance: shape (n, 2), written.
@@ -200,10 +216,14 @@ def innovations(
                 effort[row, 0],
                 effort[row, 1],
                 steps_s[row] / substeps,
+                0.0 if rests[row, 0] else 1.0,
+                0.0 if rests[row, 1] else 1.0,
                 points,
                 rates,
             )
-        _predict(mean, cov, noise, points, width, work)
+        friction1 = rest_noise[0] if rests[row, 0] else noise[4]
+        friction2 = rest_noise[1] if rests[row, 1] else noise[5]
+        _predict(mean, cov, noise, friction1, friction2, points, width, work)
         for axis in range(2):
             if not np.isnan(position[row, axis]):
                 surprise[row, axis] = position[row, axis] - mean[axis]

@@ -41,6 +41,8 @@ PRIOR_SPEED: Final = 1.0
 and time constants of the law."""
 BLOCK_ROWS: Final = 50
 """Innovations that are near in time are not quite independent: scores are summed over blocks."""
+REST_NOISE_RATIO: Final = 0.03
+"""Of the Coulomb level in a row: how fast the friction that holds a resting axis may change."""
 CLIP: Final = 36.0
 """A z^2 / s above this counts as this: one shock is no reason to bend the law."""
 
@@ -66,6 +68,8 @@ class Likelihood:
         self.frame = frame
         self.motion = motion
         self.counted = (rows & motion.settled)[:, None] & ~np.isnan(motion.position)
+        self.counted &= ~motion.rests
+        self._rest_noise = REST_NOISE_RATIO * frame.natural[[0, LAW_SIZE]]
         self._z = np.empty(motion.position.shape)
         self._s = np.empty(motion.position.shape)
         self.row = np.nonzero(self.counted)[0]
@@ -87,6 +91,8 @@ class Likelihood:
             motion.position,
             motion.effort,
             motion.begins,
+            motion.rests,
+            self._rest_noise,
             motion.smooth,
             self._z,
             self._s,

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
+from scipy.ndimage import maximum_filter1d, median_filter
 from scipy.signal import savgol_filter
 
 from analysis.recording import Recording, RecordingError
@@ -30,6 +30,10 @@ SETTLE_ROWS: Final = 20
 BLOCK_S: Final = 2.0
 HELD_OUT_OF: Final = 4
 """Of so many blocks in a row the last one is held out."""
+REST: Final = (0.01, 0.004)
+"""Smoothed speeds, rad/s and m/s, below which an axis counts as resting."""
+REST_MARGIN_ROWS: Final = 10
+"""Of a rest, at both ends: breaking away and coming to rest are the law's."""
 GLITCH: Final = (0.02, 0.01)
 """Distance from the median of five samples, rad and m, that no leg can go to and come back from."""
 
@@ -57,6 +61,8 @@ class Motion:
     """Shape (n, 2): at the row's time, smoothed as the positions are."""
     held_out: Flags
     """Shape (n,)."""
+    rests: Flags
+    """Shape (n, 2): in the middle of a rest of an axis."""
 
     @property
     def duration_s(self) -> float:
@@ -92,6 +98,7 @@ def prepare(recordings: Sequence[Recording], hold_out: bool = True) -> Motion:
     time_s = np.cumsum(steps_s)
     block = np.floor(time_s / BLOCK_S).astype(np.int64) % HELD_OUT_OF
     begins = np.concatenate([part[3] for part in parts])
+    smooth = np.concatenate([part[4] for part in parts])
     return Motion(
         tuple(one.source for one in recordings),
         time_s,
@@ -100,9 +107,10 @@ def prepare(recordings: Sequence[Recording], hold_out: bool = True) -> Motion:
         np.concatenate([part[2] for part in parts]),
         begins,
         _settled(begins),
-        np.concatenate([part[4] for part in parts]),
+        smooth,
         np.concatenate([part[5] for part in parts]),
         (block == HELD_OUT_OF - 1) & hold_out,
+        maximum_filter1d(np.abs(smooth[:, 2:4]), 2 * REST_MARGIN_ROWS + 1, axis=0) < REST,
     )
 
 

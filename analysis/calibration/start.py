@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from analysis.calibration.motion import Motion, smoothed
+from analysis.calibration.motion import REST, Motion, smoothed
 from analysis.calibration.quantities import LAW_SIZE, SPRINGS, Frame, law_of
 from observer.friction import friction_after
 from observer.jit import kernel
@@ -20,8 +20,6 @@ from observer.linkage import dynamics
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-REST: Final = (0.01, 0.004)
-"""Smoothed speeds, rad/s and m/s, below which an axis counts as resting."""
 FAST: Final = (0.15, 0.05)
 MOVES_MIN_S: Final = 2.0
 """An axis that moves for less than this in all does not move."""

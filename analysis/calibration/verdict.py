@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.calibration.likelihood import Likelihood
-from analysis.calibration.motion import Motion
+from analysis.calibration.motion import REST, Motion
 from analysis.calibration.quantities import Frame
-from analysis.calibration.start import REST, moved
+from analysis.calibration.start import moved
 from analysis.replay import setup_for
 from daemon.config.settings import Robot
 from observer.batch import Columns, run
