@@ -2,7 +2,8 @@
 
 A trust region walks on the likelihood with Fisher's information for its curvature. What turns out
 to have too wide an interval, or to go along with another by more than CORRELATION_MAX, goes back to
-the value of the file, and the rest is fitted once more.
+the value of the file, and the rest is fitted once more. A narrow interval stands whatever it goes
+along with, because it counts that already.
 """
 
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from analysis.calibration.likelihood import (
     Likelihood,
     Surprises,
     prior_std,
+    reach,
     robust_covariance,
     scores,
 )
@@ -58,6 +60,10 @@ FOLLOWS: Final = {
 }
 """What moves with another although it is not told itself: the peak of the law lies above its Coulomb
 level, and a spring's rest keeps the effort in the middle."""
+WALL: Final = 1e4
+"""Stiffness of the bounds in units of the likelihood."""
+TIGHT_RATIO: Final = 0.1
+"""Of an interval that is narrow enough however two values go along: it counts that already."""
 DECREMENT: Final = 1e-2
 """Expected gain of the likelihood below which a search ends: a seventh of a standard deviation."""
 
@@ -99,6 +105,8 @@ class _Search:
     ) -> None:
         self.likelihood, self.about, self.which = likelihood, about, which
         self.weight = 1.0 / prior_std()[which] ** 2
+        self.middle = likelihood.frame.free(likelihood.frame.natural)[which]
+        self.reach = reach()[which]
         self.progress = progress
         self.step_count = 0
         self._at: Vector | None = None
@@ -116,14 +124,23 @@ class _Search:
     def _with_prior(self, base: Surprises, x: Vector) -> float:
         away = x - self.about[self.which]
         loss = base.loss + 0.5 * float(np.sum(self.weight * away**2))
+        loss += 0.5 * WALL * float(np.sum(self._beyond(x) ** 2))
         return loss if np.isfinite(loss) else 1e12
+
+    def _beyond(self, x: Vector) -> Vector:
+        """How far outside of its reach each value is, with its sign."""
+        away = x - self.middle
+        return away - np.clip(away, -self.reach, self.reach)
 
     def all(self, x: Vector) -> tuple[float, Vector, Matrix]:
         if self._made is None or self._at is None or not np.array_equal(self._at, x):
             base, dz, ds = self.likelihood.derivatives(self.whole(x), self.which)
             each, fisher = scores(base, dz, ds)
             gradient = each.sum(axis=0) + self.weight * (x - self.about[self.which])
-            self._made = (self._with_prior(base, x), gradient, fisher + np.diag(self.weight))
+            beyond = self._beyond(x)
+            gradient += WALL * beyond
+            curvature = fisher + np.diag(self.weight + WALL * (beyond != 0.0))
+            self._made = (self._with_prior(base, x), gradient, curvature)
             self._at = x.copy()
             self.step_count += 1
         return self._made
@@ -268,6 +285,7 @@ def _worst(
     np.fill_diagonal(together, 0.0)
     together[which >= NOISE] = 0.0
     together[:, which >= NOISE] = 0.0
+    together[wide < TIGHT_RATIO] = 0.0
     a, b = np.unravel_index(int(np.argmax(together)), together.shape)
     if together[a, b] > CORRELATION_MAX:
         place = int(a if wide[a] >= wide[b] else b)

@@ -39,6 +39,7 @@ PRIOR_LEVEL: Final = 3.0
 PRIOR_SPEED: Final = 1.0
 """Standard deviations of free values about the first guess, factors of e: levels and noise; speeds
 and time constants of the law."""
+REACH_FACTOR: Final = 4.0
 BLOCK_ROWS: Final = 50
 """Innovations that are near in time are not quite independent: scores are summed over blocks."""
 REST_NOISE_RATIO: Final = 0.03
@@ -129,6 +130,18 @@ def prior_std() -> Vector:
         std[axis * LAW_SIZE + 3 : (axis + 1) * LAW_SIZE] = PRIOR_SPEED
     std[NOISE:] = PRIOR_LEVEL
     return std
+
+
+def reach() -> Vector:
+    """Shape (SIZE,): how far free values may go from the file's; infinite but for speeds and times.
+
+    Another law than ours (bristles) would be fitted by one that is ever steeper at rest, which says
+    nothing about motion and which no observer at 10 ms can follow.
+    """
+    made = np.full(SIZE, np.inf)
+    for axis in range(2):
+        made[axis * LAW_SIZE + 3 : (axis + 1) * LAW_SIZE] = np.log(REACH_FACTOR)
+    return made
 
 
 def robust_covariance(each: Matrix, fisher: Matrix, rows: NDArray[np.intp]) -> Matrix:

@@ -22,8 +22,11 @@ from analysis.calibration.verdict import (
 )
 from analysis.recording import RecordingError
 from analysis.replay import Source
+from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
-from observer.status import Status
+from observer.leg_model import integrator_named, substeps_needed
+from observer.mechanism import smallest_inertia
+from observer.status import START_RATIO_MIN, Status
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,6 +117,9 @@ def calibrate(
     new = with_values(robot, made)
     judged = motion if other is None else other
     rows = motion.held_out if other is None else np.ones(len(judged.time_s), dtype=np.bool_)
+    steep = _too_steep(new)
+    if steep:
+        raise RecordingError(steep)
     seen = [disturbance(one, motion) for one in (robot, new)]
     judged_seen = seen if other is None else [disturbance(one, judged) for one in (robot, new)]
     old_natural = with_noise(frame.natural, made.natural)
@@ -140,7 +146,30 @@ def with_values(robot: Robot, made: Fit) -> Robot:
         for step in path:
             part = part[step]
         part[name] = float(value)
-    return msgspec.convert(table, Robot)
+    try:
+        return msgspec.convert(table, Robot)
+    except msgspec.ValidationError as error:
+        raise RecordingError(
+            f"the fit ends where no robot file may ({error}): something else than friction acts in "
+            "this recording; calibrate from the empty, undisturbed machine"
+        ) from error
+
+
+def _too_steep(robot: Robot) -> str:
+    """What to change where the observer could not follow the fitted friction; empty if it can."""
+    tuning = robot.observer
+    inertia = smallest_inertia(leg_parameters(robot), START_RATIO_MIN)
+    integrator = integrator_named(tuning.integrator)
+    try:
+        least = substeps_needed(*friction_parameters(robot), inertia, integrator)
+    except ValueError as error:
+        return str(error)
+    if least <= tuning.substeps:
+        return ""
+    return (
+        f"the fitted friction is so steep that [observer] substeps must be {least}, the file says "
+        f"{tuning.substeps}: change it there and calibrate again"
+    )
 
 
 def _values(made: Fit) -> NDArray[np.float64]:
