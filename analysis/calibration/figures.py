@@ -13,8 +13,8 @@ from analysis.calibration.start import left_over
 from analysis.drawing import BAD, ESTIMATE, MEASURED, TEXT, legend, limit_to, style
 from observer.friction import static_friction_of
 
-DPI: Final = 110
-POINTS_MAX: Final = 4000
+DPI: Final = 100
+POINTS_MAX: Final = 2000
 TITLES: Final = ("Hip", "Slide")
 EFFORTS: Final = ("N·m", "N")
 SPEEDS: Final = ("rad/s", "m/s")
