@@ -1,0 +1,235 @@
+import msgspec
+import numpy as np
+import pytest
+from empty_runs import (
+    changed,
+    empty_run,
+    random_friction,
+    robot_file,
+    shipped_friction,
+)
+
+from analysis.calibration.advice import advice
+from analysis.calibration.innovations import innovations
+from analysis.calibration.likelihood import Likelihood, scores
+from analysis.calibration.motion import prepare
+from analysis.calibration.quantities import QUANTITIES, SIZE, frame_of
+from analysis.calibration.session import calibrate, middle_of
+from analysis.recording import RecordingError, recording
+from analysis.replay import Source
+from observer.friction import FrictionParameters
+from observer.status import Status
+
+LEVELS = ("coulomb", "stribeck", "viscous")
+"""Of the law, as the issue asks for them: Fc, Fs, d."""
+
+
+def truth_of(f: FrictionParameters) -> tuple[float, ...]:
+    return (f.coulomb, f.stribeck, f.viscous, *f[3:])
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    """The machine as its file says, and a calibration that begins 40 % off."""
+    robot = robot_file()
+    f = robot.friction
+    off = msgspec.structs.replace(
+        f,
+        hip=msgspec.structs.replace(
+            f.hip, coulomb_nm=3.6, stribeck_nm=4.2, viscous_nm_s_per_rad=1.2, edge_rad_per_s=0.045
+        ),
+        slide=msgspec.structs.replace(
+            f.slide, coulomb_n=95.0, stribeck_n=110.0, viscous_n_s_per_m=33.0, peak_m_per_s=0.03
+        ),
+    )
+    run = empty_run(shipped_friction())
+    return run, calibrate([run], msgspec.structs.replace(robot, friction=off))
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_friction_levels_of_any_machine_are_found_within_two_percent(seed):
+    truth = random_friction(seed)
+
+    made = calibrate([empty_run(truth, seed=seed, duration_s=40.0)], robot_file())
+
+    for axis in range(2):
+        found = [one.value for one in made.fit.results[7 * axis : 7 * axis + 3]]
+        assert found == pytest.approx(truth_of(truth[axis])[:3], rel=0.02)
+
+
+def test_a_start_far_off_does_no_harm(shipped):
+    _, made = shipped
+
+    for axis, law in enumerate(shipped_friction()):
+        found = [one.value for one in made.fit.results[7 * axis : 7 * axis + 3]]
+        assert found == pytest.approx(truth_of(law)[:3], rel=0.02)
+    assert not made.fault
+
+
+def test_encoder_noise_is_that_of_quantum_and_noise_together(shipped):
+    _, made = shipped
+
+    assert made.fit.results[20].value == pytest.approx(np.hypot(1e-4 / 12**0.5, 5e-5), rel=0.1)
+    assert made.fit.results[21].value == pytest.approx(np.hypot(5e-5 / 12**0.5, 2e-5), rel=0.1)
+
+
+def test_what_was_not_fitted_gets_better(shipped):
+    _, made = shipped
+
+    assert made.after.loss_per_sample < made.before.loss_per_sample
+    assert made.after.hip_rms_nm < 0.1 * made.before.hip_rms_nm
+    assert made.after.slide_rms_n < 0.1 * made.before.slide_rms_n
+
+
+def test_the_same_recording_gives_the_same_bits(shipped):
+    run, made = shipped
+
+    again = calibrate([run], made.robot)
+    once_more = calibrate([run], made.robot)
+
+    assert np.array_equal(again.fit.natural, once_more.fit.natural)
+
+
+def test_a_file_that_is_right_already_is_not_made_worse(shipped):
+    run, made = shipped
+
+    again = calibrate([run], made.robot)
+
+    assert again.fault or again.after.loss_per_sample < again.before.loss_per_sample
+
+
+def test_intervals_cover_the_truth_about_as_often_as_they_say():
+    covered: list[bool] = []
+    for seed in range(3):
+        made = calibrate([empty_run(shipped_friction(), seed=seed)], robot_file())
+        for axis, law in enumerate(shipped_friction()):
+            for one, truth in zip(made.fit.results[7 * axis :], truth_of(law), strict=False):
+                covered.append(abs(one.value - truth) <= one.half_interval)
+
+    assert np.mean(covered) >= 0.75
+
+
+def test_an_axis_that_does_not_move_is_named_with_what_to_record_instead():
+    made = calibrate([empty_run(shipped_friction(), slide=False)], robot_file())
+
+    slide = [one for one in made.fit.results if one.quantity.key.startswith("friction.slide")]
+    assert not any(one.calibrated for one in slide)
+    assert all(one.value == one.before for one in slide)
+    hip = [one for one in made.fit.results if one.quantity.label == "hip coulomb"]
+    assert hip[0].value == pytest.approx(6.0, rel=0.02)
+    assert "record excite friction_slide" in " ".join(advice(made.motion, made.fit.results))
+
+
+def test_somebody_who_pushes_is_no_friction():
+    def push(time_s):
+        return np.column_stack((5.0 * np.sin(2.2 * time_s), 40.0 * np.sin(1.3 * time_s)))
+
+    run = empty_run(shipped_friction(), disturbance=push)
+
+    try:
+        said = calibrate([run], robot_file()).fault
+    except RecordingError as error:
+        said = str(error)
+    assert "empty, undisturbed machine" in said
+
+
+def short(run: Source, rows: slice) -> Source:
+    made = run.recording
+    values = np.column_stack((made.time_s, made.position, made.effort))[rows]
+    return run._replace(recording=recording("short.csv", values))
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (slice(0, 800), "too short"),
+        (slice(0, 10), "10 rows are too short"),
+        (slice(None, None, 5), "a row every 50 ms"),
+    ],
+)
+def test_a_recording_that_is_too_short_or_too_coarse_is_refused(shipped, rows, said):
+    run, _ = shipped
+
+    with pytest.raises(RecordingError, match=said):
+        calibrate([short(run, rows)], robot_file())
+
+
+def test_a_patient_or_an_artificial_disturbance_is_refused_by_what_the_ring_says(shipped):
+    run, _ = shipped
+    with_patient = load_patient()
+    bits = np.zeros(len(run.recording.time_s), dtype=np.int64)
+    bits[100] = Status.ARTIFICIAL
+
+    with pytest.raises(RecordingError, match="with a patient"):
+        calibrate([run._replace(robot=with_patient)], robot_file())
+    with pytest.raises(RecordingError, match="artificial disturbance"):
+        calibrate([run._replace(caller_bits=bits)], robot_file())
+    with pytest.raises(RecordingError, match=r"\[patient\]"):
+        calibrate([run], with_patient)
+
+
+def load_patient():
+    from empty_runs import ROBOT_FILE
+
+    from daemon.config.settings import Robot
+    from daemon.config.strict import load_toml
+
+    return load_toml(ROBOT_FILE.with_name("robot.toml"), Robot)
+
+
+def test_free_and_natural_values_are_the_same_numbers(shipped):
+    run, _ = shipped
+    frame = frame_of(robot_file(), (0.24, 0.59))
+
+    assert frame.from_free(frame.free(frame.natural)) == pytest.approx(frame.natural, rel=1e-9)
+    assert len(QUANTITIES) + 4 == SIZE
+
+
+def test_the_gradient_is_the_slope_of_the_likelihood(shipped):
+    run, made = shipped
+    motion = prepare([run.recording])
+    frame = frame_of(made.robot, middle_of(motion))
+    likelihood = Likelihood(frame, motion, ~motion.held_out)
+    free = frame.free(made.fit.natural)
+    free[:7] += 0.02
+    which = np.arange(SIZE)
+
+    each, _ = scores(*likelihood.derivatives(free, which))
+
+    for index in (0, 2, 5, 9, 14, 16, 20, 23):
+        up, down = free.copy(), free.copy()
+        up[index] += 1e-4
+        down[index] -= 1e-4
+        slope = (likelihood.surprises(up).loss - likelihood.surprises(down).loss) / 2e-4
+        assert each.sum(axis=0)[index] == pytest.approx(slope, rel=0.05, abs=2.0)
+
+
+def test_innovations_of_the_truth_are_as_large_as_they_are_said_to_be(shipped):
+    run, made = shipped
+    motion = prepare([run.recording], hold_out=False)
+    frame = frame_of(made.robot, middle_of(motion))
+
+    base = Likelihood(frame, motion, ~motion.held_out).surprises(frame.free(made.fit.natural))
+
+    assert np.mean(base.z**2 / base.s) == pytest.approx(1.0, abs=0.15)
+    assert innovations.__doc__
+
+
+def test_a_glitch_and_missing_samples_do_no_harm(shipped):
+    run, _ = shipped
+    rows = np.column_stack((run.recording.time_s, run.recording.position, run.recording.effort))
+    rows[500, 1] += 0.3
+    rows[900:903, 2] = np.nan
+
+    made = calibrate([run._replace(recording=recording("glitch.csv", rows))], robot_file())
+
+    assert made.fit.results[0].value == pytest.approx(6.0, rel=0.02)
+    assert made.fit.results[7].value == pytest.approx(65.0, rel=0.02)
+
+
+def test_springs_that_changed_are_found(shipped):
+    weak = changed(robot_file(), "springs", hip_stiffness_nm_per_rad=16.0)
+
+    made = calibrate([empty_run(shipped_friction(), robot=weak)], robot_file())
+
+    assert made.fit.results[14].value == pytest.approx(16.0, rel=0.02)

@@ -1,0 +1,84 @@
+import math
+
+import numpy as np
+import pytest
+from empty_runs import changed, empty_run, random_friction, robot_file, shipped_friction
+
+from analysis.calibration.empty_check import check, refuse_wrong_branch
+from analysis.calibration.motion import prepare
+from analysis.recording import RecordingError, recording
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return prepare([empty_run(shipped_friction()).recording])
+
+
+def test_a_right_machine_gets_no_complaint(motion):
+    assert check(robot_file(), motion).well
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_wrong_friction_is_no_wrong_mechanism(seed):
+    made = prepare([empty_run(random_friction(seed)).recording])
+
+    assert check(robot_file(), made).well
+
+
+def explanations(found):
+    return {one.words: one.change for one in (found.best, *found.as_good)}
+
+
+@pytest.mark.parametrize("change_deg", [10.0, -10.0])
+def test_a_wrong_recline_is_found(motion, change_deg):
+    geometry = robot_file().geometry
+    wrong = changed(robot_file(), "geometry", recline_deg=geometry.recline_deg + change_deg)
+
+    found = check(wrong, motion)
+
+    assert not found.well
+    told = explanations(found)["recline or hip encoder offset"]
+    assert told == pytest.approx(-change_deg, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("hip_stiffness_nm_per_rad", "hip spring stiffness"),
+        ("slide_stiffness_n_per_m", "slide spring stiffness"),
+    ],
+)
+def test_a_spring_twenty_percent_weak_is_found(motion, key, words):
+    right = getattr(robot_file().springs, key)
+
+    found = check(changed(robot_file(), "springs", **{key: 0.8 * right}), motion)
+
+    assert not found.well
+    assert found.mendable
+    assert explanations(found)[words] == pytest.approx(0.2 * right, rel=0.15)
+
+
+def test_a_wrong_rest_of_a_spring_is_found(motion):
+    rest_rad = robot_file().springs.hip_rest_rad
+
+    found = check(changed(robot_file(), "springs", hip_rest_rad=rest_rad + 0.15), motion)
+
+    assert explanations(found)["hip spring rest"] == pytest.approx(-0.15, abs=0.02)
+
+
+def posed(hip_rad: float, slide_m: float):
+    run = empty_run(shipped_friction()).recording
+    rows = np.column_stack((run.time_s, run.position, run.effort))
+    rows[:, 1] += hip_rad - rows[0, 1]
+    rows[:, 2] += slide_m - rows[0, 2]
+    return prepare([recording("offset.csv", rows)])
+
+
+def test_a_knee_bent_backwards_is_refused_from_the_first_pose():
+    with pytest.raises(RecordingError, match="bent backwards by .* wrong branch"):
+        refuse_wrong_branch(robot_file(), posed(math.radians(-15.0), 0.60))
+
+
+def test_a_pose_that_cannot_be_is_refused():
+    with pytest.raises(RecordingError, match="do not meet"):
+        refuse_wrong_branch(robot_file(), posed(math.radians(-20.0), 0.95))
