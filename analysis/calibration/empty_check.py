@@ -171,9 +171,7 @@ def check(robot: Robot, motion: Motion) -> Check:
     alone = regression.misfit(robot)
     tried = [_explain(robot, regression, candidate, alone) for candidate in CANDIDATES]
     best = max(tried, key=lambda one: one.fall)
-    as_good = tuple(
-        one for one in tried if one is not best and one.fall > best.fall - AS_GOOD
-    )
+    as_good = tuple(one for one in tried if one is not best and one.fall > best.fall - AS_GOOD)
     well = best.fall < SIGNIFICANT or regression.noticed(robot, best) < NOTICED
     left = regression.left_rms(robot)
     return Check(well, best, () if well else as_good, *left)

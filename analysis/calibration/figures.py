@@ -63,9 +63,7 @@ def draw_residuals(made: Calibration, path: Path) -> None:
     figure.savefig(path, dpi=DPI)
 
 
-def _residual(
-    axes: Axes, made: Calibration, axis: int, over: np.ndarray, words: str
-) -> None:
+def _residual(axes: Axes, made: Calibration, axis: int, over: np.ndarray, words: str) -> None:
     title = f"{TITLES[axis]}: false effort over {words.split(',')[0]}"
     style(axes, title, EFFORTS[axis])
     shown: list[np.ndarray] = []

@@ -255,9 +255,7 @@ def _not_moved(motion: Motion) -> dict[int, str]:
     return reasons
 
 
-def _untold(
-    frame: Frame, free: Vector, which: NDArray[np.intp], fisher: Matrix
-) -> dict[int, str]:
+def _untold(frame: Frame, free: Vector, which: NDArray[np.intp], fisher: Matrix) -> dict[int, str]:
     """What to give up, worst first, until the rest is told; with the reason."""
     found: dict[int, str] = {}
     left = list(range(len(which)))

@@ -100,7 +100,9 @@ class Likelihood:
         )
         return Surprises(self._z[self.counted], self._s[self.counted])
 
-    def derivatives(self, free: Vector, which: NDArray[np.intp]) -> tuple[Surprises, Matrix, Matrix]:
+    def derivatives(
+        self, free: Vector, which: NDArray[np.intp]
+    ) -> tuple[Surprises, Matrix, Matrix]:
         """Innovations, and per free value (m, k): dz and ds."""
         base = self.surprises(free)
         dz, ds = np.empty((len(base.z), len(which))), np.empty((len(base.z), len(which)))

@@ -116,7 +116,9 @@ def prepare(recordings: Sequence[Recording], hold_out: bool = True) -> Motion:
 
 def _check(one: Recording) -> None:
     if len(one.time_s) < 2 * WINDOW_ROWS:
-        raise RecordingError(f"{one.source}: {len(one.time_s)} rows are too short to calibrate from")
+        raise RecordingError(
+            f"{one.source}: {len(one.time_s)} rows are too short to calibrate from"
+        )
     period_s = float(np.median(np.diff(one.time_s)))
     if not PERIOD_S[0] <= period_s <= PERIOD_S[1]:
         raise RecordingError(

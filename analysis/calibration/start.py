@@ -158,5 +158,3 @@ def _straight(
     coulomb = max(float(found[0]), 0.2 * float(np.median(np.abs(left[fast]))), 1e-3)
     viscous = max(float(found[1]), 0.01 * coulomb)
     return coulomb, viscous, float(found[2]), float(found[3])
-
-

@@ -93,7 +93,9 @@ def why_not_better(before: Score, after: Score, motion: Motion) -> str:
     )
     for axis, (name, old, new, unit) in enumerate(pairs):
         if moved(motion, axis).enough(axis) and new > WORSE_MAX_RATIO * old:
-            return f"the {name}'s false effort on held-out data is {new:.3g} {unit}, {old:.3g} before"
+            return (
+                f"the {name}'s false effort on held-out data is {new:.3g} {unit}, {old:.3g} before"
+            )
     return ""
 
 
