@@ -75,12 +75,15 @@ class Motion:
         return self.smooth[:, 2:4]
 
 
-def prepare(recordings: Sequence[Recording], hold_out: bool = True) -> Motion:
+def prepare(
+    recordings: Sequence[Recording], *, hold_out: bool = True, effort_delay_s: float = 0.0
+) -> Motion:
     """Make recordings of the same machine ready.
 
     Args:
         recordings: each of at least one row.
         hold_out: keep every fourth two seconds back; otherwise nothing.
+        effort_delay_s: the effort of a row acts so much later than the row says.
 
     Raises:
         RecordingError: too short, the wrong rate, or too much missing.
@@ -93,7 +96,7 @@ def prepare(recordings: Sequence[Recording], hold_out: bool = True) -> Motion:
             f"{recordings[0].source}: {duration_s:.1f} s are too short to calibrate from; at least "
             f"{DURATION_MIN_S:g} s are needed, 30 s for each axis are good"
         )
-    parts = [_one(one) for one in recordings]
+    parts = [_one(one, effort_delay_s) for one in recordings]
     steps_s = np.concatenate([part[0] for part in parts])
     time_s = np.cumsum(steps_s)
     block = np.floor(time_s / BLOCK_S).astype(np.int64) % HELD_OUT_OF
@@ -137,13 +140,15 @@ def _check(one: Recording) -> None:
             raise RecordingError(f"{one.source}: {column} is missing in most rows")
 
 
-def _one(one: Recording) -> tuple[Vector, Matrix, Matrix, Flags, Matrix, Matrix]:
+def _one(
+    one: Recording, effort_delay_s: float
+) -> tuple[Vector, Matrix, Matrix, Flags, Matrix, Matrix]:
     steps_s = np.diff(one.time_s, prepend=one.time_s[0])
     begins = steps_s > GAP_MAX_S
     begins[0] = True
     period_s = float(np.median(steps_s[1:]))
     position = one.position.copy()
-    effort = np.column_stack([_filled(one.time_s, one.effort[:, axis]) for axis in range(2)])
+    effort = np.column_stack([_delayed(one, axis, effort_delay_s) for axis in range(2)])
     smooth, smooth_effort = np.zeros((len(steps_s), 6)), effort.copy()
     for axis in range(2):
         filled = _filled(one.time_s, position[:, axis])
@@ -159,6 +164,13 @@ def _one(one: Recording) -> tuple[Vector, Matrix, Matrix, Flags, Matrix, Matrix]
             smooth_effort[part, axis] = smoothed(_at_rows(effort[part, axis]))
     steps_s[begins] = period_s
     return steps_s, position, effort, begins, smooth, smooth_effort
+
+
+def _delayed(one: Recording, axis: int, delay_s: float) -> Vector:
+    """What acted in each row, gaps filled: a part of the row before where efforts come late."""
+    effort = _filled(one.time_s, one.effort[:, axis])
+    late: Vector = np.interp(one.time_s - delay_s, one.time_s, effort)
+    return late
 
 
 def smoothed(values: Vector, order: int = 0, period_s: float = 1.0) -> Vector:

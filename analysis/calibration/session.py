@@ -84,7 +84,12 @@ def empty_run(sources: Sequence[Source], robot: Robot) -> Motion:
             "the robot file has a [patient]; calibrate with the empty machine's file, such as "
             "robot_empty.toml"
         )
-    motion = prepare([one.recording for one in sources])
+    if robot.observer.viscous_outside:
+        raise RecordingError(
+            "the robot file says viscous_outside = true; calibration fits the law with viscous "
+            "friction inside eq. (11): set it to false and calibrate"
+        )
+    motion = _prepared(sources, robot)
     refuse_wrong_branch(robot, motion)
     return motion
 
@@ -110,7 +115,7 @@ def calibrate(
     motion = empty_run(sources, robot)
     other = empty_run(held_out, robot) if held_out else None
     if other is not None:
-        motion = prepare([one.recording for one in sources], hold_out=False)
+        motion = _prepared(sources, robot, hold_out=False)
     checked = check(robot, motion)
     frame = frame_of(robot, middle_of(motion))
     made = fit(frame, motion, progress)
@@ -129,6 +134,11 @@ def calibrate(
     fault = fault or why_not_better(before, after, judged)
     words = "every fourth two seconds" if other is None else ", ".join(other.sources)
     return Calibration(motion, checked, made, new, seen[0], seen[1], before, after, words, fault)
+
+
+def _prepared(sources: Sequence[Source], robot: Robot, *, hold_out: bool = True) -> Motion:
+    delay_s = 1e-3 * robot.observer.effort_delay_ms
+    return prepare([one.recording for one in sources], hold_out=hold_out, effort_delay_s=delay_s)
 
 
 def middle_of(motion: Motion) -> tuple[float, float]:

@@ -177,8 +177,7 @@ def load_patient():
     return load_toml(ROBOT_FILE.with_name("robot.toml"), Robot)
 
 
-def test_free_and_natural_values_are_the_same_numbers(shipped):
-    run, _ = shipped
+def test_free_and_natural_values_are_the_same_numbers():
     frame = frame_of(robot_file(), (0.24, 0.59))
 
     assert frame.from_free(frame.free(frame.natural)) == pytest.approx(frame.natural, rel=1e-9)

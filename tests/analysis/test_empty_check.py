@@ -75,7 +75,7 @@ def posed(hip_rad: float, slide_m: float):
 
 
 def test_a_knee_bent_backwards_is_refused_from_the_first_pose():
-    with pytest.raises(RecordingError, match="bent backwards by .* wrong branch"):
+    with pytest.raises(RecordingError, match=r"bent backwards by .* wrong branch"):
         refuse_wrong_branch(robot_file(), posed(math.radians(-15.0), 0.60))
 
 

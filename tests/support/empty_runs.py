@@ -1,4 +1,4 @@
-"""Recordings of an empty machine whose truth is known: fine steps, the paper's friction, encoders."""
+"""Recordings of an empty machine whose truth is known: fine steps, paper's friction, encoders."""
 
 from pathlib import Path
 
