@@ -1,4 +1,4 @@
-"""Calibration: friction, springs, drive inertia and encoder noise from recordings of the empty machine.
+"""Calibration: friction, springs, drive inertia and encoder noise of the empty machine.
 
 Reading order: `motion` (recordings made ready), `innovations` (the filter whose surprises are
 scored), `quantities` (what may be calibrated), `start` (a guess by regression), `likelihood` and

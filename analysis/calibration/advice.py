@@ -26,26 +26,28 @@ def _of_axis(motion: Motion, axis: int, name: str, untold: list[Result]) -> list
     length, speed = UNITS[axis]
     if not how.enough(axis):
         return [
-            f"the {name} moved over {how.range_si:.2g} {length} for {how.moving_s:.2g} s, no faster "
-            f"than {how.top_speed_si:.2g} {speed}: nothing of its friction can be told from this "
-            f"recording; record excite friction_{name}"
+            f"the {name} moved over {how.range_si:.2g} {length} for {how.moving_s:.2g} s, "
+            f"no faster than {how.top_speed_si:.2g} {speed}: nothing of its friction can be told "
+            f"from this recording; record excite friction_{name}"
         ]
     lines: list[str] = []
     kinds = " ".join(one.quantity.key for one in untold)
     if "viscous" in kinds or "coulomb" in kinds:
         lines.append(
-            f"the {name} was no faster than {how.top_speed_si:.2g} {speed}: for its viscous friction "
-            f"let it move longer above {2 * FAST[axis]:.2g} {speed}, as in excite friction_{name}"
+            f"the {name} was no faster than {how.top_speed_si:.2g} {speed}: for its viscous "
+            "friction let it move longer "
+            f"above {2 * FAST[axis]:.2g} {speed}, as in excite friction_{name}"
         )
     if any(word in kinds for word in ("stribeck", "transition", "peak", "edge", "time_constant")):
         few = " only" if how.reversal_count < REVERSALS_MIN else ""
         lines.append(
-            f"the {name} reversed{few} {how.reversal_count} times: for the rise and the hump of its "
-            "law record more slow reversals through standstill, as in excite open_loop"
+            f"the {name} reversed{few} {how.reversal_count} times: for the rise and the hump "
+            "of its law record more slow reversals through standstill, as in excite open_loop"
         )
     if "spring" in kinds:
         lines.append(
-            f"the {name} moved over {how.range_si:.2g} {length}: for its spring record a wider range"
+            f"the {name} moved over {how.range_si:.2g} {length}: for its spring record a "
+            "wider range"
         )
     if "drive_inertia" in kinds or "drive_mass" in kinds:
         lines.append(f"for the {name} drive's inertia record faster reversals (0.7 Hz and more)")

@@ -156,8 +156,8 @@ def refuse_wrong_branch(robot: Robot, motion: Motion) -> None:
         if knee < START_KNEE_MIN_RAD:
             raise RecordingError(
                 f"{where}, where it begins, the knee would be bent backwards by "
-                f"{-math.degrees(knee):.0f} deg: wrong branch of the mechanism, wrong sign or wrong "
-                "encoder offset"
+                f"{-math.degrees(knee):.0f} deg: wrong branch of the mechanism, wrong sign or "
+                "wrong encoder offset"
             )
 
 

@@ -64,7 +64,7 @@ def draw_residuals(made: Calibration, path: Path) -> None:
 
 
 def _residual(axes: Axes, made: Calibration, axis: int, over: np.ndarray, words: str) -> None:
-    title = f"{TITLES[axis]}: false effort over {words.split(',')[0]}"
+    title = f"{TITLES[axis]}: false effort over {words.partition(',')[0]}"
     style(axes, title, EFFORTS[axis])
     shown: list[np.ndarray] = []
     for seen, colour, label in (

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from analysis.calibration.likelihood import (
+    SUBSTEPS_FINE,
     Likelihood,
     Surprises,
     prior_std,
@@ -51,15 +52,15 @@ STEPS_MAX: Final = 40
 START_NOISE: Final = 0.03
 """Effort noise to begin with, of the Coulomb level: what is blurred has fewer valleys."""
 START_FACTORS: Final = (0.4, 0.63, 1.0, 1.6, 2.5)
-ROUNDS: Final = 4
+ROUNDS: Final = 6
 FOLLOWS: Final = {
     1: 0,
     LAW_SIZE + 1: LAW_SIZE,
     SPRINGS + 1: SPRINGS,
     SPRINGS + 4: SPRINGS + 3,
 }
-"""What moves with another although it is not told itself: the peak of the law lies above its Coulomb
-level, and a spring's rest keeps the effort in the middle."""
+"""What moves with another although it is not told itself: the peak of the law lies above its
+Coulomb level, and a spring's rest keeps the effort in the middle."""
 WALL: Final = 1e4
 """Stiffness of the bounds in units of the likelihood."""
 TIGHT_RATIO: Final = 0.1
@@ -98,7 +99,7 @@ class Fit:
 
 
 class _Search:
-    """The likelihood with its priors as scipy wants it: value, gradient, curvature, at one place."""
+    """The likelihood with its priors as scipy wants it: value, gradient, curvature."""
 
     def __init__(
         self, likelihood: Likelihood, about: Vector, which: NDArray[np.intp], progress: Progress
@@ -145,6 +146,12 @@ class _Search:
             self.step_count += 1
         return self._made
 
+    def gradient(self, x: Vector) -> Vector:
+        return self.all(x)[1]
+
+    def curvature(self, x: Vector) -> Matrix:
+        return self.all(x)[2]
+
     def ended(self, intermediate_result: object) -> None:
         x: Vector = intermediate_result.x  # pyright: ignore[reportAttributeAccessIssue]
         loss, gradient, curvature = self.all(x)
@@ -178,7 +185,9 @@ def fit(frame: Frame, motion: Motion, progress: Progress) -> Fit:
         base, dz, ds = likelihood.derivatives(free, which)
         each, fisher = scores(base, dz, ds)
         found = _untold(frame, free, which, fisher)
-        if not found:
+        if not found and likelihood.substeps < SUBSTEPS_FINE:
+            likelihood.substeps = SUBSTEPS_FINE
+        elif not found:
             cov = np.zeros((SIZE, SIZE))
             cov[np.ix_(which, which)] = robust_covariance(each, fisher, likelihood.row)
             break
@@ -237,8 +246,8 @@ def _walk(
         search.value,
         free[which],
         method="trust-exact",
-        jac=lambda x: search.all(x)[1],
-        hess=lambda x: search.all(x)[2],
+        jac=search.gradient,
+        hess=search.curvature,
         callback=search.ended,
         options={"maxiter": STEPS_MAX, "initial_trust_radius": 0.5, "gtol": 1e-3},
     )
@@ -260,7 +269,7 @@ def _untold(frame: Frame, free: Vector, which: NDArray[np.intp], fisher: Matrix)
     found: dict[int, str] = {}
     left = list(range(len(which)))
     while left:
-        cov = np.linalg.pinv(fisher[np.ix_(left, left)], hermitian=True)
+        cov: Matrix = np.asarray(np.linalg.pinv(fisher[np.ix_(left, left)]), dtype=np.float64)
         worst = _worst(frame, free, which[left], cov)
         if worst is None:
             break

@@ -10,7 +10,8 @@ mechanism and friction law as the observer's, in substeps that are symmetric and
 The derivatives of a step come from seven points, the mean and one beside it for each state, in
 eight lanes that are vector code. An effort noise stands for what neither mechanism nor friction
 explain. While an axis rests, friction is whatever holds it: a random walk, because the law there is
-hardly smooth and no real joint obeys it. The two axes of a row are taken one after the other, so their innovations are independent.
+hardly smooth and no real joint obeys it. The two axes of a row are taken one
+after the other, so their innovations are independent.
 """
 
 from typing import Final
@@ -18,9 +19,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.friction import friction_after
+from observer.friction import FrictionParameters, friction_after
 from observer.jit import kernel
 from observer.linkage import bounded_acceleration, dynamics
+from observer.parameters import LegParameters
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -33,9 +35,9 @@ NOISES: Final = 6
 
 @kernel
 def _advance(
-    leg: tuple[float, ...],
-    hip: tuple[float, ...],
-    slide: tuple[float, ...],
+    leg: LegParameters,
+    hip: FrictionParameters,
+    slide: FrictionParameters,
     coriolis_share: float,
     effort_hip: float,
     effort_slide: float,
@@ -81,7 +83,7 @@ def _advance(
 
 @kernel
 def _begin(
-    leg: tuple[float, ...],
+    leg: LegParameters,
     coriolis_share: float,
     noise: Vector,
     start: Vector,
@@ -154,9 +156,9 @@ def _correct(mean: Vector, cov: Matrix, axis: int, surprise: float, variance: fl
 
 @kernel
 def innovations(
-    leg: tuple[float, ...],
-    hip: tuple[float, ...],
-    slide: tuple[float, ...],
+    leg: LegParameters,
+    hip: FrictionParameters,
+    slide: FrictionParameters,
     coriolis_share: float,
     noise: Vector,
     substeps: int,

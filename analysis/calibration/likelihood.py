@@ -31,6 +31,8 @@ Matrix = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 SUBSTEPS: Final = 3
+SUBSTEPS_FINE: Final = 8
+"""For the last steps of a search: three are quick, and a little biased."""
 DIFFERENCE: Final = 1e-4
 """Of a free value."""
 WIDTH: Final = np.array([1e-5, 1e-5, 1e-5, 5e-6, 1e-3, 1e-2])
@@ -71,6 +73,7 @@ class Likelihood:
         self.counted = (rows & motion.settled)[:, None] & ~np.isnan(motion.position)
         self.counted &= ~motion.rests
         self._rest_noise = REST_NOISE_RATIO * frame.natural[[0, LAW_SIZE]]
+        self.substeps = SUBSTEPS
         self._z = np.empty(motion.position.shape)
         self._s = np.empty(motion.position.shape)
         self.row = np.nonzero(self.counted)[0]
@@ -85,7 +88,7 @@ class Likelihood:
             law_of(natural, 1),
             self.frame.coriolis_share,
             noise_of(natural),
-            SUBSTEPS,
+            self.substeps,
             SPREAD,
             WIDTH,
             motion.steps_s,
@@ -155,4 +158,5 @@ def robust_covariance(each: Matrix, fisher: Matrix, rows: NDArray[np.intp]) -> M
     sandwich = inverse @ (summed.T @ summed) @ inverse
     plain = np.diag(inverse)
     wider = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(plain, 1e-300), 1.0))
-    return inverse * np.outer(wider, wider)
+    made: Matrix = np.asarray(inverse * np.outer(wider, wider), dtype=np.float64)
+    return made

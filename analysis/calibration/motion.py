@@ -1,4 +1,4 @@
-"""Recordings made ready for calibration: glitches out, motion smoothed, rows to fit and to hold out.
+"""Recordings made ready: glitches out, motion smoothed, rows to fit and to hold out.
 
 Velocity and acceleration come from local polynomials (Savitzky and Golay 1964) over the positions;
 they serve the first guess and the checks, the likelihood itself takes positions as measured.
@@ -6,6 +6,7 @@ they serve the first guess and the checks, the likelihood itself takes positions
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -175,8 +176,8 @@ def _delayed(one: Recording, axis: int, delay_s: float) -> Vector:
 
 def smoothed(values: Vector, order: int = 0, period_s: float = 1.0) -> Vector:
     """The local polynomial's value or derivative, shape as given."""
-    made: Vector = savgol_filter(values, WINDOW_ROWS, DEGREE, deriv=order, delta=period_s)
-    return made
+    made = savgol_filter(values, WINDOW_ROWS, DEGREE, deriv=order, delta=period_s)
+    return np.asarray(made, dtype=np.float64)
 
 
 def _at_rows(effort: Vector) -> Vector:
@@ -187,7 +188,7 @@ def _at_rows(effort: Vector) -> Vector:
 
 def _parts(begins: Flags) -> list[slice]:
     edges = [*np.flatnonzero(begins).tolist(), len(begins)]
-    return [slice(begin, end) for begin, end in zip(edges[:-1], edges[1:], strict=True)]
+    return [slice(begin, end) for begin, end in pairwise(edges)]
 
 
 def _settled(begins: Flags) -> Flags:

@@ -52,7 +52,8 @@ def _lines(made: Calibration, robot_name: str) -> list[str]:
     lines += _scores(made)
     if made.fault:
         lines += [f"**Not to be used:** {made.fault}.", ""]
-    return lines + [
+    return [
+        *lines,
         f"![friction over velocity]({NAME}_friction.png)",
         "",
         f"![what is left over position and velocity]({NAME}_residuals.png)",

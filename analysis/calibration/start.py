@@ -13,9 +13,10 @@ from scipy.optimize import least_squares
 
 from analysis.calibration.motion import REST, Motion, smoothed
 from analysis.calibration.quantities import LAW_SIZE, SPRINGS, Frame, law_of
-from observer.friction import friction_after
+from observer.friction import FrictionParameters, friction_after
 from observer.jit import kernel
 from observer.linkage import dynamics
+from observer.parameters import LegParameters
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -30,7 +31,7 @@ SPEED_FACTORS: Final = (0.5, 1.0, 2.0)
 
 @kernel
 def unexplained(
-    leg: tuple[float, ...], coriolis_share: float, smooth: Matrix, effort: Matrix, left: Matrix
+    leg: LegParameters, coriolis_share: float, smooth: Matrix, effort: Matrix, left: Matrix
 ) -> None:
     """What inertia, weight, springs and dampers leave of the effort, shape (n, 2), into `left`."""
     for row in range(smooth.shape[0]):
@@ -42,7 +43,7 @@ def unexplained(
 
 @kernel
 def _friction_along(
-    f: tuple[float, ...], velocity: Vector, left: Vector, rest: float, steps_s: Vector, out: Vector
+    f: FrictionParameters, velocity: Vector, left: Vector, rest: float, steps_s: Vector, out: Vector
 ) -> None:
     friction = 0.0
     for row in range(velocity.size):

@@ -74,7 +74,7 @@ def rms_of(seen: Disturbance, rows: Flags, axis: int) -> float:
 
 
 def with_noise(natural: Vector, fitted: Vector) -> Vector:
-    """Old values with the fitted noise: what is compared is the law, not how loud it expects to be."""
+    """Old values with the fitted noise: the law is compared, not how loud it expects to be."""
     made = natural.copy()
     made[-4:] = fitted[-4:]
     return made
@@ -114,8 +114,9 @@ def something_else(seen: Disturbance, natural: Vector, motion: Motion) -> str:
             size = np.abs(np.where(seen.moving[:, axis], seen.patient[:, axis], 0.0))
             at_s = float(motion.time_s[int(np.argmax(_windowed(size)))])
             return (
-                f"the {name} feels {rms:.3g} {unit} rms that is no friction ({rms / coulomb:.0%} of "
-                f"its Coulomb level), most at {at_s:.0f} s: a patient, an artificial disturbance, "
+                f"the {name} feels {rms:.3g} {unit} rms that is no friction ({rms / coulomb:.0%} "
+                f"of its Coulomb level), most at {at_s:.0f} s: a patient, an artificial "
+                "disturbance, "
                 "an end stop or a wrong mechanism; calibrate from the empty, undisturbed machine"
             )
     return ""

@@ -190,7 +190,7 @@ def test_the_gradient_is_the_slope_of_the_likelihood(shipped):
     frame = frame_of(made.robot, middle_of(motion))
     likelihood = Likelihood(frame, motion, ~motion.held_out)
     free = frame.free(made.fit.natural)
-    free[:7] += 0.02
+    free[22:] += np.log(3.0)  # louder is smoother
     which = np.arange(SIZE)
 
     each, _ = scores(*likelihood.derivatives(free, which))
@@ -200,7 +200,7 @@ def test_the_gradient_is_the_slope_of_the_likelihood(shipped):
         up[index] += 1e-4
         down[index] -= 1e-4
         slope = (likelihood.surprises(up).loss - likelihood.surprises(down).loss) / 2e-4
-        assert each.sum(axis=0)[index] == pytest.approx(slope, rel=0.05, abs=2.0)
+        assert each.sum(axis=0)[index] == pytest.approx(slope, rel=0.05, abs=5.0)
 
 
 def test_innovations_of_the_truth_are_as_large_as_they_are_said_to_be(shipped):
