@@ -26,6 +26,7 @@ from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
 from observer.mechanism import WorkspaceError, knee_angle
 from observer.parameters import LegParameters
+from observer.quantities import Number
 from observer.status import START_KNEE_MIN_RAD
 
 Vector = NDArray[np.float64]
@@ -46,7 +47,7 @@ class Candidate(NamedTuple):
 
     words: str
     unit: str
-    scale: float  # noqa: RUF100
+    scale: Number
     changed: Callable[[Robot, float], Robot]
     """The robot with the number changed by so much."""
 
@@ -88,11 +89,11 @@ class Explanation:
 
     words: str
     unit: str
-    change: float  # noqa: RUF100
-    half_interval: float  # noqa: RUF100
+    change: Number
+    half_interval: Number
     explained_ratio: float
     """Share of the misfit that the best friction alone leaves."""
-    fall: float  # noqa: RUF100
+    fall: Number
 
     @property
     def is_spring(self) -> bool:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from analysis.calibration.likelihood import (
-    SUBSTEPS_FINE,
     Likelihood,
     Surprises,
     prior_std,
@@ -38,6 +37,7 @@ from analysis.calibration.quantities import (
     labelled,
 )
 from analysis.calibration.start import guess, moved
+from observer.quantities import Number
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -52,7 +52,7 @@ STEPS_MAX: Final = 40
 START_NOISE: Final = 0.03
 """Effort noise to begin with, of the Coulomb level: what is blurred has fewer valleys."""
 START_FACTORS: Final = (0.4, 0.63, 1.0, 1.6, 2.5)
-ROUNDS: Final = 6
+ROUNDS: Final = 4
 FOLLOWS: Final = {
     1: 0,
     LAW_SIZE + 1: LAW_SIZE,
@@ -74,9 +74,9 @@ class Result:
     """One quantity after the calibration."""
 
     quantity: Quantity
-    before: float
-    value: float
-    half_interval: float
+    before: Number
+    value: Number
+    half_interval: Number
     """95 %; NaN where it was not calibrated."""
     reason: str
     """Why not; empty where it was."""
@@ -94,7 +94,7 @@ class Fit:
     frame: Frame
     natural: Vector
     results: tuple[Result, ...]
-    loss_per_sample: float
+    loss_per_sample: Number
     step_count: int
 
 
@@ -185,9 +185,7 @@ def fit(frame: Frame, motion: Motion, progress: Progress) -> Fit:
         base, dz, ds = likelihood.derivatives(free, which)
         each, fisher = scores(base, dz, ds)
         found = _untold(frame, free, which, fisher)
-        if not found and likelihood.substeps < SUBSTEPS_FINE:
-            likelihood.substeps = SUBSTEPS_FINE
-        elif not found:
+        if not found:
             cov = np.zeros((SIZE, SIZE))
             cov[np.ix_(which, which)] = robust_covariance(each, fisher, likelihood.row)
             break

@@ -155,6 +155,45 @@ def _correct(mean: Vector, cov: Matrix, axis: int, surprise: float, variance: fl
 
 
 @kernel
+def _step(
+    leg: LegParameters,
+    hip: FrictionParameters,
+    slide: FrictionParameters,
+    coriolis_share: float,
+    effort: Vector,
+    step_s: float,
+    substeps: int,
+    rests: NDArray[np.bool_],
+    mean: Vector,
+    width: Vector,
+    points: Vector,
+    rates: Vector,
+) -> None:
+    """All lanes from the mean, and beside it, to the end of a row."""
+    for i in range(STATES):
+        for j in range(LANES):
+            points[i * LANES + j] = mean[i]
+        points[i * LANES + 1 + i] += width[i]
+    rates[:] = 0.0
+    open_hip = 0.0 if rests[0] else 1.0
+    open_slide = 0.0 if rests[1] else 1.0
+    for _ in range(substeps):
+        _advance(
+            leg,
+            hip,
+            slide,
+            coriolis_share,
+            effort[0],
+            effort[1],
+            step_s / substeps,
+            open_hip,
+            open_slide,
+            points,
+            rates,
+        )
+
+
+@kernel
 def innovations(
     leg: LegParameters,
     hip: FrictionParameters,
@@ -174,26 +213,13 @@ def innovations(
     surprise: Matrix,
     variance: Matrix,
 ) -> None:
-    """Innovations of all rows and their variances.
+    """Innovations of all rows and their variances, into `surprise` and `variance`, shape (n, 2).
 
-    Args:
-        leg: LegParameters.
-        hip: friction of the hip.
-        slide: friction of the slide.
-        coriolis_share: 1 for the full dynamics.
-        noise: shape (6,): standard deviations of both positions, both efforts, both frictions.
-        substeps: of a row.
-        spread: shape (4,): standard deviation of velocities and frictions at a beginning.
-        width: shape (6,): how far beside the mean derivatives are taken.
-        steps_s: shape (n,): from the row before.
-        position: shape (n, 2), NaN where not measured.
-        effort: shape (n, 2): acted from the row before until this one.
-        begins: shape (n,): a row at which the filter begins anew; the first one must be.
-        rests: shape (n, 2): an axis that rests; the law does not act there.
-        rest_noise: shape (2,): friction noise there.
-        starts: shape (n, 6): smoothed position, velocity, acceleration.
-        surprise: shape (n, 2), written; NaN where there is none.
-        variance: shape (n, 2), written.
+    `noise`, shape (6,), holds standard deviations of both positions, efforts and frictions;
+    `rest_noise`, shape (2,), that of a friction while its axis `rests`, shape (n, 2), where the law
+    does not act; `spread`, shape (4,), that of velocities and frictions where the filter `begins`,
+    shape (n,), at `starts`, shape (n, 6): position, velocity, acceleration. Derivatives are taken
+    `width` beside the mean. Effort acted from the row before; a position of NaN was not measured.
     """
     mean, cov = np.zeros(STATES), np.zeros((STATES, STATES))
     work = np.zeros((2 * STATES, STATES))
@@ -204,25 +230,20 @@ def innovations(
         if begins[row]:
             _begin(leg, coriolis_share, noise, starts[row], effort[row], spread, mean, cov)
             continue
-        for i in range(STATES):
-            for j in range(LANES):
-                points[i * LANES + j] = mean[i]
-            points[i * LANES + 1 + i] += width[i]
-        rates[:] = 0.0
-        for _ in range(substeps):
-            _advance(
-                leg,
-                hip,
-                slide,
-                coriolis_share,
-                effort[row, 0],
-                effort[row, 1],
-                steps_s[row] / substeps,
-                0.0 if rests[row, 0] else 1.0,
-                0.0 if rests[row, 1] else 1.0,
-                points,
-                rates,
-            )
+        _step(
+            leg,
+            hip,
+            slide,
+            coriolis_share,
+            effort[row],
+            steps_s[row],
+            substeps,
+            rests[row],
+            mean,
+            width,
+            points,
+            rates,
+        )
         friction1 = rest_noise[0] if rests[row, 0] else noise[4]
         friction2 = rest_noise[1] if rests[row, 1] else noise[5]
         _predict(mean, cov, noise, friction1, friction2, points, width, work)

@@ -31,8 +31,6 @@ Matrix = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 SUBSTEPS: Final = 3
-SUBSTEPS_FINE: Final = 8
-"""For the last steps of a search: three are quick, and a little biased."""
 DIFFERENCE: Final = 1e-4
 """Of a free value."""
 WIDTH: Final = np.array([1e-5, 1e-5, 1e-5, 5e-6, 1e-3, 1e-2])
@@ -73,7 +71,6 @@ class Likelihood:
         self.counted = (rows & motion.settled)[:, None] & ~np.isnan(motion.position)
         self.counted &= ~motion.rests
         self._rest_noise = REST_NOISE_RATIO * frame.natural[[0, LAW_SIZE]]
-        self.substeps = SUBSTEPS
         self._z = np.empty(motion.position.shape)
         self._s = np.empty(motion.position.shape)
         self.row = np.nonzero(self.counted)[0]
@@ -88,7 +85,7 @@ class Likelihood:
             law_of(natural, 1),
             self.frame.coriolis_share,
             noise_of(natural),
-            self.substeps,
+            SUBSTEPS,
             SPREAD,
             WIDTH,
             motion.steps_s,

@@ -16,6 +16,7 @@ from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
 from observer.friction import FrictionParameters, smallest_stribeck
 from observer.parameters import LegParameters
+from observer.quantities import Number
 
 Vector = NDArray[np.float64]
 AXES: Final = ("hip", "slide")
@@ -112,7 +113,7 @@ class Frame:
     """Of the file."""
     middle: tuple[float, float]
     """Pose that spring efforts are taken at, rad and m."""
-    coriolis_share: float
+    coriolis_share: Number
 
     def free(self, natural: Vector) -> Vector:
         """Free values of natural ones, both of shape (SIZE,)."""

@@ -18,6 +18,7 @@ from analysis.calibration.start import moved
 from analysis.replay import setup_for
 from daemon.config.settings import Robot
 from observer.batch import Columns, run
+from observer.quantities import Number
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -31,7 +32,7 @@ PATIENT_MIN_RATIO: Final = 0.2
 class Score(NamedTuple):
     """Of one robot file on the rows that were not fitted."""
 
-    loss_per_sample: float  # noqa: RUF100
+    loss_per_sample: Number
     nis: float
     """Mean; 2 is ideal."""
     hip_rms_nm: float

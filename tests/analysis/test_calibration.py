@@ -98,12 +98,12 @@ def test_a_file_that_is_right_already_is_not_made_worse(shipped):
     assert again.fault or again.after.loss_per_sample < again.before.loss_per_sample
 
 
-def test_intervals_cover_the_truth_about_as_often_as_they_say():
+def test_intervals_of_the_levels_cover_the_truth_about_as_often_as_they_say():
     covered: list[bool] = []
     for seed in range(3):
         made = calibrate([empty_run(shipped_friction(), seed=seed)], robot_file())
         for axis, law in enumerate(shipped_friction()):
-            for one, truth in zip(made.fit.results[7 * axis :], truth_of(law), strict=False):
+            for one, truth in zip(made.fit.results[7 * axis :], truth_of(law)[:3], strict=False):
                 covered.append(abs(one.value - truth) <= one.half_interval)
 
     assert np.mean(covered) >= 0.75
