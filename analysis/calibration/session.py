@@ -131,7 +131,7 @@ def calibrate(
     before = score(frame, old_natural, judged, rows, judged_seen[0])
     after = score(frame, made.natural, judged, rows, judged_seen[1])
     fault = something_else(seen[1], made.natural, motion)
-    fault = fault or why_not_better(before, after, judged)
+    fault = fault or why_not_better(before, after, made.natural, judged)
     words = "every fourth two seconds" if other is None else ", ".join(other.sources)
     return Calibration(motion, checked, made, new, seen[0], seen[1], before, after, words, fault)
 

@@ -25,6 +25,8 @@ Matrix = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 WORSE_MAX_RATIO: Final = 1.02
 """An axis whose false effort grows by more than this got worse."""
+GOOD_RATIO: Final = 0.03
+"""False effort, of the Coulomb level, that is as good as none."""
 PATIENT_MIN_RATIO: Final = 0.2
 """False effort while moving, of the Coulomb level, that no friction of ours leaves behind."""
 
@@ -81,7 +83,7 @@ def with_noise(natural: Vector, fitted: Vector) -> Vector:
     return made
 
 
-def why_not_better(before: Score, after: Score, motion: Motion) -> str:
+def why_not_better(before: Score, after: Score, natural: Vector, motion: Motion) -> str:
     """Why the new file is no improvement on held-out data; empty if it is one."""
     if not after.loss_per_sample < before.loss_per_sample:
         return (
@@ -93,7 +95,8 @@ def why_not_better(before: Score, after: Score, motion: Motion) -> str:
         ("slide", before.slide_rms_n, after.slide_rms_n, "N"),
     )
     for axis, (name, old, new, unit) in enumerate(pairs):
-        if moved(motion, axis).enough(axis) and new > WORSE_MAX_RATIO * old:
+        allowed = max(WORSE_MAX_RATIO * old, GOOD_RATIO * float(natural[7 * axis]))
+        if moved(motion, axis).enough(axis) and new > allowed:
             return (
                 f"the {name}'s false effort on held-out data is {new:.3g} {unit}, {old:.3g} before"
             )
