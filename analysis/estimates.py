@@ -5,13 +5,13 @@ and patient cannot be observed; a number that there is not is an empty cell. Nin
 hold a resolution of 1e-9 rad; time keeps all of its digits.
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.number_text import csv_bytes
 from analysis.recording import Progress
 from observer.batch import BatchEstimates
 from observer.states import STATE_NAMES
@@ -26,7 +26,6 @@ COLUMNS: Final = (
     "status",
 )
 CHUNK_ROWS: Final = 8192
-_LINE: Final = ",".join(["%r", *["%.9g"] * (len(COLUMNS) - 2), "0x%04x"])
 
 
 def write_csv(
@@ -63,28 +62,13 @@ def _write(
     path: Path,
     progress: Progress | None,
 ) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        file.write(",".join(COLUMNS) + "\n")
-        for done, text in _chunks(time_s, estimates):
-            file.write(text)
-            if progress:
-                progress(done)
-
-
-def _chunks(time_s: NDArray[np.float64], estimates: BatchEstimates) -> Iterator[tuple[float, str]]:
     count = len(time_s)
-    for start in range(0, count, CHUNK_ROWS):
-        rows = slice(start, start + CHUNK_ROWS)
-        numbers = np.column_stack(
-            (
-                time_s[rows],
-                estimates.state[rows],
-                estimates.std[rows],
-                estimates.net[rows],
-                estimates.nis[rows],
-            )
-        )
-        status = estimates.status[rows].tolist()
-        lines = [_LINE % (*row, bits) for row, bits in zip(numbers.tolist(), status, strict=True)]
-        text = "\n".join(lines) + "\n"
-        yield min((start + CHUNK_ROWS) / count, 1.0), text.replace("nan", "")
+    with path.open("wb") as file:
+        file.write((",".join(COLUMNS) + "\n").encode("ascii"))
+        for start in range(0, count, CHUNK_ROWS):
+            rows = slice(start, start + CHUNK_ROWS)
+            parts = (estimates.state, estimates.std, estimates.net, estimates.nis)
+            numbers = np.column_stack([part[rows] for part in parts])
+            file.write(csv_bytes(time_s[rows], numbers, estimates.status[rows]))
+            if progress:
+                progress(min((start + CHUNK_ROWS) / count, 1.0))
