@@ -152,7 +152,7 @@ def _sign(out: Bytes, at: int, value: float) -> int:
 @inline
 def _write_time(out: Bytes, at: int, time: float, decimals: int, digits: Bytes) -> int:
     at = _sign(out, at, time)
-    units = np.int64(np.rint(abs(time) * POWERS[decimals]))
+    units = int(np.rint(abs(time) * POWERS[decimals]))
     whole = units // WHOLE_POWERS[decimals]
     part = units - whole * WHOLE_POWERS[decimals]
     count = 0
@@ -180,7 +180,7 @@ def _write_time(out: Bytes, at: int, time: float, decimals: int, digits: Bytes) 
 @inline
 def _nine_digits(size: float) -> tuple[int, int]:
     """Nine digits as one whole number, and the power of ten of the first."""
-    power = np.int64(np.floor(np.log10(size)))
+    power = int(np.floor(np.log10(size)))
     scaled = _scaled(size, power)
     # The logarithm may be wrong by one beside a power of ten, and rounding may carry into it.
     if scaled < WHOLE_POWERS[DIGITS - 1]:
@@ -209,10 +209,10 @@ def _scaled(size: float, power: int) -> int:
     ) + size_low * factor_low
     whole = np.floor(high)
     rest = high - whole - 0.5
-    units = np.int64(whole)
+    units = int(whole)
     # Without a tie in `high` its sign decides, for `low` is too small to change it.
     above = rest > 0.0 or (rest == 0.0 and (low > 0.0 or (low == 0.0 and units % 2 == 1)))
-    return units + np.int64(above)
+    return units + int(above)
 
 
 @inline

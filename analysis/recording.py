@@ -8,9 +8,12 @@ What a person gets wrong is looked for here, because the observer would accept i
 degrees for radians, millimetres for metres, milliseconds for seconds, rows out of order.
 """
 
+import contextlib
 import csv
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -28,9 +31,15 @@ COLUMNS: Final = (
 CHUNK_LINES: Final = 65536
 IMPLAUSIBLE_RATIO: Final = 0.01
 """Share of samples beyond the plausible range that makes a unit wrong; fewer are glitches."""
+IMPLAUSIBLE_ROWS: Final = 50
+"""So many rows in a row beyond it, that move, do too: half a second, longer than a glitch."""
+
+_EMPTY_CELL: Final = re.compile(r"(?:(?<=,)|^)[ \t]*(?=,|[\r\n]*\Z)")
 
 Progress = Callable[[float], None]
 """Told the share done, 0 to 1."""
+Place = Callable[[int], str]
+"""Where row `index`, from 0, stands: file and line, or file and row."""
 
 
 class RecordingError(Exception):
@@ -70,7 +79,8 @@ PLAUSIBLE: Final = (
     _Plausible("slide_force_n", 10_000.0, "millinewtons where newtons should be"),
 )
 PERIOD_MAX_S: Final = 0.5
-"""Of the median step between rows; more looks like another unit of time."""
+PERIOD_MIN_S: Final = 0.0002
+"""Of the median step between rows; beyond, it looks like another unit of time."""
 
 
 def read_csv(path: Path, progress: Progress | None = None) -> Recording:
@@ -82,36 +92,42 @@ def read_csv(path: Path, progress: Progress | None = None) -> Recording:
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            indexes = _column_indexes(path, file.readline())
+            header = _header(path, file.readline())
             size = max(path.stat().st_size, 1)
             chunks: list[NDArray[np.float64]] = []
             line, done = 2, 0
             while lines := list(islice(file, CHUNK_LINES)):
-                chunks.append(_numbers(path, lines, indexes, line))
+                chunks.append(_numbers(path, lines, header, line))
                 line += len(lines)
                 done += sum(map(len, lines))
                 if progress:
                     progress(min(done / size, 1.0))
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
+    except (UnicodeDecodeError, csv.Error) as error:
         raise RecordingError(f"{path}: is not a text file of comma-separated values") from error
     values = np.concatenate(chunks) if chunks else np.empty((0, len(COLUMNS)))
-    return recording(str(path), values)
+    return recording(str(path), values, lambda row: f"{path}:{_line_of(path, row)}")
 
 
-def recording(source: str, values: NDArray[np.float64]) -> Recording:
+def recording(source: str, values: NDArray[np.float64], place: Place | None = None) -> Recording:
     """Check numbers, shape (n, 5) in the order of COLUMNS, and make them a recording.
 
+    Args:
+        source: what messages call it.
+        values: NaN is a missing sample; no time may be missing.
+        place: what messages say of a row; by default its number, from 1.
+
     Raises:
-        RecordingError: see `read_csv`; rows are named by their number, from 1.
+        RecordingError: see `read_csv`.
     """
     if len(values) == 0:
         raise RecordingError(f"{source}: holds no rows, only its header")
-    _check_time(source, values[:, 0])
-    _check_finite(source, values)
+    where = place or partial(_row_of, source)
+    _check_time(source, values[:, 0], where)
+    _check_finite(values, where)
     for index, column in enumerate(COLUMNS[1:], start=1):
-        _check_plausible(source, column, values[:, index])
+        _check_plausible(source, column, values[:, index], where)
     return Recording(
         source,
         np.ascontiguousarray(values[:, 0]),
@@ -120,7 +136,25 @@ def recording(source: str, values: NDArray[np.float64]) -> Recording:
     )
 
 
-def _column_indexes(path: Path, header: str) -> tuple[int, ...]:
+def _row_of(source: str, row: int) -> str:
+    return f"{source}: row {row + 1}"
+
+
+def _line_of(path: Path, row: int) -> int:
+    """The line of a row, counting as `_numbers` does: blank lines are no rows."""
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        filled = (number for number, line in enumerate(file, 1) if number > 1 and line.strip())
+        return next(islice(filled, row, None))
+
+
+class _Header(NamedTuple):
+    """Where the columns are that we need, in the order of COLUMNS, and how many there are."""
+
+    indexes: tuple[int, ...]
+    cell_count: int
+
+
+def _header(path: Path, header: str) -> _Header:
     names = [name.strip() for name in next(csv.reader([header]), [])]
     if not any(names):
         raise RecordingError(f"{path}: is empty; its first line must name the columns")
@@ -133,44 +167,62 @@ def _column_indexes(path: Path, header: str) -> tuple[int, ...]:
     twice = [column for column in COLUMNS if names.count(column) > 1]
     if twice:
         raise RecordingError(f"{path}:1: names column {', '.join(twice)} more than once")
-    return tuple(names.index(column) for column in COLUMNS)
+    return _Header(tuple(names.index(column) for column in COLUMNS), len(names))
 
 
-def _numbers(
-    path: Path, lines: list[str], indexes: tuple[int, ...], first_line: int
-) -> NDArray[np.float64]:
+def _numbers(path: Path, lines: list[str], header: _Header, first_line: int) -> NDArray[np.float64]:
     """Numbers of some lines, shape (n, 5); lines that are blank are left out."""
     filled = [line for line in lines if not line.isspace()]
     if not filled:
-        return np.empty((0, len(indexes)))
-    try:
-        return np.loadtxt(
-            filled, delimiter=",", usecols=indexes, comments=None, quotechar='"', ndmin=2
-        )
-    except ValueError:
-        # Something is missing or wrong: look at each cell, which also finds out where.
-        return _numbers_cell_by_cell(path, lines, indexes, first_line)
+        return np.empty((0, len(COLUMNS)))
+    if all(line.count(",") == header.cell_count - 1 for line in filled):
+        # A ValueError tells of something missing or wrong: first gaps, then a look at each cell,
+        # which also finds out where.
+        with contextlib.suppress(ValueError):
+            return _loaded(filled, header)
+        with contextlib.suppress(ValueError):
+            return _loaded(_gaps_named(filled), header)
+    return _numbers_cell_by_cell(path, lines, header, first_line)
+
+
+def _loaded(lines: list[str], header: _Header) -> NDArray[np.float64]:
+    return np.loadtxt(
+        lines, delimiter=",", usecols=header.indexes, comments=None, quotechar='"', ndmin=2
+    )
+
+
+def _gaps_named(lines: list[str]) -> list[str]:
+    """Empty cells as `nan`, which the fast reader takes."""
+    return [_EMPTY_CELL.sub("nan", line) for line in lines]
 
 
 def _numbers_cell_by_cell(
-    path: Path, lines: Sequence[str], indexes: tuple[int, ...], first_line: int
+    path: Path, lines: Sequence[str], header: _Header, first_line: int
 ) -> NDArray[np.float64]:
     rows: list[list[float]] = []
     for number, cells in enumerate(csv.reader(lines), start=first_line):
         if not any(cell.strip() for cell in cells) and len(cells) <= 1:
             continue
-        if len(cells) <= max(indexes):
-            raise RecordingError(
-                f"{path}:{number}: has {len(cells)} cells, too few for column "
-                f"{COLUMNS[indexes.index(max(indexes))]}"
-            )
+        _check_count(path, number, cells, header)
         rows.append(
             [
                 _number(path, number, column, cells[index])
-                for column, index in zip(COLUMNS, indexes, strict=True)
+                for column, index in zip(COLUMNS, header.indexes, strict=True)
             ]
         )
-    return np.array(rows, dtype=np.float64).reshape(len(rows), len(indexes))
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(COLUMNS))
+
+
+def _check_count(path: Path, line: int, cells: list[str], header: _Header) -> None:
+    """Empty cells behind the last column are no harm."""
+    wanted = header.cell_count
+    if len(cells) < wanted:
+        raise RecordingError(f"{path}:{line}: has {len(cells)} cells, too few for {wanted} columns")
+    if any(cell.strip() for cell in cells[wanted:]):
+        raise RecordingError(
+            f"{path}:{line}: has {len(cells)} cells, too many for {wanted} columns; "
+            "decimals are written with a point"
+        )
 
 
 def _number(path: Path, line: int, column: str, cell: str) -> float:
@@ -178,49 +230,74 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
     if not text:
         return np.nan
     try:
-        return float(text)
+        return float(text if "_" not in text else "no number")
     except ValueError as error:
-        raise RecordingError(f"{path}:{line}: {column} is {text!r}, not a number") from error
+        raise RecordingError(
+            f"{path}:{line}: {column} is {text!r}, not a number; a missing sample is an empty cell"
+        ) from error
 
 
-def _check_time(source: str, time_s: NDArray[np.float64]) -> None:
+def _check_time(source: str, time_s: NDArray[np.float64], where: Place) -> None:
     unknown = np.flatnonzero(~np.isfinite(time_s))
     if len(unknown):
-        raise RecordingError(f"{source}: row {unknown[0] + 1} has no time_s")
+        row = int(unknown[0])
+        raise RecordingError(
+            f"{where(row)}: has no time_s but {time_s[row]}; every row needs a finite number"
+        )
     step_s = np.diff(time_s)
     back = np.flatnonzero(step_s <= 0)
     if len(back):
         row = int(back[0])
         raise RecordingError(
-            f"{source}: time_s goes from {time_s[row]:.15g} to {time_s[row + 1]:.15g} in row "
-            f"{row + 2}; it must increase from row to row"
+            f"{where(row + 1)}: time_s goes from {time_s[row]:.15g} to {time_s[row + 1]:.15g}; "
+            "it must increase from row to row"
         )
-    if len(step_s) and np.median(step_s) > PERIOD_MAX_S:
-        raise RecordingError(
-            f"{source}: time_s steps by {np.median(step_s):.6g}; that looks like milliseconds or "
-            "smaller units where seconds should be"
-        )
+    _check_period(source, step_s)
 
 
-def _check_finite(source: str, values: NDArray[np.float64]) -> None:
+def _check_period(source: str, step_s: NDArray[np.float64]) -> None:
+    period_s = float(np.median(step_s)) if len(step_s) else PERIOD_MAX_S
+    if PERIOD_MIN_S <= period_s <= PERIOD_MAX_S:
+        return
+    units = (
+        "milliseconds or smaller units" if period_s > PERIOD_MAX_S else "minutes or larger units"
+    )
+    raise RecordingError(
+        f"{source}: time_s steps by {period_s:.6g} (median), allowed is {PERIOD_MIN_S:g} to "
+        f"{PERIOD_MAX_S:g}; that looks like {units} where seconds should be"
+    )
+
+
+def _check_finite(values: NDArray[np.float64], where: Place) -> None:
     rows, columns = np.nonzero(np.isinf(values))
     if len(rows):
         raise RecordingError(
-            f"{source}: row {rows[0] + 1} has an infinite {COLUMNS[columns[0]]}; "
+            f"{where(int(rows[0]))}: {COLUMNS[columns[0]]} is infinite; "
             "a missing sample is an empty cell"
         )
 
 
-def _check_plausible(source: str, column: str, values: NDArray[np.float64]) -> None:
-    known = values[~np.isnan(values)]
-    if len(known) == 0:
+def _check_plausible(source: str, column: str, values: NDArray[np.float64], where: Place) -> None:
+    known = ~np.isnan(values)
+    if not known.any():
         raise RecordingError(f"{source}: {column} is empty in every row")
     plausible = next(row for row in PLAUSIBLE if row.column == column)
-    beyond = np.abs(known) > plausible.limit
-    if np.count_nonzero(beyond) > IMPLAUSIBLE_RATIO * len(known):
-        worst = known[np.argmax(np.abs(known))]
-        raise RecordingError(
-            f"{source}: {column} reaches {worst:.6g} and is beyond ±{plausible.limit:g} in "
-            f"{np.count_nonzero(beyond)} of {len(known)} rows; that looks like "
-            f"{plausible.suspicion}"
-        )
+    beyond = np.abs(values) > plausible.limit
+    count, of = int(np.count_nonzero(beyond)), int(np.count_nonzero(known))
+    if count <= IMPLAUSIBLE_RATIO * of and not _moves_beyond(values, beyond):
+        return
+    first = int(np.argmax(beyond))
+    worst = values[int(np.argmax(np.where(known, np.abs(values), 0.0)))]
+    raise RecordingError(
+        f"{where(first)}: {column} is {values[first]:.6g}, reaches {worst:.6g} and is beyond "
+        f"±{plausible.limit:g} in {count} of {of} rows; that looks like {plausible.suspicion}"
+    )
+
+
+def _moves_beyond(values: NDArray[np.float64], beyond: NDArray[np.bool_]) -> bool:
+    """Whether some stretch of rows is all beyond and moves: no glitch, and no dead sensor."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], beyond, [False]))))
+    return any(
+        end - begin >= IMPLAUSIBLE_ROWS and np.ptp(values[begin:end]) > 0.0
+        for begin, end in zip(edges[0::2].tolist(), edges[1::2].tolist(), strict=True)
+    )

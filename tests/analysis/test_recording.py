@@ -66,17 +66,27 @@ def test_files_of_other_systems_and_blank_lines_are_read(tmp_path, mark, ending)
         ([HEADER.replace(",", ";"), "0;0;0;0;0"], "columns are separated by commas"),
         ([HEADER + ",time_s", "0,0,0,0,0,0"], "names column time_s more than once"),
         ([HEADER, "0,0,0,0,0", "0.01,0,abc,0,0"], "a.csv:3: slide_position_m is 'abc'"),
-        ([HEADER, "0,0,0,0,0", "", "0.01,0,0,0,1,5", "0.02,0,0,0,1.2.3"], "a.csv:5: slide_force_n"),
+        ([HEADER, "0,0,0,0,0", "", "0.01,0,0,0,1,", "0.02,0,0,0,1.2.3"], "a.csv:5: slide_force_n"),
         ([HEADER, "0,0,0,0,0", "0.01,0,0"], "a.csv:3: has 3 cells, too few"),
-        ([HEADER, "0,0,0,0,0", "0.02,0,0,0,0", "0.01,0,0,0,0"], "goes from 0.02 to 0.01 in row 3"),
+        (
+            [HEADER, "0,0,0,0,0", "0.02,0,0,0,0", "0.01,0,0,0,0"],
+            "a.csv:4: time_s goes from 0.02 to 0.01",
+        ),
+        ([HEADER, "", "0.02,0,0,0,0", "", "0.01,0,0,0,0"], "a.csv:5: time_s goes from 0.02"),
         ([HEADER, "0,0,0,0,0", "0,0,0,0,0"], "must increase from row to row"),
-        ([HEADER, "0,0,0,0,0", ",0,0,0,0"], "row 2 has no time_s"),
-        ([HEADER, "0,0,0,0,0", "0.01,0,0,inf,0"], "row 2 has an infinite hip_torque_nm"),
+        ([HEADER, "0,0,0,0,0", ",0,0,0,0"], "a.csv:3: has no time_s but nan"),
+        ([HEADER, "0,0,0,0,0", "0.01,0,0,inf,0"], "a.csv:3: hip_torque_nm is infinite"),
+        ([HEADER, "0,0,0,0,0", "0.01,0,0,1e999,0"], "a.csv:3: hip_torque_nm is infinite"),
+        ([HEADER, "0,0,0,0,0", "0.01,0,0,1_000,0"], "a.csv:3: hip_torque_nm is '1_000'"),
+        ([HEADER, "0,0,0,0,0", "0,01,0,1,0,5,0,0"], "a.csv:3: has 8 cells, too many for 5"),
+        ([HEADER, "0,01,0,1,0,5,0,0"], "decimals are written with a point"),
+        ([HEADER + ",note", "0,0,0,0,0,a", "0.01,0,0,0,0"], "a.csv:3: has 5 cells, too few for 6"),
         ([HEADER, "0,0,0,,0", "0.01,0,0,,0"], "hip_torque_nm is empty in every row"),
         ([HEADER, "0,12,0,0,0", "0.01,12.5,0,0,0"], "degrees where radians should be"),
         ([HEADER, "0,0,500,0,0", "0.01,0,501,0,0"], "millimetres where metres should be"),
         ([HEADER, "0,0,0,8000,0", "0.01,0,0,8000,0"], "millinewton metres where newton metres"),
         ([HEADER, "0,0,0,0,0", "10,0,0,0,0", "20,0,0,0,0"], "milliseconds"),
+        ([HEADER, "0,0,0,0,0", "1.6e-4,0,0,0,0", "3.3e-4,0,0,0,0"], "minutes or larger units"),
     ],
 )
 def test_a_broken_recording_is_refused_with_the_place_and_the_reason(tmp_path, lines, said):
@@ -95,6 +105,65 @@ def test_one_glitch_is_no_reason_to_refuse_a_recording():
     values[500, 1] = 100.0
 
     assert recording("a", values).position[500, 0] == 100.0
+
+
+def test_degrees_in_one_second_of_a_long_recording_are_found():
+    values = np.zeros((100_000, 5))
+    values[:, 0] = np.arange(100_000) * 0.01
+    values[40_000:40_100, 1] = np.linspace(3, 30, 100)
+
+    with pytest.raises(
+        RecordingError, match=r"row 40001: hip_angle_rad is 3, reaches 30 .*degrees"
+    ):
+        recording("a", values)
+
+
+def test_gait_in_degrees_that_passes_through_small_angles_is_found():
+    values = np.zeros((600, 5))
+    values[:, 0] = np.arange(600) * 0.01
+    values[:, 1] = 14 + 20 * np.sin(values[:, 0])
+
+    with pytest.raises(RecordingError, match="degrees where radians should be"):
+        recording("a", values)
+
+
+def test_a_sensor_that_sticks_beyond_its_range_for_a_second_is_no_unit():
+    values = np.zeros((100_000, 5))
+    values[:, 0] = np.arange(100_000) * 0.01
+    values[40_000:40_100, 1] = 65.535
+
+    assert recording("a", values).position[40_050, 0] == 65.535
+
+
+def test_missing_samples_are_words_empty_cells_or_blanks_and_lines_may_end_as_windows_does(
+    tmp_path,
+):
+    path = tmp_path / "a.csv"
+    rows = [HEADER, "0,0.1,0.5,8,40", "0.01,nan,NaN,8,40", "0.02,, ,,", "0.03,0.1,0.5,8,"]
+    path.write_bytes("\r\n".join([*rows, ""]).encode())
+
+    found = read_csv(path)
+
+    gaps = np.isnan(np.hstack([found.position, found.effort]))
+    assert gaps.tolist() == [
+        [False] * 4,
+        [True, True, False, False],
+        [True] * 4,
+        [False, False, False, True],
+    ]
+
+
+def test_empty_cells_behind_the_last_column_are_no_harm(tmp_path):
+    path = write(tmp_path, HEADER, "0,0.1,0.5,8,40,", "0.01,0.1,0.5,8,41,, ")
+
+    assert read_csv(path).effort[:, 1].tolist() == [40.0, 41.0]
+
+
+def test_text_of_another_encoding_is_refused_by_name(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(HEADER + "\n0,0,0,0,0\n", encoding="utf-16")
+
+    assert "not a text file" in refusal(path)
 
 
 def test_a_file_that_is_not_there_or_no_text_is_refused_by_name(tmp_path):
