@@ -57,18 +57,37 @@ def read(path: Path, leg: str | None = None, progress: Progress | None = None) -
     return read_ring(path, leg)
 
 
+def legs_of(path: Path) -> tuple[str, ...]:
+    """Names of the legs of a ring; of a CSV, which has one, nothing.
+
+    Raises:
+        RecordingError: it is neither.
+    """
+    if path.suffix.lower() == ".csv":
+        return ()
+    ring = _opened(path)
+    try:
+        return tuple(ring.header.leg_names)
+    finally:
+        ring.close()
+
+
+def _opened(path: Path) -> RingReader:
+    try:
+        return RingReader(path)
+    except OSError as error:
+        raise RecordingError(f"{path}: {error.strerror}") from error
+    except RingError as error:
+        raise RecordingError(f"{error}; a recording is a .csv or a ring of records") from error
+
+
 def read_ring(path: Path, leg: str | None = None) -> Source:
     """Read the ring of records: what the observer was given, and the robot it was given for.
 
     Raises:
         RecordingError: it is no ring, has no such leg, or no cycle in which the observer ran.
     """
-    try:
-        ring = RingReader(path)
-    except OSError as error:
-        raise RecordingError(f"{path}: {error.strerror}") from error
-    except RingError as error:
-        raise RecordingError(f"{error}; a recording is a .csv or a ring of records") from error
+    ring = _opened(path)
     try:
         header, records = ring.header, ring.since(0)
     finally:

@@ -4,11 +4,13 @@ import math
 import sys
 import time
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
+
+from gaitd.replay_files import ESTIMATES, FileError, Targets, Wanted, appearing, check, targets_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,25 +21,29 @@ if TYPE_CHECKING:
     from observer.batch import BatchEstimates
 
 EXIT_REFUSED = 2
-SUFFIX = ".estimates.csv"
 
 
 def command(
-    recorded: Annotated[Path, typer.Argument(metavar="IN", help="a .csv, or a ring of records")],
+    recorded: Annotated[
+        list[Path], typer.Argument(metavar="IN...", help="a .csv, or a ring of records")
+    ],
     robot: Annotated[
         Path | None,
         typer.Option(help="robot.toml; by default the ring's own, for a .csv configs/robot.toml"),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option(help=f"CSV of the estimates; by default IN{SUFFIX}")
+        Path | None,
+        typer.Option(help=f"CSV of the estimates, or a folder; by default IN{ESTIMATES}"),
     ] = None,
-    plot: Annotated[Path | None, typer.Option(metavar="PNG", help="draw a picture")] = None,
-    leg: Annotated[str | None, typer.Option(help="of a ring with two legs")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="PNG", help="draw a picture; or a folder")
+    ] = None,
+    leg: Annotated[str | None, typer.Option(help="of a ring; by default all its legs")] = None,
     smooth: Annotated[
         bool, typer.Option("--smooth", help="estimates in the light of the 150 ms after them")
     ] = False,
     strides: Annotated[
-        Path | None, typer.Option(metavar="CSV", help="what was done in each stride")
+        Path | None, typer.Option(metavar="CSV", help="what was done in each stride; or a folder")
     ] = None,
     baseline: Annotated[
         Path | None, typer.Option(help="of `gaitd baseline`, taken off the stride figures")
@@ -46,15 +52,9 @@ def command(
     """The observer over a recorded file: CSV in, CSV of the estimates out."""
     from analysis.recording import RecordingError
 
-    if output is not None and output.exists() and output.samefile(recorded):
-        print(f"{output}: is the recording itself; --output must be another file", file=sys.stderr)
-        raise typer.Exit(EXIT_REFUSED)
     try:
-        wanted = Wanted(
-            output or recorded.with_name(recorded.name + SUFFIX), plot, strides, baseline, smooth
-        )
-        _replay(recorded, robot, leg, wanted)
-    except RecordingError as error:
+        _replay(recorded, leg, Wanted(output, plot, strides), Given(robot, baseline, smooth))
+    except (RecordingError, FileError) as error:
         print(error, file=sys.stderr)
         raise typer.Exit(EXIT_REFUSED) from error
     except OSError as error:
@@ -62,59 +62,87 @@ def command(
         raise typer.Exit(EXIT_REFUSED) from error
 
 
-class Wanted(NamedTuple):
-    """What to make of a recording."""
+class Given(NamedTuple):
+    """What to make the estimates with."""
 
-    output: Path
-    plot: Path | None
-    strides: Path | None
+    robot: Path | None
     baseline: Path | None
     smooth: bool
 
 
-def _replay(recorded: Path, robot_file: Path | None, leg: str | None, wanted: Wanted) -> None:
-    from analysis.estimates import write_csv
-    from analysis.replay import estimate, estimate_smoothed, read, warm_up
+def _replay(recorded: list[Path], leg: str | None, wanted: Wanted, given: Given) -> None:
+    """All is read before anything is written: one bad recording, and nothing is changed."""
+    from analysis.replay import legs_of, read
 
+    asked = [
+        (path, name, len(names) > 1)
+        for path in recorded
+        for names in [(leg,) if leg else legs_of(path) or (None,)]
+        for name in names
+    ]
+    results = [(path, (name or "") if several else "") for path, name, several in asked]
+    targets = targets_of(wanted, results, len(recorded) > 1)
+    inputs = [path for path in (*recorded, given.robot, given.baseline) if path is not None]
+    check(targets, inputs)
     with _stages() as stage:
-        began_s = time.perf_counter()
-        source = read(recorded, leg, stage("reading"))
-        robot, name = _robot(source, robot_file)
-        loading_s = time.perf_counter()
-        warm_up(robot, smooth=wanted.smooth)
-        computing_s = time.perf_counter()
-        run = estimate_smoothed if wanted.smooth else estimate
-        estimates = run(source, robot, stage("estimating"))
-        computed_s = time.perf_counter()
-        write_csv(source.recording.time_s, estimates, wanted.output, stage("writing"))
-        ended_s = time.perf_counter()
-    if wanted.plot is not None:
+        begun_s = time.perf_counter()
+        sources = [read(path, name, stage("reading")) for path, name, _ in asked]
+        reading_s = (time.perf_counter() - begun_s) / len(asked)
+        with ExitStack() as drafts:
+            for source, target in zip(sources, targets, strict=True):
+                draft = Targets(
+                    drafts.enter_context(appearing(target.output)),
+                    target.plot and drafts.enter_context(appearing(target.plot)),
+                    target.strides and drafts.enter_context(appearing(target.strides)),
+                )
+                _one(source, target, draft, given, stage, reading_s)
+
+
+def _one(
+    source: "Source",
+    target: Targets,
+    draft: Targets,
+    given: Given,
+    stage: "Callable[[str], Callable[[float], None]]",
+    reading_s: float,
+) -> None:
+    from analysis.estimates import write_csv
+    from analysis.replay import estimate, estimate_smoothed, warm_up
+
+    robot, name = _robot(source, given.robot)
+    warm_up(robot, smooth=given.smooth)
+    begun_s = time.perf_counter()
+    run = estimate_smoothed if given.smooth else estimate
+    estimates = run(source, robot, stage("estimating"))
+    computed_s = time.perf_counter()
+    write_csv(source.recording.time_s, estimates, draft.output, stage("writing"))
+    ended_s = time.perf_counter()
+    if draft.plot is not None:
         from analysis.replay_figure import draw
 
-        draw(source.recording, estimates, wanted.plot)
-    whole_s = ended_s - began_s - (computing_s - loading_s)
-    _report(source, estimates, name, computed_s - computing_s, whole_s)
+        draw(source.recording, estimates, draft.plot)
+    _report(source, estimates, name, computed_s - begun_s, reading_s + ended_s - begun_s)
     _print_drift(estimates, robot)
-    if wanted.strides is not None:
-        _strides(source, robot, robot_file, wanted.strides, wanted.baseline)
-    print(f"estimates    {wanted.output}{', smoothed' if wanted.smooth else ''}")
-    if wanted.plot is not None:
-        print(f"picture      {wanted.plot}")
+    if draft.strides is not None:
+        _strides(source, robot, given, draft.strides, target.strides)
+    print(f"estimates    {target.output}{', smoothed' if given.smooth else ''}")
+    if target.plot is not None:
+        print(f"picture      {target.plot}")
 
 
 def _strides(
-    source: "Source", robot: "Robot", robot_file: Path | None, path: Path, baseline: Path | None
+    source: "Source", robot: "Robot", given: Given, draft: Path, shown: Path | None
 ) -> None:
     """Strides are always made from the smoothed estimate."""
     from analysis.replay import columns_of, estimate_smoothed
     from analysis.stride_table import write_csv
     from observer.strides import strides_of
 
-    passive = None if baseline is None else _baseline(baseline, robot_file)
+    passive = None if given.baseline is None else _baseline(given.baseline, given.robot)
     found = strides_of(estimate_smoothed(source, robot), columns_of(source), passive)
     time_s = source.recording.time_s
-    write_csv([(float(time_s[row]), stride) for row, stride in found], path)
-    print(f"strides      {len(found)} in {path}")
+    write_csv([(float(time_s[row]), stride) for row, stride in found], draft)
+    print(f"strides      {len(found)} in {shown}")
     if found:
         hip_j = sum(stride.hip.work_positive_j for _, stride in found) / len(found)
         slide_j = sum(stride.slide.work_positive_j for _, stride in found) / len(found)

@@ -61,11 +61,32 @@ def test_without_an_output_the_estimates_lie_beside_the_recording(recorded, tmp_
     [
         (["missing.csv"], "missing.csv: No such file"),
         (["recorded.csv", "--robot", "nobody.toml"], "nobody.toml"),
-        (["recorded.csv", "--output", "no/such/folder/out.csv"], "no/such/folder/out.csv"),
+        (
+            ["recorded.csv", "--output", "no/such/folder/out.csv"],
+            "there is no folder no/such/folder",
+        ),
+        (["recorded.csv", "--plot", "picture.jpg"], "--plot picture.jpg: must end in .png"),
+        (["recorded.csv", "--plot", "no/p.png"], "--plot no/p.png: there is no folder no"),
+        (["recorded.csv", "--output", "a.png", "--plot", "a.png"], "is the file of --output too"),
+        (["recorded.csv", "--robot", "robot.toml", "--strides", "robot.toml"], "is an input, too"),
+        (["."], ".: Is a directory"),
+        (["recorded.csv", "missing.csv"], "missing.csv: No such file"),
+        (
+            ["recorded.csv", "recorded.csv", "--output", "a.csv"],
+            "--output a.csv: must be an existing",
+        ),
+        (["recorded.csv", "recorded.csv"], "is the file of --output too"),
+        (["notes.txt"], "a recording is a .csv or a ring of records"),
     ],
 )
 def test_what_cannot_be_used_is_named_and_the_exit_code_is_two(recorded, tmp_path, arguments, said):
+    (tmp_path / "notes.txt").write_text("not a recording, but long enough to be looked at\n" * 500)
+    (tmp_path / "robot.toml").write_bytes((CONFIGS / "robot.toml").read_bytes())
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+
     ran = gaitd("replay", *arguments, folder=tmp_path)
+
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
     assert ran.returncode == 2
     assert said in ran.stderr
@@ -101,3 +122,56 @@ def test_replay_says_what_it_thinks_of_friction(recorded, tmp_path):
     assert ran.returncode == 0
     assert "friction     hip:" in ran.stdout
     assert "friction     slide:" in ran.stdout
+
+
+def test_a_typo_in_the_robot_file_is_named_and_nothing_is_written(recorded, tmp_path):
+    robot = tmp_path / "robot.toml"
+    robot.write_text(
+        (CONFIGS / "robot.toml").read_text().replace("gravity", "gravitty") + "\nx = 1\n"
+    )
+
+    ran = gaitd("replay", recorded, "--robot", robot, folder=tmp_path)
+
+    assert ran.returncode == 2
+    assert f"{robot}: " in ran.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["recorded.csv", "robot.toml"]
+
+
+def test_several_recordings_have_their_results_in_one_folder(recorded, tmp_path):
+    folder = tmp_path / "results"
+    folder.mkdir()
+    other = recorded.with_name("other.csv")
+    other.write_bytes(recorded.read_bytes())
+
+    ran = gaitd(
+        *("replay", recorded, other, "--output", folder, "--plot", folder, "--strides", folder),
+        folder=tmp_path,
+    )
+
+    assert ran.returncode == 0, ran.stderr
+    assert sorted(path.name for path in folder.iterdir()) == [
+        *("other.csv.estimates.csv", "other.csv.png", "other.csv.strides.csv"),
+        *("recorded.csv.estimates.csv", "recorded.csv.png", "recorded.csv.strides.csv"),
+    ]
+    first, second = (folder / f"{name}.csv.estimates.csv" for name in ("other", "recorded"))
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_the_same_recording_gives_the_same_bytes_again_and_nothing_else(recorded, tmp_path):
+    written: list[bytes] = []
+    for _ in range(2):
+        assert gaitd("replay", recorded, "--smooth", folder=tmp_path).returncode == 0
+        written.append((tmp_path / "recorded.csv.estimates.csv").read_bytes())
+
+    assert written[0] == written[1]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "recorded.csv",
+        "recorded.csv.estimates.csv",
+    ]
+
+
+def test_estimates_may_go_where_no_file_can_take_their_place(recorded, tmp_path):
+    ran = gaitd("replay", recorded, "--output", "/dev/null", folder=tmp_path)
+
+    assert ran.returncode == 0, ran.stderr
+    assert Path("/dev/null").is_char_device()

@@ -1,0 +1,126 @@
+"""Files of `gaitd replay`: which there will be, that none is one of its inputs, all or nothing."""
+
+import os
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+ESTIMATES = ".estimates.csv"
+PICTURE = ".png"
+STRIDES = ".strides.csv"
+
+
+class FileError(Exception):
+    """A file cannot be written where it is asked for: names the option, the file and why."""
+
+
+class Wanted(NamedTuple):
+    """As the person said it; each is a file, or a folder for several results."""
+
+    output: Path | None
+    plot: Path | None
+    strides: Path | None
+
+
+class Targets(NamedTuple):
+    """Files of one result."""
+
+    output: Path
+    plot: Path | None
+    strides: Path | None
+
+
+def targets_of(wanted: Wanted, results: Sequence[tuple[Path, str]], many: bool) -> list[Targets]:
+    """Where each result goes.
+
+    A result is a recording and, where there are several legs, its leg. A folder gets files named
+    after the recording; a file's name gets the leg before its suffix.
+
+    Args:
+        wanted: by the options.
+        results: recording, and leg or nothing.
+        many: several recordings, for which an option can only be a folder.
+
+    Raises:
+        FileError: several recordings, and an option that is no folder.
+    """
+    for option, path in (
+        ("--output", wanted.output),
+        ("--plot", wanted.plot),
+        ("--strides", wanted.strides),
+    ):
+        if many and path is not None and not path.is_dir():
+            raise FileError(f"{option} {path}: must be an existing folder for several recordings")
+    return [
+        Targets(
+            _named(wanted.output, recorded, leg, ESTIMATES)
+            or recorded.with_name(_name(recorded, leg, ESTIMATES)),
+            _named(wanted.plot, recorded, leg, PICTURE),
+            _named(wanted.strides, recorded, leg, STRIDES),
+        )
+        for recorded, leg in results
+    ]
+
+
+def _name(recorded: Path, leg: str, suffix: str) -> str:
+    return recorded.name + (f".{leg}" if leg else "") + suffix
+
+
+def _named(option: Path | None, recorded: Path, leg: str, suffix: str) -> Path | None:
+    if option is None:
+        return None
+    if option.is_dir():
+        return option / _name(recorded, leg, suffix)
+    return option.with_name(f"{option.stem}.{leg}{option.suffix}") if leg else option
+
+
+def check(targets: Sequence[Targets], inputs: Sequence[Path]) -> None:
+    """All can be written, each is another file, and none is an input.
+
+    Raises:
+        FileError: the first that is not so.
+    """
+    taken: dict[Path, str] = {}
+    for one in targets:
+        for option, path in (
+            ("--output", one.output),
+            ("--plot", one.plot),
+            ("--strides", one.strides),
+        ):
+            if path is not None:
+                _check_place(option, path, inputs)
+                if path.resolve() in taken:
+                    raise FileError(f"{option} {path}: is the file of {taken[path.resolve()]} too")
+                taken[path.resolve()] = option
+
+
+def _check_place(option: str, path: Path, inputs: Sequence[Path]) -> None:
+    if option == "--plot" and path.suffix.lower() != PICTURE:
+        raise FileError(f"{option} {path}: must end in {PICTURE}")
+    if not path.parent.is_dir():
+        raise FileError(f"{option} {path}: there is no folder {path.parent}")
+    if path.is_dir():
+        raise FileError(f"{option} {path}: is a folder")
+    for given in inputs:
+        if path.exists() and given.exists() and path.samefile(given):
+            what = "the recording itself" if given == inputs[0] else "an input, too"
+            raise FileError(f"{path}: is {what}; {option} must be another file")
+
+
+@contextmanager
+def appearing(path: Path) -> Generator[Path]:
+    """A file to write to that becomes `path` at the end, and is gone if there was an error.
+
+    What is no regular file (`/dev/null`, a pipe) is written as it is.
+    """
+    path = path.resolve()
+    if path.exists() and not path.is_file():
+        yield path
+        return
+    draft = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        yield draft
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
