@@ -45,6 +45,9 @@ def command(
     strides: Annotated[
         Path | None, typer.Option(metavar="CSV", help="what was done in each stride; or a folder")
     ] = None,
+    strides_plot: Annotated[
+        Path | None, typer.Option(metavar="PNG", help="draw the strides; or a folder")
+    ] = None,
     baseline: Annotated[
         Path | None, typer.Option(help="of `gaitd baseline`, taken off the stride figures")
     ] = None,
@@ -53,7 +56,8 @@ def command(
     from analysis.recording import RecordingError
 
     try:
-        _replay(recorded, leg, Wanted(output, plot, strides), Given(robot, baseline, smooth))
+        wanted = Wanted(output, plot, strides, strides_plot)
+        _replay(recorded, leg, wanted, Given(robot, baseline, smooth))
     except (RecordingError, FileError) as error:
         print(error, file=sys.stderr)
         raise typer.Exit(EXIT_REFUSED) from error
@@ -94,6 +98,7 @@ def _replay(recorded: list[Path], leg: str | None, wanted: Wanted, given: Given)
                     drafts.enter_context(appearing(target.output)),
                     target.plot and drafts.enter_context(appearing(target.plot)),
                     target.strides and drafts.enter_context(appearing(target.strides)),
+                    target.strides_plot and drafts.enter_context(appearing(target.strides_plot)),
                 )
                 _one(source, target, draft, given, stage, reading_s)
 
@@ -123,26 +128,32 @@ def _one(
         draw(source.recording, estimates, draft.plot)
     _report(source, estimates, name, computed_s - begun_s, reading_s + ended_s - begun_s)
     _print_drift(estimates, robot)
-    if draft.strides is not None:
-        _strides(source, robot, given, draft.strides, target.strides)
+    if draft.strides is not None or draft.strides_plot is not None:
+        _strides(source, robot, given, draft, target)
     print(f"estimates    {target.output}{', smoothed' if given.smooth else ''}")
     if target.plot is not None:
         print(f"picture      {target.plot}")
 
 
 def _strides(
-    source: "Source", robot: "Robot", given: Given, draft: Path, shown: Path | None
+    source: "Source", robot: "Robot", given: Given, draft: Targets, target: Targets
 ) -> None:
     """Strides are always made from the smoothed estimate."""
     from analysis.replay import columns_of, estimate_smoothed
+    from analysis.stride_figure import draw
     from analysis.stride_table import write_csv
     from observer.strides import strides_of
 
     passive = None if given.baseline is None else _baseline(given.baseline, given.robot)
-    found = strides_of(estimate_smoothed(source, robot), columns_of(source), passive)
+    smooth = estimate_smoothed(source, robot)
+    found = strides_of(smooth, columns_of(source), passive)
     time_s = source.recording.time_s
-    write_csv([(float(time_s[row]), stride) for row, stride in found], draft)
-    print(f"strides      {len(found)} in {shown}")
+    if draft.strides is not None:
+        write_csv([(float(time_s[row]), stride) for row, stride in found], draft.strides)
+    if draft.strides_plot is not None:
+        draw(found, time_s, smooth, draft.strides_plot)
+    named = [str(path) for path in (target.strides, target.strides_plot) if path is not None]
+    print(f"strides      {len(found)} in {' and '.join(named)}")
     if found:
         hip_j = sum(stride.hip.work_positive_j for _, stride in found) / len(found)
         slide_j = sum(stride.slide.work_positive_j for _, stride in found) / len(found)

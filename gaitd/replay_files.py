@@ -9,6 +9,7 @@ from typing import NamedTuple
 ESTIMATES = ".estimates.csv"
 PICTURE = ".png"
 STRIDES = ".strides.csv"
+STRIDES_PICTURE = ".strides.png"
 
 
 class FileError(Exception):
@@ -21,6 +22,7 @@ class Wanted(NamedTuple):
     output: Path | None
     plot: Path | None
     strides: Path | None
+    strides_plot: Path | None
 
 
 class Targets(NamedTuple):
@@ -29,6 +31,7 @@ class Targets(NamedTuple):
     output: Path
     plot: Path | None
     strides: Path | None
+    strides_plot: Path | None
 
 
 def targets_of(wanted: Wanted, results: Sequence[tuple[Path, str]], many: bool) -> list[Targets]:
@@ -49,6 +52,7 @@ def targets_of(wanted: Wanted, results: Sequence[tuple[Path, str]], many: bool) 
         ("--output", wanted.output),
         ("--plot", wanted.plot),
         ("--strides", wanted.strides),
+        ("--strides-plot", wanted.strides_plot),
     ):
         if many and path is not None and not path.is_dir():
             raise FileError(f"{option} {path}: must be an existing folder for several recordings")
@@ -58,6 +62,7 @@ def targets_of(wanted: Wanted, results: Sequence[tuple[Path, str]], many: bool) 
             or recorded.with_name(_name(recorded, leg, ESTIMATES)),
             _named(wanted.plot, recorded, leg, PICTURE),
             _named(wanted.strides, recorded, leg, STRIDES),
+            _named(wanted.strides_plot, recorded, leg, STRIDES_PICTURE),
         )
         for recorded, leg in results
     ]
@@ -87,6 +92,7 @@ def check(targets: Sequence[Targets], inputs: Sequence[Path]) -> None:
             ("--output", one.output),
             ("--plot", one.plot),
             ("--strides", one.strides),
+            ("--strides-plot", one.strides_plot),
         ):
             if path is not None:
                 _check_place(option, path, inputs)
@@ -96,7 +102,7 @@ def check(targets: Sequence[Targets], inputs: Sequence[Path]) -> None:
 
 
 def _check_place(option: str, path: Path, inputs: Sequence[Path]) -> None:
-    if option == "--plot" and path.suffix.lower() != PICTURE:
+    if option.endswith("plot") and path.suffix.lower() != PICTURE:
         raise FileError(f"{option} {path}: must end in {PICTURE}")
     if not path.parent.is_dir():
         raise FileError(f"{option} {path}: there is no folder {path.parent}")

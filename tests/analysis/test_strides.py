@@ -1,0 +1,70 @@
+"""Strides of a recording as a table and as a picture."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from analysis import stride_figure, stride_table
+from observer.leg_observer import setup_of
+from observer.smooth_batch import run_smoothed
+from observer.strides import strides_of
+from tests.observer.trainer import (
+    HIP,
+    PATIENT,
+    SLIDE_FRICTION,
+    TUNING,
+    encoded,
+    gait,
+    simulate,
+)
+
+
+@pytest.fixture(scope="module")
+def walked():
+    cycles = 1300
+    path = gait(PATIENT, np.maximum(np.arange(1, cycles + 1) * 0.01 - 1.0, 0.0), 0.5)
+    columns = encoded(simulate(PATIENT, cycles, reference=path, start=path[0]))
+    smooth = run_smoothed(setup_of(PATIENT, HIP, SLIDE_FRICTION, TUNING), columns)
+    return columns, smooth, strides_of(smooth, columns)
+
+
+def test_each_stride_is_a_row_and_each_figure_a_column_with_its_sigma(walked, tmp_path):
+    columns, _, found = walked
+    out = tmp_path / "strides.csv"
+
+    stride_table.write_csv([(float(columns.time_s[row]), one) for row, one in found], out)
+
+    rows = list(csv.DictReader(out.open()))
+    assert len(rows) == len(found) >= 4
+    assert list(rows[0]) == stride_table.columns()
+    for number, (row, (first, stride)) in enumerate(zip(rows, found, strict=True), start=1):
+        assert int(row["number"]) == number
+        assert float(row["begin_s"]) == pytest.approx(columns.time_s[first])
+        assert float(row["hip_work_positive_j"]) == pytest.approx(stride.hip.work_positive_j)
+        assert float(row["slide_power_peak_w_std"]) == pytest.approx(stride.slide.power_peak_w_std)
+        assert float(row["slide_coverage_ratio"]) == pytest.approx(stride.slide.coverage_ratio)
+        assert float(row["work_negative_j"]) == pytest.approx(stride.work_negative_j)
+        assert int(row["status"], 16) == stride.status
+
+
+def test_a_share_that_there_is_not_is_an_empty_cell(walked, tmp_path):
+    _, _, found = walked
+    out = tmp_path / "strides.csv"
+    stride = found[0][1]._replace(share_ratio=None, share_ratio_std=None)
+
+    stride_table.write_csv([(0.0, stride)], out)
+
+    (row,) = csv.DictReader(out.open())
+    assert row["share_ratio"] == row["share_ratio_std"] == ""
+
+
+@pytest.mark.parametrize("repeats", [0, 1, 30])
+def test_the_picture_is_drawn_for_no_strides_and_for_many(walked, tmp_path, repeats):
+    columns, smooth, found = walked
+    path = tmp_path / "strides.png"
+
+    figure = stride_figure.draw(found * repeats, columns.time_s, smooth, path)
+
+    assert len(figure.axes) == 4
+    assert path.stat().st_size > 10_000
