@@ -44,7 +44,7 @@ for the patient avoids overshoot; the velocities' share, 1, does the rest."""
 REST_BEGINS_S: Final = 0.07
 REST_COMPLETE_S: Final = 0.12
 """A reversal of gait is over by the first; the gate acts in full from the second on."""
-REST_FRICTION_FACTOR: Final = 2.0
+REST_FRICTION_FACTOR: Final = 3.0
 """On friction's noise at rest, where it follows the load at once."""
 SPLIT_RATIO: Final = 0.4
 """Standard deviation of friction at rest over its breakaway level: anywhere within it."""
