@@ -22,7 +22,7 @@ class Wanted(NamedTuple):
     output: Path | None
     plot: Path | None
     strides: Path | None
-    strides_plot: Path | None
+    strides_plot: Path | None = None
 
 
 class Targets(NamedTuple):
@@ -31,7 +31,7 @@ class Targets(NamedTuple):
     output: Path
     plot: Path | None
     strides: Path | None
-    strides_plot: Path | None
+    strides_plot: Path | None = None
 
 
 def targets_of(wanted: Wanted, results: Sequence[tuple[Path, str]], many: bool) -> list[Targets]:
