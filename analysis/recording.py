@@ -155,7 +155,7 @@ class _Header(NamedTuple):
 
 
 def _header(path: Path, header: str) -> _Header:
-    names = [name.strip() for name in next(csv.reader([header]), [])]
+    names = [name.strip() for name in next(csv.reader([header], skipinitialspace=True), [])]
     if not any(names):
         raise RecordingError(f"{path}: is empty; its first line must name the columns")
     missing = [column for column in COLUMNS if column not in names]
@@ -200,7 +200,7 @@ def _numbers_cell_by_cell(
     path: Path, lines: Sequence[str], header: _Header, first_line: int
 ) -> NDArray[np.float64]:
     rows: list[list[float]] = []
-    for number, cells in enumerate(csv.reader(lines), start=first_line):
+    for number, cells in enumerate(csv.reader(lines, skipinitialspace=True), start=first_line):
         if not any(cell.strip() for cell in cells) and len(cells) <= 1:
             continue
         _check_count(path, number, cells, header)

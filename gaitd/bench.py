@@ -24,7 +24,7 @@ def command(
         float, typer.Option(min=2, max=25, help="of real time for the lateness of SYNC")
     ] = 20.0,
 ) -> None:
-    """Measure the observer's step, the parts of a cycle, the lateness of SYNC, and replay."""
+    """Measure the observer's step and growth, parts of a cycle, lateness of SYNC, and replay."""
     from rich.console import Console
 
     from gaitd.benchmark.tables import plain
@@ -50,6 +50,7 @@ def _measures(
     """What is measured, in the order of the output: the result, and its table."""
     return {
         "observer_step": lambda: _steps(configs),
+        "scaling": lambda: _scaling(configs),
         "cycle": lambda: _cycle(configs),
         "lateness": lambda: _lateness(configs, seconds),
         "replay": lambda: _replay(configs),
@@ -71,6 +72,16 @@ def _steps(configs: Path) -> "tuple[tuple[StepTimes, ...] | str, Table | str]":
 
     found = measure(configs / "robot.toml")
     return found, tables.steps(title, found)
+
+
+def _scaling(configs: Path) -> "tuple[object, Table]":
+    from daemon.config.settings import Robot
+    from daemon.config.strict import load_toml
+    from gaitd.benchmark import tables
+    from gaitd.benchmark.scaling import measure
+
+    found = measure(load_toml(configs / "robot.toml", Robot))
+    return found, tables.scaling("recordings and legs in one process, each step of each", found)
 
 
 def _cycle(configs: Path) -> "tuple[object, Table]":

@@ -1,10 +1,11 @@
 """`gaitd replay`: the observer over a recorded file, as fast as it can."""
 
+import io
 import math
 import sys
 import time
 from collections.abc import Callable, Generator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -93,6 +94,7 @@ def _replay(recorded: list[Path], leg: str | None, wanted: Wanted, given: Given)
         sources = [read(path, name, stage("reading")) for path, name, _ in asked]
         reading_s = (time.perf_counter() - begun_s) / len(asked)
         with ExitStack() as drafts:
+            said: list[str] = []
             for source, target in zip(sources, targets, strict=True):
                 draft = Targets(
                     drafts.enter_context(appearing(target.output)),
@@ -100,7 +102,8 @@ def _replay(recorded: list[Path], leg: str | None, wanted: Wanted, given: Given)
                     target.strides and drafts.enter_context(appearing(target.strides)),
                     target.strides_plot and drafts.enter_context(appearing(target.strides_plot)),
                 )
-                _one(source, target, draft, given, stage, reading_s)
+                said.append(_one(source, target, draft, given, stage, reading_s))
+    print("\n".join(said), end="")
 
 
 def _one(
@@ -110,7 +113,8 @@ def _one(
     given: Given,
     stage: "Callable[[str], Callable[[float], None]]",
     reading_s: float,
-) -> None:
+) -> str:
+    """Write the files of one recording; what there is to say waits until they are in place."""
     from analysis.estimates import write_csv
     from analysis.replay import estimate, estimate_smoothed, warm_up
 
@@ -126,13 +130,15 @@ def _one(
         from analysis.replay_figure import draw
 
         draw(source.recording, estimates, draft.plot)
-    _report(source, estimates, name, computed_s - begun_s, reading_s + ended_s - begun_s)
-    _print_drift(estimates, robot)
-    if draft.strides is not None or draft.strides_plot is not None:
-        _strides(source, robot, given, draft, target)
-    print(f"estimates    {target.output}{', smoothed' if given.smooth else ''}")
-    if target.plot is not None:
-        print(f"picture      {target.plot}")
+    with redirect_stdout(io.StringIO()) as said:
+        _report(source, estimates, name, computed_s - begun_s, reading_s + ended_s - begun_s)
+        _print_drift(estimates, robot)
+        if draft.strides is not None or draft.strides_plot is not None:
+            _strides(source, robot, given, draft, target)
+        print(f"estimates    {target.output}{', smoothed' if given.smooth else ''}")
+        if target.plot is not None:
+            print(f"picture      {target.plot}")
+    return said.getvalue()
 
 
 def _strides(

@@ -9,12 +9,14 @@ from rich.table import Table
 from gaitd.benchmark.cycle_parts import WHOLE, Part
 from gaitd.benchmark.lateness import Lateness
 from gaitd.benchmark.replay_speed import ReplaySpeed
+from gaitd.benchmark.scaling import Scaling
 
 if TYPE_CHECKING:
     from benchmarks.observer_step import StepTimes
 
 C_RATIO_MAX: Final = 1.0
 FILTERPY_RATIO_MIN: Final = 50.0
+GROWTH_RATIO_MAX: Final = 1.2
 CYCLE_MEDIAN_MAX_US: Final = 400.0
 CYCLE_HIGH_MAX_US: Final = 800.0
 LATE_P999_MAX_US: Final = 500.0
@@ -61,6 +63,28 @@ def steps(title: str, found: "tuple[StepTimes, ...]") -> Table:
             if to_filterpy is None
             else _judged(f"{to_filterpy:.0f}", to_filterpy >= FILTERPY_RATIO_MIN),
         )
+    return table
+
+
+def scaling(title: str, found: Scaling) -> Table:
+    """Growth with recordings and legs, and what is allocated."""
+    table = _table(title, "count", "recording", "to one (≤ 1.2)", "leg, live", "to one (≤ 1.2)")
+    for row in found.growth:
+        table.add_row(
+            str(row.together_count),
+            f"{row.recording_us:.1f} µs",
+            _judged(f"{row.recording_ratio:.2f}", row.recording_ratio <= GROWTH_RATIO_MAX),
+            f"{row.leg_us:.1f} µs",
+            _judged(f"{row.leg_ratio:.2f}", row.leg_ratio <= GROWTH_RATIO_MAX),
+        )
+    held = found.memory
+    table.caption = (
+        f"in 1000 steps: {held.compiled_count} allocations by the compiled step; called from "
+        f"Python {held.call_count} wrappers of arguments, freed at once; {held.kept_count} objects "
+        f"kept, {held.peak_bytes_count} bytes at most; one filter {held.leg_bytes_count} bytes, a "
+        f"replayed row {held.row_bytes_count} bytes"
+    )
+    table.caption_justify = "left"
     return table
 
 

@@ -36,6 +36,20 @@ def test_columns_are_found_by_name_in_any_order_and_extra_ones_ignored(tmp_path)
     assert found.effort.tolist() == [[8.0, 40.0], [9.0, 41.0]]
 
 
+def test_quoted_cells_and_blanks_beside_them_are_read(tmp_path):
+    path = write(
+        tmp_path,
+        '"time_s", "hip_angle_rad" , slide_position_m,hip_torque_nm,"slide_force_n", note',
+        '"0.00", "0.1", 0.5 ,"8",40,"a, b"',
+        '0.01,0.2,0.5,8,41, "c"',
+    )
+
+    found = read_csv(path)
+
+    assert found.position.tolist() == [[0.1, 0.5], [0.2, 0.5]]
+    assert found.effort.tolist() == [[8.0, 40.0], [8.0, 41.0]]
+
+
 def test_an_empty_cell_is_a_missing_sample_and_nothing_else_changes(tmp_path):
     path = write(tmp_path, HEADER, "0,0.1,0.5,8,40", "0.01,, ,8,40", "0.02,0.1,0.5,,40")
 

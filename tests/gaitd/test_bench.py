@@ -8,10 +8,18 @@ import pytest
 from sessions import Session
 
 from daemon.core import cycle
-from gaitd.benchmark import cycle_parts, lateness, replay_speed, tables
+from gaitd.benchmark import cycle_parts, lateness, replay_speed, scaling, tables
 from gaitd.benchmark.cycle_parts import PARTS, WHOLE
 
 CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+@pytest.fixture
+def robot():
+    from daemon.config.settings import Robot
+    from daemon.config.strict import load_toml
+
+    return load_toml(CONFIGS / "robot.toml", Robot)
 
 
 def test_every_part_of_the_cycle_is_timed_in_every_cycle_and_put_back():
@@ -89,3 +97,39 @@ def test_every_number_stands_beside_its_budget():
         console.print(table)
     assert "≤ 400, ≤ 800 µs" in captured.get()
     assert "500 µs" in captured.get()
+
+
+@pytest.fixture
+def few(monkeypatch):
+    monkeypatch.setattr(scaling, "ROWS", 1500)
+    monkeypatch.setattr(scaling, "STEPS", 20)
+    monkeypatch.setattr(scaling, "REPEATS", 1)
+
+
+def test_growth_is_measured_for_every_number_of_legs_against_one(robot, few):
+    found = scaling.measure(robot)
+
+    assert [row.together_count for row in found.growth] == [1, 2, 4, 8]
+    assert found.growth[0].recording_ratio == found.growth[0].leg_ratio == 1.0
+    for row in found.growth:
+        assert row.leg_ratio == pytest.approx(row.leg_us / found.growth[0].leg_us)
+    assert "replayed row 496 bytes" in str(tables.scaling("growth", found).caption)
+
+
+def test_the_compiled_step_allocates_nothing_and_python_keeps_nothing(robot, few):
+    found = scaling.measure(robot).memory
+
+    assert found.compiled_count == 0
+    assert found.kept_count == 0
+
+
+def test_allocations_that_there_are_would_be_counted():
+    from numba import njit
+
+    @njit
+    def allocate() -> int:
+        return np.zeros(3).size
+
+    allocate()
+
+    assert scaling._compiled_allocations(lambda: [allocate() for _ in range(7)]) == 7
