@@ -4,6 +4,9 @@ Columns by name, any order, extra columns ignored: `time_s, hip_angle_rad, slide
 hip_torque_nm, slide_force_n`. The row at time t holds the positions sampled at t, and the torque
 and force that acted from the row before until t. An empty cell is a missing sample.
 
+Times may begin anywhere. Those of the epoch (1.7e9 s) are doubles 0.24 µs apart: the steps between
+rows are off by so much, and estimates by less than 0.01 of their sigma.
+
 What a person gets wrong is looked for here, because the observer would accept it in silence:
 degrees for radians, millimetres for metres, milliseconds for seconds, rows out of order.
 """

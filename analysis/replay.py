@@ -11,6 +11,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from analysis.number_text import csv_bytes
 from analysis.recording import Progress, Recording, RecordingError, read_csv, recording
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Robot
@@ -148,6 +149,7 @@ def columns_of(source: Source) -> Columns:
 
 
 def warm_up(robot: Robot, *, smooth: bool = False) -> None:
-    """Compile the kernel, or load it: seconds, or a third of one, that are no part of a speed."""
+    """Compile or load the kernels: seconds, or a third of one, that are no part of a speed."""
     nothing = Columns(np.zeros(1), np.full((1, 2), np.nan), np.zeros((1, 2)))
     (run_smoothed if smooth else run)(setup_for(robot), nothing)
+    csv_bytes(np.zeros(1), np.zeros((1, 1)), np.zeros(1, dtype=np.int64))

@@ -1,15 +1,18 @@
 """The picture of a replay: pose, speed, friction and patient of both axes, and what to believe."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from analysis.drawing import (
     BAD,
+    BUCKETS,
     ESTIMATE,
     FAINT,
     FRICTION,
@@ -29,6 +32,8 @@ from observer.status import Status, Validity
 AXES: Final = (("hip", "rad", "rad/s", "N·m"), ("slide", "m", "m/s", "N"))
 """Name, and units of position, speed and effort."""
 SIGMAS: Final = 3.0
+GAP_PERIODS: Final = 5.0
+"""Between two rows; more is drawn as a gap."""
 DPI: Final = 130
 HARMLESS: Final = frozenset({Status.VALID, Status.WARM_UP, Status.ARTIFICIAL})
 
@@ -50,16 +55,46 @@ def draw(recording: Recording, estimates: BatchEstimates, path: Path) -> None:
         height_ratios=[1, 1, 1, 1.35, strip * _bits(estimates)],
     )
     for index in range(2):
-        _column([grid[row][index] for row in range(rows)], recording, estimates, index)
+        _column([grid[row][index] for row in range(rows)], *_with_gaps(recording, estimates), index)
         _status_strip(grid[rows][index], recording, estimates)
     name = Path(recording.source).name
-    minutes, seconds = divmod(recording.duration_s, 60)
+    minutes, seconds = divmod(round(recording.duration_s, 1), 60)
     figure.suptitle(
         f"{name} · {len(recording.time_s)} samples · {minutes:.0f} min {seconds:04.1f} s",
         fontsize=12,
         color=TEXT,
     )
     figure.savefig(path, dpi=DPI, format="png")
+
+
+def _with_gaps(recording: Recording, estimates: BatchEstimates) -> tuple[Recording, BatchEstimates]:
+    """With empty rows where rows are missing, so that no line leads across what nobody saw.
+
+    As many as a stretch of a long line needs to be empty as a whole.
+    """
+    step_s = np.diff(recording.time_s)
+    period_s = float(np.median(step_s)) if len(step_s) else 0.0
+    gaps = np.flatnonzero(step_s > GAP_PERIODS * period_s)
+    whole = 2 * (len(recording.time_s) // BUCKETS + 1)
+    at = np.repeat(gaps + 1, whole)
+    share = np.tile(np.arange(1, whole + 1) / (whole + 1), len(gaps))
+    times = recording.time_s[at - 1] + share * step_s[at - 1]
+
+    def empty(values: NDArray[Any]) -> NDArray[Any]:
+        return np.insert(values, at, np.nan, axis=0)
+
+    shown = replace(
+        recording,
+        time_s=np.insert(recording.time_s, at, times),
+        position=empty(recording.position),
+    )
+    return shown, replace(
+        estimates,
+        state=empty(estimates.state),
+        std=empty(estimates.std),
+        net=empty(estimates.net),
+        validity=np.insert(estimates.validity, at, int(Validity.SPLIT_UNOBSERVABLE), axis=0),
+    )
 
 
 def _column(
