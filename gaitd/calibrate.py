@@ -112,6 +112,12 @@ def _report(made: "Calibration") -> None:
     print(values_table(made))
     for line in advice(made.motion, made.fit.results):
         print(f"to do        {line}")
+    if len(made.contact_s):
+        share = len(made.contact_s) / len(made.motion.time_s)
+        print(
+            f"contact      {share:.0%} of the rows, from {made.contact_s[0]:.0f} s on, not judged: "
+            "an end stop, or somebody touched it"
+        )
     print(scores_table(made))
 
 

@@ -1,7 +1,7 @@
 """A calibration from recordings to verdict: everything but files, words and pictures."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
@@ -19,6 +19,7 @@ from analysis.calibration.verdict import (
     something_else,
     why_not_better,
     with_noise,
+    without_contacts,
 )
 from analysis.recording import RecordingError
 from analysis.replay import Source
@@ -45,6 +46,8 @@ class Calibration:
     """Which data the scores are of."""
     fault: str
     """Why the result must not be used; empty if it may be."""
+    contact_s: NDArray[np.float64]
+    """Times of rows that were not judged: a short contact, of an end stop for instance."""
 
     def values(self, source: str) -> Mapping[str, tuple[float, str]]:
         """What to write, by dotted key, each with its provenance."""
@@ -127,13 +130,26 @@ def calibrate(
         raise RecordingError(steep)
     seen = [disturbance(one, motion) for one in (robot, new)]
     judged_seen = seen if other is None else [disturbance(one, judged) for one in (robot, new)]
+    seen, contact = _quiet(seen, made.natural)
+    judged_seen, _ = _quiet(judged_seen, made.natural)
     old_natural = with_noise(frame.natural, made.natural)
     before = score(frame, old_natural, judged, rows, judged_seen[0])
     after = score(frame, made.natural, judged, rows, judged_seen[1])
     fault = something_else(seen[1], made.natural, motion)
     fault = fault or why_not_better(before, after, made.natural, judged)
     words = "every fourth two seconds" if other is None else ", ".join(other.sources)
-    return Calibration(motion, checked, made, new, seen[0], seen[1], before, after, words, fault)
+    return Calibration(
+        *(motion, checked, made, new, seen[0], seen[1], before, after, words, fault),
+        motion.time_s[contact],
+    )
+
+
+def _quiet(
+    seen: Sequence[Disturbance], natural: NDArray[np.float64]
+) -> tuple[list[Disturbance], NDArray[np.bool_]]:
+    """Without the contacts that the new file finds: both are judged on the same rows."""
+    after, contact = without_contacts(seen[1], natural)
+    return [replace(seen[0], moving=seen[0].moving & ~contact[:, None]), after], contact
 
 
 def _prepared(sources: Sequence[Source], robot: Robot, *, hold_out: bool = True) -> Motion:

@@ -5,7 +5,7 @@ for a patient's effort in the empty machine is an error, and its NIS says whethe
 them the likelihood per sample of the filter without a patient.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -29,6 +29,11 @@ GOOD_RATIO: Final = 0.03
 """False effort, of the Coulomb level, that is as good as none."""
 PATIENT_MIN_RATIO: Final = 0.2
 """False effort while moving, of the Coulomb level, that no friction of ours leaves behind."""
+CONTACT_ROWS: Final = 100
+"""A second: what is that much louder than the others is a contact, of an end stop for instance."""
+CONTACT_RATIO: Final = 5.0
+CONTACT_SHARE_MAX: Final = 0.2
+"""Of a recording: what comes more often is no single contact, but something else that acts."""
 
 
 class Score(NamedTuple):
@@ -59,6 +64,26 @@ def disturbance(robot: Robot, motion: Motion) -> Disturbance:
     moving = np.abs(motion.velocity) > 2.0 * np.array(REST)
     known = np.isfinite(made.state[:, 6:8])
     return Disturbance(made.state[:, 6:8], made.nis, moving & known & motion.settled[:, None])
+
+
+def without_contacts(seen: Disturbance, natural: Vector) -> tuple[Disturbance, Flags]:
+    """The same but for a few short contacts, which say nothing of friction; and when they were.
+
+    Args:
+        seen: with the calibrated file.
+        natural: the calibrated values.
+
+    Returns:
+        The disturbance, in which no row of a contact counts as moving, and a flag for each row.
+    """
+    coulomb = np.array((natural[0], natural[7]))
+    size = np.max(np.where(seen.moving, np.abs(seen.patient) / coulomb, 0.0), axis=1)
+    loudness = _windowed(size, CONTACT_ROWS)
+    loud = loudness > max(CONTACT_RATIO * float(np.median(loudness)), PATIENT_MIN_RATIO)
+    contact = _windowed(loud.astype(np.float64), CONTACT_ROWS) > 0.0
+    if np.mean(contact) > CONTACT_SHARE_MAX:
+        contact = np.zeros(len(contact), dtype=np.bool_)
+    return replace(seen, moving=seen.moving & ~contact[:, None]), contact
 
 
 def score(frame: Frame, natural: Vector, motion: Motion, rows: Flags, seen: Disturbance) -> Score:
@@ -126,6 +151,6 @@ def something_else(seen: Disturbance, natural: Vector, motion: Motion) -> str:
     return ""
 
 
-def _windowed(values: Vector, rows: int = 100) -> Vector:
-    made: Vector = np.convolve(values, np.full(rows, 1.0 / rows), mode="same")
+def _windowed(values: Vector, rows: int = CONTACT_ROWS) -> Vector:
+    made: Vector = np.convolve(values, np.full(rows, 1.0 / rows), mode="same")[: len(values)]
     return made

@@ -232,3 +232,19 @@ def test_springs_that_changed_are_found(shipped):
     made = calibrate([empty_run(shipped_friction(), robot=weak)], robot_file())
 
     assert made.fit.results[14].value == pytest.approx(16.0, rel=0.02)
+
+
+def test_a_short_contact_is_left_out_of_the_judgement_and_said():
+    def touch(time_s):
+        pushed = np.where((time_s > 20.0) & (time_s < 20.4), 10.0, 0.0)
+        return np.column_stack((pushed, 0.0 * time_s))
+
+    worn = tuple(
+        f._replace(stribeck=1.3 * f.stribeck, coulomb=1.3 * f.coulomb) for f in shipped_friction()
+    )
+    made = calibrate([empty_run(worn, disturbance=touch)], robot_file())
+
+    assert not made.fault
+    assert len(made.contact_s) > 0
+    assert 18.0 < made.contact_s.min() <= made.contact_s.max() < 24.0
+    assert made.fit.results[0].value == pytest.approx(worn[0].coulomb, rel=0.02)
