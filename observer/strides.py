@@ -36,6 +36,8 @@ DURATION_MIN_S: Final = 0.7
 DURATION_MAX_S: Final = 15.0
 GAP_MAX_S: Final = 1.0
 """Without an estimate for so long, the stride is given up."""
+STEP_MAX_S: Final = 0.03
+"""A crossing within a longer step, a gap, shares the gap among the strides beside it."""
 CORRELATION_S: Final = 0.06
 WORK_MIN_J: Final = 0.5
 """Of patient and drive together: below, nobody has a share."""
@@ -130,7 +132,7 @@ class StrideCounter:
             sample: `smoother.smoothed`'s result (SMOOTH_SIZE), with the notes of `notes_of`.
         """
         dt_s, hip_rad = sample[SMOOTH_NOTES + NOTE_DT_S], sample[0]
-        if not (math.isfinite(hip_rad) and dt_s >= 0.0):
+        if not (math.isfinite(hip_rad) and 0.0 <= dt_s <= GAP_MAX_S):
             self._restart()
             return None
         if math.isnan(self._mean_rad):
@@ -138,6 +140,10 @@ class StrideCounter:
         self._mean_rad += (hip_rad - self._mean_rad) * min(dt_s / MEAN_S, 1.0)
         begins = self._was_low and self._last_rad <= self._mean_rad < hip_rad
         self._was_high = self._was_high or hip_rad > self._mean_rad + SWING_RAD
+        if begins and dt_s > STEP_MAX_S:
+            before_s = dt_s * (self._mean_rad - self._last_rad) / (hip_rad - self._last_rad)
+            self._pass(before_s)
+            dt_s -= before_s
         self._last_rad = hip_rad
         done = self._complete() if begins else None
         if begins:
@@ -161,14 +167,24 @@ class StrideCounter:
         self._mean_rad = self._last_rad = math.nan
         self._was_low = self._was_high = False
         self._count = -1
-        self._completed = 0
+        self._completed = self._unsampled = 0
         self._duration_s = self._blind_s = 0.0
         self._status = Status(0)
 
     def _begin(self) -> None:
-        self._count, self._duration_s, self._blind_s = 0, 0.0, 0.0
+        self._count, self._unsampled = 0, 0
+        self._duration_s = self._blind_s = 0.0
         self._was_low = self._was_high = False
         self._status = Status(0)
+
+    def _pass(self, dt_s: float) -> None:
+        """Time of which nothing is known, at the end of the stride."""
+        if 0 <= self._count < ROWS_MAX:
+            self._rows[self._count] = 0.0
+            self._rows[self._count, DT] = dt_s
+            self._count += 1
+            self._unsampled += 1
+            self._duration_s += dt_s
 
     def _keep(self, sample: Sequence[float] | Vector, dt_s: float) -> None:
         known = [sample[SMOOTH_NOTES + NOTE_VALIDITY + axis] == Validity.OK for axis in range(2)]
@@ -211,7 +227,7 @@ class StrideCounter:
         return Stride(
             duration_s=self._duration_s,
             cadence_hz=1.0 / self._duration_s,
-            sample_count=self._count,
+            sample_count=self._count - self._unsampled,
             hip=hip,
             slide=slide,
             work_positive_j=hip.work_positive_j + slide.work_positive_j,
