@@ -82,7 +82,8 @@ class AxisStride(NamedTuple):
     """The largest in size, with its sign."""
     power_peak_w_std: float
     share_ratio: float | None
-    """Patient's positive work over that of patient and drive; None where there is next to none."""
+    """Patient's positive work over that of patient and drive, both over the samples that count;
+    None where there is next to none."""
     share_ratio_std: float | None
     coverage_ratio: float
     """Share of the stride's time in which the patient's effort was known."""
@@ -302,12 +303,12 @@ def _measure_axis(rows: Matrix, baseline: Matrix, axis: int, whole_s: float, to:
     known_s = passed_s = effort_variance = 0.0
     for k in range(rows.shape[0]):
         dt_s, speed = rows[k, DT], rows[k, SPEED + axis]
-        to[DRIVE] += max(rows[k, EFFORT + axis] * speed, 0.0) * dt_s
         place = (passed_s + 0.5 * dt_s) / whole_s * bins - 0.5
         passed_s += dt_s
         if rows[k, KNOWN + axis] == 0.0:
             continue
         known_s += dt_s
+        to[DRIVE] += max(rows[k, EFFORT + axis] * speed, 0.0) * dt_s
         low = math.floor(place)
         part = place - low
         passive = baseline[int(low) % bins, axis]

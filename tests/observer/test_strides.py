@@ -233,6 +233,22 @@ def test_rows_that_are_missing_for_long_give_the_stride_up(begin):
         assert stride.hip.coverage_ratio == pytest.approx(1.0)
 
 
+def test_a_gap_changes_the_work_but_not_the_share():
+    """Patient and drive are compared over the same samples."""
+
+    def half_blind(k, row):
+        known = (Validity.SPLIT_UNOBSERVABLE, 0) if k % 200 < 100 else (0, 0)
+        effort = (2.0 * math.copysign(1, row[2]), 0.0)
+        row[SMOOTH_NOTES:] = notes_of(DT, effort, 1, known)
+        return row
+
+    walk = swing(0.25, 16.4, lambda turn: (6.0 * math.copysign(1, math.cos(turn)), 0.0))
+    stride = counted(half_blind(k, row) for k, row in enumerate(walk))[-1]
+
+    assert stride.hip.coverage_ratio == pytest.approx(0.5, abs=0.02)
+    assert stride.hip.share_ratio == pytest.approx(0.75, abs=0.01)
+
+
 def test_a_long_loss_gives_the_stride_up():
     bad = (Validity.BAD, Validity.BAD)
 
