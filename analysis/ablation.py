@@ -83,11 +83,15 @@ class Summary(NamedTuple):
     judged_s: float
     ended: str
     """Why it ended before its time; empty if it did not."""
+    rest_count: tuple[int, int]
+    """Samples at rest, hip and slide: few, and what is said of them is little known."""
 
 
 def summary(trial: Trial) -> Summary:
     """Of the rows that are judged."""
-    return Summary(trial.name, float(np.count_nonzero(trial.judged)) * STEP_S, trial.ended)
+    hip, slide = np.count_nonzero(_resting(trial) & trial.judged[:, None], axis=0)
+    judged_s = float(np.count_nonzero(trial.judged)) * STEP_S
+    return Summary(trial.name, judged_s, trial.ended, (int(hip), int(slide)))
 
 
 Results = Mapping[tuple[str, str], Errors]

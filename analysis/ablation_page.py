@@ -161,15 +161,18 @@ def _coverage(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
     yield _prose(
         "The share of samples at which the truth lies within 3 sigma of the estimate, as shipped; "
         "0.997 if errors were Gaussian and sigma right. Errors last for some samples, so a share "
-        "of half a minute is itself known to a percent or so. Above 0.997 sigma is too large: "
+        "of half a minute is itself known to a percent or so; one at rest often stands on few "
+        "samples of few stops, and the last column says on how many: below a hundred take it, and "
+        "the error at rest in the tables above, as a hint. Above 0.997 sigma is too large: "
         "process noise allows for a patient who changes all the time, and most do not."
     )
     yield from ("", f"![Coverage]({COVERAGE_FIGURE})", "")
-    yield _row(["situation", *(head for head, _ in COVERAGES)])
-    yield _row(["---"] + ["---:"] * len(COVERAGES))
+    yield _row(["situation", *(head for head, _ in COVERAGES), "samples at rest"])
+    yield _row(["---"] + ["---:"] * (len(COVERAGES) + 1))
     for one in summaries:
         errors = results[one.situation, SHIPPED]
-        yield _row([one.situation, *(pair(getattr(errors, field), 3) for _, field in COVERAGES)])
+        shares = (pair(getattr(errors, field), 3) for _, field in COVERAGES)
+        yield _row([one.situation, *shares, pair(one.rest_count, 0)])
     yield from ("", f"Where it is below {LOW:g}, and why:", "")
     low = list(_low(results, summaries))
     yield from low or ["- nowhere."]
@@ -179,14 +182,20 @@ def _low(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
     for one in summaries:
         errors = results[one.situation, SHIPPED]
         found = [
-            f"{head} {axis} {share:.3f}"
+            f"{head} {axis} {share:.3f}{_of_how_many(field, count)}"
             for head, field in COVERAGES
-            for axis, share in zip(("hip", "slide"), getattr(errors, field), strict=True)
+            for axis, share, count in zip(
+                ("hip", "slide"), getattr(errors, field), one.rest_count, strict=True
+            )
             if share < LOW
         ]
         if found:
             text = f"- {one.situation}: {'; '.join(found)}. {_reason(one.situation)}."
             yield textwrap.fill(text, TEXT_WIDTH, subsequent_indent="  ", break_on_hyphens=False)
+
+
+def _of_how_many(field: str, count: int) -> str:
+    return f" of {count} samples" if field == "patient_at_rest_covered" else ""
 
 
 def _reason(situation: str) -> str:

@@ -137,8 +137,9 @@ QUESTIONS: Final = (
         "Samples 1 ms (one sigma) off the grid. With their true times nothing is lost. With the "
         "grid's times the filter rejects samples, starts anew and calls itself inconsistent: its "
         "NIS says so, and nearly no sample is OK. Told of the jitter (`sample_jitter_us`) it "
-        "stays whole and its sigma is honest again, at up to twice the error; told of a jitter "
-        "that the true times have already taken away, it pays that for nothing.",
+        "stays whole and its sigma is honest again, at up to twice the error of the patient and "
+        "three to six times that of velocity; told of a jitter that the true times have already "
+        "taken away, it pays that for nothing.",
         "patient",
         PATIENT,
         (BASIS, JITTER_TRUE, JITTER_NOMINAL),

@@ -256,6 +256,25 @@ def test_the_page_states_coverage_and_shows_a_figure_for_each_question(tmp_path,
     assert "nan" not in page
 
 
+def test_the_page_says_on_how_many_samples_at_rest_it_stands(tmp_path, trials, results):
+    """A share of ten samples is no share of a thousand."""
+    few = summary(trials[PASSIVE])._replace(rest_count=(123456, 10))
+    low = results[PASSIVE, SHIPPED]._replace(patient_at_rest_covered=(1.0, 0.8))
+
+    page = write_page(tmp_path, {**results, (PASSIVE, SHIPPED): low}, [few], "a command")[0]
+
+    assert "123456 / 10 |" in page.read_text("utf-8")
+    assert "slide 0.800 of 10 samples" in page.read_text("utf-8")
+
+
+def test_samples_at_rest_are_those_that_are_judged_and_have_rested(trials):
+    still, walked = (summary(trials[name]).rest_count for name in (REST, PASSIVE))
+    judged = int(trials[REST].judged.sum())
+
+    assert still == (judged, judged)
+    assert max(walked) < 0.2 * trials[PASSIVE].judged.sum()
+
+
 def test_a_number_is_as_precise_as_it_deserves():
     numbers = (0.114, 1.09, 12.44, 119.7, math.nan)
 
