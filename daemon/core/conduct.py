@@ -15,6 +15,7 @@ from daemon.core.state import Axis, Core, Leg
 from daemon.core.stopping import Step
 from daemon.core.transition import describe, enter
 from daemon.record import Cause, Mode, Verdict
+from drives.signals import OperationMode
 
 LOAD_SETTLE_CYCLES = 50
 """Held this long before the load at rest is compared with g(q)."""
@@ -50,6 +51,11 @@ def enable_wanted(core: Core, axis: Axis) -> bool:
     if axis.stop is not None:
         return axis.stop.step == Step.HOLD
     return core.mode.active
+
+
+def mode_wanted(core: Core, axis: Axis) -> OperationMode:  # noqa: ARG001 - one mode today
+    """The mode of operation that this drive should be in, and show in 6061h."""
+    return OperationMode.CYCLIC_SYNC_TORQUE
 
 
 def silenced(core: Core) -> bool:

@@ -18,7 +18,7 @@ from daemon.core.tick import Tick
 from daemon.record import Cause, CycleRecord, Level, Mode, Verdict
 from drives.bus import Frame
 from drives.bus_state import BusCondition
-from drives.signals import DriveFeedback, OperationMode, PowerState
+from drives.signals import DriveFeedback, PowerState
 from observer.leg_observer import PoseError
 from observer.mechanism import gravity, singularity_ratio
 from observer.status import Validity
@@ -82,7 +82,7 @@ def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
         return
     ready = (
         feedback.power_state == PowerState.OPERATION_ENABLED
-        and feedback.mode_display == OperationMode.CYCLIC_SYNC_TORQUE
+        and feedback.mode_display == conduct.mode_wanted(core, axis)
         and feedback.following
     )
     axis.reached_enabled = axis.reached_enabled or ready
@@ -187,6 +187,6 @@ def _situation(core: Core, axis: Axis) -> safety.AxisSituation:
         enable_wanted=conduct.enable_wanted(core, axis),
         reached_enabled=axis.reached_enabled,
         unready_cycles=axis.unready_cycles,
-        mode_wanted=OperationMode.CYCLIC_SYNC_TORQUE,
+        mode_wanted=conduct.mode_wanted(core, axis),
         new_emergency=feedback.emergency_count > axis.emergencies_seen,
     )

@@ -11,7 +11,7 @@ from daemon.core import conduct, safety, stopping
 from daemon.core.reference import GaitPlay, Reference
 from daemon.core.state import Axis, Core, Leg
 from daemon.record import Cause, Verdict
-from drives.signals import DriveCommand, OperationMode, PowerRequest, PowerState
+from drives.signals import DriveCommand, PowerRequest, PowerState
 from drives.units import effort_to_permille
 
 
@@ -90,7 +90,7 @@ def _command(core: Core, axis: Axis) -> DriveCommand:
     feedback = axis.feedback
     return DriveCommand(
         power=_power(core, axis),
-        mode=OperationMode.CYCLIC_SYNC_TORQUE,
+        mode=conduct.mode_wanted(core, axis),
         # Seeded with the present position, so that a change of mode finds no distance to go.
         target_position_counts=feedback.position_counts if feedback else 0,
         target_torque_permille=effort_to_permille(axis.effort_sent_si, axis.scaling),

@@ -36,7 +36,7 @@ from drives.configurator import Configurator
 from drives.errors import BringUpRefused, BusError
 from drives.nmt import SYNC_FRAME, NmtCommand, heartbeat_frame, nmt_frame
 from drives.plan import CycleSettings, DrivePlan
-from drives.signals import DriveCommand, OperationMode, PowerRequest, PowerState
+from drives.signals import DriveCommand, PowerRequest, PowerState
 
 RETRY_NS: Final = 1_000_000_000
 """Between two tries to bring up drives that do not answer."""
@@ -344,12 +344,15 @@ class Loop:
         bus, drives = self._bus, self._core.drives
         if bus is None or drives is None:
             return
-        stop = DriveCommand(PowerRequest.QUICK_STOP, OperationMode.CYCLIC_SYNC_TORQUE, 0, 0)
+        stops = [
+            DriveCommand(PowerRequest.QUICK_STOP, conduct.mode_wanted(self._core, axis), 0, 0)
+            for axis in self._core.axes
+        ]
         # A bus that is gone as well leaves the drives to their own detection.
         with suppress(BusError):
             for _ in range(BLIND_STOP_CYCLES):
                 own = heartbeat_frame(self._settings.master_node_id)
-                bus.send([SYNC_FRAME, own, *drives.frames([stop] * len(drives.drives))])
+                bus.send([SYNC_FRAME, own, *drives.frames(stops)])
                 self._clock.sleep_until(self._clock.now_ns() + self._settings.period_ns)
 
     def leave(self) -> None:
