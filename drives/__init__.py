@@ -9,7 +9,8 @@ In the cycle, in reading order:
     units        counts, mA and per mille to rad, N·m, m, N at the joint, and back
     nmt, emcy    heartbeats, boot-up, emergencies (texts: emcy_codes); bus_state: bus-off
 Before the cycle:
-    profile      what configs/drives/ may say
+    profile      what configs/drives/ may say: axis_file (one drive), torque (units and bases),
+                 option_codes (what a drive does by itself)
     plan         bring-up as a list of steps that can be printed
     bringup      runs the plan: objects (one object each), port (what it needs of the world),
                  configurator (that, over a bus, with canopen's SDO client)

@@ -334,10 +334,8 @@ def _report(drive: _Found, port: DrivePort) -> DriveReport:
 
 def _base(drive: _Found) -> DriveBase:
     base = drive.description.profile.torque_base
-    torque, current, constant = base.rated_torque, base.rated_current, base.torque_constant
-    return base_from_raw(
-        drive.description,
-        drive.values[torque.index, torque.sub],
-        drive.values[current.index, current.sub],
-        None if constant is None else drive.values[constant.index, constant.sub],
+    torque, current, constant = (
+        None if ref is None else drive.values[ref.index, ref.sub]
+        for ref in (base.rated_torque, base.rated_current, base.torque_constant)
     )
+    return base_from_raw(drive.description, torque, current, constant)

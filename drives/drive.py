@@ -60,7 +60,7 @@ class Drive:
         self.emergencies = EmergencyLog(self.node_id, profile.emergency_table)
         self._pdos = layouts(profile, self.node_id)
         self._resume = profile.resume_from_quick_stop
-        self._degc_per_count = profile.temperature.degc_per_count
+        self._temperature = profile.temperature
         self._input_bits = _input_bits(description)
         self._input_mask = sum(1 << bit.bit for _, bit in self._input_bits)
         self._inputs_seen: dict[int, Input] = {}
@@ -204,8 +204,9 @@ class Drive:
         if len(data) != self._pdos.slow.size:
             self._protocol_error_count += 1
         else:
-            temperature_raw, self._error_code = self._pdos.slow.codec.unpack(data)
-            self._temperature_degc = temperature_raw * self._degc_per_count
+            *temperature_raw, self._error_code = self._pdos.slow.codec.unpack(data)
+            if self._temperature is not None:
+                self._temperature_degc = temperature_raw[0] * self._temperature.degc_per_count
         return False
 
     def _on_emergency(self, data: bytes, now_ns: int, _in_window: bool) -> bool:

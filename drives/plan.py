@@ -7,6 +7,7 @@
     power    without power, or switched off where that was asked for: no setting changes under load
     check    device type, identity, modes: is it the drive that the files describe
     compare  torque base: what its torque numbers mean; read, never written, and used from then on
+    check    polarity and what else its numbers refer to; read, never written
     off      every PDO switched off, so that nothing of an earlier mapping can act
     write    type, timers, objects of the PDOs we use, each switched on last; then limits, option
              codes, interpolation time, heartbeats: defence in depth, all read back
@@ -25,8 +26,9 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 from drives.pdo import PdoLayout, layouts
-from drives.profile import DriveDescription, ObjectRef, TorqueUnit
+from drives.profile import DriveDescription
 from drives.signals import OperationMode
+from drives.torque import ObjectRef
 from drives.units import DriveLimits, RawLimits, raw_limits
 
 PDO_OFF: Final = 0x8000_0000
@@ -36,6 +38,8 @@ NO_RTR: Final = 0x4000_0000
 ALL_BITS: Final = 0xFFFF_FFFF
 
 _DEVICE_PROFILE: Final = 402
+_POLARITY_BITS: Final = 0b111 << 5
+"""Bits of 607Eh: torque, velocity, position."""
 _CYCLIC_MODES: Final = 1 << 7 | 1 << 9
 """Bits of 6502h: cyclic synchronous position, cyclic synchronous torque."""
 _MILLISECONDS: Final = -3
@@ -136,11 +140,12 @@ def plan(description: DriveDescription, limits: DriveLimits, cycle: CycleSetting
         *_identity(description),
         Step(StepKind.POWER, "it has no power on its motor", 0x6041, bits=16, is_hex=True),
         *_torque_base(description),
+        *_units(description),
         *_all_pdos_off(description),
         *_mapping(description, cycle),
         *_limits(description, raw_limits(limits, description)),
         *_settings(description, cycle),
-        *_seeds(raw_limits(limits, description)),
+        *_seeds(description, raw_limits(limits, description)),
         *_watches(description, cycle),
         Step(StepKind.REPORT, "error register as found", 0x1001, bits=8, is_hex=True),
         Step(StepKind.REPORT, "error code as found", 0x603F, bits=16, is_hex=True),
@@ -168,12 +173,36 @@ def _identity(description: DriveDescription) -> Iterator[Step]:
 
 def _torque_base(description: DriveDescription) -> Iterator[Step]:
     base, motor = description.profile.torque_base, description.axis.motor
-    unit = base.rated_torque_unit.value
-    yield _compare(base.rated_torque, motor.rated_torque_raw, f"rated torque in {unit}")
-    yield _compare(base.rated_current, motor.rated_current_raw, "rated current in milliampere")
-    if base.torque_constant is not None and motor.torque_constant_raw is not None:
-        why = "torque constant in micro_newton_metre per ampere"
-        yield _compare(base.torque_constant, motor.torque_constant_raw, why)
+    unit = "" if base.rated_torque_unit is None else base.rated_torque_unit.value
+    for ref, value, why in (
+        (base.rated_torque, motor.rated_torque_raw, f"rated torque in {unit}"),
+        (base.rated_current, motor.rated_current_raw, "rated current in milliampere"),
+        (
+            base.torque_constant,
+            motor.torque_constant_raw,
+            "torque constant in micro_newton_metre per ampere",
+        ),
+    ):
+        if ref is not None and value is not None:
+            yield _compare(ref, value, why)
+
+
+def _units(description: DriveDescription) -> Iterator[Step]:
+    if description.profile.optional_objects.polarity:
+        why = "it turns no sign around: signs are the axis file's"
+        mask = _POLARITY_BITS
+        yield Step(StepKind.CHECK, why, 0x607E, bits=8, value=0, mask=mask, is_hex=True)
+    for entry in description.profile.checked:
+        yield Step(
+            kind=StepKind.CHECK,
+            why=entry.why,
+            index=entry.index,
+            sub=entry.sub,
+            bits=entry.bits,
+            signed=entry.signed,
+            value=entry.value,
+            mask=entry.mask,
+        )
 
 
 def _compare(ref: ObjectRef, value: int, why: str) -> Step:
@@ -232,24 +261,27 @@ def _switch_on(layout: PdoLayout) -> Step:
 
 
 def _limits(description: DriveDescription, raw: RawLimits) -> Iterator[Step]:
-    profile = description.profile
-    yield Step(
-        kind=StepKind.RANGE,
-        why="software position limits in counts",
-        index=0x607D,
-        sub=1,
-        signed=True,
-        value=raw.position_min_counts,
-        second=raw.position_max_counts,
-    )
-    limit = profile.torque_limit
-    milliampere = limit.unit is TorqueUnit.MILLIAMPERE
-    why = f"{'current' if milliampere else 'torque'} limit in {limit.unit.value}"
+    profile, has = description.profile, description.profile.optional_objects
+    if has.position_limits:
+        yield Step(
+            kind=StepKind.RANGE,
+            why="software position limits in counts",
+            index=0x607D,
+            sub=1,
+            signed=True,
+            value=raw.position_min_counts,
+            second=raw.position_max_counts,
+        )
+    limit, speed = profile.torque_limit, profile.velocity_unit.value
+    why = f"{'current' if limit.unit.is_current else 'torque'} limit in {limit.unit.value}"
     yield _write(why, limit.index, limit.sub, limit.bits, raw.torque_raw)
-    speed = profile.velocity_unit.value
-    yield _write(f"speed limit in {speed}", 0x6080, 0, 32, raw.speed_raw)
-    yield _write("following error window in counts", 0x6065, 0, 32, raw.following_error_counts)
-    yield _write(f"quick-stop ramp in {speed} per s", 0x6085, 0, 32, raw.deceleration_raw)
+    if has.speed_limit:
+        yield _write(f"speed limit in {speed}", 0x6080, 0, 32, raw.speed_raw)
+    if has.following_error:
+        why = "following error window in counts"
+        yield _write(why, 0x6065, 0, 32, raw.following_error_counts)
+    why = f"quick-stop ramp in {profile.deceleration_unit.value}"
+    yield _write(why, 0x6085, 0, 32, raw.deceleration_raw)
 
 
 def _settings(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]:
@@ -263,12 +295,13 @@ def _settings(description: DriveDescription, cycle: CycleSettings) -> Iterator[S
             signed=entry.signed,
             value=entry.value,
         )
-    yield _write("interpolation time: our cycle", 0x60C2, 1, 8, cycle.period_ms)
-    yield _write("... in ms", 0x60C2, 2, 8, _MILLISECONDS)
+    if description.profile.optional_objects.interpolation_time:
+        yield _write("interpolation time: our cycle", 0x60C2, 1, 8, cycle.period_ms)
+        yield _write("... in ms", 0x60C2, 2, 8, _MILLISECONDS)
 
 
-def _seeds(raw: RawLimits) -> Iterator[Step]:
-    yield _write("no torque asked for", 0x6071, 0, 16, 0)
+def _seeds(description: DriveDescription, raw: RawLimits) -> Iterator[Step]:
+    yield _write("no torque asked for", 0x6071, 0, description.profile.target_torque.bits, 0)
     yield Step(
         kind=StepKind.SEED_POSITION,
         why="target position: where the joint is",

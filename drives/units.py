@@ -2,7 +2,7 @@
 
     position = sign * counts / counts_per_rev * (2 pi | lead) / gear + offset         rad | m
     effort   = sign * torque at the motor * gear * (1 | 2 pi / lead)                  N·m | N
-    torque at the motor = k_t * current, or per mille / 1000 * rated torque           N·m
+    torque at the motor: of one count as the profile says (`torque.py`)               N·m
 
 There is no efficiency factor: what the transmission loses is friction, and the observer's.
 
@@ -10,36 +10,27 @@ Which base counts: the numbers that the *drive* holds (6076h, 6075h, 3001h:05), 
 found within 1 % of the files, are used from then on. The drive computes with its own integers: a
 6076h of 279 mN·m for 278.68 is what 1000 per mille means in it. Before bring-up (`gaitd check`, the
 limits that bring-up writes) the files' integers stand in for them.
-6076h is in mN·m by CiA 402 and in µN·m on EPOS4; a profile must say which.
 """
 
 import math
 from typing import Final, NamedTuple
 
 from drives.errors import CommandNotFinite
-from drives.profile import (
-    DriveDescription,
-    DriveProfile,
-    RatedTorqueUnit,
-    TorqueObject,
-    TorqueUnit,
-    VelocityUnit,
-)
+from drives.profile import DecelerationUnit, DriveDescription, SpeedUnit
 from drives.signals import DriveFeedback
+from drives.torque import DriveBase, RatedTorqueUnit, count_nm
 
-_INT16_MAX: Final = 0x7FFF
 _INT32_MAX: Final = 0x7FFFFFFF
+_UNITS_PER_COUNT: Final[dict[SpeedUnit | DecelerationUnit, float]] = {
+    SpeedUnit.COUNTS_PER_S: 1.0,
+    SpeedUnit.TENTH_COUNTS_PER_S: 10.0,
+    DecelerationUnit.COUNTS_PER_S2: 1.0,
+    DecelerationUnit.TEN_COUNTS_PER_S2: 0.1,
+}
+"""Per count/s or count/s²; what is not here is in rpm or rpm/s."""
 _RPM_PER_REV_PER_S: Final = 60.0
 _FLOAT_SLACK: Final = 1e-6
 """Of one count: 11999.9999999 is 12000 and a rounding error of the computation."""
-
-
-class DriveBase(NamedTuple):
-    """What one drive's torque numbers refer to, in SI units at the motor."""
-
-    rated_torque_nm: float
-    rated_current_a: float
-    torque_constant_nm_per_a: float
 
 
 class AxisScaling(NamedTuple):
@@ -52,9 +43,13 @@ class AxisScaling(NamedTuple):
     effort_per_torque_count_si: float
     """N·m or N at the joint per count of the profile's torque source."""
     permille_per_effort_si: float
-    """Counts of 6071h per N·m or N at the joint."""
+    """Counts of 6071h per N·m or N at the joint: per mille, or what the profile says."""
+    target_limit_count: int
+    """The largest count of 6071h, which has 16 or 32 bits."""
     speed_counts_per_si: float
-    """Units of 6080h per rad/s or m/s at the joint, and of 6085h per rad/s² or m/s²; positive."""
+    """Units of 6080h per rad/s or m/s at the joint; positive."""
+    deceleration_counts_per_si: float
+    """Units of 6085h per rad/s² or m/s² at the joint; positive."""
 
 
 class JointSample(NamedTuple):
@@ -98,30 +93,44 @@ def expected_base(description: DriveDescription) -> DriveBase:
 
 def base_from_raw(
     description: DriveDescription,
-    rated_torque_raw: int,
-    rated_current_raw: int,
+    rated_torque_raw: int | None,
+    rated_current_raw: int | None,
     torque_constant_raw: int | None,
 ) -> DriveBase:
-    """The base from integers; where there is no torque constant object, the axis file's counts."""
-    unit: RatedTorqueUnit = description.profile.torque_base.rated_torque_unit
-    constant_nm_per_a = description.axis.motor.torque_constant_nm_per_a
+    """The base from the drive's integers; what it has no object for is the axis file's.
+
+    Without a rated torque of its own a drive's 1000 per mille are its rated current's torque.
+    """
+    motor, unit = description.axis.motor, description.profile.torque_base.rated_torque_unit
+    constant_nm_per_a = motor.torque_constant_nm_per_a
     if torque_constant_raw is not None:
         constant_nm_per_a = torque_constant_raw * 1e-6
-    return DriveBase(rated_torque_raw * unit.nm, rated_current_raw * 1e-3, constant_nm_per_a)
+    current_a = motor.nominal_current_a
+    if rated_current_raw is not None:
+        current_a = rated_current_raw * 1e-3
+    torque_nm = current_a * constant_nm_per_a
+    if rated_torque_raw is not None and unit is not None:
+        torque_nm = rated_torque_raw * unit.si
+        if unit is RatedTorqueUnit.MILLI_NEWTON:
+            torque_nm *= description.axis.transmission.nm_per_n
+    return DriveBase(torque_nm, current_a, constant_nm_per_a)
 
 
 def axis_scaling(description: DriveDescription, base: DriveBase) -> AxisScaling:
     """All factors of one axis."""
-    transmission = description.axis.transmission
-    revs_per_si = _motor_revs_per_si(description)
+    profile, transmission = description.profile, description.axis.transmission
+    source, target = profile.torque_source, profile.target_torque
+    revs_per_si, counts_per_rev = transmission.revs_per_si, transmission.counts_per_rev
     effort_per_nm_si = transmission.sign * math.tau * revs_per_si
-    torque_count_nm = _torque_count_nm(description.profile.torque_source, base)
     return AxisScaling(
-        counts_per_si=transmission.sign * transmission.counts_per_rev * revs_per_si,
+        counts_per_si=transmission.sign * counts_per_rev * revs_per_si,
         offset_si=transmission.offset_rad or transmission.offset_m or 0.0,
-        effort_per_torque_count_si=torque_count_nm * effort_per_nm_si,
-        permille_per_effort_si=1e3 / (base.rated_torque_nm * effort_per_nm_si),
-        speed_counts_per_si=revs_per_si * _speed_per_rev(description),
+        effort_per_torque_count_si=source.sign * count_nm(source, base) * effort_per_nm_si,
+        permille_per_effort_si=1.0 / (count_nm(target, base) * effort_per_nm_si),
+        target_limit_count=(1 << (target.bits - 1)) - 1,
+        speed_counts_per_si=revs_per_si * _units_per_rev(profile.velocity_unit, counts_per_rev),
+        deceleration_counts_per_si=revs_per_si
+        * _units_per_rev(profile.deceleration_unit, counts_per_rev),
     )
 
 
@@ -149,13 +158,13 @@ def position_to_counts(position_si: float, scaling: AxisScaling) -> int:
 
 
 def effort_to_permille(effort_si: float, scaling: AxisScaling) -> int:
-    """The nearest value of 6071h, held inside 16 bits: a large one never wraps into its opposite.
+    """The nearest value of 6071h, held inside its bits: a large one never wraps into its opposite.
 
     Raises:
         CommandNotFinite: for NaN and infinity.
     """
     _check_finite("effort", effort_si)
-    return _clipped(effort_si * scaling.permille_per_effort_si, _INT16_MAX)
+    return _clipped(effort_si * scaling.permille_per_effort_si, scaling.target_limit_count)
 
 
 def permille_to_effort(permille: int, scaling: AxisScaling) -> float:
@@ -174,44 +183,29 @@ def raw_limits(limits: DriveLimits, description: DriveDescription) -> RawLimits:
         for position in (limits.position_min_si, limits.position_max_si)
     )
     following = limits.following_error_si * abs(scaling.counts_per_si)
-    deceleration = limits.quick_stop_deceleration_si_per_s2 * scaling.speed_counts_per_si
+    deceleration = limits.quick_stop_deceleration_si_per_s2 * scaling.deceleration_counts_per_si
     return RawLimits(
         position_min_counts=max(_up(ends[0]), -_INT32_MAX),
         position_max_counts=min(_down(ends[1]), _INT32_MAX),
-        speed_raw=max(_down(limits.velocity_max_si * scaling.speed_counts_per_si), 1),
+        speed_raw=_unsigned(_down(limits.velocity_max_si * scaling.speed_counts_per_si), 32),
         torque_raw=_torque_limit_raw(limits, description),
-        following_error_counts=max(_down(following), 1),
-        deceleration_raw=_up(deceleration),
+        following_error_counts=_unsigned(_down(following), 32),
+        deceleration_raw=_unsigned(_up(deceleration), 32),
     )
 
 
 def _torque_limit_raw(limits: DriveLimits, description: DriveDescription) -> int:
-    base = expected_base(description)
-    motor = description.axis.motor
-    joint_nm = limits.effort_max_si / (math.tau * _motor_revs_per_si(description))
-    limit_nm = min(joint_nm, motor.current_limit_a * base.torque_constant_nm_per_a)
-    return _down(limit_nm / _torque_count_nm(description.profile.torque_limit, base))
+    base, limit = expected_base(description), description.profile.torque_limit
+    joint_nm = limits.effort_max_si / (math.tau * description.axis.transmission.revs_per_si)
+    motor_nm = description.axis.motor.current_limit_a * base.torque_constant_nm_per_a
+    count = _down(min(joint_nm, motor_nm) / count_nm(limit, base))
+    return _unsigned(count, limit.bits - limit.signed)
 
 
-def _motor_revs_per_si(description: DriveDescription) -> float:
-    """Revolutions of the motor per rad or m of the joint."""
-    transmission = description.axis.transmission
-    return transmission.gear_ratio / (transmission.lead_m or math.tau)
-
-
-def _torque_count_nm(source: TorqueObject, base: DriveBase) -> float:
-    """Torque at the motor of one count of a torque object, N·m."""
-    if source.unit is TorqueUnit.MILLIAMPERE:
-        return 1e-3 * base.torque_constant_nm_per_a
-    return 1e-3 * base.rated_torque_nm
-
-
-def _speed_per_rev(description: DriveDescription) -> float:
-    """Units of 6080h per motor revolution per second."""
-    profile: DriveProfile = description.profile
-    if profile.velocity_unit is VelocityUnit.RPM:
-        return _RPM_PER_REV_PER_S
-    return float(description.axis.transmission.counts_per_rev)
+def _units_per_rev(unit: SpeedUnit | DecelerationUnit, counts_per_rev: int) -> float:
+    """Units of 6080h per motor revolution per second, or of 6085h per revolution/s²."""
+    per_count = _UNITS_PER_COUNT.get(unit)
+    return _RPM_PER_REV_PER_S if per_count is None else per_count * counts_per_rev
 
 
 def _check_finite(quantity: str, value: float) -> None:
@@ -222,6 +216,11 @@ def _check_finite(quantity: str, value: float) -> None:
 def _clipped(value: float, largest: int) -> int:
     # Clipped before it is rounded: a finite command may overflow to infinity in scaling.
     return round(max(-largest, min(largest, value)))
+
+
+def _unsigned(value: int, bits: int) -> int:
+    # Never 0: to some drives a limit of 0 means none.
+    return max(1, min(value, (1 << bits) - 1))
 
 
 def _down(value: float) -> int:

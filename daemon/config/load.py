@@ -15,8 +15,9 @@ from daemon.config.cross import check_together
 from daemon.config.settings import Leg, Limits, Robot
 from daemon.config.strict import ConfigError, Document, decoded, load_toml, read_toml
 from daemon.config.trainer import beside, load_trainer
+from drives.axis_file import AxisFile
 from drives.errors import DescriptionError
-from drives.profile import AxisFile, DriveDescription, DriveProfile, describe
+from drives.profile import DriveDescription, DriveProfile, describe
 
 __all__ = ["ConfigError", "LegDrives", "Settings", "load", "load_toml", "read_all"]
 

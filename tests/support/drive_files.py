@@ -6,8 +6,9 @@ from typing import Any
 
 import msgspec
 
+from drives.axis_file import AxisFile
 from drives.plan import CycleSettings
-from drives.profile import AxisFile, DriveDescription, DriveProfile, describe
+from drives.profile import DriveDescription, DriveProfile, describe
 from drives.units import DriveLimits
 
 FOLDER = Path(__file__).resolve().parents[2] / "configs" / "drives"

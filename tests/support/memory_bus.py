@@ -274,10 +274,12 @@ def scripted(description, **behaviour: object) -> ScriptedDrive:
     """The drive that a description describes, with its motor data set."""
     node = ScriptedDrive(description.eds, description.node_id, **behaviour)
     base, motor = description.profile.torque_base, description.axis.motor
-    node.values[base.rated_torque.index, base.rated_torque.sub] = motor.rated_torque_raw
-    node.values[base.rated_current.index, base.rated_current.sub] = motor.rated_current_raw
-    if base.torque_constant is not None:
-        key = (base.torque_constant.index, base.torque_constant.sub)
-        node.values[key] = motor.torque_constant_raw
+    for ref, raw in (
+        (base.rated_torque, motor.rated_torque_raw),
+        (base.rated_current, motor.rated_current_raw),
+        (base.torque_constant, motor.torque_constant_raw),
+    ):
+        if ref is not None:
+            node.values[ref.index, ref.sub] = raw
     node.values[0x6041, 0] = 0x0240
     return node
