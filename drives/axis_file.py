@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from drives.errors import DescriptionError
+from drives.homing import Homing
 from drives.torque import Table
 
 NodeId = Annotated[int, Meta(ge=1, le=127)]
@@ -84,6 +85,8 @@ class AxisFile(Table, frozen=True, kw_only=True):
     transmission: Transmission
     encoder: Encoder
     motor: Motor
+    homing: Homing | None = None
+    """Absent: this axis cannot be homed."""
 
 
 def check_transmission(transmission: Transmission) -> None:

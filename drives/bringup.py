@@ -28,7 +28,7 @@ from drives.errors import BringUpRefused, DrivePowered, DriveSilent
 from drives.nmt import SYNC_FRAME, NmtCommand, nmt_frame
 from drives.objects import SdoTarget, examine, read, switch_off, write, write_range
 from drives.pdo import PdoLayout, layouts
-from drives.plan import CycleSettings, DrivePlan, Step, StepKind
+from drives.plan import SERIAL_NUMBER, CycleSettings, DrivePlan, Step, StepKind
 from drives.port import DrivePort
 from drives.profile import DriveDescription
 from drives.signals import NmtState, PowerState
@@ -80,6 +80,8 @@ class DriveReport(NamedTuple):
     torque_raw: int
     absolute: bool
     """The encoder knows its position after power-on (axis file)."""
+    serial_number: int
+    """1018h:04; 0 where the maker does not number them."""
     homed: bool
     """The drive itself says that it is referenced (EPOS4: statusword bit 15)."""
     error_register: int
@@ -162,7 +164,7 @@ def _run(
             yield from _await_heartbeat(drive, port, cycle, str(step))
         case StepKind.POWER:
             yield from _without_power(step, drive, port, may_switch_off)
-        case StepKind.CHECK | StepKind.COMPARE | StepKind.REPORT:
+        case StepKind.CHECK | StepKind.COMPARE | StepKind.REPORT | StepKind.ASK:
             drive.values[step.index, step.sub] = examine(step, drive.target(port))
         case StepKind.SWITCH_OFF:
             switch_off(step, drive.target(port))
@@ -324,6 +326,7 @@ def _report(drive: _Found, port: DrivePort) -> DriveReport:
         position_counts=position_counts,
         torque_raw=torque_raw,
         absolute=drive.description.axis.encoder.absolute,
+        serial_number=drive.values[SERIAL_NUMBER],
         homed=homed_bit is not None and bool(statusword >> homed_bit & 1),
         error_register=drive.values[0x1001, 0],
         error_code=error_code,

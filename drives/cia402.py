@@ -4,7 +4,7 @@ Rules of this file, all in the two tables below:
 
 1.  One transition at a time. A word is chosen from the state that the drive last *showed*, never
     from what was sent before; while the drive has not moved yet, the same word goes out again.
-2.  Bit 3 (enable operation) is raised by ENABLE alone, and only from switched on onwards. 0Fh is
+2.  Bit 3 (enable operation) is raised by ENABLE and HOME alone, and only from switched on onwards. 0Fh is
     never sent from switch on disabled or ready to switch on, so a drive without the automatic
     transition 4 works the same as one with it.
 3.  QUICK_STOP never energises: from ready to switch on and switched on it is transition 7 or 10
@@ -13,7 +13,10 @@ Rules of this file, all in the two tables below:
     cycle, high for one, low again until the request has gone away. It ends in switch on disabled;
     enabling is another request. A fault that is still there stays there, and we do not try again.
 5.  Disable voltage (bit 1 low) beats quick stop (bit 2 low) beats the rest, in the drive.
-6.  An unknown state (no statusword yet, or a bit pattern that the standard does not know) is
+6.  HOME raises bit 4 in operation enabled only, so a homing starts with an edge that the drive sees
+    while it is enabled, and goes on for as long as it is asked for. Its progress is bits 10, 12
+    and 13 of the statusword (HOMING_STATES), and means something in mode 6 only.
+7.  An unknown state (no statusword yet, or a bit pattern that the standard does not know) is
     answered with quick stop: it brakes a drive that should be on and energises none that is off.
 
                  +----------------------+  0,1 automatic
@@ -53,11 +56,13 @@ VF-S15, Kollmorgen AKD and MovingCap; the numbers are the standard's.
 from enum import Enum
 from typing import Final, NamedTuple
 
-from drives.signals import PowerRequest, PowerState
+from drives.signals import HomingState, PowerRequest, PowerState
 
 SHUTDOWN: Final = 0x0006
 SWITCH_ON: Final = 0x0007
 ENABLE_OPERATION: Final = 0x000F
+START_HOMING: Final = 0x001F
+"""Enable operation with bit 4: in homing mode its rising edge starts, its fall interrupts."""
 DISABLE_VOLTAGE: Final = 0x0000
 QUICK_STOP: Final = 0x0002
 FAULT_RESET: Final = 0x0080
@@ -65,6 +70,10 @@ FAULT_RESET: Final = 0x0080
 STATUS_WARNING: Final = 0x0080
 STATUS_FOLLOWS: Final = 0x1000
 """Bit 12 in the cyclic modes: the drive follows the target; otherwise it ignores it."""
+
+STATUS_TARGET_REACHED: Final = 0x0400
+STATUS_HOMING_ATTAINED: Final = 0x1000
+STATUS_HOMING_ERROR: Final = 0x2000
 
 _OFF = PowerState.SWITCH_ON_DISABLED
 _READY = PowerState.READY_TO_SWITCH_ON
@@ -134,6 +143,18 @@ _WORDS: Final[dict[PowerRequest, dict[PowerState, int]]] = {
         _REACTING: DISABLE_VOLTAGE,
         _FAULT: DISABLE_VOLTAGE,
     },
+    # As ENABLE; in operation enabled bit 4 is high besides, which starts the homing.
+    PowerRequest.HOME: {
+        PowerState.UNKNOWN: QUICK_STOP,
+        PowerState.NOT_READY_TO_SWITCH_ON: DISABLE_VOLTAGE,
+        _OFF: SHUTDOWN,
+        _READY: SWITCH_ON,
+        _ON: ENABLE_OPERATION,
+        _ENABLED: START_HOMING,
+        _STOPPING: DISABLE_VOLTAGE,
+        _REACTING: DISABLE_VOLTAGE,
+        _FAULT: DISABLE_VOLTAGE,
+    },
     # What goes out beside the one edge: a drive that carries a load keeps braking or holding it.
     PowerRequest.FAULT_RESET: {
         PowerState.UNKNOWN: QUICK_STOP,
@@ -147,6 +168,9 @@ _WORDS: Final[dict[PowerRequest, dict[PowerState, int]]] = {
         _FAULT: DISABLE_VOLTAGE,
     },
 }
+
+
+_ENABLING: Final = frozenset({PowerRequest.ENABLE, PowerRequest.HOME})
 
 
 class ResetEdge(Enum):
@@ -191,6 +215,27 @@ def decode_statusword(statusword: int) -> PowerState:
     return _STATE[statusword & 0x7F]
 
 
+HOMING_STATES: Final[dict[tuple[bool, bool, bool], HomingState]] = {
+    # target reached (10), homing attained (12), homing error (13)
+    (False, False, False): HomingState.IN_PROGRESS,
+    (True, False, False): HomingState.NOT_STARTED,
+    (False, True, False): HomingState.ATTAINED,
+    (True, True, False): HomingState.DONE,
+    (False, False, True): HomingState.FAILED_MOVING,
+    (True, False, True): HomingState.FAILED,
+    (False, True, True): HomingState.FAILED_MOVING,
+    (True, True, True): HomingState.FAILED,
+}
+"""CiA 402-2, homing mode, statusword; attained together with an error is reserved: an error here."""
+
+
+def homing_state(statusword: int) -> HomingState:
+    """How far a homing is, by a statusword that was sent in homing mode."""
+    bits = (STATUS_TARGET_REACHED, STATUS_HOMING_ATTAINED, STATUS_HOMING_ERROR)
+    reached, attained, error = (statusword & bit != 0 for bit in bits)
+    return HOMING_STATES[reached, attained, error]
+
+
 def next_word(state: PowerState, request: PowerRequest, sent: Sent, *, resume: bool) -> Sent:
     """The next controlword on the way from `state` to what is requested.
 
@@ -203,7 +248,7 @@ def next_word(state: PowerState, request: PowerRequest, sent: Sent, *, resume: b
     """
     if request is PowerRequest.FAULT_RESET:
         return _reset(state, sent)
-    if resume and request is PowerRequest.ENABLE and state is _STOPPING:
+    if resume and request in _ENABLING and state is _STOPPING:
         return Sent(ENABLE_OPERATION)
     return Sent(_WORDS[request][state])
 

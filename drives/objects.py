@@ -21,11 +21,13 @@ class SdoTarget(NamedTuple):
 
 
 def examine(step: Step, target: SdoTarget) -> int:
-    """Read an object and judge it as CHECK, COMPARE or REPORT says; its value.
+    """Read an object and judge it as CHECK, COMPARE, REPORT or ASK says; its value.
 
     Raises:
         BringUpRefused, DriveSilent: see the head of this file.
     """
+    if step.kind is StepKind.ASK:
+        return _read_or_zero(step, target)
     value = read(step, target)
     if step.kind is StepKind.CHECK and value & step.mask != step.value:
         found = f"expected {step.shown(step.value)} ({step.why})"
@@ -96,6 +98,15 @@ def read(step: Step, target: SdoTarget) -> int:
         raise BringUpRefused(target.drive, step.place, data.hex(), reason)
     # Some drives answer four bytes for a smaller object.
     return int.from_bytes(data[:size], "little", signed=step.signed)
+
+
+def _read_or_zero(step: Step, target: SdoTarget) -> int:
+    try:
+        return read(step, target)
+    except BringUpRefused as refused:
+        if isinstance(refused.__cause__, SdoAborted):
+            return 0
+        raise
 
 
 def _compare(step: Step, target: SdoTarget, value: int) -> None:

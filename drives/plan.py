@@ -10,7 +10,7 @@
     check    polarity and what else its numbers refer to; read, never written
     off      every PDO switched off, so that nothing of an earlier mapping can act
     write    type, timers, objects of the PDOs we use, each switched on last; then limits, option
-             codes, interpolation time, heartbeats: defence in depth, all read back
+             codes, homing, interpolation time, heartbeats: defence in depth, all read back
     range    software position limits: two objects that must not cross on the way
     seed     target where the joint is (torque 0 and the mode are ordinary writes)
     hear     its heartbeat, in PRE-OPERATIONAL
@@ -29,7 +29,7 @@ from drives.pdo import PdoLayout, layouts
 from drives.profile import DriveDescription
 from drives.signals import OperationMode
 from drives.torque import ObjectRef
-from drives.units import DriveLimits, RawLimits, raw_limits
+from drives.units import DriveLimits, RawLimits, raw_homing, raw_limits
 
 PDO_OFF: Final = 0x8000_0000
 """Bit 31 of a PDO's identifier: it does not exist."""
@@ -37,11 +37,14 @@ NO_RTR: Final = 0x4000_0000
 """Bit 30 of a TPDO's identifier: no remote frames."""
 ALL_BITS: Final = 0xFFFF_FFFF
 
+SERIAL_NUMBER: Final = (0x1018, 4)
+
 _DEVICE_PROFILE: Final = 402
 _POLARITY_BITS: Final = 0b111 << 5
 """Bits of 607Eh: torque, velocity, position."""
 _CYCLIC_MODES: Final = 1 << 7 | 1 << 9
 """Bits of 6502h: cyclic synchronous position, cyclic synchronous torque."""
+_HOMING_MODE: Final = 1 << 5
 _MILLISECONDS: Final = -3
 """60C2h:02 is a power of ten of a second."""
 
@@ -68,6 +71,8 @@ class StepKind(Enum):
     HEAR = "hear"
     REPORT = "report"
     """Read, for the report."""
+    ASK = "ask"
+    """Read, for the report; 0 where the drive has no such object."""
 
 
 class CycleSettings(NamedTuple):
@@ -145,6 +150,7 @@ def plan(description: DriveDescription, limits: DriveLimits, cycle: CycleSetting
         *_mapping(description, cycle),
         *_limits(description, raw_limits(limits, description)),
         *_settings(description, cycle),
+        *_homing(description),
         *_seeds(description, raw_limits(limits, description)),
         *_watches(description, cycle),
         Step(StepKind.REPORT, "error register as found", 0x1001, bits=8, is_hex=True),
@@ -166,8 +172,13 @@ def _identity(description: DriveDescription) -> Iterator[Step]:
     for sub, (what, value) in enumerate(named.items(), 1):
         if value is not None:
             yield Step(check, f"{what} of this axis", 0x1018, sub, value=value, is_hex=True)
+    if identity.serial is None:
+        yield Step(StepKind.ASK, "its serial number", *SERIAL_NUMBER, is_hex=True)
     modes = _CYCLIC_MODES
     why = "it knows cyclic synchronous position and torque"
+    if description.axis.homing is not None:
+        modes |= _HOMING_MODE
+        why = "it knows homing, cyclic synchronous position and torque"
     yield Step(check, why, 0x6502, value=modes, mask=modes, is_hex=True)
 
 
@@ -298,6 +309,23 @@ def _settings(description: DriveDescription, cycle: CycleSettings) -> Iterator[S
     if description.profile.optional_objects.interpolation_time:
         yield _write("interpolation time: our cycle", 0x60C2, 1, 8, cycle.period_ms)
         yield _write("... in ms", 0x60C2, 2, 8, _MILLISECONDS)
+
+
+def _homing(description: DriveDescription) -> Iterator[Step]:
+    objects, homing = description.profile.homing, description.axis.homing
+    if objects is None or homing is None:
+        return
+    raw = raw_homing(homing, objects.home_sign, description)
+    speed = description.profile.velocity_unit.value
+    yield _write("homing method", 0x6098, 0, 8, homing.method)
+    yield _write(f"homing: search speed in {speed}", 0x6099, 1, 32, raw.search_speed_raw)
+    yield _write(f"homing: speed for the exact place in {speed}", 0x6099, 2, 32, raw.zero_speed_raw)
+    yield _write(f"homing: acceleration in {speed} per s", 0x609A, 0, 32, raw.acceleration_raw)
+    home, threshold = objects.home, objects.current_threshold
+    yield _write("position at home in counts", home.index, home.sub, home.bits, raw.home_raw)
+    if threshold is not None and raw.stop_current_ma is not None:
+        why = "current in mA that means the mechanical stop"
+        yield _write(why, threshold.index, threshold.sub, threshold.bits, raw.stop_current_ma)
 
 
 def _seeds(description: DriveDescription, raw: RawLimits) -> Iterator[Step]:

@@ -19,6 +19,7 @@ from msgspec import Meta
 from drives.axis_file import AxisFile, check_transmission
 from drives.emcy_codes import EmergencyTable
 from drives.errors import DescriptionError
+from drives.homing import HomingObjects, check_homing
 from drives.option_codes import WrittenObject, check_written, holds_after_quick_stop
 from drives.torque import (
     ObjectRef,
@@ -164,6 +165,8 @@ class DriveProfile(Table, frozen=True, kw_only=True):
     checked: tuple[CheckedObject, ...] = ()
     referenced_bit: Annotated[int, Meta(ge=8, le=15)] | None = None
     """Statusword bit that says: position referenced to home."""
+    homing: HomingObjects | None = None
+    """Absent: it cannot home, or nobody knows how."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,6 +200,7 @@ def describe(name: str, profile: DriveProfile, axis: AxisFile, eds: str) -> Driv
     check_transmission(axis.transmission)
     _check_linear_motor(profile, axis)
     _check_motor(profile, axis)
+    check_homing(profile.homing, axis.homing)
     return DriveDescription(name, profile, axis, eds)
 
 

@@ -41,6 +41,17 @@ class OperationMode(IntEnum):
     CYCLIC_SYNC_TORQUE = 10
 
 
+class HomingState(Enum):
+    """How far a drive's own homing is (CiA 402-2, statusword in homing mode)."""
+
+    IN_PROGRESS = "in progress"
+    NOT_STARTED = "interrupted or not started"
+    ATTAINED = "attained, the target not reached yet"
+    DONE = "done"
+    FAILED_MOVING = "failed, still moving"
+    FAILED = "failed, at rest"
+
+
 class PowerRequest(Enum):
     """What the core wants of a drive's power stage; `cia402.py` turns it into controlwords."""
 
@@ -48,6 +59,8 @@ class PowerRequest(Enum):
     READY = "ready"
     """Powered down but prepared: ready to switch on, no torque."""
     ENABLE = "enable"
+    HOME = "home"
+    """Enabled, and homing: only in mode HOMING, once that is shown."""
     QUICK_STOP = "quick_stop"
     FAULT_RESET = "fault_reset"
     """One rising edge of bit 7 for each request, which ends in switch on disabled."""

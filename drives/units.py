@@ -16,6 +16,7 @@ import math
 from typing import Final, NamedTuple
 
 from drives.errors import CommandNotFinite
+from drives.homing import Homing
 from drives.profile import DecelerationUnit, DriveDescription, SpeedUnit
 from drives.signals import DriveFeedback
 from drives.torque import DriveBase, RatedTorqueUnit, count_nm
@@ -82,6 +83,19 @@ class RawLimits(NamedTuple):
     following_error_counts: int
     deceleration_raw: int
     """6085h; rounded up, so that the ramp is not longer than assumed."""
+
+
+class RawHoming(NamedTuple):
+    """[homing] of an axis file in the drive's own units."""
+
+    home_raw: int
+    search_speed_raw: int
+    """6099h:01."""
+    zero_speed_raw: int
+    """6099h:02."""
+    acceleration_raw: int
+    """609Ah."""
+    stop_current_ma: int | None
 
 
 def expected_base(description: DriveDescription) -> DriveBase:
@@ -191,6 +205,22 @@ def raw_limits(limits: DriveLimits, description: DriveDescription) -> RawLimits:
         torque_raw=_torque_limit_raw(limits, description),
         following_error_counts=_unsigned(_down(following), 32),
         deceleration_raw=_unsigned(_up(deceleration), 32),
+    )
+
+
+def raw_homing(homing: Homing, sign: int, description: DriveDescription) -> RawHoming:
+    """Homing in the drive's units; `sign` is the profile's `home_sign`."""
+    scaling = axis_scaling(description, expected_base(description))
+    per_si = scaling.speed_counts_per_si
+    current_a = homing.stop_current_a
+    return RawHoming(
+        home_raw=sign * position_to_counts(homing.home_si, scaling),
+        search_speed_raw=max(_down(homing.search_speed_si_per_s * per_si), 1),
+        zero_speed_raw=max(_down(homing.zero_speed_si_per_s * per_si), 1),
+        acceleration_raw=max(
+            _down(homing.acceleration_si_per_s2 * scaling.deceleration_counts_per_si), 1
+        ),
+        stop_current_ma=None if current_a is None else _down(current_a * 1e3),
     )
 
 

@@ -10,9 +10,10 @@ from drives.cia402 import (
     ResetEdge,
     Sent,
     decode_statusword,
+    homing_state,
     next_word,
 )
-from drives.signals import PowerRequest, PowerState
+from drives.signals import HomingState, PowerRequest, PowerState
 
 S = PowerState
 STATUSWORDS = {
@@ -29,6 +30,7 @@ ENABLE_BIT = 0x0008
 RESET_BIT = 0x0080
 STATES = list(PowerState)
 REQUESTS = list(PowerRequest)
+ENABLING = (PowerRequest.ENABLE, PowerRequest.HOME)
 EVERY_SENT = [Sent(word, edge) for word in (0, 0x0F, 0x80) for edge in ResetEdge]
 
 
@@ -142,7 +144,7 @@ def test_enable_operation_is_asked_for_only_by_enable_and_only_from_switched_on_
         word = next_word(state, request, sent, resume=resume).controlword
 
         if word & ENABLE_BIT:
-            assert request is PowerRequest.ENABLE
+            assert request in ENABLING
             assert state in {S.SWITCHED_ON, S.OPERATION_ENABLED, S.QUICK_STOP_ACTIVE}
             assert resume or state is not S.QUICK_STOP_ACTIVE
 
@@ -153,7 +155,7 @@ def test_no_request_but_fault_reset_raises_the_reset_bit_and_none_uses_any_other
     ):
         word = next_word(state, request, sent, resume=resume).controlword
 
-        assert word & ~0x008F == 0
+        assert word & ~(0x009F if request is PowerRequest.HOME else 0x008F) == 0
         if word & RESET_BIT:
             assert request is PowerRequest.FAULT_RESET
             assert state is S.FAULT
@@ -166,6 +168,7 @@ WORDS = {
     PowerRequest.QUICK_STOP: (0x02, 0x02, 0x02, 0x02, 0x02, 0x02, 0x02, 0x02, 0x02),
     PowerRequest.READY: (0x02, 0x00, 0x06, 0x06, 0x06, 0x06, 0x00, 0x00, 0x00),
     PowerRequest.ENABLE: (0x02, 0x00, 0x06, 0x07, 0x0F, 0x0F, 0x00, 0x00, 0x00),
+    PowerRequest.HOME: (0x02, 0x00, 0x06, 0x07, 0x0F, 0x1F, 0x00, 0x00, 0x00),
     PowerRequest.FAULT_RESET: (0x02, 0x00, 0x00, 0x00, 0x00, 0x02, 0x02, 0x00, 0x00),
 }
 
@@ -346,7 +349,7 @@ def test_torque_comes_on_only_while_enable_is_asked_for(start, requests, fourth,
         sent = next_word(decode_statusword(drive.statusword()), request, sent, resume=resume)
         drive.receive(sent.controlword)
         if drive.state is S.OPERATION_ENABLED and before is not S.OPERATION_ENABLED:
-            assert request is PowerRequest.ENABLE
+            assert request in ENABLING
 
 
 class PowerStage(RuleBasedStateMachine):
@@ -388,7 +391,7 @@ class PowerStage(RuleBasedStateMachine):
 
     @invariant()
     def only_enable_energises(self):
-        assert self.energised_by in (None, PowerRequest.ENABLE)
+        assert self.energised_by in (None, *ENABLING)
 
     @invariant()
     def at_most_one_edge_for_each_request(self):
@@ -397,3 +400,26 @@ class PowerStage(RuleBasedStateMachine):
 
 TestPowerStage = PowerStage.TestCase
 TestPowerStage.settings = settings(derandomize=True, max_examples=60, deadline=None)
+
+
+# --- homing ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("bits", "state"),
+    [
+        (0x0000, HomingState.IN_PROGRESS),
+        (0x0400, HomingState.NOT_STARTED),
+        (0x1000, HomingState.ATTAINED),
+        (0x1400, HomingState.DONE),
+        (0x2000, HomingState.FAILED_MOVING),
+        (0x2400, HomingState.FAILED),
+    ],
+)
+def test_bits_10_12_and_13_say_how_far_a_homing_is(bits, state):
+    assert homing_state(0x0237 | bits) is state
+
+
+def test_an_error_beats_an_attained_home():
+    assert homing_state(0x3400) is HomingState.FAILED
+    assert homing_state(0x3000) is HomingState.FAILED_MOVING
