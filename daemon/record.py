@@ -29,6 +29,10 @@ class Mode(IntEnum):
     GAIT = 11
     TORQUE = 12
     EXCITE = 13
+    REFERENCE = 14
+    """One axis homes; the others have no power."""
+    COMMISSION = 15
+    """The sign of one axis is being proven; the others have no power."""
 
     @property
     def active(self) -> bool:
@@ -94,6 +98,8 @@ class Cause(IntEnum):
     STATIC_LOAD_WRONG = 71
     # escalation
     STOP_NOT_OBEYED = 80
+    # one axis at a time
+    PREPARATION_FAILED = 90
 
 
 class RequestKind(IntEnum):
@@ -138,6 +144,10 @@ class ModeRequest(msgspec.Struct, frozen=True, array_like=True):
     """Mandatory for GAIT and EXCITE."""
     scenario: str = ""
     """Name of an excite scenario of the configuration, for EXCITE."""
+    axis: str = ""
+    """`LEG/AXIS`, for REFERENCE and COMMISSION."""
+    witnessed: bool = False
+    """For COMMISSION: the person who watched saw the axis move as described."""
 
 
 class Request(msgspec.Struct, frozen=True, array_like=True):
@@ -210,6 +220,7 @@ class DriveRecord(msgspec.Struct, frozen=True, array_like=True):
     emergency_text: str
     emergency_count: int
     protocol_error_count: int
+    sign_proven: bool = False
 
 
 class AxisStrideRecord(msgspec.Struct, frozen=True, array_like=True):

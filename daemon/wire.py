@@ -215,7 +215,8 @@ class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Payload of a query to control/mode."""
 
     mode: Annotated[
-        Literal["hold", "gait", "torque", "excite"], Meta(description="The mode to go to.")
+        Literal["hold", "gait", "torque", "excite", "reference", "commission"],
+        Meta(description="The mode to go to."),
     ]
     cadence_hz: Annotated[float, Meta(ge=0, le=2, description="Strides per second, gait.")] = 0.0
     amplitude_ratio: Annotated[float, Meta(ge=0, le=1, description="Of the full gait.")] = 0.0
@@ -225,6 +226,12 @@ class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
     scenario: Annotated[
         str, Meta(max_length=64, description="Name in the configuration, excite.")
     ] = ""
+    axis: Annotated[str, Meta(max_length=16, description="LEG/AXIS, reference and commission.")] = (
+        ""
+    )
+    witnessed: Annotated[
+        bool, Meta(description="Commission: a person saw the axis move as described.")
+    ] = False
 
 
 class SetpointMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

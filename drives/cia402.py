@@ -4,9 +4,9 @@ Rules of this file, all in the two tables below:
 
 1.  One transition at a time. A word is chosen from the state that the drive last *showed*, never
     from what was sent before; while the drive has not moved yet, the same word goes out again.
-2.  Bit 3 (enable operation) is raised by ENABLE and HOME alone, and only from switched on onwards. 0Fh is
-    never sent from switch on disabled or ready to switch on, so a drive without the automatic
-    transition 4 works the same as one with it.
+2.  Bit 3 (enable operation) is raised by ENABLE and HOME alone, and only from switched on onwards.
+    0Fh is never sent from switch on disabled or ready to switch on, so a drive without the
+    automatic transition 4 works the same as one with it.
 3.  QUICK_STOP never energises: from ready to switch on and switched on it is transition 7 or 10
     (to switch on disabled), and only from operation enabled is it transition 11 (the ramp).
 4.  Nothing but FAULT_RESET raises bit 7, and one request raises it once: low for at least one
@@ -226,7 +226,7 @@ HOMING_STATES: Final[dict[tuple[bool, bool, bool], HomingState]] = {
     (False, True, True): HomingState.FAILED_MOVING,
     (True, True, True): HomingState.FAILED,
 }
-"""CiA 402-2, homing mode, statusword; attained together with an error is reserved: an error here."""
+"""CiA 402-2, homing mode, statusword; attained and an error together is reserved: an error here."""
 
 
 def homing_state(statusword: int) -> HomingState:

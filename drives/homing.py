@@ -1,4 +1,4 @@
-"""Homing (CiA 402-2, mode 6) as files describe it: what a make of drive needs, what an axis wants."""
+"""Homing (CiA 402-2, mode 6) in files: what a make of drive needs, and what an axis wants."""
 
 from typing import Annotated, Literal
 

@@ -10,7 +10,7 @@
     check    polarity and what else its numbers refer to; read, never written
     off      every PDO switched off, so that nothing of an earlier mapping can act
     write    type, timers, objects of the PDOs we use, each switched on last; then limits, option
-             codes, homing, interpolation time, heartbeats: defence in depth, all read back
+             codes, interpolation time, heartbeats: defence in depth, all read back
     range    software position limits: two objects that must not cross on the way
     seed     target where the joint is (torque 0 and the mode are ordinary writes)
     hear     its heartbeat, in PRE-OPERATIONAL
@@ -150,12 +150,24 @@ def plan(description: DriveDescription, limits: DriveLimits, cycle: CycleSetting
         *_mapping(description, cycle),
         *_limits(description, raw_limits(limits, description)),
         *_settings(description, cycle),
-        *_homing(description),
         *_seeds(description, raw_limits(limits, description)),
         *_watches(description, cycle),
         Step(StepKind.REPORT, "error register as found", 0x1001, bits=8, is_hex=True),
         Step(StepKind.REPORT, "error code as found", 0x603F, bits=16, is_hex=True),
     )
+    return DrivePlan(description, steps)
+
+
+def homing_plan(
+    description: DriveDescription, limits: DriveLimits, cycle: CycleSettings
+) -> DrivePlan:
+    """As `plan`, with what a homing needs, and with the axis file's torque limit for it."""
+    homing = description.axis.homing
+    if homing is None:
+        raise ValueError(f"{description.name} has no homing")
+    usual = plan(description, limits._replace(effort_max_si=homing.effort_max_si), cycle)
+    seeds = next(n for n, step in enumerate(usual.steps) if step.kind is StepKind.SEED_POSITION)
+    steps = (*usual.steps[:seeds], *_homing(description), *usual.steps[seeds:])
     return DrivePlan(description, steps)
 
 
@@ -176,9 +188,6 @@ def _identity(description: DriveDescription) -> Iterator[Step]:
         yield Step(StepKind.ASK, "its serial number", *SERIAL_NUMBER, is_hex=True)
     modes = _CYCLIC_MODES
     why = "it knows cyclic synchronous position and torque"
-    if description.axis.homing is not None:
-        modes |= _HOMING_MODE
-        why = "it knows homing, cyclic synchronous position and torque"
     yield Step(check, why, 0x6502, value=modes, mask=modes, is_hex=True)
 
 
@@ -316,6 +325,8 @@ def _homing(description: DriveDescription) -> Iterator[Step]:
     if objects is None or homing is None:
         return
     raw = raw_homing(homing, objects.home_sign, description)
+    bit = _HOMING_MODE
+    yield Step(StepKind.CHECK, "it knows homing", 0x6502, value=bit, mask=bit, is_hex=True)
     speed = description.profile.velocity_unit.value
     yield _write("homing method", 0x6098, 0, 8, homing.method)
     yield _write(f"homing: search speed in {speed}", 0x6099, 1, 32, raw.search_speed_raw)

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Final
 
 from daemon.config.bundle import Settings
+from daemon.core.axis_notes import Notes
 from daemon.core.build import build
 from daemon.core.loop import Loop
 from daemon.core.process import loop_settings
@@ -147,6 +148,17 @@ class Gateway:
         return result if result.id == self._request.id else RequestResult(self._request.id)
 
 
+class MemoryNotebook:
+    """Keeps the newest axis notes."""
+
+    def __init__(self) -> None:
+        self.notes = Notes()
+
+    def write(self, notes: Notes) -> None:
+        """As `daemon.core.notebook.NoteKeeper.write`."""
+        self.notes = notes
+
+
 class Lockstep:
     """One service and one virtual machine, turned as far as a script wants."""
 
@@ -155,13 +167,15 @@ class Lockstep:
         settings: Settings,
         world: World,
         on_record: Callable[[CycleRecord], None] | None = None,
+        notes: Notes | None = None,
     ) -> None:
-        built = build(settings, BOOT_ID)
+        built = build(settings, BOOT_ID, notes or Notes())
+        self.notebook = MemoryNotebook()
         self.world = world
         self.core = built.core
         self.bus = WorldBus(world)
         self.gateway = Gateway(on_record)
-        grid = replace(loop_settings(settings, built), open_bus=lambda: self.bus)
+        grid = replace(loop_settings(settings, built, self.notebook), open_bus=lambda: self.bus)
         self.loop = Loop(built.core, grid, self.gateway, WorldClock(self.bus), _NoSupervisor())
 
     @property

@@ -20,9 +20,10 @@ from analysis.recording import Recording
 from analysis.trial import Flags, Trial, Values
 from daemon.config.bundle import Settings
 from daemon.config.cross import check_together
+from daemon.config.limit_settings import Limits
 from daemon.config.load import read_all
 from daemon.config.robot import friction_parameters, leg_parameters
-from daemon.config.settings import Limits, Robot
+from daemon.config.settings import Robot
 from daemon.config.strict import ConfigError, load_toml
 from daemon.config.trainer import beside
 from daemon.record import CycleRecord, Mode, ModeRequest, Outcome, RequestKind

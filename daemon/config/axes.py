@@ -2,7 +2,8 @@
 
 import math
 
-from daemon.config.settings import Cycle, Limits
+from daemon.config.limit_settings import Limits
+from daemon.config.settings import Cycle
 from drives.plan import CycleSettings
 from drives.profile import DriveDescription
 from drives.units import DriveLimits, axis_scaling, expected_base

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.config.settings import Limits, Robot, Trainer
+from daemon.config.limit_settings import Limits
+from daemon.config.settings import Robot, Trainer
 from daemon.config.trainer import TrainerFile
 from drives.profile import DriveDescription
 

@@ -14,8 +14,8 @@ from daemon.config import workspace
 from daemon.config.axes import cycle_settings, drive_limits, effort_per_motor_nm
 from daemon.config.bundle import Settings
 from daemon.config.cross_motion import decelerations, limit_box
+from daemon.config.limit_settings import CATEGORIES
 from daemon.config.robot import friction_parameters, leg_parameters
-from daemon.config.settings import CATEGORIES
 from daemon.config.strict import ConfigError
 from daemon.config.workspace import Drift, Extent, StopKind, Sweep
 from daemon.record import Cause, StopCategory

@@ -14,8 +14,8 @@ from daemon.causes import CHOSEN_CATEGORY, DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LO
 from daemon.config.axes import cycle_settings, effort_per_motor_nm
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.cross_motion import MOTION_CHECKS
+from daemon.config.limit_settings import HipLimits, SlideLimits
 from daemon.config.robot import friction_parameters, leg_parameters
-from daemon.config.settings import HipLimits, SlideLimits
 from daemon.config.strict import MISSING, ConfigError, Words
 from daemon.record import Cause
 from drives.busload import BURST_MAX_RATIO, bus_load

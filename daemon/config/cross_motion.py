@@ -11,8 +11,9 @@ from typing import Final
 import numpy as np
 
 from daemon.config.bundle import Settings
+from daemon.config.limit_settings import Limits
 from daemon.config.robot import leg_parameters
-from daemon.config.settings import Excite, Limits, Sinusoid
+from daemon.config.settings import Excite, Sinusoid
 from daemon.config.strict import ConfigError, Words
 from daemon.config.workspace import (
     Box,

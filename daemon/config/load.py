@@ -12,7 +12,8 @@ from pathlib import Path
 from daemon.config.baseline import load_baseline
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.cross import check_together
-from daemon.config.settings import Leg, Limits, Robot
+from daemon.config.limit_settings import Limits
+from daemon.config.settings import Leg, Robot
 from daemon.config.strict import ConfigError, Document, decoded, load_toml, read_toml
 from daemon.config.trainer import beside, load_trainer
 from drives.axis_file import AxisFile

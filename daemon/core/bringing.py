@@ -3,6 +3,7 @@
 from collections.abc import Generator, Sequence
 
 from daemon.core import modes
+from daemon.core.axis_notes import disagreement, proven
 from daemon.core.joints import Joint
 from daemon.core.modes import Event
 from daemon.core.state import Axis, Core
@@ -12,7 +13,7 @@ from drives.drive import Drive, DriveGroup
 from drives.errors import BringUpRefused, BusError, DrivePowered, DriveSilent
 from drives.plan import CycleSettings, DrivePlan
 from drives.port import DrivePort
-from drives.units import axis_scaling
+from drives.units import axis_scaling, position_si
 
 
 def bring_up_core(
@@ -65,7 +66,11 @@ def fail(core: Core, cause: Cause, drive: str, detail: str) -> None:
     if verdict != core.verdict:
         core.events.append(f"bring-up failed: {detail}")
     core.verdict = verdict
+    core.preparation = None
     core.progress = ""
+    for axis in core.axes:
+        # What was not there may have been without power, and with it its home.
+        axis.homed = axis.homed and bool(drive) and axis.name != drive
 
 
 def _told(
@@ -89,7 +94,7 @@ def _take_over(
     """The drives are in the core's hands from now on; nothing of an earlier life remains."""
     core.drives = DriveGroup([Drive(plan.description, now_ns) for plan in plans])
     for axis, plan, report in zip(core.axes, plans, reports, strict=True):
-        _begin(axis, plan, report)
+        _begin(core, axis, plan, report)
     for leg in core.legs:
         leg.plan, leg.reference, leg.estimate = None, None, None
         leg.observer_started, leg.observer_bad_cycles = False, 0
@@ -97,18 +102,30 @@ def _take_over(
     core.load_checked = False
     core.mode = modes.next_mode(core.mode, Event.BRING_UP_DONE)
     core.progress = ""
-    unreferenced = ", ".join(axis.name for axis in core.axes if not axis.referenced)
-    core.events.append(
-        "drives are up" + (f", not referenced: {unreferenced}" if unreferenced else "")
-    )
+    unreferenced = [axis for axis in core.axes if not axis.referenced]
+    names = ", ".join(f"{axis.name} ({axis.unreferenced_why})" for axis in unreferenced)
+    core.events.append("drives are up" + (f", not referenced: {names}" if names else ""))
 
 
-def _begin(axis: Axis, plan: DrivePlan, report: DriveReport) -> None:
+def _begin(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> None:
     axis.scaling = axis_scaling(plan.description, report.base)
-    axis.referenced = report.absolute or report.homed
+    axis.serial_number = report.serial_number
+    axis.sign_proven = proven(core.notes, axis.name, axis.wiring, report.serial_number)
+    axis.unreferenced_why = _why_unreferenced(core, axis, report)
+    axis.referenced = not axis.unreferenced_why
     axis.joint = Joint()
     axis.feedback = None
     axis.stop = None
     axis.effort_sent_si = 0.0
     axis.reached_enabled, axis.unready_cycles = False, 0
     axis.emergencies_seen = 0
+
+
+def _why_unreferenced(core: Core, axis: Axis, report: DriveReport) -> str:
+    """Empty for an axis that knows its position: homed, or where an absolute encoder was left."""
+    if axis.homed:
+        return ""
+    if not report.absolute:
+        return "" if report.homed else "home it"
+    here_si = position_si(report.position_counts, axis.scaling)
+    return disagreement(core.notes, axis.name, here_si, axis.poses)

@@ -1,21 +1,26 @@
 """A core and its bring-up plans from the configuration: the only place that knows both."""
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import msgspec
 
 from daemon.config.axes import cycle_settings, drive_limits
 from daemon.config.bundle import LegDrives, Settings
+from daemon.config.limit_settings import Limits
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
-from daemon.config.settings import Limits, Trainer
+from daemon.config.settings import Commissioning, Reference, Trainer
+from daemon.core.axis_notes import Notes, PoseRules, Wiring
 from daemon.core.limits import AxisLimits, Categories, Thresholds, hip_limits, slide_limits
+from daemon.core.preparation import OVER, Homing, HomingRules, Preparation, PushRules
 from daemon.core.reference import gait_shape
 from daemon.core.state import Axis, Core, CoreConfig, Leg
 from daemon.core.stopping import StopRules
 from daemon.seam import RingHeader
-from drives.plan import CycleSettings, DrivePlan, plan
+from drives.plan import CycleSettings, DrivePlan, homing_plan, plan
 from drives.profile import DriveDescription
-from drives.units import axis_scaling, expected_base
+from drives.units import DriveLimits, axis_scaling, expected_base
 from observer.leg_observer import LegObserver
 from observer.leg_smoother import LegSmoother
 from observer.strides import StrideCounter
@@ -26,16 +31,37 @@ SECOND_LEG_PHASE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
+class Plans:
+    """How the drives are brought up: as usual, or with the limits of one axis's preparation."""
+
+    usual: tuple[DrivePlan, ...]
+    homing: Mapping[str, DrivePlan]
+    """By the axis that is homed."""
+    commissioning: Mapping[str, DrivePlan]
+    """By the axis whose sign is tested."""
+
+    def of(self, preparation: Preparation | None) -> tuple[DrivePlan, ...]:
+        """The plans of all drives for what comes next."""
+        if preparation is None or preparation.stage in OVER:
+            return self.usual
+        table = self.homing if isinstance(preparation, Homing) else self.commissioning
+        special = table[preparation.axis]
+        return tuple(
+            special if one.description.name == preparation.axis else one for one in self.usual
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Built:
     """A core that has not met its drives yet, and how to meet them."""
 
     core: Core
-    plans: tuple[DrivePlan, ...]
+    plans: Plans
     cycle: CycleSettings
 
 
-def build(settings: Settings, boot_id: str) -> Built:
-    """Everything of the core that the configuration decides."""
+def build(settings: Settings, boot_id: str, notes: Notes) -> Built:
+    """Everything of the core that the configuration and the notes of its last life decide."""
     friction = friction_parameters(settings.robot)
     limits = settings.limits
     by_axis = (
@@ -48,13 +74,64 @@ def build(settings: Settings, boot_id: str) -> Built:
     )
     config = _core_config(settings.trainer, limits, settings.robot.patient is not None)
     cycle = cycle_settings(settings.trainer.cycle)
-    hip, slide = drive_limits(limits)
-    plans = tuple(
-        one
-        for leg in settings.legs
-        for one in (plan(leg.hip, hip, cycle), plan(leg.slide, slide, cycle))
+    return Built(
+        Core(boot_id=boot_id, config=config, legs=legs, notes=notes), _plans(settings, cycle), cycle
     )
-    return Built(Core(boot_id=boot_id, config=config, legs=legs), plans, cycle)
+
+
+def _plans(settings: Settings, cycle: CycleSettings) -> Plans:
+    by_axis = drive_limits(settings.limits)
+    pushes = _pushes(settings.trainer.commissioning)
+    limits = {
+        drive.name: bounds
+        for leg in settings.legs
+        for drive, bounds in zip((leg.hip, leg.slide), by_axis, strict=True)
+    }
+    pushed = {
+        drive.name: push
+        for leg in settings.legs
+        for drive, push in zip((leg.hip, leg.slide), pushes, strict=True)
+    }
+    drives = settings.drives
+    return Plans(
+        usual=tuple(plan(drive, limits[drive.name], cycle) for drive in drives),
+        homing={
+            drive.name: homing_plan(drive, limits[drive.name], cycle)
+            for drive in drives
+            if drive.axis.homing is not None
+        },
+        commissioning={
+            drive.name: plan(drive, _gentle(limits[drive.name], pushed[drive.name]), cycle)
+            for drive in drives
+        },
+    )
+
+
+def _gentle(limits: DriveLimits, push: PushRules) -> DriveLimits:
+    return limits._replace(effort_max_si=push.effort_max_si)
+
+
+def _pushes(commissioning: Commissioning) -> tuple[PushRules, PushRules]:
+    return (
+        PushRules(
+            commissioning.hip_torque_max_nm,
+            commissioning.hip_torque_rate_nm_per_s,
+            math.radians(commissioning.hip_motion_deg),
+        ),
+        PushRules(
+            commissioning.slide_force_max_n,
+            commissioning.slide_force_rate_n_per_s,
+            commissioning.slide_motion_m,
+        ),
+    )
+
+
+def _poses(reference: Reference) -> tuple[PoseRules, PoseRules]:
+    believed = reference.without_stored_pose == "believe"
+    return (
+        PoseRules(math.radians(reference.pose_tolerance_deg), believed),
+        PoseRules(reference.pose_tolerance_m, believed),
+    )
 
 
 def ring_header(settings: Settings, boot_id: str, start_utc_ns: int, version: str) -> RingHeader:
@@ -99,6 +176,7 @@ def _core_config(trainer: Trainer, limits: Limits, patient_configured: bool) -> 
         gait=trainer.gait,
         excite=dict(trainer.excite),
         patient_configured=patient_configured,
+        signs_must_be_proven=trainer.commissioning.signs == "proven",
     )
 
 
@@ -110,11 +188,18 @@ def _leg(
     observer = LegObserver(
         parameters, hip_friction, slide_friction, observer_tuning(settings.robot)
     )
+    trainer = settings.trainer
+    rules = tuple(
+        zip(bounds, _poses(trainer.reference), _pushes(trainer.commissioning), strict=True)
+    )
     return Leg(
         name=drives.name,
         parameters=parameters,
         shape=gait_shape(settings.trainer.gait),
-        axes=(_axis(drives.hip, bounds[0]), _axis(drives.slide, bounds[1])),
+        axes=(
+            _axis(drives.hip, *rules[0], trainer.cycle.period_ms),
+            _axis(drives.slide, *rules[1], trainer.cycle.period_ms),
+        ),
         observer=observer,
         smoother=LegSmoother(observer),
         strides=StrideCounter(drives.baseline),
@@ -123,11 +208,25 @@ def _leg(
     )
 
 
-def _axis(drive: DriveDescription, bounds: AxisLimits) -> Axis:
+def _axis(
+    drive: DriveDescription, bounds: AxisLimits, poses: PoseRules, push: PushRules, period_ms: int
+) -> Axis:
+    homing, transmission = drive.axis.homing, drive.axis.transmission
     return Axis(
         name=drive.name,
         node_id=drive.node_id,
         limits=bounds,
         # Until the drive has told its torque base, the one that its file expects.
         scaling=axis_scaling(drive, expected_base(drive)),
+        wiring=Wiring(
+            drive.node_id,
+            transmission.sign,
+            transmission.gear_ratio,
+            transmission.lead_m,
+            transmission.counts_per_rev,
+        ),
+        poses=poses,
+        push=push,
+        homing=homing
+        and HomingRules(homing.effort_max_si, round(homing.timeout_s * 1000 / period_ms)),
     )

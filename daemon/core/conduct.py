@@ -5,7 +5,7 @@ to rest. This file applies them to the state of the core, once a cycle, in that 
 """
 
 from daemon.causes import LOST_DRIVE
-from daemon.core import plans, reference, requests, stopping
+from daemon.core import plans, preparing, reference, requests, stopping
 from daemon.core.inbox import Orders
 from daemon.core.joints import Joint
 from daemon.core.modes import Event
@@ -25,11 +25,12 @@ STOPPING_MAX_CYCLES = 300
 _BUS_CAUSES = frozenset({Cause.BUS_DOWN, Cause.BUS_OFF, Cause.TRANSMIT_QUEUE_FULL})
 
 
-def change_mode(core: Core, found: Verdict, orders: Orders, cycle: int) -> None:
+def change_mode(core: Core, found: Verdict, orders: Orders, cycle: int, utc_ns: int) -> None:
     """What this cycle's verdict, requests and time do to mode and plans."""
     _take_verdict(core, found, cycle)
-    requests.answer(core, orders, cycle)
+    requests.answer(core, orders, cycle, utc_ns)
     _move_on(core, cycle)
+    preparing.move_on(core, cycle)
     requests.finish_request(core)
     for leg in core.legs:
         leg.reference = plans.reference_of(core, leg)
@@ -50,11 +51,14 @@ def enable_wanted(core: Core, axis: Axis) -> bool:
     """Whether this drive should be enabled and pushing."""
     if axis.stop is not None:
         return axis.stop.step == Step.HOLD
-    return core.mode.active
+    run = core.preparation
+    return core.mode.active and (run is None or run.axis == axis.name)
 
 
-def mode_wanted(core: Core, axis: Axis) -> OperationMode:  # noqa: ARG001 - one mode today
+def mode_wanted(core: Core, axis: Axis) -> OperationMode:
     """The mode of operation that this drive should be in, and show in 6061h."""
+    if preparing.is_homing(core, axis):
+        return OperationMode.HOMING
     return OperationMode.CYCLIC_SYNC_TORQUE
 
 
@@ -75,6 +79,8 @@ def progress(core: Core) -> str:
     plan = core.legs[0].plan
     if core.mode in {Mode.GAIT, Mode.EXCITE} and isinstance(plan, GaitPlay | ExcitePlay):
         return f"{core.mode.name.lower()}: {plan.stage.value} for {plan.elapsed_s:.0f} s"
+    if core.preparation is not None:
+        return f"{core.preparation.axis}: {core.preparation.stage.value}"
     if core.mode == Mode.HOLD and not core.load_checked:
         return "enabling: the load at rest is being compared"
     return core.progress or core.mode.name.lower().replace("_", " ")
@@ -112,7 +118,9 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
         core.verdict = verdict
         core.disabling = False
         core.causes_told = {verdict.cause}
-        _begin_stop(core, cycle, {axis.name: _first_step(verdict, axis) for axis in core.axes})
+        _begin_stop(
+            core, cycle, {axis.name: _first_step(core, verdict, axis) for axis in core.axes}
+        )
         core.events.append(f"stop {verdict.category.name}: {describe(verdict)}")
         return
     if worse(core.verdict, verdict) is verdict:
@@ -125,11 +133,14 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
         core.causes_told.add(verdict.cause)
     for axis in core.axes:
         if axis.stop is not None:
-            axis.stop = stopping.harsher(axis.stop, _first_step(verdict, axis), axis.joint, cycle)
+            step = _first_step(core, verdict, axis)
+            axis.stop = stopping.harsher(axis.stop, step, axis.joint, cycle)
 
 
-def _first_step(verdict: Verdict, axis: Axis) -> Step:
-    return stopping.first_step(verdict, axis.name)
+def _first_step(core: Core, verdict: Verdict, axis: Axis) -> Step:
+    """As the category says; an axis that is enabled alone is not held by the core."""
+    step = stopping.first_step(verdict, axis.name)
+    return step if core.preparation is None else max(step, Step.QUICK_STOP)
 
 
 def _begin_stop(core: Core, cycle: int, steps: dict[str, Step]) -> None:
@@ -147,8 +158,10 @@ def lose_bus(core: Core, what: str) -> None:
     core.verdict = worse(core.verdict, verdict)
     core.drives = None
     core.disabling = False
+    core.preparation = None
     for axis in core.axes:
         axis.feedback, axis.stop, axis.joint = None, None, Joint()
+        axis.homed = False
     if core.mode.active:
         enter(core, Event.STOP)
     if core.mode == Mode.STOPPING:

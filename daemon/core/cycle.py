@@ -10,7 +10,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from daemon.core import conduct, guidance, inbox, joints, plans, recording, requests, safety
+from daemon.core import (
+    conduct,
+    guidance,
+    inbox,
+    joints,
+    plans,
+    preparing,
+    recording,
+    requests,
+    safety,
+)
+from daemon.core.axis_notes import with_pose
 from daemon.core.friction_watch import watch
 from daemon.core.looking_back import look_back
 from daemon.core.state import Axis, Core, Leg
@@ -18,7 +29,7 @@ from daemon.core.tick import Tick
 from daemon.record import Cause, CycleRecord, Level, Mode, Verdict
 from drives.bus import Frame
 from drives.bus_state import BusCondition
-from drives.signals import DriveFeedback, PowerState
+from drives.signals import DriveFeedback, OperationMode, PowerState
 from observer.leg_observer import PoseError
 from observer.mechanism import gravity, singularity_ratio
 from observer.status import Validity
@@ -36,7 +47,8 @@ def step(
     observe(core, tick)
     orders = inbox.hear(core, levels, tick.cycle)
     found = judge(core, orders, tick)
-    conduct.change_mode(core, found, orders, tick.cycle)
+    conduct.change_mode(core, found, orders, tick.cycle, tick.sync_utc_ns)
+    note_poses(core, tick)
     commands = guidance.command(core, tick.cycle)
     outgoing = drives.frames(commands)
     return outgoing, recording.record(core, tick)
@@ -45,7 +57,7 @@ def step(
 def rest(core: Core, levels: Sequence[Level], tick: Tick) -> CycleRecord:
     """One cycle without drives: nothing to sense and nothing to send, but heard and told."""
     orders = inbox.hear(core, levels, tick.cycle)
-    requests.answer(core, orders, tick.cycle)
+    requests.answer(core, orders, tick.cycle, tick.sync_utc_ns)
     return recording.record(core, tick)
 
 
@@ -69,21 +81,36 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
     """What each joint does, and whether its drive is where it should be."""
     for axis, feedback in zip(core.axes, feedbacks, strict=True):
         axis.feedback = feedback
-        axis.joint = joints.measure(axis.joint, feedback, axis.scaling, tick.sync_ns)
-        axis.referenced = axis.referenced and not feedback.rebooted
+        axis.joint = _measured(core, axis, feedback, tick)
+        if feedback.rebooted:
+            axis.referenced = axis.homed = False
         _count_readiness(core, axis, feedback)
     for leg in core.legs:
         _place(leg)
+
+
+def _measured(core: Core, axis: Axis, feedback: DriveFeedback, tick: Tick) -> joints.Joint:
+    joint = joints.measure(axis.joint, feedback, axis.scaling, tick.sync_ns)
+    if not preparing.is_homing(core, axis) or not joint.elapsed_s:
+        return joint
+    reach_si = (
+        core.config.thresholds.encoder_jump_ratio * axis.limits.velocity_max_si * joint.elapsed_s
+    )
+    if abs(joint.step_si) <= reach_si:
+        return joint
+    # Home has been found: positions count from another origin now.
+    return joints.measure(joints.Joint(), feedback, axis.scaling, tick.sync_ns)
 
 
 def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
     if not conduct.enable_wanted(core, axis):
         axis.reached_enabled, axis.unready_cycles = False, 0
         return
+    mode_wanted = conduct.mode_wanted(core, axis)
     ready = (
         feedback.power_state == PowerState.OPERATION_ENABLED
-        and feedback.mode_display == conduct.mode_wanted(core, axis)
-        and feedback.following
+        and feedback.mode_display == mode_wanted
+        and (feedback.following or mode_wanted == OperationMode.HOMING)
     )
     axis.reached_enabled = axis.reached_enabled or ready
     axis.unready_cycles = 0 if ready else axis.unready_cycles + 1
@@ -92,7 +119,8 @@ def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
 def _place(leg: Leg) -> None:
     """Where the mechanism is by the raw encoders: load that holds it, distance to singularity."""
     hip, slide = leg.axes
-    if not (hip.joint.known and slide.joint.known):
+    if not all(axis.joint.known and axis.referenced for axis in leg.axes):
+        leg.singularity_ratio = 1.0
         return
     pose = np.array((hip.joint.position_si, slide.joint.position_si))
     leg.singularity_ratio = float(singularity_ratio(leg.parameters, pose))
@@ -150,6 +178,21 @@ def _sampled_si(axis: Axis) -> float:
     return axis.joint.position_si if axis.joint.fresh else math.nan
 
 
+NOTE_CYCLES = 100
+"""Between two looks at a leg that rests."""
+
+
+def note_poses(core: Core, tick: Tick) -> None:
+    """Note where the axes rest without being driven: the stored pose of the next start."""
+    if tick.cycle % NOTE_CYCLES or conduct.driving(core):
+        return
+    for axis in core.axes:
+        joint = axis.joint
+        at_rest = abs(joint.velocity_si) < axis.limits.standstill_si_per_s
+        if axis.referenced and joint.fresh and at_rest:
+            core.notes = with_pose(core.notes, axis.name, joint.position_si, tick.sync_utc_ns)
+
+
 def judge(core: Core, orders: inbox.Orders, tick: Tick) -> Verdict:
     """Gather what safety looks at, and let it judge."""
     drives = core.drives
@@ -181,8 +224,10 @@ def _situation(core: Core, axis: Axis) -> safety.AxisSituation:
         name=axis.name,
         feedback=feedback,
         joint=axis.joint,
-        limits=axis.limits,
+        limits=preparing.limits_in_force(core, axis),
         referenced=axis.referenced,
+        preparing=core.preparation is not None,
+        homing=preparing.is_homing(core, axis),
         tracking_si=axis.tracking_si if core.mode != Mode.STOPPING else 0.0,
         enable_wanted=conduct.enable_wanted(core, axis),
         reached_enabled=axis.reached_enabled,

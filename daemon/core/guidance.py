@@ -7,7 +7,7 @@ is not rest, the mechanism's weight and springs are carried by the drives.
 from collections.abc import Sequence
 
 from daemon.config.settings import Impedance
-from daemon.core import conduct, safety, stopping
+from daemon.core import conduct, preparing, safety, stopping
 from daemon.core.reference import GaitPlay, Reference
 from daemon.core.state import Axis, Core, Leg
 from daemon.record import Cause, Verdict
@@ -37,6 +37,8 @@ def command(core: Core, cycle: int) -> list[DriveCommand]:
 def _wanted(core: Core, leg: Leg) -> tuple[float, float]:
     """Efforts that the leg's plan asks for; none where no drive is to push."""
     hip, slide = leg.axes
+    if preparing.in_work(core) is not None:
+        return preparing.target_effort_si(core, hip), preparing.target_effort_si(core, slide)
     reference = leg.reference
     if reference is None or not any(conduct.enable_wanted(core, axis) for axis in leg.axes):
         return 0.0, 0.0
@@ -77,9 +79,11 @@ def _bounded(core: Core, wanted: Sequence[float]) -> list[float] | None:
     bounded: list[float] = []
     for axis, effort_si in zip(core.axes, wanted, strict=True):
         pushing = conduct.enable_wanted(core, axis)
+        limits = preparing.limits_in_force(core, axis)
         # Before a drive pushes, its target may go straight to what will hold the pose.
-        last_si = axis.effort_sent_si if axis.reached_enabled else axis.gravity_si
-        sent_si = safety.bound(effort_si, last_si if pushing else 0.0, axis.limits, period_s)
+        straight = not axis.reached_enabled and core.preparation is None
+        last_si = axis.gravity_si if straight else axis.effort_sent_si
+        sent_si = safety.bound(effort_si, last_si if pushing else 0.0, limits, period_s)
         if sent_si is None:
             return None
         bounded.append(sent_si if pushing else 0.0)
@@ -101,7 +105,8 @@ def _power(core: Core, axis: Axis) -> PowerRequest:
     if axis.stop is not None:
         return stopping.request(axis.stop.step)
     if conduct.enable_wanted(core, axis):
-        return PowerRequest.ENABLE
+        run = core.preparation
+        return PowerRequest.HOME if run is not None and run.searching else PowerRequest.ENABLE
     faulty = axis.feedback is not None and axis.feedback.power_state == PowerState.FAULT
     if core.reset_cycles_left > 0 and faulty:
         return PowerRequest.FAULT_RESET

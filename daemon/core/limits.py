@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from daemon.causes import FIXED_CATEGORY
-from daemon.config.settings import CATEGORIES, HipLimits, Limits, SlideLimits
+from daemon.config.limit_settings import CATEGORIES, HipLimits, Limits, SlideLimits
 from daemon.record import Cause, StopCategory
 
 

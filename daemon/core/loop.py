@@ -28,6 +28,8 @@ from msgspec.structs import replace
 from daemon.clock import Clock
 from daemon.core import conduct, cycle
 from daemon.core.bringing import bring_up_core, fail
+from daemon.core.build import Plans
+from daemon.core.notebook import NoteKeeper
 from daemon.core.state import Core
 from daemon.core.tick import Tick
 from daemon.record import Cause, CycleRecord, CycleTiming, Level, Mode
@@ -35,7 +37,7 @@ from drives.bus import Bus, Frame
 from drives.configurator import Configurator
 from drives.errors import BringUpRefused, BusError
 from drives.nmt import SYNC_FRAME, NmtCommand, heartbeat_frame, nmt_frame
-from drives.plan import CycleSettings, DrivePlan
+from drives.plan import CycleSettings
 from drives.signals import DriveCommand, PowerRequest, PowerState
 
 RETRY_NS: Final = 1_000_000_000
@@ -81,7 +83,7 @@ class Supervisor(Protocol):
 class LoopSettings:
     """What the loop needs beside the core."""
 
-    plans: tuple[DrivePlan, ...]
+    plans: Plans
     cycle: CycleSettings
     period_ns: int
     window_ns: int
@@ -90,6 +92,7 @@ class LoopSettings:
     master_node_id: int
     bus_load_ratio: float
     open_bus: Callable[[], Bus]
+    notebook: NoteKeeper
 
 
 class Loop:
@@ -118,6 +121,7 @@ class Loop:
         self._nmt_stopped: tuple[int, ...] = ()
         self._power_off_cycles = 0
         self._status = ""
+        self._noted = core.notes
         self.bug: Exception | None = None
         """What ended the loop with ExitCode.BUG."""
 
@@ -253,7 +257,8 @@ class Loop:
             fail(core, Cause.BUS_DOWN, "", error.what)
             return
         port = Configurator(self._bus, self._clock)
-        for _ in bring_up_core(core, settings.plans, port, settings.cycle):
+        plans = settings.plans.of(core.preparation)
+        for _ in bring_up_core(core, plans, port, settings.cycle):
             if self._clock.now_ns() >= self._grid_ns:
                 self._tell(cycle.rest(core, self._seam.levels(), self._tick(self._grid_ns)))
                 self._skip_to_next_grid_point()
@@ -300,6 +305,9 @@ class Loop:
 
     def _tell(self, record: CycleRecord) -> None:
         self._seam.publish(record)
+        if self._core.notes is not self._noted:
+            self._noted = self._core.notes
+            self._settings.notebook.write(self._noted)
         if record.seq == 1:
             self._supervisor.send("READY=1")
         if self._cycle % STATUS_CYCLES == 0:

@@ -3,8 +3,10 @@
 Rules:
 1. A transition is a row of `TRANSITIONS`; what has no row is impossible, and a request for it is
    refused with the mode's name.
-2. Nothing is enabled but by the request ENABLE in READY. Enabling, resetting a fault and enabling
-   again are three requests. A restart, a drive's reboot or a cause that went away enables nothing.
+2. Nothing is enabled but by the request ENABLE in READY, and one axis at a time by the requests
+   REFERENCE and COMMISSION there, which need the empty machine. Enabling, resetting a fault and
+   enabling again are three requests. A restart, a drive's reboot or a cause that went away enables
+   nothing.
 3. A stop needs no permission and no valid state: every mode has a row for it, or nothing moves.
 4. A stop with a verdict ends in FAULT and stays there until RESET; DISABLE ends in READY.
 5. TORQUE has its rows; its guard refuses as long as no lease can be held.
@@ -32,6 +34,9 @@ class Event(Enum):
     TO_GAIT = "mode gait"
     TO_TORQUE = "mode torque"
     TO_EXCITE = "mode excite"
+    TO_REFERENCE = "mode reference"
+    TO_COMMISSION = "mode commission"
+    BRING_UP_ANEW = "other limits for the drives"
     EXERCISE_OVER = "exercise over"
     STOP = "stop"
     AT_REST_WELL = "at rest, as asked"
@@ -45,6 +50,9 @@ TRANSITIONS: Mapping[tuple[Mode, Event], Mode] = {
     (Mode.BRINGING_UP, Event.DRIVE_FAULTY): Mode.FAULT,
     (Mode.READY, Event.ENABLE): Mode.HOLD,
     (Mode.READY, Event.RESET): Mode.OFF,
+    (Mode.READY, Event.BRING_UP_ANEW): Mode.OFF,
+    (Mode.READY, Event.TO_REFERENCE): Mode.REFERENCE,
+    (Mode.READY, Event.TO_COMMISSION): Mode.COMMISSION,
     (Mode.READY, Event.DRIVES_LOST): Mode.OFF,
     (Mode.READY, Event.DRIVE_FAULTY): Mode.FAULT,
     (Mode.HOLD, Event.TO_GAIT): Mode.GAIT,
@@ -64,6 +72,12 @@ TRANSITIONS: Mapping[tuple[Mode, Event], Mode] = {
     (Mode.EXCITE, Event.EXERCISE_OVER): Mode.HOLD,
     (Mode.EXCITE, Event.DISABLE): Mode.STOPPING,
     (Mode.EXCITE, Event.STOP): Mode.STOPPING,
+    (Mode.REFERENCE, Event.EXERCISE_OVER): Mode.STOPPING,
+    (Mode.REFERENCE, Event.DISABLE): Mode.STOPPING,
+    (Mode.REFERENCE, Event.STOP): Mode.STOPPING,
+    (Mode.COMMISSION, Event.EXERCISE_OVER): Mode.STOPPING,
+    (Mode.COMMISSION, Event.DISABLE): Mode.STOPPING,
+    (Mode.COMMISSION, Event.STOP): Mode.STOPPING,
     (Mode.STOPPING, Event.AT_REST_WELL): Mode.READY,
     (Mode.STOPPING, Event.AT_REST_STOPPED): Mode.FAULT,
     (Mode.FAULT, Event.RESET): Mode.OFF,
@@ -80,6 +94,8 @@ _EVENT_OF_MODE = {
     Mode.GAIT: Event.TO_GAIT,
     Mode.TORQUE: Event.TO_TORQUE,
     Mode.EXCITE: Event.TO_EXCITE,
+    Mode.REFERENCE: Event.TO_REFERENCE,
+    Mode.COMMISSION: Event.TO_COMMISSION,
 }
 
 
@@ -128,6 +144,8 @@ class Circumstances:
     """Those scenarios with an artificial disturbance."""
     patient_configured: bool
     guidance: str
+    unproven: tuple[str, ...] = ()
+    """Names of the axes whose sign must be proven and is not."""
 
 
 def refusal(kind: RequestKind, wanted: ModeRequest, now: Circumstances) -> str:
@@ -141,6 +159,8 @@ def refusal(kind: RequestKind, wanted: ModeRequest, now: Circumstances) -> str:
         return _refuse_enable(now)
     if event == Event.RESET:
         return _refuse_reset(now)
+    if event in {Event.TO_REFERENCE, Event.TO_COMMISSION}:
+        return "" if wanted.witnessed else _refuse_preparation(now)
     if event == Event.TO_TORQUE:
         return "mode torque needs a lease, and no lease can be acquired yet"
     if event in {Event.TO_GAIT, Event.TO_EXCITE} and not now.drives_powered:
@@ -159,6 +179,9 @@ def _refuse_enable(now: Circumstances) -> str:
         return "the hand switch is open"
     if not now.sto_released:
         return "safe torque off is active"
+    if now.unproven:
+        names = ", ".join(now.unproven)
+        return f"the sign is not proven: {names}: run `gaitd commission` for each"
     if now.unreferenced:
         return f"not referenced: {', '.join(now.unreferenced)}"
     if not now.at_rest:
@@ -166,6 +189,18 @@ def _refuse_enable(now: Circumstances) -> str:
     if now.outside:
         return f"outside its range: {', '.join(now.outside)}"
     return ""
+
+
+def _refuse_preparation(now: Circumstances) -> str:
+    if now.patient_configured:
+        return "one axis alone is moved in the empty machine, and a patient is configured"
+    if not now.gateway_alive:
+        return "the gateway is not alive"
+    if not now.hand_switch_closed:
+        return "the hand switch is open"
+    if not now.sto_released:
+        return "safe torque off is active"
+    return "" if now.at_rest else "the leg is moving"
 
 
 def _refuse_reset(now: Circumstances) -> str:

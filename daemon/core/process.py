@@ -16,6 +16,7 @@ from daemon.config.bundle import Settings
 from daemon.core import realtime
 from daemon.core.build import NS_PER_MS, Built, build, ring_header
 from daemon.core.loop import ExitCode, Loop, LoopSettings
+from daemon.core.notebook import Notebook, NoteKeeper
 from daemon.core.warm import warm_up
 from daemon.sd_notify import Notifier
 from daemon.seam import CoreSeam
@@ -44,13 +45,14 @@ def run_core(settings: Settings, notify_address: str | None) -> ExitCode:
     asked_to_end = EndRequest()
     clock = MonotonicClock()
     boot_id = uuid.uuid4().hex
-    built = build(settings, boot_id)
-    warm_up(build(settings, boot_id))
+    notebook = Notebook(settings.state)
+    built = build(settings, boot_id, notebook.notes)
+    warm_up(build(settings, boot_id, notebook.notes))
     settings.runtime.mkdir(parents=True, exist_ok=True)
     header = ring_header(settings, boot_id, clock.utc_ns(), version("gaitd"))
     seam = CoreSeam(settings.runtime, header)
     supervisor = Notifier(notify_address)
-    loop = Loop(built.core, loop_settings(settings, built), seam, clock, supervisor)
+    loop = Loop(built.core, loop_settings(settings, built, notebook), seam, clock, supervisor)
     for refused in realtime.prepare(settings.trainer.cycle.realtime_priority):
         built.core.events.append(refused)
         print(f"gaitd core: {refused}", file=sys.stderr)
@@ -58,6 +60,7 @@ def run_core(settings: Settings, notify_address: str | None) -> ExitCode:
         code = loop.run(asked_to_end)
     finally:
         seam.close()
+        notebook.close()
         supervisor.close()
     if loop.bug is not None:
         traceback.print_exception(loop.bug)
@@ -66,7 +69,7 @@ def run_core(settings: Settings, notify_address: str | None) -> ExitCode:
     return code
 
 
-def loop_settings(settings: Settings, built: Built) -> LoopSettings:
+def loop_settings(settings: Settings, built: Built, notebook: NoteKeeper) -> LoopSettings:
     """The grid and the bus, as the configuration wants them."""
     cycle, bus = settings.trainer.cycle, settings.trainer.bus
     load = bus_load(settings.drives, built.cycle, cycle.master_heartbeat_ms, bus.bitrate_bit_per_s)
@@ -79,4 +82,5 @@ def loop_settings(settings: Settings, built: Built) -> LoopSettings:
         master_node_id=cycle.master_node_id,
         bus_load_ratio=load.busy_ratio,
         open_bus=lambda: CanBus.open(bus.interface, bus.channel, bus.bitrate_bit_per_s),
+        notebook=notebook,
     )

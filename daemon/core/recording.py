@@ -81,6 +81,7 @@ def _drive(axis: Axis, age_max_cycles: int) -> DriveRecord:
         emergency_text=emergency.text if emergency else "",
         emergency_count=feedback.emergency_count,
         protocol_error_count=feedback.protocol_error_count,
+        sign_proven=axis.sign_proven,
     )
 
 

@@ -1,13 +1,22 @@
 """Requests of clients: judged by the guards of `modes.py`, begun, and answered when it is known."""
 
-from daemon.core import modes, plans, reference, stopping
+from daemon.core import modes, plans, preparing, reference, stopping
 from daemon.core.inbox import Orders
 from daemon.core.modes import Event
 from daemon.core.reference import ExcitePlay, GaitPlay
 from daemon.core.state import Core, Leg
 from daemon.core.stopping import Step
 from daemon.core.transition import describe, enter
-from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind, RequestResult, Verdict
+from daemon.record import (
+    Cause,
+    Mode,
+    ModeRequest,
+    Outcome,
+    Request,
+    RequestKind,
+    RequestResult,
+    Verdict,
+)
 from drives.signals import Input
 
 STALE_REQUEST_CYCLES = 100
@@ -16,7 +25,7 @@ RESET_CYCLES = 100
 """For this long a requested fault reset may take."""
 
 
-def answer(core: Core, orders: Orders, cycle: int) -> None:
+def answer(core: Core, orders: Orders, cycle: int, utc_ns: int) -> None:
     """Judge a new request and act on it; its outcome may come now or later."""
     request = orders.request
     if request is None:
@@ -29,6 +38,8 @@ def answer(core: Core, orders: Orders, cycle: int) -> None:
         reason = f"made for cycle {request.for_cycle}, it is {cycle} now"
     if not reason and request.mode.mode in {Mode.GAIT, Mode.EXCITE}:
         reason = _refuse_way(core)
+    if not reason and _prepares(request):
+        reason = preparing.refusal(core, request.mode)
     if reason:
         core.result = RequestResult(request.id, Outcome.REFUSED, reason)
         core.events.append(f"{request.kind.name.lower()} refused: {reason}")
@@ -36,7 +47,14 @@ def answer(core: Core, orders: Orders, cycle: int) -> None:
     core.request = request
     core.result = RequestResult(request.id)
     core.events.append(_requested(request.kind, request.mode))
-    _act(core, request.kind, request.mode, cycle)
+    if _prepares(request):
+        preparing.ask(core, request.mode, utc_ns)
+    else:
+        _act(core, request.kind, request.mode, cycle)
+
+
+def _prepares(request: Request) -> bool:
+    return request.kind == RequestKind.MODE and request.mode.mode in preparing.MODES
 
 
 def _refuse_way(core: Core) -> str:
@@ -54,7 +72,7 @@ def _refuse_way(core: Core) -> str:
 def _requested(kind: RequestKind, wanted: ModeRequest) -> str:
     if kind != RequestKind.MODE:
         return f"{kind.name.lower()} requested"
-    return f"mode {wanted.mode.name.lower()} requested"
+    return f"mode {wanted.mode.name.lower()} requested {wanted.axis}".rstrip()
 
 
 def _act(core: Core, kind: RequestKind, wanted: ModeRequest, cycle: int) -> None:
@@ -68,14 +86,21 @@ def _act(core: Core, kind: RequestKind, wanted: ModeRequest, cycle: int) -> None
         for leg in core.legs:
             leg.plan = plans.brake(leg)
             for axis in leg.axes:
-                axis.stop = stopping.begin(Step.HOLD, axis.joint, cycle)
+                axis.stop = stopping.begin(_milder_end(core), axis.joint, cycle)
+        core.preparation = None
     elif kind == RequestKind.RESET:
         enter(core, Event.RESET)
         core.drives = None
+        core.preparation = None
         core.verdict = Verdict()
         core.reset_cycles_left = RESET_CYCLES
     else:
         _begin_exercise(core, wanted)
+
+
+def _milder_end(core: Core) -> Step:
+    """Both axes are braked and held, but an axis that is enabled alone has nothing to hold."""
+    return Step.HOLD if core.preparation is None else Step.DISABLE
 
 
 def _begin_exercise(core: Core, wanted: ModeRequest) -> None:
@@ -145,6 +170,9 @@ def _circumstances(core: Core, cycle: int) -> modes.Circumstances:
         artificial=frozenset(name for name, one in config.excite.items() if one.artificial),
         patient_configured=config.patient_configured,
         guidance=config.gait.guidance,
+        unproven=tuple(
+            axis.name for axis in core.axes if config.signs_must_be_proven and not axis.sign_proven
+        ),
     )
 
 
@@ -162,7 +190,7 @@ def finish_request(core: Core) -> None:
     """Say what became of the accepted request as soon as it is known."""
     if core.request is None:
         return
-    outcome, reason = _outcome(core, core.request.kind)
+    outcome, reason = _outcome(core, core.request)
     if outcome == Outcome.PENDING:
         return
     core.result = RequestResult(core.request.id, outcome, reason)
@@ -170,9 +198,13 @@ def finish_request(core: Core) -> None:
     core.request = None
 
 
-def _outcome(core: Core, kind: RequestKind) -> tuple[Outcome, str]:
+def _outcome(core: Core, request: Request) -> tuple[Outcome, str]:
+    kind = request.kind
     if core.verdict.cause != Cause.NONE:
         return Outcome.REFUSED, describe(core.verdict)
+    if _prepares(request) and not request.mode.witnessed:
+        begun = core.mode == request.mode.mode
+        return (Outcome.DONE if begun else Outcome.PENDING), ""
     done = {
         RequestKind.ENABLE: core.load_checked,
         RequestKind.DISABLE: core.mode == Mode.READY,

@@ -33,6 +33,10 @@ class AxisSituation:
     joint: Joint
     limits: AxisLimits
     referenced: bool
+    preparing: bool
+    """One axis of the empty machine is homed or tested: none needs to be referenced for that."""
+    homing: bool
+    """The drive moves this axis by itself, up to a mechanical stop, and sets its origin anew."""
     tracking_si: float
     """Distance to the reference; 0 where nothing is tracked."""
     enable_wanted: bool
@@ -235,20 +239,20 @@ def _power(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
             float(axis.mode_wanted),
             "mode of operation display",
         )
-    elif not feedback.following:
+    elif not feedback.following and not axis.homing:
         yield Cause.NOT_FOLLOWING, 0.0, 1.0, "statusword bit 12"
 
 
 def _encoder(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
     joint, limits = axis.joint, axis.limits
-    if not axis.referenced and not axis.feedback.rebooted:
+    if not axis.referenced and not axis.preparing and not axis.feedback.rebooted:
         yield Cause.UNREFERENCED, 0.0, 1.0, ""
     if not joint.fresh or joint.elapsed_s <= 0:
         return
     reach_si = thresholds.encoder_jump_ratio * limits.velocity_max_si * joint.elapsed_s
     if abs(joint.step_si) > reach_si:
         yield Cause.ENCODER_JUMP, abs(joint.step_si), reach_si, "between two samples"
-    if joint.still_cycles < thresholds.encoder_frozen_cycles:
+    if axis.homing or joint.still_cycles < thresholds.encoder_frozen_cycles:
         return
     possible_si = (
         FREEZE_DECELERATION_RATIO * limits.quick_stop_deceleration_si_per_s2 * joint.elapsed_s
@@ -272,9 +276,10 @@ def _limits(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
     joint, limits = axis.joint, axis.limits
     if not joint.known:
         return
-    if joint.position_si < limits.position_min_si:
+    placed = axis.referenced and not axis.homing
+    if placed and joint.position_si < limits.position_min_si:
         yield Cause.POSITION_LIMIT, joint.position_si, limits.position_min_si, "below"
-    if joint.position_si > limits.position_max_si:
+    if placed and joint.position_si > limits.position_max_si:
         yield Cause.POSITION_LIMIT, joint.position_si, limits.position_max_si, "above"
     temperature_degc = axis.feedback.temperature_degc
     if temperature_degc is not None and temperature_degc > limits.temperature_max_degc:

@@ -3,8 +3,10 @@
 from dataclasses import dataclass, field
 
 from daemon.config.settings import Excite, Gait, Impedance
+from daemon.core.axis_notes import Notes, PoseRules, Wiring
 from daemon.core.joints import Joint
 from daemon.core.limits import AxisLimits, Categories, Thresholds
+from daemon.core.preparation import HomingRules, Preparation, PushRules, SignTest
 from daemon.core.reference import ExcitePlay, GaitPlay, GaitShape, Hold, Reference
 from daemon.core.stopping import DriveStop, StopRules
 from daemon.record import Cause, Mode, Request, RequestResult, Verdict
@@ -33,6 +35,7 @@ class CoreConfig:
     gait: Gait
     excite: dict[str, Excite]
     patient_configured: bool
+    signs_must_be_proven: bool
 
     @property
     def period_s(self) -> float:
@@ -49,7 +52,17 @@ class Axis:
     node_id: int
     limits: AxisLimits
     scaling: AxisScaling
+    wiring: Wiring
+    poses: PoseRules
+    push: PushRules
+    homing: HomingRules | None
+    """None: this axis cannot be homed."""
+    serial_number: int = 0
     referenced: bool = False
+    homed: bool = False
+    """In this power cycle of the drive, and by us."""
+    unreferenced_why: str = ""
+    sign_proven: bool = False
     joint: Joint = field(default_factory=Joint)
     feedback: DriveFeedback | None = None
     stop: DriveStop | None = None
@@ -112,6 +125,12 @@ class Core:
     """Cycles for which a requested fault reset is still being tried."""
     load_settle_cycles: int = 0
     load_checked: bool = False
+    notes: Notes = field(default_factory=Notes)
+    """What outlives a restart."""
+    preparation: Preparation | None = None
+    """One axis is being homed or its sign proven, or is about to be."""
+    evidence: dict[str, SignTest] = field(default_factory=dict[str, SignTest])
+    """Sign tests that went well, by axis, until somebody says what was seen."""
     request: Request | None = None
     """Accepted, and not finished yet."""
     result: RequestResult = field(default_factory=RequestResult)

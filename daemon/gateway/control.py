@@ -129,6 +129,8 @@ def mode_request(ask: wire.Ask) -> ModeRequest:
         amplitude_ratio=ask.amplitude_ratio,
         duration_s=ask.duration_s,
         scenario=ask.scenario,
+        axis=ask.axis,
+        witnessed=ask.witnessed,
     )
 
 

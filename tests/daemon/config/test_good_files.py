@@ -11,9 +11,10 @@ from config_files import CONFIGS, Change, changed, copied
 from daemon.causes import CHOSEN_CATEGORY
 from daemon.config.axes import cycle_settings, drive_limits, effort_per_motor_nm
 from daemon.config.cross_motion import mean_pose
+from daemon.config.limit_settings import Limits
 from daemon.config.load import ConfigError, load
 from daemon.config.robot import friction_parameters, leg_links, leg_parameters, observer_tuning
-from daemon.config.settings import Limits, Robot, Trainer
+from daemon.config.settings import Robot, Trainer
 from daemon.config.strict import load_toml
 from daemon.config.trainer import load_trainer
 from observer.leg_model import Integrator

@@ -34,10 +34,14 @@ PAPER = ModeRequest(Mode.EXCITE, duration_s=25.0, scenario="paper")
 ACTIVE = [mode for mode in Mode if mode.active]
 
 
-def test_only_the_enable_request_in_ready_leads_into_an_active_mode_from_an_inactive_one():
+def test_an_active_mode_is_entered_from_an_inactive_one_in_ready_only_and_by_request():
     into = {(mode, event) for (mode, event), to in TRANSITIONS.items() if to.active}
 
-    assert {pair for pair in into if not pair[0].active} == {(Mode.READY, Event.ENABLE)}
+    assert {pair for pair in into if not pair[0].active} == {
+        (Mode.READY, Event.ENABLE),
+        (Mode.READY, Event.TO_REFERENCE),
+        (Mode.READY, Event.TO_COMMISSION),
+    }
 
 
 def test_every_active_mode_can_be_stopped_and_disabled():

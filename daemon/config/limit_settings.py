@@ -1,0 +1,105 @@
+"""What limits.toml may say: one struct per table, the range beside the name (see `settings.py`).
+
+Nothing here has a default: safety depends on all of it.
+"""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from daemon.config.settings import Table
+from daemon.record import StopCategory
+
+Category = Literal["S2", "S1", "S0"]
+
+
+class HipLimits(Table, frozen=True):
+    """[hip] of limits.toml."""
+
+    position_min_deg: Annotated[float, Meta(ge=-60, le=120)]
+    position_max_deg: Annotated[float, Meta(ge=-60, le=120)]
+    soft_margin_deg: Annotated[float, Meta(gt=0, le=30)]
+    """Before the hard limits, where the speed that is allowed begins to fall."""
+    velocity_max_rad_per_s: Annotated[float, Meta(gt=0, le=6)]
+    torque_max_nm: Annotated[float, Meta(gt=0, le=120)]
+    torque_rate_max_nm_per_s: Annotated[float, Meta(gt=0, le=5000)]
+    power_max_w: Annotated[float, Meta(gt=0, le=500)]
+    tracking_max_deg: Annotated[float, Meta(gt=0, le=45)]
+    following_error_deg: Annotated[float, Meta(gt=0, le=45)]
+    """Of the drive's position loop; written into the drive (6065h)."""
+    temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
+    quick_stop_deceleration_rad_per_s2: Annotated[float, Meta(gt=0, le=200)]
+    """Written into the drive (6085h), and used for stopping paths."""
+    static_load_tolerance_nm: Annotated[float, Meta(gt=0, le=60)]
+    """Enable refuses when the load at hold differs from g(q) by more."""
+    brake: bool
+
+
+class SlideLimits(Table, frozen=True):
+    """[slide] of limits.toml."""
+
+    position_min_m: Annotated[float, Meta(ge=-1, le=2)]
+    position_max_m: Annotated[float, Meta(ge=-1, le=2)]
+    soft_margin_m: Annotated[float, Meta(gt=0, le=0.3)]
+    velocity_max_m_per_s: Annotated[float, Meta(gt=0, le=5)]
+    force_max_n: Annotated[float, Meta(gt=0, le=1500)]
+    force_rate_max_n_per_s: Annotated[float, Meta(gt=0, le=50000)]
+    power_max_w: Annotated[float, Meta(gt=0, le=2000)]
+    tracking_max_m: Annotated[float, Meta(gt=0, le=0.5)]
+    following_error_m: Annotated[float, Meta(gt=0, le=0.5)]
+    temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
+    quick_stop_deceleration_m_per_s2: Annotated[float, Meta(gt=0, le=200)]
+    static_load_tolerance_n: Annotated[float, Meta(gt=0, le=600)]
+    brake: bool
+
+
+class Singularity(Table, frozen=True):
+    """Distance to the mechanism's singularity as |sin| of the angle between shank and shoe."""
+
+    soft_ratio: Annotated[float, Meta(gt=0, lt=1)]
+    stop_ratio: Annotated[float, Meta(gt=0, lt=1)]
+
+
+class Communication(Table, frozen=True):
+    """When silence is a verdict."""
+
+    sample_age_max_cycles: Annotated[int, Meta(ge=1, le=10)]
+    heartbeat_timeout_ms: Annotated[int, Meta(ge=20, le=500)]
+    """Of a drive's heartbeat, as the core judges it."""
+    gateway_silence_ms: Annotated[int, Meta(ge=50, le=1000)]
+    overruns_in_a_row: Annotated[int, Meta(ge=1, le=20)]
+    mode_switch_cycles: Annotated[int, Meta(ge=2, le=20)]
+    encoder_frozen_cycles: Annotated[int, Meta(ge=2, le=200)]
+    encoder_jump_ratio: Annotated[float, Meta(gt=1, le=10)]
+    """A step between two SYNCs larger than this many times velocity_max is a jump."""
+
+
+class Stop(Table, frozen=True):
+    """How stopping is judged (escalation, design 5)."""
+
+    obey_cycles: Annotated[int, Meta(ge=1, le=20)]
+    """Cycles until a drive must show the state that it was sent into."""
+    standstill_cycles: Annotated[int, Meta(ge=1, le=100)]
+    standstill_hip_rad_per_s: Annotated[float, Meta(gt=0, le=0.5)]
+    standstill_slide_m_per_s: Annotated[float, Meta(gt=0, le=0.5)]
+    ramp_margin_ratio: Annotated[float, Meta(gt=1, le=5)]
+    """A speed of this many times what the quick-stop ramp allows counts as disobeyed."""
+    assist_fade_ms: Annotated[int, Meta(ge=20, le=2000)]
+
+
+class Limits(Table, frozen=True):
+    """limits.toml. `stop_category` names every cause that a category may be chosen for."""
+
+    hip: HipLimits
+    slide: SlideLimits
+    singularity: Singularity
+    communication: Communication
+    stop: Stop
+    stop_category: dict[str, Category]
+
+
+CATEGORIES: dict[str, StopCategory] = {
+    "S2": StopCategory.S2,
+    "S1": StopCategory.S1,
+    "S0": StopCategory.S0,
+}

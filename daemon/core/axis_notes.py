@@ -1,0 +1,132 @@
+"""What is kept of each axis across restarts: where it was left, and that its sign is proven.
+
+Pure: `notebook.py` reads and writes the file. Rules (design 4.5):
+
+1.  The pose is noted while nothing is driven: at rest, referenced, with a sample of this cycle. So
+    what is stored is the last orderly stop, and where the leg was moved to by hand afterwards.
+2.  An absolute encoder is believed if it agrees with that pose, within the tolerance of the
+    trainer file. Without a stored pose the trainer file says whether it is believed.
+3.  A file that cannot be read is no file that is missing: nothing is believed then.
+4.  A proof of a sign is of one drive and one transmission: another serial number, node, gear or
+    sign makes it void.
+"""
+
+from typing import Final, NamedTuple
+
+import msgspec
+from msgspec.structs import replace
+
+FORMAT: Final = "gaitd.axes.v1"
+POSE_STEP_SI: Final = 1e-4
+"""Encoder noise is not worth a new note."""
+
+
+class Wiring(NamedTuple):
+    """What the proof of an axis's sign is about."""
+
+    node_id: int
+    sign: int
+    gear_ratio: float
+    lead_m: float | None
+    counts_per_rev: int
+
+
+class SignProof(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Somebody saw this axis move the way it should, and so did its encoder."""
+
+    node_id: int
+    serial_number: int
+    sign: int
+    gear_ratio: float
+    lead_m: float | None
+    counts_per_rev: int
+    moved_forth_si: float
+    moved_back_si: float
+    utc_ns: int
+
+
+class AxisNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One axis; SI units at the joint."""
+
+    position_si: float | None = None
+    noted_utc_ns: int = 0
+    proof: SignProof | None = None
+
+
+class Notes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """All axes by name."""
+
+    axes: dict[str, AxisNote] = {}
+    format: str = FORMAT
+    damaged: bool = False
+    """The file was there and could not be read."""
+
+    def of(self, name: str) -> AxisNote:
+        """What is noted of an axis."""
+        return self.axes.get(name, AxisNote())
+
+    def noted(self, name: str, note: AxisNote) -> "Notes":
+        """The same with another note of one axis."""
+        return replace(self, axes={**self.axes, name: note}, damaged=False)
+
+
+class PoseRules(NamedTuple):
+    """[reference] of the trainer file, for one axis."""
+
+    tolerance_si: float
+    believed_without_pose: bool
+
+
+def disagreement(notes: Notes, name: str, position_si: float, rules: PoseRules) -> str:
+    """Why an absolute encoder is not believed; empty if it is (rules 2 and 3)."""
+    if notes.damaged:
+        return "the stored pose cannot be read"
+    stored_si = notes.of(name).position_si
+    if stored_si is None:
+        return "" if rules.believed_without_pose else "no pose has been stored yet"
+    if abs(position_si - stored_si) <= rules.tolerance_si:
+        return ""
+    return f"its encoder says {position_si:.4g}, it was left at {stored_si:.4g}"
+
+
+def proven(notes: Notes, name: str, wiring: Wiring, serial_number: int) -> bool:
+    """Whether the sign of this axis, as it is wired and described now, has been proven (rule 4)."""
+    proof = notes.of(name).proof
+    if proof is None or notes.damaged:
+        return False
+    now = (*wiring, serial_number)
+    return now == (
+        proof.node_id,
+        proof.sign,
+        proof.gear_ratio,
+        proof.lead_m,
+        proof.counts_per_rev,
+        proof.serial_number,
+    )
+
+
+def prove(
+    wiring: Wiring, serial_number: int, moved_si: tuple[float, float], utc_ns: int
+) -> SignProof:
+    """The proof of an axis that has moved forth and back as it was pushed."""
+    return SignProof(
+        **wiring._asdict(),
+        serial_number=serial_number,
+        moved_forth_si=moved_si[0],
+        moved_back_si=moved_si[1],
+        utc_ns=utc_ns,
+    )
+
+
+def with_pose(notes: Notes, name: str, position_si: float, utc_ns: int) -> Notes:
+    """The notes with an axis where it rests now; the same ones if it has not moved."""
+    note = notes.of(name)
+    stored_si = note.position_si
+    if stored_si is not None and abs(stored_si - position_si) <= POSE_STEP_SI:
+        return notes
+    return notes.noted(name, replace(note, position_si=position_si, noted_utc_ns=utc_ns))
+
+
+def with_proof(notes: Notes, name: str, proof: SignProof) -> Notes:
+    """The notes with the proof of an axis's sign."""
+    return notes.noted(name, replace(notes.of(name), proof=proof))

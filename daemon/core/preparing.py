@@ -1,0 +1,178 @@
+"""Homing and sign tests applied to the core: asked for, begun, moved on, ended.
+
+    READY -> OFF, the drives brought up with the torque limit of the preparation -> READY
+          -> REFERENCE or COMMISSION, one axis enabled -> STOPPING -> READY
+          -> OFF, the drives brought up with their usual limits -> READY
+
+`preparation.py` knows what one axis does meanwhile. A stop by a verdict ends in FAULT as always;
+the reset after it brings the drives up with their usual limits.
+"""
+
+import math
+
+from daemon.core import preparation, stopping
+from daemon.core.axis_notes import prove, with_proof
+from daemon.core.joints import Joint
+from daemon.core.limits import AxisLimits
+from daemon.core.modes import Event
+from daemon.core.preparation import OVER, Homing, Preparation, Seen, SignTest, Stage
+from daemon.core.state import Axis, Core
+from daemon.core.stopping import Step
+from daemon.core.transition import enter
+from daemon.record import Mode, ModeRequest
+from drives.cia402 import homing_state
+from drives.signals import HomingState, OperationMode
+
+MODES = frozenset({Mode.REFERENCE, Mode.COMMISSION})
+
+
+def in_work(core: Core) -> Preparation | None:
+    """The preparation whose axis is, or is to be, enabled."""
+    return core.preparation if core.mode in MODES else None
+
+
+def is_homing(core: Core, axis: Axis) -> bool:
+    """Whether this axis is moved by its drive's own homing."""
+    run = core.preparation
+    return isinstance(run, Homing) and run.axis == axis.name
+
+
+def limits_in_force(core: Core, axis: Axis) -> AxisLimits:
+    """The limits of an axis; while it is prepared, with the effort of that."""
+    run = core.preparation
+    if run is None or run.axis != axis.name:
+        return axis.limits
+    return axis.limits._replace(effort_max_si=run.rules.effort_max_si)
+
+
+def axis_named(core: Core, name: str) -> Axis | None:
+    """The axis of that name."""
+    return next((axis for axis in core.axes if axis.name == name), None)
+
+
+# --- asked for ------------------------------------------------------------------------------------
+
+
+def refusal(core: Core, wanted: ModeRequest) -> str:
+    """Why this axis cannot be prepared; empty if it can, or if a witness may speak."""
+    axis = axis_named(core, wanted.axis)
+    if axis is None:
+        known = ", ".join(axis.name for axis in core.axes)
+        return f"axis = {wanted.axis!r}, known are: {known}"
+    if wanted.witnessed:
+        nothing = f"{axis.name} has not been tested since the service's start"
+        return "" if axis.name in core.evidence else nothing
+    if wanted.mode == Mode.REFERENCE and axis.homing is None:
+        return f"{axis.name} has no [homing] in its axis file"
+    if wanted.mode == Mode.REFERENCE and core.config.signs_must_be_proven and not axis.sign_proven:
+        return f"the sign of {axis.name} is not proven: commission it first"
+    return ""
+
+
+def ask(core: Core, wanted: ModeRequest, utc_ns: int) -> None:
+    """Take an accepted request: bring the drives up for it, or believe the witness."""
+    axis = axis_named(core, wanted.axis)
+    if axis is None:
+        raise RuntimeError(f"there is no axis {wanted.axis!r}: the request was not refused")
+    if wanted.witnessed:
+        _believe(core, axis, utc_ns)
+        return
+    core.evidence.pop(axis.name, None)
+    core.preparation = _of(core, axis, wanted.mode)
+    bring_up_anew(core)
+
+
+def _of(core: Core, axis: Axis, mode: Mode) -> Preparation:
+    if mode == Mode.COMMISSION:
+        return SignTest(axis.name, axis.push, core.config.period_s)
+    if axis.homing is None:
+        raise RuntimeError(f"{axis.name} cannot be homed: the request was not refused")
+    return Homing(axis.name, axis.homing)
+
+
+def _believe(core: Core, axis: Axis, utc_ns: int) -> None:
+    test = core.evidence.pop(axis.name)
+    moved_si = (test.moved_forth_si, test.moved_back_si)
+    proof = prove(axis.wiring, axis.serial_number, moved_si, utc_ns)
+    core.notes = with_proof(core.notes, axis.name, proof)
+    axis.sign_proven = True
+    core.events.append(f"{axis.name}: its sign is proven, {preparation.evidence(test)}")
+
+
+def bring_up_anew(core: Core) -> None:
+    """Let go of the drives: the loop brings them up again, with the limits of what comes next."""
+    core.drives = None
+    enter(core, Event.BRING_UP_ANEW)
+
+
+# --- time -----------------------------------------------------------------------------------------
+
+
+def move_on(core: Core, cycle: int) -> None:
+    """One cycle of the preparation: begin it once the drives are up, end it when it is over."""
+    run = core.preparation
+    if run is None:
+        return
+    axis = axis_named(core, run.axis)
+    if axis is None:
+        return
+    if core.mode == Mode.READY:
+        _begin_or_leave(core, axis, run)
+    elif core.mode in MODES:
+        core.preparation = run = preparation.advance(run, _seen(axis))
+        if run.stage in OVER:
+            _end(core, axis, run, cycle)
+
+
+def _begin_or_leave(core: Core, axis: Axis, run: Preparation) -> None:
+    if run.stage in OVER:
+        core.preparation = None
+        bring_up_anew(core)
+    elif run.stage is Stage.WAITING and all(one.joint.known for one in core.axes):
+        core.preparation = preparation.begin(run)
+        homing = isinstance(run, Homing)
+        enter(core, Event.TO_REFERENCE if homing else Event.TO_COMMISSION)
+        core.events.append(f"{axis.name}: {'homing' if homing else 'sign test'} begun")
+
+
+def _seen(axis: Axis) -> Seen:
+    feedback, joint = axis.feedback, axis.joint
+    homing = feedback is not None and feedback.mode_display == OperationMode.HOMING
+    return Seen(
+        ready=axis.reached_enabled and axis.unready_cycles == 0,
+        homing=homing_state(feedback.statusword)
+        if homing and feedback
+        else HomingState.NOT_STARTED,
+        position_si=joint.position_si,
+        at_rest=abs(joint.velocity_si) < axis.limits.standstill_si_per_s,
+    )
+
+
+def _end(core: Core, axis: Axis, run: Preparation, cycle: int) -> None:
+    _tell_end(core, axis, run)
+    core.disabling = True
+    enter(core, Event.EXERCISE_OVER)
+    for one in core.axes:
+        one.stop = stopping.begin(Step.DISABLE, one.joint, cycle)
+
+
+def _tell_end(core: Core, axis: Axis, run: Preparation) -> None:
+    if run.stage is Stage.FAILED:
+        core.events.append(f"{axis.name}: failed: {run.why}")
+    elif isinstance(run, SignTest):
+        core.evidence[axis.name] = run
+        core.events.append(f"{axis.name}: moves with its torque: {preparation.evidence(run)}")
+    else:
+        axis.homed = axis.referenced = True
+        axis.unreferenced_why = ""
+        # What was measured before has another origin.
+        axis.joint = Joint()
+        core.events.append(f"{axis.name}: homed")
+
+
+def target_effort_si(core: Core, axis: Axis) -> float:
+    """What is asked of an axis while it, or another one, is prepared; NaN never."""
+    run = in_work(core)
+    if run is None or run.axis != axis.name or not math.isfinite(run.effort_si):
+        return 0.0
+    return run.effort_si
