@@ -9,7 +9,8 @@ with `drives/`, so that a mistake on one side does not cancel out on the other. 
     sdo_server, pdo_rules, pdo  access by SDO; PDOs: what may be mapped, what happens at a SYNC
     nmt, heartbeat, emergency   network states, silence, errors
     power_state, drive          CiA 402's tables, and the machine that runs them
-    motion, measurement         modes, targets, limits; process values
+    motion, homing              modes, targets, limits; the ways to a reference
+    measurement                 process values
     personality, scaling        what two makes of drive do differently; units
     storage, node               saved parameters; all of it as one station on the bus
     one_leg, world              nodes and plant from event to event, in lock-step

@@ -26,6 +26,8 @@ class Actuation(IntEnum):
     STANDSTILL when reached."""
     HOLD = 4
     """Hold the position that the axis has when the order arrives."""
+    VELOCITY = 5
+    """Homing: the velocity loop follows `target_velocity_si`, reached with `deceleration_si`."""
 
 
 class AxisFlag(IntFlag):
@@ -52,8 +54,9 @@ class AxisActuation:
     actuation: Actuation
     target_effort_si: float
     target_position_si: float
+    target_velocity_si: float
     deceleration_si: float
-    """Magnitude, > 0, joint unit per s^2."""
+    """Magnitude, > 0, joint unit per s^2; of VELOCITY also the acceleration."""
     interpolation_s: float
     effort_limit_si: float
     """Bound on |effort| in every actuation, >= 0."""

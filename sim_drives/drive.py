@@ -216,12 +216,14 @@ class Drive:
 
     def _enter(self, state: PowerState) -> None:
         self.state = state
+        self._motion.homing.interrupt()
         self._stopping = self._after_stop = None
         self._at_rest = False
         self._timers.cancel(PowerState)
 
     def _stop(self, stopping: Stopping, then: Transition) -> None:
         self._stopping, self._after_stop = stopping, then
+        self._motion.homing.interrupt()
         if stopping.ramp is not Ramp.COAST:
             return
         if self.state is PowerState.FAULT_REACTION_ACTIVE:
@@ -257,10 +259,12 @@ class Drive:
         return ordered and self._stopping is not None and self._stopping.ramp is not Ramp.COAST
 
     def _judge_motion(self, flags: AxisFlag) -> None:
+        if self._motion.homing.moves:
+            return
         if flags & AxisFlag.FOLLOWING_ERROR:
             self._fault_once(FOLLOWING_ERROR_CODE)
         faults = self._settings.position_limit is PositionLimit.FAULT
-        if faults and self._motion.outside_position_limits():
+        if faults and self.measurement.referenced and self._motion.outside_position_limits():
             self._fault_once(SOFT_LIMIT_CODE)
         if self._settings.limit_switch is LimitSwitch.FAULT:
             switches = self.measurement.switches(flags)
@@ -294,7 +298,7 @@ class Drive:
         self._show(flags)
 
     def _show(self, flags: AxisFlag) -> None:
-        self.measurement.show_inputs(flags)
+        self.measurement.show_inputs()
         self._show_demand()
         self._dictionary.put(0x6041, 0, self._statusword(flags))
 
@@ -336,9 +340,8 @@ class Drive:
     def _mode_bits(self, flags: AxisFlag) -> int:
         limited = flags & (AxisFlag.TARGET_CLIPPED | AxisFlag.SPEED_LIMITED)
         word = StatusBit.INTERNAL_LIMIT * (bool(limited) or self._motion.torque_clipped())
-        if self._motion.mode is Mode.HOMING:
-            done = self._motion.homing_attained
-            return word | StatusBit.TARGET_REACHED | StatusBit.FOLLOWS * done
         if self._motion.halted:
             return word | StatusBit.TARGET_REACHED * bool(flags & AxisFlag.STANDSTILL)
+        if self._motion.mode is Mode.HOMING:
+            return word | self._motion.homing.status_bits
         return word | StatusBit.FOLLOWS * self._motion.follows

@@ -7,12 +7,12 @@ Rules:
 2. Counts and mA are whole numbers: here is where the sensors' values are quantised.
 3. A frozen encoder repeats its last count; the drive's own loops behind it go on. A glitch adds
    counts to what is reported, also only there.
-4. 60FDh: bit 0 negative and bit 1 positive limit switch in the drive's direction, bit 16 hand
-   switch closed, bit 17 STO released.
+4. 60FDh: bit 0 negative and bit 1 positive limit switch in the drive's direction, bit 2 home
+   switch, bit 3 interlock (STO not released), bit 16 hand switch closed, bit 17 STO released.
 """
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 from sim_drives.actuation import AxisFlag, AxisSample
 from sim_drives.dictionary import ObjectDictionary
@@ -23,11 +23,22 @@ from sim_drives.settings import DriveSettings, EncoderKind
 
 NEGATIVE_SWITCH: Final = 1 << 0
 POSITIVE_SWITCH: Final = 1 << 1
+HOME_SWITCH: Final = 1 << 2
+INTERLOCK: Final = 1 << 3
 HAND_SWITCH_CLOSED: Final = 1 << 16
 STO_RELEASED: Final = 1 << 17
 AVERAGING_S: Final = 0.05
 """Time constant of 30D1h:01."""
 _INT16_MAX: Final = 2**15 - 1
+
+
+class Reading(NamedTuple):
+    """What the drive's own firmware sees between two SYNCs, in its direction."""
+
+    counts: int
+    """Of the encoder."""
+    velocity_si: float
+    current_ma: int
 
 
 class Measurement:
@@ -41,6 +52,7 @@ class Measurement:
         self._axis = axis
         self._absolute = settings.encoder is EncoderKind.ABSOLUTE
         self._sign = settings.sign
+        self._home_switch = settings.home_switch
         self._temperature = PERSONALITIES[settings.personality]
         self._origin_counts = 0
         self._counts = 0
@@ -74,11 +86,19 @@ class Measurement:
         self.referenced = self._absolute
         self._show(sample, now_ns)
 
-    def home(self) -> None:
-        """Methods 35 and 37: the present position becomes 607Ch."""
-        self._origin_counts = self._counts - self._dictionary.value(0x607C)
+    def home(self, reference_counts: int, reads: int) -> None:
+        """Move the origin so that 6064h reads `reads` where the encoder has `reference_counts`."""
+        self._origin_counts = reference_counts - reads
         self.referenced = True
         self._show_position()
+
+    def look(self) -> Reading:
+        """Sample without showing it in any object."""
+        sample = self._axis.sample()
+        if not self.encoder_frozen:
+            self._counts = round(self._scaling.counts(sample.position_si))
+        current_ma = round(self._scaling.motor_current_a(sample.current_a) * 1e3)
+        return Reading(self._counts, self._sign * sample.velocity_si, current_ma)
 
     def latch(self, now_ns: int) -> None:
         """Sample everything at this instant."""
@@ -101,12 +121,26 @@ class Measurement:
         if self._glitch_seen:
             self._glitch_counts = 0
 
-    def show_inputs(self, flags: AxisFlag) -> None:
+    def flags(self) -> AxisFlag:
+        """What the plant reports of the axis now."""
+        return self._axis.flags()
+
+    def show_inputs(self) -> None:
         """60FDh."""
+        self._dictionary.put(0x60FD, 0, self.inputs())
+
+    def inputs(self) -> int:
+        """Rule 4."""
         inputs = HAND_SWITCH_CLOSED * self.hand_switch_closed
-        inputs |= STO_RELEASED * self.sto_released
-        inputs |= self.switches(flags)
-        self._dictionary.put(0x60FD, 0, inputs)
+        inputs |= STO_RELEASED * self.sto_released | INTERLOCK * (not self.sto_released)
+        inputs |= HOME_SWITCH * self._at_home_switch()
+        return inputs | self.switches(self._axis.flags())
+
+    def _at_home_switch(self) -> bool:
+        if self._home_switch is None:
+            return False
+        position_si = self._scaling.position_si(self._counts)
+        return self._home_switch.from_si <= position_si <= self._home_switch.to_si
 
     def switches(self, flags: AxisFlag) -> int:
         """Bits of the limit switches: the joint's end stops seen in the drive's direction."""

@@ -7,17 +7,19 @@ Rules:
    the node became operational. Until then cyclic position holds and cyclic torque gives 0.
 3. Halt (controlword bit 8, option 605Dh, where absent the slow ramp): slows down and holds, stays
    in "operation enabled", and goes on when the bit falls.
-4. Homing 35 and 37: the rising edge of controlword bit 4 makes the present position 607Ch.
+4. Homing begins at the rising edge of controlword bit 4; `homing.py` has its rules.
 5. Every order carries the limits in force: torque, 6080h, 6065h/6066h, and 607Dh where it clips.
 """
 
 import math
+from dataclasses import replace
 from enum import IntEnum
 from typing import Final
 
 from sim_drives.aborts import AbortCode, SdoAbortError
 from sim_drives.actuation import Actuation, AxisActuation
 from sim_drives.dictionary import ObjectDictionary
+from sim_drives.homing import Homing, Progress
 from sim_drives.line import Line
 from sim_drives.measurement import Measurement
 from sim_drives.power_state import HALT_BIT, HALT_OPTION, OPERATION_BIT_4, Ramp
@@ -29,7 +31,6 @@ MODE_SWITCH_NS: Final = 5 * MILLISECOND
 """Shorter than a SYNC period, longer than any answer to it: 6061h shows it one SYNC later."""
 HARDEST_DECELERATION_SI: Final = 1e6
 """Ramp.LIMIT: more than any joint can, so that the torque limit decides."""
-HOMING_METHODS: Final = (35, 37)
 MODES_OF_OPERATION: Final = 0x6060
 MODE_DISPLAY: Final = 0x6061
 TARGET_TORQUE: Final = 0x6071
@@ -71,7 +72,7 @@ class Motion:
         self._clips = settings.position_limit is PositionLimit.CLIP
         self._written: set[int] = set()
         self._bit_4_prev = False
-        self.homing_attained = False
+        self.homing = Homing(settings, dictionary, scaling, measurement, line, timers)
         self.mode = Mode.NONE
         self._requested = Mode.NONE
         dictionary.guard(MODES_OF_OPERATION, self._judge_mode)
@@ -84,7 +85,6 @@ class Motion:
         """No mode, no target."""
         self._written.clear()
         self._bit_4_prev = False
-        self.homing_attained = False
         self._switch(Mode.NONE)
 
     def forget_targets(self) -> None:
@@ -99,7 +99,7 @@ class Motion:
             raise SdoAbortError(AbortCode.RANGE)
 
     def _judge_homing_method(self, _: int, value: int) -> None:
-        if value not in HOMING_METHODS:
+        if value not in self.homing.methods:
             raise SdoAbortError(AbortCode.RANGE)
 
     def _request_mode(self) -> None:
@@ -113,7 +113,7 @@ class Motion:
 
     def _switch(self, mode: Mode) -> None:
         self.mode = mode
-        self.homing_attained = False
+        self.homing.forget()
         self._dictionary.put(MODE_DISPLAY, 0, mode)
 
     # --- homing and halt ----------------------------------------------------------------------
@@ -123,9 +123,10 @@ class Motion:
         bit_4 = bool(controlword & OPERATION_BIT_4)
         rising = bit_4 and not self._bit_4_prev
         self._bit_4_prev = bit_4
-        if rising and enabled and self.mode is Mode.HOMING:
-            self._measurement.home()
-            self.homing_attained = True
+        if self.halted:
+            self.homing.interrupt()
+        elif rising and enabled and self.mode is Mode.HOMING:
+            self.homing.start()
 
     @property
     def halted(self) -> bool:
@@ -147,7 +148,22 @@ class Motion:
             return self._actuation(Actuation.TORQUE)
         if self.mode is Mode.CYCLIC_SYNC_POSITION and self.follows:
             return self._actuation(Actuation.POSITION)
+        if self.mode is Mode.HOMING and self.homing.progress is not Progress.NOT_STARTED:
+            return self._homing_order()
         return self._actuation(Actuation.HOLD)
+
+    def _homing_order(self) -> AxisActuation:
+        """Along the search that goes on, or at rest after the last one."""
+        acceleration_si = self._scaling.speed_si(self._dictionary.value(0x609A))
+        travel = self.homing.travel
+        if travel is None:
+            return self._actuation(Actuation.RAMP, acceleration_si)
+        order = self._actuation(Actuation.VELOCITY, acceleration_si)
+        velocity_si = self._scaling.velocity_si(travel.direction * travel.speed_raw)
+        limit_si = order.effort_limit_si
+        if travel.current_limit_ma is not None:
+            limit_si = min(limit_si, self._scaling.current_si(travel.current_limit_ma))
+        return replace(order, target_velocity_si=velocity_si, effort_limit_si=limit_si)
 
     def coast(self) -> AxisActuation:
         """Power stage off."""
@@ -173,6 +189,7 @@ class Motion:
             actuation=actuation,
             target_effort_si=self._target_effort_si(actuation),
             target_position_si=self._target_position_si(actuation),
+            target_velocity_si=0.0,
             deceleration_si=deceleration_si,
             interpolation_s=factors.interpolation_s,
             effort_limit_si=factors.effort_limit_si,

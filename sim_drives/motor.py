@@ -10,6 +10,7 @@ a SYNC samples is not its mean. Loops work in joint units; current is effort / `
     POSITION  set point on a line from the last one to the target; P, PI
     RAMP      set speed from the present speed to zero, PI; then HOLD where it came to rest
     HOLD      set point = position when the order came; P, PI
+    VELOCITY  set speed from the present speed to the target's, PI
 
 Entering a loop seeds its integral so that the effort does not jump.
 """
@@ -30,6 +31,7 @@ ORDER: Final = np.dtype(
         ("actuation", "i8"),
         ("effort", "f8"),
         ("position", "f8"),
+        ("velocity", "f8"),
         ("deceleration", "f8"),
         ("interpolation_s", "f8"),
         ("effort_limit", "f8"),
@@ -99,6 +101,7 @@ def take_order(row: np.void, loop: np.void, order: AxisActuation) -> None:
         loop["flags"] &= STOP_NEGATIVE | STOP_POSITIVE
     row["actuation"] = order.actuation
     row["effort"], row["position"] = order.target_effort_si, order.target_position_si
+    row["velocity"] = order.target_velocity_si
     row["deceleration"], row["interpolation_s"] = order.deceleration_si, order.interpolation_s
     row["effort_limit"], row["velocity_limit"] = order.effort_limit_si, order.velocity_limit_si
     row["following_error"] = order.following_error_si
@@ -128,7 +131,7 @@ def _enter(loop: np.void, drive: np.void, order: np.void, position: float, veloc
     loop["set_speed"] = 0.0
     loop["holding"] = 0
     loop["error_time_s"] = 0.0
-    if order["actuation"] == Actuation.RAMP:
+    if order["actuation"] == Actuation.RAMP or order["actuation"] == Actuation.VELOCITY:
         loop["set_speed"] = velocity
     if order["actuation"] == Actuation.HOLD:
         loop["holding"] = 1
@@ -167,9 +170,17 @@ def _follow_ramp(loop: np.void, order: np.void, position: float, loop_s: float) 
 
 
 @kernel
+def _follow_speed(loop: np.void, order: np.void, loop_s: float) -> None:
+    """Move the set speed one tick towards the ordered one."""
+    wanted = bounded(order["velocity"], order["velocity_limit"])
+    loop["set_speed"] += bounded(wanted - loop["set_speed"], order["deceleration"] * loop_s)
+
+
+@kernel
 def _wanted_speed(loop: np.void, drive: np.void, order: np.void, position: float) -> float:
     """The velocity loop's set value: position loop plus the set point's own speed."""
-    if loop["acting"] == Actuation.RAMP and loop["holding"] == 0:
+    ramping = loop["acting"] == Actuation.RAMP and loop["holding"] == 0
+    if ramping or loop["acting"] == Actuation.VELOCITY:
         return loop["set_speed"]
     error = loop["set_point"] - position
     if abs(error) <= drive["position_deadband"]:
@@ -243,6 +254,8 @@ def run_loops(
         _watch_following(loop, order, position, loop_s)
     if acting == Actuation.RAMP:
         _follow_ramp(loop, order, position, loop_s)
+    if acting == Actuation.VELOCITY:
+        _follow_speed(loop, order, loop_s)
     wanted = _wanted_speed(loop, drive, order, position)
     loop["ordered_effort"] = _velocity_loop(loop, drive, order, wanted, velocity, loop_s)
     at_rest = loop["holding"] == 1 and abs(velocity) < drive["standstill_speed"]

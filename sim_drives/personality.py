@@ -107,6 +107,6 @@ def commissioned(settings: DriveSettings) -> dict[Address, Value]:
 
 
 def supported_modes(settings: DriveSettings) -> int:
-    """6502h: homing makes sense only where an origin can be lost."""
-    homing = HOMING_MODE_BIT if settings.encoder is EncoderKind.INCREMENTAL else 0
-    return CYCLIC_MODE_BITS | homing
+    """6502h: homing where an origin can be lost, or where the settings ask for it."""
+    homing = settings.homes or settings.encoder is EncoderKind.INCREMENTAL
+    return CYCLIC_MODE_BITS | HOMING_MODE_BIT * homing

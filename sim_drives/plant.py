@@ -29,6 +29,7 @@ COASTING: Final = AxisActuation(
     actuation=Actuation.COAST,
     target_effort_si=0.0,
     target_position_si=0.0,
+    target_velocity_si=0.0,
     deceleration_si=1.0,
     interpolation_s=0.01,
     effort_limit_si=0.0,

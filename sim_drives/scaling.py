@@ -89,6 +89,18 @@ class Scaling:
         """606Ch: signed, in the drive's unit."""
         return self._sign * velocity_si / self._speed_step_si
 
+    def velocity_si(self, speed_raw: int) -> float:
+        """Joint velocity of a speed that has a direction."""
+        return self._sign * speed_raw * self._speed_step_si
+
+    def counts_per_s(self, speed_raw: int) -> float:
+        """Size of a speed at the encoder."""
+        return self.speed_si(speed_raw) / self._travel_si * self._counts_per_rev
+
+    def current_si(self, current_ma: int) -> float:
+        """Size of the joint effort that a motor current makes."""
+        return current_ma * 1e-3 * self._effort_per_a
+
     def speed_si(self, speed_raw: int) -> float:
         """Size of a speed or, per second, of a deceleration at the joint."""
         return speed_raw * self._speed_step_si

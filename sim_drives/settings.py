@@ -28,6 +28,13 @@ class EncoderKind(Enum):
     """Counts from zero where it stands at power-on, and is referenced only after homing."""
 
 
+class HomeSwitch(Table, frozen=True):
+    """A switch that is on between two positions of the joint, in rad or m."""
+
+    from_si: float
+    to_si: float
+
+
 class PositionLimit(Enum):
     """What the drive makes of a position outside 607Dh."""
 
@@ -91,6 +98,11 @@ class DriveSettings(Table, frozen=True):
     """A synchronous TPDO leaves this long after its SYNC, drawn from the seed."""
     tpdo_shuffled: bool
     """TPDOs of one SYNC leave in any order instead of by number."""
+    homes: bool = False
+    """An absolute encoder can be homed, too, which moves its zero until the power is lost."""
+    homing_time_s: Annotated[float, Meta(gt=0, le=3600)] = 60.0
+    """A homing that has not ended by then has failed."""
+    home_switch: HomeSwitch | None = None
     lead_m: Positive | None = None
     """Travel for each turn after the gear; makes the axis a linear one."""
     offset_rad: float | None = None

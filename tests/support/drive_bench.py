@@ -1,8 +1,10 @@
 """A plant that obeys the interface and nothing more, and a bench that speaks raw frames."""
 
+import math
 import struct
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -63,6 +65,10 @@ class FakePlant:
             self.velocity[axis] -= max(-fall, min(fall, speed))
         elif kind is Actuation.HOLD:
             self.velocity[axis] = 0.0
+        elif kind is Actuation.VELOCITY:
+            change = order.target_velocity_si - self.velocity[axis]
+            most = order.deceleration_si * step_s
+            self.velocity[axis] += max(-most, min(most, change))
         elif kind is Actuation.POSITION:
             target = max(
                 order.position_min_si, min(order.position_max_si, order.target_position_si)
@@ -89,7 +95,11 @@ class FakePlant:
 
     def effort(self, axis: int) -> float:
         order = self.orders[axis]
-        if order is None or order.actuation is not Actuation.TORQUE:
+        if order is None:
+            return 0.0
+        if order.actuation is Actuation.VELOCITY and self.blocked[axis]:
+            return math.copysign(order.effort_limit_si, order.target_velocity_si)
+        if order.actuation is not Actuation.TORQUE:
             return 0.0
         limit = order.effort_limit_si
         return max(-limit, min(limit, order.target_effort_si))
@@ -158,10 +168,11 @@ class Bench:
         faults: Sequence[FaultSettings] = (),
         seed: int = 1,
         start_ns: int = 0,
+        plant: Any = None,
     ) -> None:
         drives = settings(HIP, **(hip or {})), settings(SLIDE, **(slide or {}))
         entries = [read_eds(CONFIGS / drive.eds, drive.node_id) for drive in drives]
-        self.plant = FakePlant(start_ns)
+        self.plant = FakePlant(start_ns) if plant is None else plant
         leg = Leg("right", self.plant, drives[0], entries[0], drives[1], entries[1])
         self.world = World([leg], faults, seed=seed, start_ns=start_ns)
         self.trace: list[TimedFrame] = []
