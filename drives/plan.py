@@ -20,6 +20,7 @@ Never: a controlword other than disable voltage, a fault reset, an enable, a sto
 memory.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
@@ -165,10 +166,23 @@ def homing_plan(
     homing = description.axis.homing
     if homing is None:
         raise ValueError(f"{description.name} has no homing")
-    usual = plan(description, limits._replace(effort_max_si=homing.effort_max_si), cycle)
+    usual = lonely_plan(description, limits, cycle, homing.effort_max_si)
     seeds = next(n for n, step in enumerate(usual.steps) if step.kind is StepKind.SEED_POSITION)
     steps = (*usual.steps[:seeds], *_homing(description), *usual.steps[seeds:])
     return DrivePlan(description, steps)
+
+
+def lonely_plan(
+    description: DriveDescription, limits: DriveLimits, cycle: CycleSettings, effort_max_si: float
+) -> DrivePlan:
+    """As `plan` for an axis that is moved alone, by little: at most this effort, in N·m or N.
+
+    It may not know where it is, so the drive watches no position limits.
+    """
+    lonely = limits._replace(
+        position_min_si=-math.inf, position_max_si=math.inf, effort_max_si=effort_max_si
+    )
+    return plan(description, lonely, cycle)
 
 
 def _identity(description: DriveDescription) -> Iterator[Step]:

@@ -199,8 +199,8 @@ def raw_limits(limits: DriveLimits, description: DriveDescription) -> RawLimits:
     following = limits.following_error_si * abs(scaling.counts_per_si)
     deceleration = limits.quick_stop_deceleration_si_per_s2 * scaling.deceleration_counts_per_si
     return RawLimits(
-        position_min_counts=max(_up(ends[0]), -_INT32_MAX),
-        position_max_counts=min(_down(ends[1]), _INT32_MAX),
+        position_min_counts=_up(max(ends[0], -_INT32_MAX)),
+        position_max_counts=_down(min(ends[1], _INT32_MAX)),
         speed_raw=_unsigned(_down(limits.velocity_max_si * scaling.speed_counts_per_si), 32),
         torque_raw=_torque_limit_raw(limits, description),
         following_error_counts=_unsigned(_down(following), 32),

@@ -18,9 +18,9 @@ from daemon.core.reference import gait_shape
 from daemon.core.state import Axis, Core, CoreConfig, Leg
 from daemon.core.stopping import StopRules
 from daemon.seam import RingHeader
-from drives.plan import CycleSettings, DrivePlan, homing_plan, plan
+from drives.plan import CycleSettings, DrivePlan, homing_plan, lonely_plan, plan
 from drives.profile import DriveDescription
-from drives.units import DriveLimits, axis_scaling, expected_base
+from drives.units import axis_scaling, expected_base
 from observer.leg_observer import LegObserver
 from observer.leg_smoother import LegSmoother
 from observer.strides import StrideCounter
@@ -101,14 +101,12 @@ def _plans(settings: Settings, cycle: CycleSettings) -> Plans:
             if drive.axis.homing is not None
         },
         commissioning={
-            drive.name: plan(drive, _gentle(limits[drive.name], pushed[drive.name]), cycle)
+            drive.name: lonely_plan(
+                drive, limits[drive.name], cycle, pushed[drive.name].effort_max_si
+            )
             for drive in drives
         },
     )
-
-
-def _gentle(limits: DriveLimits, push: PushRules) -> DriveLimits:
-    return limits._replace(effort_max_si=push.effort_max_si)
 
 
 def _pushes(commissioning: Commissioning) -> tuple[PushRules, PushRules]:
