@@ -66,6 +66,9 @@ class DriveState(Sampled, frozen=True, kw_only=True):
     emergency_text: Annotated[str, Meta(description="Its meaning; empty when there is none.")]
     emergency_count: Annotated[int, Meta(description="EMCY messages since bring-up.")]
     protocol_error_count: Annotated[int, Meta(description="Frames that could not be used.")]
+    sign_proven: Annotated[
+        bool, Meta(description="Torque and motion have been seen to agree, by a person, too.")
+    ] = False
 
 
 class Judgement(msgspec.Struct, frozen=True, kw_only=True):

@@ -38,6 +38,8 @@ COMMANDS: Final = {
     "disable": "Stop in an orderly way and switch the drives off.",
     "stop": "Stop now.",
     "reset": "Reset a latched stop once its cause is gone.",
+    "commission": "Prove the sign of one axis of the empty machine, before anything is enabled.",
+    "reference": "Home one axis of the empty machine.",
     "mode": "Choose what the enabled leg does: hold, gait, excite.",
 }
 """In the order of `gaitd --help`. A name here is a file of this package."""

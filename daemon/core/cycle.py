@@ -82,8 +82,10 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
     for axis, feedback in zip(core.axes, feedbacks, strict=True):
         axis.feedback = feedback
         axis.joint = _measured(core, axis, feedback, tick)
-        if feedback.rebooted:
-            axis.referenced = axis.homed = False
+        axis.referenced = axis.referenced and not feedback.rebooted
+        # A drive that is not heard may have lost its power, and with it its home.
+        silent = feedback.sample_age_cycles > core.config.thresholds.sample_age_max_cycles
+        axis.homed = axis.homed and axis.referenced and not silent
         _count_readiness(core, axis, feedback)
     for leg in core.legs:
         _place(leg)

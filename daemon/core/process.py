@@ -13,6 +13,7 @@ from types import FrameType
 
 from daemon.clock import MonotonicClock
 from daemon.config.bundle import Settings
+from daemon.config.strict import ConfigError
 from daemon.core import realtime
 from daemon.core.build import NS_PER_MS, Built, build, ring_header
 from daemon.core.loop import ExitCode, Loop, LoopSettings
@@ -22,6 +23,14 @@ from daemon.sd_notify import Notifier
 from daemon.seam import CoreSeam
 from drives.bus import CanBus
 from drives.busload import bus_load
+
+
+def _notebook(settings: Settings) -> Notebook:
+    try:
+        return Notebook(settings.state)
+    except OSError as error:
+        allowed = f"a directory that can be written: {error.strerror}"
+        raise ConfigError(settings.file.path, "paths.state", settings.state, allowed) from error
 
 
 class EndRequest:
@@ -45,7 +54,7 @@ def run_core(settings: Settings, notify_address: str | None) -> ExitCode:
     asked_to_end = EndRequest()
     clock = MonotonicClock()
     boot_id = uuid.uuid4().hex
-    notebook = Notebook(settings.state)
+    notebook = _notebook(settings)
     built = build(settings, boot_id, notebook.notes)
     warm_up(build(settings, boot_id, notebook.notes))
     settings.runtime.mkdir(parents=True, exist_ok=True)

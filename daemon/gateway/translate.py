@@ -204,6 +204,7 @@ def drive_state(drive: DriveRecord, stamp: Stamp, seq: int) -> wire.DriveState:
         emergency_text=drive.emergency_text,
         emergency_count=drive.emergency_count,
         protocol_error_count=drive.protocol_error_count,
+        sign_proven=drive.sign_proven,
     )
 
 

@@ -32,16 +32,16 @@ def free_port() -> int:
 class Service:
     """Virtual drives, core and gateway, each a process of its own."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, configs: Path = CONFIGS) -> None:
         self.folder = folder
         self.bus_port, self.zenoh_port = free_port(), free_port()
         self.config = folder / "trainer.toml"
-        text = (CONFIGS / "demo.toml").read_text()
+        text = (configs / "demo.toml").read_text()
         text = re.sub(r"ws://127.0.0.1:\d+/", f"ws://127.0.0.1:{self.bus_port}/", text)
         text = re.sub(r"tcp/127.0.0.1:\d+", f"tcp/127.0.0.1:{self.zenoh_port}", text)
         text = re.sub(r'runtime = "[^"]*"', f'runtime = "{folder}/run"', text)
         text = re.sub(r'state = "[^"]*"', f'state = "{folder}/state"', text)
-        text = re.sub(r'"((robot|limits|plant)\.toml|drives/[^"]*)"', rf'"{CONFIGS}/\1"', text)
+        text = re.sub(r'"((\w+)\.toml|drives/[^"]*)"', rf'"{configs}/\1"', text)
         self.config.write_text(text)
         self.parts: dict[str, subprocess.Popen[bytes]] = {}
 
@@ -94,7 +94,7 @@ class Service:
             [sys.executable, "-m", "gaitd", *words, "--config", str(self.config)],
             capture_output=True,
             text=True,
-            timeout=30,
+            timeout=90,
             check=False,
         )
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from analysis.accuracy import Score, score
 from daemon.config.load import load
+from daemon.core.axis_notes import Notes
 from daemon.record import Mode, ModeRequest, Outcome, RequestKind
 from gaitd.lockstep import Lockstep
 from gaitd.virtual_machine import virtual_machine
@@ -21,11 +22,11 @@ AXES = ("hip", "slide")
 class Session:
     """One machine and one service, from power-on."""
 
-    def __init__(self, configs: Path = CONFIGS) -> None:
+    def __init__(self, configs: Path = CONFIGS, notes: Notes | None = None) -> None:
         self.settings = load(configs / "demo.toml")
         self.truth = TruthLog(None)
         self.machine: Machine = virtual_machine(self.settings.file, truth={"right": self.truth})
-        self.lockstep = Lockstep(self.settings, self.machine.world)
+        self.lockstep = Lockstep(self.settings, self.machine.world, notes=notes)
 
     def until_ready(self) -> "Session":
         self.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)

@@ -1,0 +1,57 @@
+"""`gaitd commission AXIS`: prove the sign of one axis, by its encoder and by an eyewitness."""
+
+import json
+from typing import Annotated, Final
+
+import typer
+
+from gaitd.one_axis import exit_code, prepare
+from gaitd.remote import (
+    EXIT_DONE,
+    EXIT_REFUSED,
+    ConfigOption,
+    EndpointOption,
+    JsonOption,
+    TrainerOption,
+    find_target,
+    request,
+)
+
+MOTIONS: Final = {
+    "hip": "the thigh is first raised towards the trunk (the hip bends), then lowered again",
+    "slide": "the slide first moves so that the knee stretches, then comes back",
+}
+"""What the positive direction of each joint looks like, in the axes of robot.toml."""
+
+
+def command(
+    axis: Annotated[str, typer.Argument(help="LEG/AXIS, for example right/hip")],
+    witnessed: Annotated[
+        bool, typer.Option("--witnessed", help="I watch, and will see it as described: do not ask.")
+    ] = False,
+    config: ConfigOption = None,
+    endpoint: EndpointOption = None,
+    trainer: TrainerOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Push one axis forth and back with a bounded small torque, and prove that it obeys.
+
+    For the empty machine with its springs turned down. The encoder must move with the torque, and
+    somebody must see that the joint moves the way it should; only then may anything be enabled.
+    """
+    target = find_target(config, endpoint, trainer)
+    described = MOTIONS.get(axis.rpartition("/")[2], "it first goes forth, then back")
+    if not as_json:
+        print(f"Watch the machine: if all is right, {described}.")
+    ending = prepare(target, "commission", axis, "moves with its torque", as_json=as_json)
+    if isinstance(ending, int):
+        raise typer.Exit(ending)
+    if not as_json:
+        print(ending.text)
+    seen = ending.good and (witnessed or typer.confirm(f"Did you see that {described}?"))
+    if as_json:
+        print(json.dumps({"axis": axis, "moves_with_its_torque": ending.good, "witnessed": seen}))
+    if not seen:
+        raise typer.Exit(EXIT_REFUSED if ending.good else exit_code(ending))
+    payload = {"mode": "commission", "axis": axis, "witnessed": True}
+    raise typer.Exit(request(target, "mode", payload, as_json=as_json) or EXIT_DONE)

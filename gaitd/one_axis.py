@@ -1,0 +1,95 @@
+"""What `commission` and `reference` share: one axis of the empty machine, and how it went.
+
+Exit codes as in `remote.py`; 1 also when the axis was not homed, or does not move as it should.
+"""
+
+import sys
+import time
+from typing import Any, Final, NamedTuple
+
+import msgspec
+
+from daemon import wire
+from gaitd.remote import EXIT_DONE, EXIT_NO_ANSWER, EXIT_REFUSED, Target, ask, request
+
+POLL_S: Final = 0.25
+PATIENCE_S: Final = 360.0
+"""Longer than any homing may take."""
+CALM_POLLS: Final = 2
+"""Between two bring-ups the service passes through `ready`; it stays there only at the end."""
+OVER_MODES: Final = frozenset({"ready", "fault"})
+
+
+class Ending(NamedTuple):
+    """How it went."""
+
+    good: bool
+    text: str
+    """The service's own words about the axis; why it stopped otherwise."""
+
+
+def prepare(target: Target, mode: str, axis: str, good: str, *, as_json: bool) -> Ending | int:
+    """Ask for it, tell what goes on, and wait for the end; the exit code if it was not begun.
+
+    Args:
+        target: the service.
+        mode: `reference` or `commission`.
+        axis: LEG/AXIS.
+        good: what the service says of the axis when all went well.
+        as_json: nothing but the last line is printed then.
+    """
+    before = _status(target)
+    if before is None:
+        return _nobody(mode)
+    last_id = before.events[-1].id if before.events else ""
+    payload: dict[str, Any] = {"mode": mode, "axis": axis}
+    code = request(target, "mode", payload, as_json=as_json)
+    return _follow(target, axis, good, last_id, quiet=as_json) if code == EXIT_DONE else code
+
+
+def _follow(target: Target, axis: str, good: str, last_id: str, *, quiet: bool) -> Ending | int:
+    calm, shown = 0, ""
+    for _ in range(round(PATIENCE_S / POLL_S)):
+        time.sleep(POLL_S)
+        status = _status(target)
+        if status is None or not status.safety.valid:
+            return _nobody(axis)
+        safety = status.safety
+        if safety.progress != shown and not quiet:
+            print(f"  {safety.progress}", file=sys.stderr)
+        shown = safety.progress or ""
+        calm = calm + 1 if safety.mode in OVER_MODES else 0
+        if calm > CALM_POLLS:
+            return _ending(status, axis, good, last_id)
+    return EXIT_NO_ANSWER
+
+
+def _ending(status: wire.Status, axis: str, good: str, last_id: str) -> Ending:
+    texts = [event.text for event in _since(status.events, last_id)]
+    about = [text for text in texts if text.startswith(f"{axis}: ")]
+    for text in reversed(about):
+        if text.startswith((f"{axis}: {good}", f"{axis}: failed")):
+            return Ending(text.startswith(f"{axis}: {good}"), text)
+    verdict = status.safety.verdict
+    why = f"{verdict.text}: {verdict.remedy}" if verdict and verdict.category != "none" else ""
+    return Ending(False, f"{axis}: stopped before its end. {why}".strip())
+
+
+def _since(events: tuple[wire.Event, ...], last_id: str) -> tuple[wire.Event, ...]:
+    ids = [event.id for event in events]
+    return events[ids.index(last_id) + 1 :] if last_id in ids else events
+
+
+def _status(target: Target) -> wire.Status | None:
+    answer = ask(target, "status", {"client": "gaitd"})
+    return None if answer.text is None else msgspec.json.decode(answer.text, type=wire.Status)
+
+
+def _nobody(what: str) -> int:
+    print(f"{what}: the service does not answer; look at it before you go on", file=sys.stderr)
+    return EXIT_NO_ANSWER
+
+
+def exit_code(ending: Ending) -> int:
+    """0 if it went well."""
+    return EXIT_DONE if ending.good else EXIT_REFUSED

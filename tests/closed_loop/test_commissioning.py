@@ -1,0 +1,205 @@
+"""Proving the sign of each axis: in lock-step, with the virtual drives of the empty machine."""
+
+import struct
+
+import pytest
+from sessions import CONFIGS, Session, changed_configs
+
+from daemon.core.axis_notes import Notes
+from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind
+from drives.signals import PowerState
+
+HIP, SLIDE = "right/hip", "right/slide"
+EMPTY = (
+    ("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
+    ("plant.toml", '"robot.toml"', '"robot_empty.toml"'),
+)
+PROVEN = ("demo.toml", 'signs = "assumed"', 'signs = "proven"')
+
+
+@pytest.fixture
+def session(tmp_path):
+    return Session(changed_configs(tmp_path, *EMPTY, PROVEN)).until_ready()
+
+
+def asked(session, axis, *, witnessed=False):
+    wanted = ModeRequest(Mode.COMMISSION, axis=axis, witnessed=witnessed)
+    return session.lockstep.request(RequestKind.MODE, wanted)
+
+
+def sign_test(session, axis):
+    """Run a sign test to its end; its records."""
+    begun = len(session.lockstep.records)
+    answer = asked(session, axis)
+    assert answer.outcome == Outcome.DONE, answer.reason
+    session.lockstep.run_until(lambda record: record.mode == Mode.OFF, within_s=60)
+    session.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
+    session.lockstep.run(0.2)
+    return session.lockstep.records[begun:]
+
+
+def events(records):
+    return [event for record in records for event in record.events]
+
+
+def test_nothing_can_be_enabled_before_every_sign_is_proven(session):
+    refused = session.lockstep.request(RequestKind.ENABLE)
+    assert refused.outcome == Outcome.REFUSED
+    assert HIP in refused.reason
+    assert SLIDE in refused.reason
+
+    for axis in (HIP, SLIDE):
+        sign_test(session, axis)
+        assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
+        assert asked(session, axis, witnessed=True).outcome == Outcome.DONE
+
+    assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.DONE
+
+
+def test_an_axis_that_moves_with_its_torque_and_was_watched_is_proven_and_says_so(session):
+    records = sign_test(session, HIP)
+    assert any("moves with its torque: pushed forth" in event for event in events(records))
+    assert not session.lockstep.record.drives[0].sign_proven
+
+    asked(session, HIP, witnessed=True)
+    session.lockstep.run(0.1)
+
+    assert session.lockstep.record.drives[0].sign_proven
+    proof = session.lockstep.notebook.notes.of(HIP).proof
+    assert proof is not None
+    assert proof.moved_forth_si > 0.03 > -0.03 > proof.moved_back_si
+
+
+def test_a_witness_of_nothing_is_not_believed(session):
+    answer = asked(session, HIP, witnessed=True)
+
+    assert answer.outcome == Outcome.REFUSED
+    assert "has not been tested" in answer.reason
+
+
+def test_the_torque_of_a_sign_test_is_bounded_in_the_drive_and_by_the_core(session):
+    records = sign_test(session, HIP)
+    pushed = [abs(record.drives[0].target_effort_si) for record in records]
+    limits = [
+        struct.unpack_from("<I", frame.data, 4)[0]
+        for frame in session.lockstep.bus.sent
+        if frame.can_id == 0x605 and frame.data[:4] == bytes.fromhex("23013002")
+    ]
+
+    assert 7.0 < max(pushed) <= 12.0
+    full_ma, gentle_ma, again_ma = limits
+    assert gentle_ma == int(12.0 / 100 / 0.055736 * 1e3)
+    assert again_ma == full_ma > gentle_ma
+
+
+def test_the_other_axis_has_no_power_during_a_sign_test(session):
+    records = sign_test(session, HIP)
+
+    assert PowerState.OPERATION_ENABLED in {record.drives[0].power_state for record in records}
+    assert PowerState.OPERATION_ENABLED not in {record.drives[1].power_state for record in records}
+
+
+def test_a_blocked_axis_proves_nothing(session):
+    session.machine.command("blocked_rotor right/hip")
+
+    records = sign_test(session, HIP)
+
+    assert any("do not move it" in event for event in events(records))
+    assert asked(session, HIP, witnessed=True).outcome == Outcome.REFUSED
+
+
+@pytest.mark.parametrize("fault", ["hand_switch_open right/hip", "sto_open right/hip"])
+def test_a_sign_test_stops_like_everything_else_and_proves_nothing(session, fault):
+    asked(session, HIP)
+    session.lockstep.run_until(lambda record: record.mode == Mode.COMMISSION, within_s=10)
+    session.lockstep.run(0.6)
+
+    session.machine.command(fault)
+    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+
+    assert session.lockstep.record.verdict.cause in {Cause.HAND_SWITCH_OPEN, Cause.STO_ACTIVE}
+    session.machine.command(f"clear {fault}")
+    assert session.lockstep.request(RequestKind.RESET).outcome == Outcome.DONE
+    assert asked(session, HIP, witnessed=True).outcome == Outcome.REFUSED
+
+
+def test_a_sign_test_can_be_stopped_and_disabled(session):
+    for kind in (None, RequestKind.DISABLE):
+        asked(session, HIP)
+        session.lockstep.run_until(lambda record: record.mode == Mode.COMMISSION, within_s=10)
+        session.lockstep.run(0.3)
+        if kind is None:
+            session.lockstep.gateway.stop()
+            session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+            assert session.lockstep.request(RequestKind.RESET).outcome == Outcome.DONE
+        else:
+            assert session.lockstep.request(kind).outcome == Outcome.DONE
+            assert session.lockstep.record.mode == Mode.READY
+
+
+def test_with_a_patient_no_axis_is_moved_alone(tmp_path):
+    session = Session(changed_configs(tmp_path, PROVEN)).until_ready()
+
+    answer = asked(session, HIP)
+
+    assert answer.outcome == Outcome.REFUSED
+    assert "patient" in answer.reason
+
+
+def test_an_axis_that_does_not_exist_is_named_with_those_that_do(session):
+    answer = asked(session, "left/hip")
+
+    assert answer.outcome == Outcome.REFUSED
+    assert "right/hip, right/slide" in answer.reason
+
+
+def test_a_proof_outlives_a_restart(session, tmp_path):
+    for axis in (HIP, SLIDE):
+        sign_test(session, axis)
+        asked(session, axis, witnessed=True)
+    session.lockstep.run(0.1)
+    notes = session.lockstep.notebook.notes
+
+    again = Session(tmp_path / "configs", notes).until_ready()
+
+    assert again.lockstep.request(RequestKind.ENABLE).outcome == Outcome.DONE
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        ("plant.toml", "serial_number = 305_000_005", "serial_number = 305_000_099"),
+        ("drives/hip_epos4.toml", "sign = 1", "sign = -1"),
+        ("drives/hip_epos4.toml", "gear_ratio = 100.0", "gear_ratio = 100.5"),
+    ],
+    ids=["another drive", "another sign", "another gear"],
+)
+def test_a_proof_is_of_one_drive_and_one_transmission(session, tmp_path, change):
+    for axis in (HIP, SLIDE):
+        sign_test(session, axis)
+        asked(session, axis, witnessed=True)
+    session.lockstep.run(0.1)
+    notes = session.lockstep.notebook.notes
+
+    changed = changed_configs(tmp_path / "changed", *EMPTY, PROVEN, change)
+    again = Session(changed, notes).until_ready()
+
+    refused = again.lockstep.request(RequestKind.ENABLE)
+    assert refused.outcome == Outcome.REFUSED
+    assert "sign is not proven: right/hip:" in refused.reason
+
+
+def test_notes_that_cannot_be_read_prove_nothing(tmp_path):
+    configs = changed_configs(tmp_path, *EMPTY, PROVEN)
+    session = Session(configs, Notes(damaged=True)).until_ready()
+
+    refused = session.lockstep.request(RequestKind.ENABLE)
+
+    assert refused.outcome == Outcome.REFUSED
+
+
+def test_the_configuration_of_a_real_trainer_asks_for_proven_signs_and_a_stored_pose():
+    text = (CONFIGS / "trainer.toml").read_text()
+
+    assert 'signs = "proven"' in text
+    assert 'without_stored_pose = "home"' in text

@@ -1,0 +1,217 @@
+"""Where an axis is after a start: homed, or where it was left (design: modes, `ready`)."""
+
+import math
+from itertools import pairwise
+
+import pytest
+from sessions import Session, changed_configs
+
+from daemon.core.axis_notes import AxisNote, Notes
+from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind
+from drives.signals import OperationMode, PowerState
+
+HIP, SLIDE = "right/hip", "right/slide"
+EMPTY = (
+    ("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
+    ("plant.toml", '"robot.toml"', '"robot_empty.toml"'),
+)
+INCREMENTAL = (
+    ("drives/hip_epos4.toml", "absolute = true", "absolute = false"),
+    ("drives/slide_epos4.toml", "absolute = true", "absolute = false"),
+    ("plant.toml", 'encoder = "absolute"', 'encoder = "incremental"'),
+)
+STRICT = (
+    ("demo.toml", "pose_tolerance_deg = 180.0", "pose_tolerance_deg = 1.5"),
+    ("demo.toml", "pose_tolerance_m = 2.0", "pose_tolerance_m = 0.01"),
+    ("demo.toml", 'without_stored_pose = "believe"', 'without_stored_pose = "home"'),
+)
+
+
+@pytest.fixture
+def incremental(tmp_path):
+    return Session(changed_configs(tmp_path, *EMPTY, *INCREMENTAL)).until_ready()
+
+
+def asked(session, axis):
+    return session.lockstep.request(RequestKind.MODE, ModeRequest(Mode.REFERENCE, axis=axis))
+
+
+def home(session, axis):
+    """Home one axis; the records of it."""
+    begun = len(session.lockstep.records)
+    answer = asked(session, axis)
+    assert answer.outcome == Outcome.DONE, answer.reason
+    session.lockstep.run_until(lambda record: record.mode == Mode.OFF, within_s=60)
+    session.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
+    session.lockstep.run(0.2)
+    return session.lockstep.records[begun:]
+
+
+def referenced(session):
+    return [drive.referenced for drive in session.lockstep.record.drives]
+
+
+def test_an_incremental_encoder_is_not_referenced_and_cannot_be_enabled(incremental):
+    answer = incremental.lockstep.request(RequestKind.ENABLE)
+
+    assert answer.outcome == Outcome.REFUSED
+    assert answer.reason == "not referenced: right/hip, right/slide"
+    assert incremental.lockstep.record.legs[0].status & (1 << 10)  # UNREFERENCED
+
+
+def test_homing_finds_the_joint_where_it_is_within_an_encoder_count_or_two(incremental):
+    home(incremental, HIP)
+    assert referenced(incremental) == [True, False]
+    home(incremental, SLIDE)
+    assert referenced(incremental) == [True, True]
+
+    truth, drives = incremental.truth.rows[-1], incremental.lockstep.record.drives
+    assert drives[0].position_si == pytest.approx(truth.hip_angle_rad, abs=3e-4)
+    assert drives[1].position_si == pytest.approx(truth.slide_position_m, abs=2e-4)
+    assert incremental.lockstep.request(RequestKind.ENABLE).outcome == Outcome.DONE
+
+
+def test_homing_is_the_drive_s_own_mode_of_one_axis_with_limited_torque(incremental):
+    records = home(incremental, HIP)
+
+    moving = [record for record in records if record.mode == Mode.REFERENCE]
+    assert {record.drives[0].mode_display for record in moving[20:]} == {OperationMode.HOMING}
+    assert max(abs(record.drives[0].effort_si or 0.0) for record in moving) < 1.02 * 50.0
+    assert all(record.drives[0].target_effort_si == 0.0 for record in moving)
+    assert PowerState.OPERATION_ENABLED not in {record.drives[1].power_state for record in records}
+
+
+def test_the_stroke_of_a_homing_is_asked_for_by_one_edge_of_bit_4(incremental):
+    home(incremental, HIP)
+
+    words = [
+        int.from_bytes(frame.data[:2], "little")
+        for frame in incremental.lockstep.bus.sent
+        if frame.can_id == 0x205
+    ]
+    rises = [new for old, new in pairwise(words) if new & ~old & 0x10]
+    assert rises == [0x1F]
+
+
+def test_homing_that_is_blocked_fails_with_its_reason_and_references_nothing(incremental):
+    asked(incremental, HIP)
+    incremental.lockstep.run_until(lambda record: record.mode == Mode.REFERENCE, within_s=10)
+    incremental.lockstep.run(1.0)
+    incremental.machine.command("blocked_rotor right/hip")
+
+    begun = len(incremental.lockstep.records)
+    incremental.lockstep.run_until(lambda record: record.mode != Mode.REFERENCE, within_s=60)
+    incremental.lockstep.run(3.0)
+
+    told = [event for record in incremental.lockstep.records[begun:] for event in record.events]
+    assert any(event.startswith("right/hip: failed: ") for event in told)
+    assert referenced(incremental) == [False, False]
+
+
+def test_a_stop_during_homing_ends_in_fault_and_references_nothing(incremental):
+    asked(incremental, HIP)
+    incremental.lockstep.run_until(lambda record: record.mode == Mode.REFERENCE, within_s=10)
+    incremental.lockstep.run(1.0)
+
+    incremental.lockstep.gateway.stop()
+    incremental.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+
+    assert incremental.lockstep.record.verdict.cause == Cause.STOP_REQUESTED
+    assert referenced(incremental) == [False, False]
+    assert incremental.lockstep.request(RequestKind.RESET).outcome == Outcome.DONE
+    assert incremental.lockstep.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
+
+
+def test_a_reboot_of_a_drive_loses_its_home(incremental):
+    home(incremental, HIP)
+    home(incremental, SLIDE)
+    incremental.machine.command("reboot right/hip 0.3")
+    incremental.lockstep.run(4.0)
+
+    incremental.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
+
+    assert referenced(incremental) == [False, True]
+
+
+def test_with_a_patient_no_axis_is_homed(tmp_path):
+    session = Session(changed_configs(tmp_path, *INCREMENTAL)).until_ready()
+
+    answer = asked(session, HIP)
+
+    assert answer.outcome == Outcome.REFUSED
+    assert "patient" in answer.reason
+
+
+def test_an_axis_without_a_homing_in_its_file_is_refused(tmp_path):
+    from sessions import generic_drives
+
+    configs = generic_drives(tmp_path)
+    for name in ("demo.toml", "plant.toml"):
+        text = (configs / name).read_text()
+        (configs / name).write_text(text.replace('"robot.toml"', '"robot_empty.toml"'))
+    session = Session(configs).until_ready()
+
+    answer = asked(session, HIP)
+
+    assert answer.outcome == Outcome.REFUSED
+    assert "[homing]" in answer.reason
+
+
+# --- absolute encoders ----------------------------------------------------------------------------
+
+
+def left_at(hip_rad, slide_m):
+    return Notes(axes={HIP: AxisNote(position_si=hip_rad), SLIDE: AxisNote(position_si=slide_m)})
+
+
+def test_an_absolute_encoder_is_believed_where_the_axis_was_left(tmp_path):
+    notes = left_at(math.radians(13.98) + 0.01, 0.5905 - 0.005)
+
+    session = Session(changed_configs(tmp_path, *STRICT), notes).until_ready()
+
+    assert referenced(session) == [True, True]
+
+
+def test_an_absolute_encoder_that_disagrees_with_the_stored_pose_is_not_believed(tmp_path):
+    notes = left_at(math.radians(13.98) - 0.0628, 0.5905)
+
+    session = Session(changed_configs(tmp_path, *STRICT), notes).until_ready()
+
+    assert referenced(session) == [False, True]
+    told = [event for record in session.lockstep.records for event in record.events]
+    assert any("it was left at 0.1812" in event for event in told)
+    assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
+
+
+@pytest.mark.parametrize("notes", [Notes(), Notes(damaged=True)], ids=["none", "damaged"])
+def test_without_a_stored_pose_the_trainer_file_decides_and_a_damaged_one_is_none(tmp_path, notes):
+    session = Session(changed_configs(tmp_path, *STRICT), notes).until_ready()
+
+    assert referenced(session) == [False, False]
+
+
+def test_a_damaged_pose_is_not_believed_where_a_missing_one_would_be(tmp_path):
+    lenient = changed_configs(tmp_path, *STRICT[:2])
+
+    assert referenced(Session(lenient, Notes()).until_ready()) == [True, True]
+    assert referenced(Session(lenient, Notes(damaged=True)).until_ready()) == [False, False]
+
+
+def test_the_pose_is_stored_at_an_orderly_stop_and_followed_while_nothing_is_driven(tmp_path):
+    session = Session(changed_configs(tmp_path, *STRICT[:2])).enabled()
+    before = session.lockstep.notebook.notes.of(HIP).position_si
+    session.lockstep.run(2.0)
+    assert session.lockstep.notebook.notes.of(HIP).position_si == before
+
+    session.lockstep.request(RequestKind.DISABLE)
+    session.lockstep.run(4.0)
+
+    stored, there = session.lockstep.notebook.notes, session.lockstep.record.drives
+    assert stored.of(HIP).position_si == pytest.approx(there[0].position_si, abs=2e-4)
+    assert stored.of(SLIDE).position_si == pytest.approx(there[1].position_si, abs=2e-4)
+
+
+def test_an_unreferenced_axis_stores_no_pose(incremental):
+    incremental.lockstep.run(3.0)
+
+    assert incremental.lockstep.notebook.notes == Notes()

@@ -1,0 +1,67 @@
+"""The file that keeps poses and proofs across restarts."""
+
+import pytest
+
+from daemon.core.axis_notes import AxisNote, Notes, SignProof, with_pose, with_proof
+from daemon.core.notebook import NAME, SIZE, Notebook
+
+PROOF = SignProof(5, 305_000_005, 1, 100.0, None, 1024, 0.036, -0.036, 1)
+NOTES = Notes(axes={"right/hip": AxisNote(0.25, 7, PROOF)})
+
+
+def test_what_is_written_is_found_by_the_next_start(tmp_path):
+    notebook = Notebook(tmp_path)
+    assert notebook.notes == Notes()
+    notebook.write(NOTES)
+    notebook.close()
+
+    assert Notebook(tmp_path).notes == NOTES
+
+
+def test_what_is_written_survives_a_process_that_never_closes_it(tmp_path):
+    Notebook(tmp_path).write(NOTES)
+
+    assert Notebook(tmp_path).notes == NOTES
+
+
+def test_a_shorter_note_leaves_nothing_of_a_longer_one(tmp_path):
+    notebook = Notebook(tmp_path)
+    notebook.write(NOTES)
+    notebook.write(Notes())
+    notebook.close()
+
+    assert Notebook(tmp_path).notes == Notes()
+    assert (tmp_path / NAME).stat().st_size == SIZE
+
+
+@pytest.mark.parametrize(
+    "text",
+    [b"{", b'{"axes": 3}', b'{"axes": {}, "format": "gaitd.axes.v2"}', b"\xff\xfe", b"[1]" * 3000],
+    ids=["cut", "wrong type", "another version", "no text", "too long"],
+)
+def test_a_file_that_cannot_be_read_is_damaged_and_not_missing(tmp_path, text):
+    (tmp_path / NAME).write_bytes(text)
+
+    assert Notebook(tmp_path).notes.damaged
+
+
+def test_a_file_that_a_crash_left_empty_is_missing(tmp_path):
+    (tmp_path / NAME).write_bytes(b"\0" * SIZE)
+
+    assert Notebook(tmp_path).notes == Notes()
+
+
+def test_a_pose_that_has_not_changed_is_no_news():
+    notes = with_pose(Notes(), "right/hip", 0.25, 1)
+
+    assert with_pose(notes, "right/hip", 0.25005, 2) is notes
+    assert with_pose(notes, "right/hip", 0.2502, 2).of("right/hip").noted_utc_ns == 2
+
+
+def test_a_pose_and_a_proof_do_not_disturb_each_other_or_another_axis():
+    notes = with_proof(with_pose(Notes(), "right/hip", 0.25, 1), "right/hip", PROOF)
+    notes = with_pose(notes, "right/slide", 0.5, 1)
+    notes = with_pose(notes, "right/hip", 0.3, 2)
+
+    assert notes.of("right/hip") == AxisNote(0.3, 2, PROOF)
+    assert notes.of("right/slide").position_si == 0.5
