@@ -146,11 +146,6 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
     Cause.STOP_NOT_OBEYED: CauseText(
         "a drive did not obey a stop", Blame.DRIVE, "press the emergency stop; service the drive"
     ),
-    Cause.PREPARATION_FAILED: CauseText(
-        "an axis could not be homed, or its sign could not be proven",
-        Blame.OPERATOR,
-        "read what the event says of it; reset",
-    ),
 }
 
 FIXED_CATEGORY: Final[dict[Cause, StopCategory]] = {
@@ -168,7 +163,6 @@ FIXED_CATEGORY: Final[dict[Cause, StopCategory]] = {
     Cause.BUS_OFF: StopCategory.S1,
     Cause.COMMAND_NOT_FINITE: StopCategory.S1,
     Cause.STOP_NOT_OBEYED: StopCategory.S0,
-    Cause.PREPARATION_FAILED: StopCategory.S0,
 }
 """Fixed by the design, section 5: a file cannot choose them."""
 

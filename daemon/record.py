@@ -98,8 +98,6 @@ class Cause(IntEnum):
     STATIC_LOAD_WRONG = 71
     # escalation
     STOP_NOT_OBEYED = 80
-    # one axis at a time
-    PREPARATION_FAILED = 90
 
 
 class RequestKind(IntEnum):

@@ -68,7 +68,7 @@ class DriveState(Sampled, frozen=True, kw_only=True):
     protocol_error_count: Annotated[int, Meta(description="Frames that could not be used.")]
     sign_proven: Annotated[
         bool, Meta(description="Torque and motion have been seen to agree, by a person, too.")
-    ] = False
+    ]
 
 
 class Judgement(msgspec.Struct, frozen=True, kw_only=True):

@@ -13,6 +13,7 @@ from daemon.causes import CAUSE_TEXT, FIXED_CATEGORY
 from daemon.config import workspace
 from daemon.config.axes import cycle_settings, drive_limits, effort_per_motor_nm
 from daemon.config.bundle import Settings
+from daemon.config.cross_homing import refuse_homing
 from daemon.config.cross_motion import decelerations, limit_box
 from daemon.config.limit_settings import CATEGORIES
 from daemon.config.robot import friction_parameters, leg_parameters
@@ -156,7 +157,7 @@ def examine(settings: Settings) -> Report:
 
 
 def refuse(settings: Settings, report: Report) -> None:
-    """Refuse a set whose stops leave the workspace.
+    """Refuse a set whose stops leave the workspace, and a homing that does not get home.
 
     Raises:
         ConfigError: naming the kind of stop and how far it goes.
@@ -173,6 +174,7 @@ def refuse(settings: Settings, report: Report) -> None:
             )
             cadence_hz = settings.trainer.gait.cadence_max_hz
             raise ConfigError(settings.file.path, "gait.cadence_max_hz", cadence_hz, allowed)
+    refuse_homing(settings)
 
 
 def _axis(
