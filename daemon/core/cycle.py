@@ -16,12 +16,12 @@ from daemon.core import (
     inbox,
     joints,
     plans,
+    poses,
     preparing,
     recording,
     requests,
     safety,
 )
-from daemon.core.axis_notes import with_pose
 from daemon.core.friction_watch import watch
 from daemon.core.looking_back import look_back
 from daemon.core.state import Axis, Core, Leg
@@ -48,7 +48,7 @@ def step(
     orders = inbox.hear(core, levels, tick.cycle)
     found = judge(core, orders, tick)
     conduct.change_mode(core, found, orders, tick.cycle, tick.sync_utc_ns)
-    note_poses(core, tick)
+    poses.follow(core, tick.cycle, tick.sync_utc_ns)
     commands = guidance.command(core, tick.cycle)
     outgoing = drives.frames(commands)
     return outgoing, recording.record(core, tick)
@@ -178,21 +178,6 @@ def _start_observer(leg: Leg) -> bool:
 
 def _sampled_si(axis: Axis) -> float:
     return axis.joint.position_si if axis.joint.fresh else math.nan
-
-
-NOTE_CYCLES = 100
-"""Between two looks at a leg that rests."""
-
-
-def note_poses(core: Core, tick: Tick) -> None:
-    """Note where the axes rest without being driven: the stored pose of the next start."""
-    if tick.cycle % NOTE_CYCLES or conduct.driving(core):
-        return
-    for axis in core.axes:
-        joint = axis.joint
-        at_rest = abs(joint.velocity_si) < axis.limits.standstill_si_per_s
-        if axis.referenced and joint.fresh and at_rest:
-            core.notes = with_pose(core.notes, axis.name, joint.position_si, tick.sync_utc_ns)
 
 
 def judge(core: Core, orders: inbox.Orders, tick: Tick) -> Verdict:

@@ -26,7 +26,7 @@ from typing import Final, Protocol
 from msgspec.structs import replace
 
 from daemon.clock import Clock
-from daemon.core import conduct, cycle
+from daemon.core import conduct, cycle, poses
 from daemon.core.bringing import bring_up_core, fail
 from daemon.core.build import Plans
 from daemon.core.notebook import NoteKeeper
@@ -46,6 +46,8 @@ SEND_MARGIN_NS: Final = 500_000
 """Commands go out at the latest this long before the next SYNC."""
 POWER_OFF_CYCLES: Final = 50
 """At the end, drives may take this long to show that they are without power."""
+SETTLE_CYCLES: Final = 150
+"""And the leg so long, with that, to find its rest: the pose that the next start compares with."""
 BLIND_STOP_CYCLES: Final = 50
 STATUS_CYCLES: Final = 100
 
@@ -305,9 +307,7 @@ class Loop:
 
     def _tell(self, record: CycleRecord) -> None:
         self._seam.publish(record)
-        if self._core.notes is not self._noted:
-            self._noted = self._core.notes
-            self._settings.notebook.write(self._noted)
+        self._keep_notes()
         if record.seq == 1:
             self._supervisor.send("READY=1")
         if self._cycle % STATUS_CYCLES == 0:
@@ -345,7 +345,21 @@ class Loop:
         self._power_off_cycles += 1
         powered = {PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE}
         states = {axis.feedback.power_state for axis in core.axes if axis.feedback is not None}
-        return not states & powered or self._power_off_cycles > POWER_OFF_CYCLES
+        if states & powered:
+            return self._power_off_cycles > POWER_OFF_CYCLES
+        if not poses.all_rest(core) and self._power_off_cycles <= SETTLE_CYCLES:
+            return False
+        self._note_poses()
+        return True
+
+    def _note_poses(self) -> None:
+        poses.note(self._core, self._clock.utc_ns())
+        self._keep_notes()
+
+    def _keep_notes(self) -> None:
+        if self._core.notes is not self._noted:
+            self._noted = self._core.notes
+            self._settings.notebook.write(self._noted)
 
     def _stop_blindly(self) -> None:
         """Quick stop again and again without looking, for as long as a stop takes."""

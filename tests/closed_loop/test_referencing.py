@@ -215,3 +215,15 @@ def test_an_unreferenced_axis_stores_no_pose(incremental):
     incremental.lockstep.run(3.0)
 
     assert incremental.lockstep.notebook.notes == Notes()
+
+
+def test_a_service_that_is_asked_to_end_waits_for_the_leg_to_rest_and_stores_where(tmp_path):
+    session = Session(changed_configs(tmp_path, *STRICT[:2])).walking(warm_s=3.0)
+
+    session.lockstep.shut_down()
+
+    last, notes = session.truth.rows[-1], session.lockstep.notebook.notes
+    assert abs(last.hip_velocity_rad_per_s) < 0.1
+    assert abs(last.slide_velocity_m_per_s) < 0.06
+    assert notes.of(HIP).position_si == pytest.approx(last.hip_angle_rad, abs=0.002)
+    assert notes.of(SLIDE).position_si == pytest.approx(last.slide_position_m, abs=0.002)
