@@ -11,10 +11,14 @@ Rules beside the tables':
 5. Lost connection (heartbeat, RPDO watchdog) acts by 6007h: on a drive for which that is a fault,
    the slow-down that 6007h names and then "fault"; on the others the command that it names.
    Leaving NMT operational with the power stage on is that command on both.
+6. On some drives 6041h is a copy that is renewed every few milliseconds; and a controlword that has
+   no place in the present state is refused with an EMCY and the warning bit until a better one.
+7. 607Eh, 608Fh, 6091h, 6092h, where the drive has them, are locked while the power stage is on.
 """
 
 from typing import Final
 
+from sim_drives.aborts import AbortCode, SdoAbortError
 from sim_drives.actuation import Actuation, AxisActuation, AxisFlag
 from sim_drives.dictionary import ObjectDictionary
 from sim_drives.emergency import Errors
@@ -26,6 +30,7 @@ from sim_drives.plant_port import Axis
 from sim_drives.power_state import (
     DISABLE_OPTION,
     FAULT_REACTION_OPTION,
+    MISPLACED,
     POWER_STAGE_ON,
     QUICK_STOP_OPTION,
     TRANSITIONS,
@@ -39,7 +44,13 @@ from sim_drives.power_state import (
     command_of,
     fault_reset_edge,
 )
-from sim_drives.scaling import Scaling
+from sim_drives.scaling import (
+    POLARITY,
+    POSITION_POLARITY,
+    UNIT_RATIOS,
+    VELOCITY_POLARITY,
+    Scaling,
+)
 from sim_drives.settings import DriveSettings, LimitSwitch, PositionLimit
 from sim_drives.timers import MILLISECOND, Timers
 
@@ -51,6 +62,9 @@ NEGATIVE_SWITCH_CODE: Final = 0x8A80
 POSITIVE_SWITCH_CODE: Final = 0x8A81
 SOFT_LIMIT_CODE: Final = 0x8A82
 CONNECTION_CODE: Final = 0x8100
+MISPLACED_CODE: Final = 0x6300
+CONTROLWORD: Final = 0x6040
+STATUSWORD: Final = 0x6041
 _VOLTAGE_OFF: Final = (PowerState.NOT_READY_TO_SWITCH_ON, PowerState.SWITCH_ON_DISABLED)
 _FAULTED: Final = (PowerState.FAULT_REACTION_ACTIVE, PowerState.FAULT)
 
@@ -83,7 +97,12 @@ class Drive:
         self._at_rest = False
         self._controlword_prev = 0
         self._ordered: AxisActuation | None = None
-        dictionary.watch(0x6040, lambda _: self._controlword_written())
+        self._statusword = 0
+        dictionary.watch(CONTROLWORD, lambda _: self._controlword_written())
+        if self._personality.refuses_misplaced_controlword:
+            dictionary.guard(CONTROLWORD, lambda _, value: self._judge_controlword(value))
+        for index in (POLARITY, *UNIT_RATIOS):
+            dictionary.guard(index, lambda _, value, i=index: self._judge_units(i, value))
 
     # --- power and connection -----------------------------------------------------------------
 
@@ -172,7 +191,7 @@ class Drive:
     # --- the power state machine --------------------------------------------------------------
 
     def _controlword_written(self) -> None:
-        controlword = self._dictionary.value(0x6040)
+        controlword = self._dictionary.value(CONTROLWORD)
         edge = fault_reset_edge(self._controlword_prev, controlword)
         self._controlword_prev = controlword
         if edge and self.state is PowerState.FAULT:
@@ -182,6 +201,20 @@ class Drive:
             self._obey(command)
         enabled = self.state is PowerState.OPERATION_ENABLED
         self._motion.controlword_written(controlword, enabled=enabled)
+
+    def _judge_controlword(self, controlword: int) -> None:
+        """Rule 6, before it is stored."""
+        if (self.state, command_of(controlword)) in MISPLACED:
+            self._errors.begin(MISPLACED_CODE, latched=False)
+            raise SdoAbortError(AbortCode.RANGE)
+        self._errors.cause_gone(MISPLACED_CODE)
+
+    def _judge_units(self, index: int, value: int) -> None:
+        """Rule 7."""
+        if self.state in POWER_STAGE_ON:
+            raise SdoAbortError(AbortCode.DEVICE_STATE)
+        if index == POLARITY and value & ~(POSITION_POLARITY | VELOCITY_POLARITY):
+            raise SdoAbortError(AbortCode.RANGE)
 
     def _obey(self, command: Command) -> None:
         row = TRANSITIONS.get((self.state, command))
@@ -300,7 +333,22 @@ class Drive:
     def _show(self, flags: AxisFlag) -> None:
         self.measurement.show_inputs()
         self._show_demand()
-        self._dictionary.put(0x6041, 0, self._statusword(flags))
+        self._statusword = self._statusword_now(flags)
+        if self._statusword != self._dictionary.value(STATUSWORD):
+            self._renew_statusword()
+
+    def _renew_statusword(self) -> None:
+        """Rule 6."""
+        period_ns = self._personality.statusword_period_ns
+        if period_ns and not self._timers.running(STATUSWORD):
+            now_ns = self._line.now_ns
+            at_ns = now_ns - now_ns % period_ns + period_ns
+            self._timers.start(STATUSWORD, at_ns, self._put_statusword)
+        elif not period_ns:
+            self._put_statusword()
+
+    def _put_statusword(self) -> None:
+        self._dictionary.put(STATUSWORD, 0, self._statusword)
 
     def _order(self) -> AxisActuation:
         if self.state not in POWER_STAGE_ON or not self.measurement.sto_released:
@@ -323,7 +371,7 @@ class Drive:
 
     # --- statusword ---------------------------------------------------------------------------
 
-    def _statusword(self, flags: AxisFlag) -> int:
+    def _statusword_now(self, flags: AxisFlag) -> int:
         word = self.state.value | StatusBit.REMOTE
         word |= StatusBit.VOLTAGE_ENABLED * self._voltage_enabled()
         word |= StatusBit.WARNING * self._errors.warning

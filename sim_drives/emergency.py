@@ -134,7 +134,7 @@ class Errors:
         register = self._dictionary.value(ERROR_REGISTER)
         data = code.to_bytes(2, "little") + bytes((register,)) + bytes(5)
         at_ns = max(self._line.now_ns, self._free_at_ns)
-        self._free_at_ns = at_ns + self._dictionary.value(INHIBIT_TIME) * _INHIBIT_STEP_NS
+        self._free_at_ns = at_ns + self._dictionary.value_or(INHIBIT_TIME, 0, 0) * _INHIBIT_STEP_NS
         self._line.send(Frame(cob_id & CAN_ID_MASK, data), delay_ns=at_ns - self._line.now_ns)
 
     def _remember(self, code: int) -> None:

@@ -39,7 +39,7 @@ from sim_drives.measurement import (
 )
 from sim_drives.power_state import StatusBit
 from sim_drives.scaling import Scaling
-from sim_drives.settings import DriveSettings, PersonalityName
+from sim_drives.settings import DriveSettings
 from sim_drives.timers import MILLISECOND, Timers
 
 POLL_NS: Final = 1 * MILLISECOND
@@ -161,7 +161,7 @@ class Homing:
         self._timers = timers
         self._counts_per_rev = settings.counts_per_rev
         self._time_ns = round(settings.homing_time_s * 1e9)
-        stalls = settings.personality is PersonalityName.EPOS4
+        stalls = CURRENT_THRESHOLD in dictionary
         self.methods = frozenset(number for number in METHODS if number > 0 or stalls)
         self.progress = Progress.NOT_STARTED
         self._method: tuple[Search, ...] = ()

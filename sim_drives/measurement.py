@@ -27,6 +27,8 @@ HOME_SWITCH: Final = 1 << 2
 INTERLOCK: Final = 1 << 3
 HAND_SWITCH_CLOSED: Final = 1 << 16
 STO_RELEASED: Final = 1 << 17
+TIMESTAMP: Final = (0x2041, 0)
+"""Of the sample, in µs, where the drive has it."""
 AVERAGING_S: Final = 0.05
 """Time constant of 30D1h:01."""
 _INT16_MAX: Final = 2**15 - 1
@@ -88,7 +90,7 @@ class Measurement:
 
     def home(self, reference_counts: int, reads: int) -> None:
         """Move the origin so that 6064h reads `reads` where the encoder has `reference_counts`."""
-        self._origin_counts = reference_counts - reads
+        self._origin_counts = reference_counts - round(self._scaling.units_counts(reads))
         self.referenced = True
         self._show_position()
 
@@ -159,11 +161,12 @@ class Measurement:
         self._show_current(current_ma, now_ns)
         step_degc = self._temperature.temperature_step_degc
         put(*self._temperature.temperature_address, _int16(sample.temperature_degc / step_degc))
+        if TIMESTAMP in self._dictionary:
+            put(*TIMESTAMP, now_ns // 1000 % 2**32)
 
     def _show_position(self) -> None:
-        self._dictionary.put(
-            0x6064, 0, wrap_int32(self._counts + self._glitch_counts - self._origin_counts)
-        )
+        counts = self._counts + self._glitch_counts - self._origin_counts
+        self._dictionary.put(0x6064, 0, wrap_int32(self._scaling.position_units(counts)))
 
     def _show_current(self, current_ma: int, now_ns: int) -> None:
         if (0x30D1, 2) in self._dictionary:

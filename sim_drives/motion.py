@@ -215,7 +215,8 @@ class Motion:
             return 0.0
         return self._joint(self._dictionary.value(TARGET_POSITION))
 
-    def _joint(self, counts: int) -> float:
+    def _joint(self, position_units: int) -> float:
+        counts = self._scaling.units_counts(position_units)
         return self._scaling.position_si(counts + self._measurement.origin_counts)
 
     def _position_limits_si(self) -> tuple[float, float]:

@@ -1,20 +1,29 @@
-"""What the two kinds of virtual drive do differently. CiA 402 leaves it open; manufacturers decide.
+"""What the kinds of virtual drive do differently. CiA 402 leaves it open; manufacturers decide.
 
-| | EPOS4-like | plain CiA 402 |
-|---|---|---|
-| 6076h | µN·m, follows from 3001h:01 x 3001h:05 | mN·m |
-| current actual | 30D1h:02 in mA | 6078h in per mille of 6075h |
-| torque limit | 3001h:02 in mA | 6072h and 6073h in per mille |
-| speeds, decelerations | rpm, rpm/s of the motor | counts/s, counts/s² |
-| temperature | 3201h:01, 0.1 °C | 2100h:01, °C |
-| 0Fh in ready to switch on | transitions 3 and 4 | 3, then 4 by the next controlword |
-| lost connection (6007h) | slows down so, then Fault | the command so named; Fault only for 1 |
-| 8130h, 8120h are gone | by NMT reset communication | when the heartbeat is back |
-| COB-ID of a valid PDO | locked until it is invalid: 06010000 | if it stays valid: 06090030 |
-| error register | the class's bit alone | bit 0 beside the class's |
-| STO | 8A88h | 9000h, external error |
+| | EPOS4-like | Elmo-like | plain CiA 402 |
+|---|---|---|---|
+| 6076h | µN·m, 3001h:01 x 3001h:05 | mN·m | mN·m |
+| current actual | 30D1h:02 in mA | 6078h, per mille of 6075h | 6078h, per mille of 6075h |
+| torque limit | 3001h:02 in mA | 6072h, 6073h in per mille | 6072h, 6073h in per mille |
+| speeds, decelerations | rpm, rpm/s of the motor | counts/s, counts/s² | counts/s, counts/s² |
+| units of one's own | none | 607Eh, 608Fh, 6091h, 6092h | none |
+| temperature | 3201h:01, 0.1 °C | 22A2h, °C | 2100h:01, °C |
+| 0Fh in ready to switch on | transitions 3 and 4 | 3; 4 by the next 0Fh | 3; 4 by the next 0Fh |
+| a controlword out of place | ignored | 06090030, EMCY 6300h, bit 7 | ignored |
+| 6041h is renewed | at once | every 3 ms | at once |
+| lost connection, 6007h | slows down so, then Fault | the command so named, 1: Fault | as Elmo |
+| 8130h, 8120h are gone | by NMT reset communication | when the heartbeat is back | as Elmo |
+| COB-ID of a valid PDO | locked: 06010000 | if it stays valid: 06090030 | as Elmo |
+| error register | the class's bit alone | bit 0 beside the class's | as Elmo |
+| STO | 8A88h | 5441h | 9000h, external error |
+| option codes | 605Ah 6; 605Eh 0 to 2 | 605Ah 0 to 8; 605Eh 0 to 2 | 605Ah 0 to 8; 605Eh 0 to 4 |
 
-Sources: EPOS4 application facts as collected from public EDS/DCF files and manuals; CiA 402-2.
+Legal option codes, defaults and absent objects stand in the EDS files alone.
+
+Sources: EPOS4 application facts as collected from public EDS/DCF files and manuals. Elmo: public
+device configuration ipa320/cob_robots, Elmo.dcf, for objects, limits and identity; EMCY codes as
+leducp/KickCAT lists them (5441h is its code of an open inhibit input, taken for the STO here).
+CiA 402-2.
 """
 
 from collections.abc import Mapping
@@ -25,6 +34,7 @@ from typing import Final
 
 from sim_drives.dictionary import Address, Value
 from sim_drives.settings import DriveSettings, EncoderKind, PersonalityName
+from sim_drives.timers import MILLISECOND
 
 
 class SpeedUnit(Enum):
@@ -48,6 +58,9 @@ class Personality:
     cob_id_locked_while_valid: bool
     generic_error_bit: bool
     sto_error_code: int
+    statusword_period_ns: int = 0
+    """How often 6041h is renewed; 0 is at once."""
+    refuses_misplaced_controlword: bool = False
 
 
 PERSONALITIES: Final[Mapping[PersonalityName, Personality]] = MappingProxyType(
@@ -62,6 +75,19 @@ PERSONALITIES: Final[Mapping[PersonalityName, Personality]] = MappingProxyType(
             cob_id_locked_while_valid=True,
             generic_error_bit=False,
             sto_error_code=0x8A88,
+        ),
+        PersonalityName.ELMO_GOLD: Personality(
+            speed_unit=SpeedUnit.COUNTS_PER_S,
+            torque_base_nm=1e-3,
+            temperature_address=(0x22A2, 0),
+            temperature_step_degc=1.0,
+            automatic_enable=False,
+            connection_loss_is_fault=False,
+            cob_id_locked_while_valid=False,
+            generic_error_bit=True,
+            sto_error_code=0x5441,
+            statusword_period_ns=3 * MILLISECOND,
+            refuses_misplaced_controlword=True,
         ),
         PersonalityName.GENERIC: Personality(
             speed_unit=SpeedUnit.COUNTS_PER_S,

@@ -97,6 +97,17 @@ POWER_STAGE_ON: Final = frozenset(
 """States in which the motor may carry current."""
 
 
+MISPLACED: Final = frozenset(
+    {
+        (_S.SWITCH_ON_DISABLED, _C.SWITCH_ON),
+        (_S.SWITCH_ON_DISABLED, _C.ENABLE_OPERATION),
+        (_S.QUICK_STOP_ACTIVE, _C.SHUTDOWN),
+        (_S.QUICK_STOP_ACTIVE, _C.SWITCH_ON),
+    }
+)
+"""Commands that lead nowhere and do not ask for what is so already. In faults all are ignored."""
+
+
 class Ramp(Enum):
     """How an option code slows down."""
 

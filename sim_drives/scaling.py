@@ -6,6 +6,9 @@ Written from the drive's side: the transmission and the true torque constant are
 
     joint = sign · counts / counts_per_rev · travel + offset     travel = 2π/gear, or lead/gear
     effort = sign · k_t · current · 2π / travel
+    6064h = (counts - origin) · units      units = 1, or by 608Fh, 6091h, 6092h and 607Eh bit 7
+
+Speeds have the same units per second, and 607Eh bit 6 in place of bit 7.
 """
 
 import math
@@ -18,6 +21,11 @@ from sim_drives.settings import DriveSettings, PersonalityName
 RPM_TO_REV_PER_S: Final = 1 / 60
 NO_FOLLOWING_WINDOW: Final = 0xFFFF_FFFF
 """6065h: the watch is off."""
+POLARITY: Final = 0x607E
+POSITION_POLARITY: Final = 1 << 7
+VELOCITY_POLARITY: Final = 1 << 6
+UNIT_RATIOS: Final = (0x608F, 0x6091, 0x6092)
+"""Encoder resolution, gear ratio, feed constant: each sub 1 over sub 2."""
 
 
 def travel_si(settings: DriveSettings) -> float:
@@ -49,6 +57,10 @@ class Factors(NamedTuple):
     """60C2h: sub 1 times ten to the power of sub 2; 0 where it has not been set."""
     velocity_limit_si: float
     """6080h."""
+    units_per_count: float
+    """Of positions; negative with polarity bit 7."""
+    speed_step_si: float
+    """One unit of speed at the joint; negative with polarity bit 6."""
 
 
 class Scaling:
@@ -85,13 +97,22 @@ class Scaling:
         revolutions = counts / self._counts_per_rev
         return self._sign * revolutions * self._travel_si + self._offset_si
 
+    def position_units(self, counts: int) -> int:
+        """6064h of counts since the origin."""
+        units = self.factors.units_per_count
+        return counts if units == 1.0 else round(counts * units)
+
+    def units_counts(self, position_units: int) -> float:
+        """Counts since the origin of a position in the drive's units."""
+        return position_units / self.factors.units_per_count
+
     def speed_raw(self, velocity_si: float) -> float:
         """606Ch: signed, in the drive's unit."""
-        return self._sign * velocity_si / self._speed_step_si
+        return self._sign * velocity_si / self.factors.speed_step_si
 
     def velocity_si(self, speed_raw: int) -> float:
         """Joint velocity of a speed that has a direction."""
-        return self._sign * speed_raw * self._speed_step_si
+        return self._sign * speed_raw * self.factors.speed_step_si
 
     def counts_per_s(self, speed_raw: int) -> float:
         """Size of a speed at the encoder."""
@@ -103,7 +124,7 @@ class Scaling:
 
     def speed_si(self, speed_raw: int) -> float:
         """Size of a speed or, per second, of a deceleration at the joint."""
-        return speed_raw * self._speed_step_si
+        return speed_raw * abs(self.factors.speed_step_si)
 
     def motor_current_a(self, current_a: float) -> float:
         """The motor's current with the motor's sign, from the joint's sign."""
@@ -120,22 +141,37 @@ class Scaling:
         constant = self._believed_constant(rated_torque_nm, rated_current_a)
         current_per_permille = rated_torque_nm / constant * 1e-3 if constant else 0.0
         limit_a = min(self._object_limit_a(rated_current_a), self._hardware_limit_a)
+        units_per_count = self._units_per_count()
+        speed_step_si = self._speed_step_si(units_per_count)
         return Factors(
             effort_si_per_permille=current_per_permille * self._effort_per_a,
             permille_per_a=1 / current_per_permille if current_per_permille else 0.0,
             rated_current_a=rated_current_a,
             effort_limit_si=limit_a * self._effort_per_a,
-            following_window_si=self._following_window_si(),
+            following_window_si=self._following_window_si(units_per_count),
             following_time_s=value(0x6066) * 1e-3,
             interpolation_s=float(value(0x60C2, 1) * 10.0 ** value(0x60C2, 2)),
-            velocity_limit_si=self.speed_si(value(0x6080)),
+            velocity_limit_si=value(0x6080) * abs(speed_step_si),
+            units_per_count=units_per_count * self._polarity(POSITION_POLARITY),
+            speed_step_si=speed_step_si * self._polarity(VELOCITY_POLARITY),
         )
 
-    @property
-    def _speed_step_si(self) -> float:
+    def _units_per_count(self) -> float:
+        """CiA 402-2: feed constant / (encoder resolution · gear ratio)."""
+        encoder, gear, feed = (self._ratio(index) for index in UNIT_RATIOS)
+        return feed / (encoder * gear)
+
+    def _ratio(self, index: int) -> float:
+        value_or = self._dictionary.value_or
+        return value_or(index, 1, 1) / value_or(index, 2, 1)
+
+    def _polarity(self, bit: int) -> int:
+        return -1 if self._dictionary.value_or(POLARITY, 0, 0) & bit else 1
+
+    def _speed_step_si(self, units_per_count: float) -> float:
         if self._personality.speed_unit is SpeedUnit.RPM:
             return RPM_TO_REV_PER_S * self._travel_si
-        return self._travel_si / self._counts_per_rev
+        return self._travel_si / self._counts_per_rev / units_per_count
 
     def _believed_constant(self, rated_torque_nm: float, rated_current_a: float) -> float:
         """N·m/A that the drive reckons with: 3001h:05, or 6076h / 6075h; 0 if it was not told."""
@@ -149,8 +185,8 @@ class Scaling:
         permille = min(self._dictionary.value(0x6072), self._dictionary.value(0x6073))
         return permille * 1e-3 * rated_current_a
 
-    def _following_window_si(self) -> float:
-        counts = self._dictionary.value(0x6065)
-        if counts == NO_FOLLOWING_WINDOW:
+    def _following_window_si(self, units_per_count: float) -> float:
+        window = self._dictionary.value(0x6065)
+        if window == NO_FOLLOWING_WINDOW:
             return math.inf
-        return counts / self._counts_per_rev * self._travel_si
+        return window / units_per_count / self._counts_per_rev * self._travel_si

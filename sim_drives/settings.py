@@ -17,6 +17,7 @@ class PersonalityName(Enum):
     """Whose habits a drive has; `personality.py` spells them out."""
 
     EPOS4 = "epos4"
+    ELMO_GOLD = "elmo_gold"
     GENERIC = "generic"
 
 
