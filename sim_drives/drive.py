@@ -11,8 +11,8 @@ Rules beside the tables':
 5. Lost connection (heartbeat, RPDO watchdog) acts by 6007h: on a drive for which that is a fault,
    the slow-down that 6007h names and then "fault"; on the others the command that it names.
    Leaving NMT operational with the power stage on is that command on both.
-6. On some drives 6041h is a copy that is renewed every few milliseconds; and a controlword that has
-   no place in the present state is refused with an EMCY and the warning bit until a better one.
+6. On some drives a controlword that has no place in the present state is refused, with an EMCY and
+   the warning bit until a better one comes.
 7. 607Eh, 608Fh, 6091h, 6092h, where the drive has them, are locked while the power stage is on.
 """
 
@@ -52,6 +52,7 @@ from sim_drives.scaling import (
     Scaling,
 )
 from sim_drives.settings import DriveSettings, LimitSwitch, PositionLimit
+from sim_drives.statusword import Statusword
 from sim_drives.timers import MILLISECOND, Timers
 
 SELF_TEST_NS: Final = 200 * MILLISECOND
@@ -64,7 +65,6 @@ SOFT_LIMIT_CODE: Final = 0x8A82
 CONNECTION_CODE: Final = 0x8100
 MISPLACED_CODE: Final = 0x6300
 CONTROLWORD: Final = 0x6040
-STATUSWORD: Final = 0x6041
 _VOLTAGE_OFF: Final = (PowerState.NOT_READY_TO_SWITCH_ON, PowerState.SWITCH_ON_DISABLED)
 _FAULTED: Final = (PowerState.FAULT_REACTION_ACTIVE, PowerState.FAULT)
 
@@ -97,7 +97,8 @@ class Drive:
         self._at_rest = False
         self._controlword_prev = 0
         self._ordered: AxisActuation | None = None
-        self._statusword = 0
+        period_ns = self._personality.statusword_period_ns
+        self._statusword = Statusword(dictionary, line, timers, period_ns)
         dictionary.watch(CONTROLWORD, lambda _: self._controlword_written())
         if self._personality.refuses_misplaced_controlword:
             dictionary.guard(CONTROLWORD, lambda _, value: self._judge_controlword(value))
@@ -333,22 +334,7 @@ class Drive:
     def _show(self, flags: AxisFlag) -> None:
         self.measurement.show_inputs()
         self._show_demand()
-        self._statusword = self._statusword_now(flags)
-        if self._statusword != self._dictionary.value(STATUSWORD):
-            self._renew_statusword()
-
-    def _renew_statusword(self) -> None:
-        """Rule 6."""
-        period_ns = self._personality.statusword_period_ns
-        if period_ns and not self._timers.running(STATUSWORD):
-            now_ns = self._line.now_ns
-            at_ns = now_ns - now_ns % period_ns + period_ns
-            self._timers.start(STATUSWORD, at_ns, self._put_statusword)
-        elif not period_ns:
-            self._put_statusword()
-
-    def _put_statusword(self) -> None:
-        self._dictionary.put(STATUSWORD, 0, self._statusword)
+        self._statusword.show(self._status_bits(flags))
 
     def _order(self) -> AxisActuation:
         if self.state not in POWER_STAGE_ON or not self.measurement.sto_released:
@@ -371,7 +357,7 @@ class Drive:
 
     # --- statusword ---------------------------------------------------------------------------
 
-    def _statusword_now(self, flags: AxisFlag) -> int:
+    def _status_bits(self, flags: AxisFlag) -> int:
         word = self.state.value | StatusBit.REMOTE
         word |= StatusBit.VOLTAGE_ENABLED * self._voltage_enabled()
         word |= StatusBit.WARNING * self._errors.warning

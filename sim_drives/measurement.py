@@ -55,7 +55,7 @@ class Measurement:
         self._absolute = settings.encoder is EncoderKind.ABSOLUTE
         self._sign = settings.sign
         self._home_switch = settings.home_switch
-        self._temperature = PERSONALITIES[settings.personality]
+        self._personality = PERSONALITIES[settings.personality]
         self._origin_counts = 0
         self._counts = 0
         self._average_ma = 0.0
@@ -134,9 +134,12 @@ class Measurement:
     def inputs(self) -> int:
         """Rule 4."""
         inputs = HAND_SWITCH_CLOSED * self.hand_switch_closed
-        inputs |= STO_RELEASED * self.sto_released | INTERLOCK * (not self.sto_released)
+        inputs |= STO_RELEASED * self.sto_released | self._interlock()
         inputs |= HOME_SWITCH * self._at_home_switch()
         return inputs | self.switches(self._axis.flags())
+
+    def _interlock(self) -> int:
+        return INTERLOCK * (self._personality.interlock_input and not self.sto_released)
 
     def _at_home_switch(self) -> bool:
         if self._home_switch is None:
@@ -159,8 +162,8 @@ class Measurement:
         put(0x606C, 0, round(self._scaling.speed_raw(sample.velocity_si)))
         put(0x6077, 0, _int16(current_ma * 1e-3 * self._scaling.factors.permille_per_a))
         self._show_current(current_ma, now_ns)
-        step_degc = self._temperature.temperature_step_degc
-        put(*self._temperature.temperature_address, _int16(sample.temperature_degc / step_degc))
+        step_degc = self._personality.temperature_step_degc
+        put(*self._personality.temperature_address, _int16(sample.temperature_degc / step_degc))
         if TIMESTAMP in self._dictionary:
             put(*TIMESTAMP, now_ns // 1000 % 2**32)
 

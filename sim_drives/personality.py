@@ -2,7 +2,8 @@
 
 | | EPOS4-like | Elmo-like | plain CiA 402 |
 |---|---|---|---|
-| 6076h | µN·m, 3001h:01 x 3001h:05 | mN·m | mN·m |
+| 6071h, 6072h, 6077h | per mille of 6076h | per mille of 6075h | per mille of 6076h |
+| 6076h | µN·m, 3001h:01 x 3001h:05 | mN·m, no number refers to it | mN·m |
 | current actual | 30D1h:02 in mA | 6078h, per mille of 6075h | 6078h, per mille of 6075h |
 | torque limit | 3001h:02 in mA | 6072h, 6073h in per mille | 6072h, 6073h in per mille |
 | speeds, decelerations | rpm, rpm/s of the motor | counts/s, counts/s² | counts/s, counts/s² |
@@ -16,13 +17,15 @@
 | COB-ID of a valid PDO | locked: 06010000 | if it stays valid: 06090030 | as Elmo |
 | error register | the class's bit alone | bit 0 beside the class's | as Elmo |
 | STO | 8A88h | 5441h | 9000h, external error |
+| 60FDh bit 3, interlock | STO not released | always 0 | STO not released |
 | option codes | 605Ah 6; 605Eh 0 to 2 | 605Ah 0 to 8; 605Eh 0 to 2 | 605Ah 0 to 8; 605Eh 0 to 4 |
 
 Legal option codes, defaults and absent objects stand in the EDS files alone.
 
 Sources: EPOS4 application facts as collected from public EDS/DCF files and manuals. Elmo: public
-device configuration ipa320/cob_robots, Elmo.dcf, for objects, limits and identity; EMCY codes as
-leducp/KickCAT lists them (5441h is its code of an open inhibit input, taken for the STO here).
+device configuration ipa320/cob_robots, Elmo.dcf, for objects, limits and identity; per mille of the
+rated current as leggedrobotics/elmo_ethercat_sdk reckons; EMCY codes as leducp/KickCAT lists them
+(5441h is its code of an open inhibit input, taken for the STO here).
 CiA 402-2.
 """
 
@@ -51,6 +54,8 @@ class Personality:
     speed_unit: SpeedUnit
     torque_base_nm: float
     """One unit of 6076h."""
+    torque_counts_current: bool
+    """6071h and 6077h are per mille of the rated current, whatever 6076h says."""
     temperature_address: Address
     temperature_step_degc: float
     automatic_enable: bool
@@ -61,6 +66,7 @@ class Personality:
     statusword_period_ns: int = 0
     """How often 6041h is renewed; 0 is at once."""
     refuses_misplaced_controlword: bool = False
+    interlock_input: bool = True
 
 
 PERSONALITIES: Final[Mapping[PersonalityName, Personality]] = MappingProxyType(
@@ -68,6 +74,7 @@ PERSONALITIES: Final[Mapping[PersonalityName, Personality]] = MappingProxyType(
         PersonalityName.EPOS4: Personality(
             speed_unit=SpeedUnit.RPM,
             torque_base_nm=1e-6,
+            torque_counts_current=False,
             temperature_address=(0x3201, 1),
             temperature_step_degc=0.1,
             automatic_enable=True,
@@ -79,6 +86,7 @@ PERSONALITIES: Final[Mapping[PersonalityName, Personality]] = MappingProxyType(
         PersonalityName.ELMO_GOLD: Personality(
             speed_unit=SpeedUnit.COUNTS_PER_S,
             torque_base_nm=1e-3,
+            torque_counts_current=True,
             temperature_address=(0x22A2, 0),
             temperature_step_degc=1.0,
             automatic_enable=False,
@@ -88,10 +96,12 @@ PERSONALITIES: Final[Mapping[PersonalityName, Personality]] = MappingProxyType(
             sto_error_code=0x5441,
             statusword_period_ns=3 * MILLISECOND,
             refuses_misplaced_controlword=True,
+            interlock_input=False,
         ),
         PersonalityName.GENERIC: Personality(
             speed_unit=SpeedUnit.COUNTS_PER_S,
             torque_base_nm=1e-3,
+            torque_counts_current=False,
             temperature_address=(0x2100, 1),
             temperature_step_degc=1.0,
             automatic_enable=False,

@@ -140,6 +140,8 @@ class Scaling:
         rated_current_a = value(0x3001, 1) * 1e-3 if self._epos4 else value(0x6075) * 1e-3
         constant = self._believed_constant(rated_torque_nm, rated_current_a)
         current_per_permille = rated_torque_nm / constant * 1e-3 if constant else 0.0
+        if self._personality.torque_counts_current:
+            current_per_permille = rated_current_a * 1e-3
         limit_a = min(self._object_limit_a(rated_current_a), self._hardware_limit_a)
         units_per_count = self._units_per_count()
         speed_step_si = self._speed_step_si(units_per_count)

@@ -112,7 +112,7 @@ def test_its_option_codes_take_their_legal_values_alone(elmo, index, legal, ille
         assert elmo.write(index, sub, value, size) >> 16 == 0x0609
 
 
-def test_current_is_per_mille_of_6075_and_torque_per_mille_of_6076(elmo):
+def test_current_and_torque_are_per_mille_of_6075(elmo):
     elmo.go_operational(torque=0x6078_0010)
     elmo.enable(10, 0, 500)
     elmo.cycles(2, 0x0F, 10, 0, 500)
@@ -122,6 +122,15 @@ def test_current_is_per_mille_of_6075_and_torque_per_mille_of_6076(elmo):
     assert current_a == pytest.approx(0.5 * 5.0, rel=1e-6)
     assert elmo.read(0x6078) == pytest.approx(current_a / 5.0 * 1000, abs=1)
     assert elmo.read(0x6077) == 500
+
+
+def test_its_torque_counts_the_rated_current_whatever_its_rated_torque_says(elmo):
+    elmo.write(0x6076, 0, 10_000, 4)
+    elmo.go_operational(torque=0x6078_0010)
+    elmo.enable(10, 0, 500)
+    elmo.cycles(2, 0x0F, 10, 0, 500)
+
+    assert elmo.plant.effort(0) / 100 / 0.055736 == pytest.approx(2.5, rel=1e-6)
 
 
 def test_temperature_is_in_whole_degrees(elmo):
