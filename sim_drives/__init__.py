@@ -15,7 +15,8 @@ with `drives/`, so that a mistake on one side does not cancel out on the other. 
     personality, scaling        what two makes of drive do differently; units
     storage, node               saved parameters; all of it as one station on the bus
     one_leg, world              nodes and plant from event to event, in lock-step
-    faults, control, build      what goes wrong, by script and command; wiring
+    fault_rules, faults         what goes wrong, by script and command
+    control, build              the command socket; wiring
     remote_bus, realtime        the same in real time: the only files with threads or a clock
     plant                       the mechanics: dynamics, motor, stick_slip, stops, patient, truth
 """

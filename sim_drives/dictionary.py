@@ -150,6 +150,8 @@ class ObjectDictionary:
         self._watchers: defaultdict[int, list[Watcher]] = defaultdict(list)
         self.revision = 0
         """Rises when a parameter may have changed: an SDO write, a restore. Not with PDOs."""
+        self.refused_index: int | None = None
+        """A fault: writing this object is aborted with 08000020."""
         self.before_upload: Callable[[], None] = lambda: None
         """Brings process values up to date; called before an SDO read above 1FFFh."""
 
@@ -195,6 +197,8 @@ class ObjectDictionary:
         entry = self.entry(index, subindex)
         if not entry.writable:
             raise SdoAbortError(AbortCode.READ_ONLY)
+        if index == self.refused_index:
+            raise SdoAbortError(AbortCode.CANNOT_STORE)
         value = entry.decode(data)
         if not isinstance(value, bytes):
             _check_range(entry, value)

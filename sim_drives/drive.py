@@ -95,6 +95,9 @@ class Drive:
         self._stopping: Stopping | None = None
         self._after_stop: Transition | None = None
         self._at_rest = False
+        self.ignores_quick_stop = False
+        self.slower_by_ns = 0
+        self._waiting_for: Command | None = None
         self._controlword_prev = 0
         self._ordered: AxisActuation | None = None
         period_ns = self._personality.statusword_period_ns
@@ -199,7 +202,7 @@ class Drive:
             self._reset_fault()
         command = command_of(controlword)
         if command is not None:
-            self._obey(command)
+            self._hear(command)
         enabled = self.state is PowerState.OPERATION_ENABLED
         self._motion.controlword_written(controlword, enabled=enabled)
 
@@ -216,6 +219,15 @@ class Drive:
             raise SdoAbortError(AbortCode.DEVICE_STATE)
         if index == POLARITY and value & ~(POSITION_POLARITY | VELOCITY_POLARITY):
             raise SdoAbortError(AbortCode.RANGE)
+
+    def _hear(self, command: Command) -> None:
+        """Obey, on a slow drive later; a command that it waits to obey is not heard again."""
+        if not self.slower_by_ns:
+            self._obey(command)
+        elif command is not self._waiting_for or not self._timers.running(Command):
+            self._waiting_for = command
+            at_ns = self._line.now_ns + self.slower_by_ns
+            self._timers.start(Command, at_ns, lambda: self._obey(command))
 
     def _obey(self, command: Command) -> None:
         row = TRANSITIONS.get((self.state, command))
@@ -339,6 +351,8 @@ class Drive:
     def _order(self) -> AxisActuation:
         if self.state not in POWER_STAGE_ON or not self.measurement.sto_released:
             return self._motion.coast()
+        if self.ignores_quick_stop and self.state is PowerState.QUICK_STOP_ACTIVE:
+            return self._motion.order()
         if self._stopping is not None:
             ramp = self._stopping.ramp
             return self._motion.coast() if ramp is Ramp.COAST else self._motion.ramp(ramp)

@@ -74,15 +74,10 @@ def _run_drives(drives: Records, orders: Records, state: State, tick: bool, loop
     for axis in range(2):
         torque_only = orders[axis]["actuation"] <= Actuation.TORQUE
         if tick or torque_only:
-            joint = state.joints[axis]
-            run_loops(
-                state.loops[axis],
-                drives[axis],
-                orders[axis],
-                joint["position"],
-                joint["velocity"],
-                loop_s,
-            )
+            joint, loop = state.joints[axis], state.loops[axis]
+            seen = loop["encoder_sense"] * joint["position"] + loop["encoder_shift"]
+            speed = loop["encoder_sense"] * joint["velocity"]
+            run_loops(loop, drives[axis], orders[axis], seen, speed, loop_s)
 
 
 @kernel

@@ -64,6 +64,7 @@ class Measurement:
         self.hand_switch_closed = True
         self.sto_released = True
         self.encoder_frozen = False
+        self.home_switch_stuck: bool | None = None
         self._glitch_counts = 0
         self._glitch_seen = False
         self._glitch_over = False
@@ -112,6 +113,10 @@ class Measurement:
         if self._glitch_over:
             self._glitch_counts = 0
 
+    def offset_current(self, offset_ma: float) -> None:
+        """Let the current sensor show so much too much."""
+        self._axis.offset_current(self._scaling.motor_current_a(offset_ma * 1e-3))
+
     def begin_glitch(self, counts: int) -> None:
         """Add counts to what is reported, from the next sample on."""
         self._glitch_counts = counts
@@ -142,6 +147,8 @@ class Measurement:
         return INTERLOCK * (self._personality.interlock_input and not self.sto_released)
 
     def _at_home_switch(self) -> bool:
+        if self.home_switch_stuck is not None:
+            return self.home_switch_stuck
         if self._home_switch is None:
             return False
         position_si = self._scaling.position_si(self._counts)

@@ -13,6 +13,10 @@ a SYNC samples is not its mean. Loops work in joint units; current is effort / `
     VELOCITY  set speed from the present speed to the target's, PI
 
 Entering a loop seeds its integral so that the effort does not jump.
+
+`effort` is what the drive believes: the current that it measures. What reaches the joint may have
+another sign (motor connected wrongly), and lacks what the current sensor shows too much; and the
+loops see the position through an encoder that may count the wrong way.
 """
 
 import math
@@ -73,6 +77,10 @@ LOOP: Final = np.dtype(
         ("error_time_s", "f8"),
         ("warming_k", "f8"),
         ("flags", "i8"),
+        ("motor_sense", "f8"),  # -1: connected the wrong way round
+        ("encoder_sense", "f8"),
+        ("encoder_shift", "f8"),  # what the drive sees: sense * position + shift
+        ("sensed_too_much", "f8"),  # of the current sensor, as effort
     ]
 )
 """What one drive's loops remember."""
@@ -107,6 +115,14 @@ def take_order(row: np.void, loop: np.void, order: AxisActuation) -> None:
     row["following_error"] = order.following_error_si
     row["following_error_time_s"] = order.following_error_time_s
     row["position_min"], row["position_max"] = order.position_min_si, order.position_max_si
+
+
+def fresh_loops() -> Records:
+    """Two axes without power, wired as they should be."""
+    loops = np.zeros(2, LOOP)
+    loops["motor_sense"] = 1.0
+    loops["encoder_sense"] = 1.0
+    return loops
 
 
 @kernel
@@ -264,7 +280,7 @@ def run_loops(
 
 @kernel
 def lag_current(loop: np.void, drive: np.void, step_s: float) -> float:
-    """Let the current follow its order for one step; returns the step's mean effort.
+    """Let the current follow its order for one step; returns the joint's mean effort in it.
 
     First-order lag, solved exactly for a constant order.
     """
@@ -273,7 +289,15 @@ def lag_current(loop: np.void, drive: np.void, step_s: float) -> float:
     decay = math.exp(-ratio)
     gap = loop["effort"] - ordered
     loop["effort"] = ordered + gap * decay
-    return ordered + gap * (1.0 - decay) / ratio
+    return joint_effort(loop, ordered + gap * (1.0 - decay) / ratio)
+
+
+@kernel
+def joint_effort(loop: np.void, believed: float) -> float:
+    """What reaches the joint while the drive believes in an effort."""
+    if loop["acting"] != Actuation.COAST:
+        believed -= loop["sensed_too_much"]
+    return loop["motor_sense"] * believed
 
 
 @kernel

@@ -7,8 +7,8 @@ sampled at SYNC k is the one that acted up to k.
 """
 
 import random
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Final
 
 from sim_drives.aborts import AbortCode, SdoAbortError
@@ -32,7 +32,7 @@ from sim_drives.personality import PERSONALITIES, Personality, commissioned
 from sim_drives.plant_port import Axis
 from sim_drives.power_state import POWER_STAGE_ON
 from sim_drives.sdo_server import SdoServer
-from sim_drives.settings import DriveSettings, PersonalityName
+from sim_drives.settings import DriveSettings, FaultKind, PersonalityName
 from sim_drives.storage import Storage
 from sim_drives.timers import MILLISECOND, Timers
 
@@ -54,11 +54,14 @@ PRE_OPERATIONAL_ON_ERROR: Final = 0
 STOPPED_ON_ERROR: Final = 2
 """1029h:1; 1 changes nothing."""
 EVERY_TPDO: Final = 0
+PRODUCT_CODE: Final = 2
+SERIAL_NUMBER: Final = 4
+"""Sub-indices of 1018h."""
 
 
 @dataclass(slots=True)
 class Disturbance:
-    """What is wrong between this node and the bus (see `faults.py`)."""
+    """What is wrong around this node (see `fault_rules.py`)."""
 
     lost_tpdo: int | None = None
     """Number of the TPDO that gets lost, or EVERY_TPDO."""
@@ -68,6 +71,13 @@ class Disturbance:
     """Nothing that the node sends reaches the bus."""
     unplugged: bool = False
     """Neither way."""
+    deaf: bool = False
+    """Nothing of the bus reaches the node."""
+    motor_sense: int = 1
+    encoder_sense: int = 1
+    """-1: connected the wrong way round."""
+    held_by: set[FaultKind] = field(default_factory=set)
+    """What keeps the axis from moving."""
 
 
 class Node:
@@ -114,6 +124,10 @@ class Node:
             generic_bit=personality.generic_error_bit,
         )
         self.drive = Drive(settings, dictionary, axis, line, self.timers, self.errors)
+        self.identity = {
+            sub: dictionary.value(0x1018, sub) for sub in (PRODUCT_CODE, SERIAL_NUMBER)
+        }
+        """As delivered: 1018h by sub-index."""
         self._storage = Storage(dictionary, commissioned(settings), lambda: self._power_stage_on)
         self._server = SdoServer(dictionary)
         self._producer = HeartbeatProducer(
@@ -149,6 +163,13 @@ class Node:
         self._powered_since_ns = self._line.now_ns
         self.timers.cancel_all()
         self._restart(communication_only=False)
+
+    def exchange(self, identity: Mapping[int, int]) -> None:
+        """Put another drive in its place, with these sub-indices of 1018h, and switch it on."""
+        self.power_off()
+        for subindex, value in identity.items():
+            self._storage.exchange((0x1018, subindex), value)
+        self.power_on()
 
     def power_off(self) -> None:
         """Lose the power: silent, deaf and without torque."""
@@ -206,7 +227,7 @@ class Node:
 
     def receive(self, frame: Frame) -> None:
         """Take any frame of the bus."""
-        if not self._powered or self.disturbance.unplugged:
+        if not self._powered or self.disturbance.unplugged or self.disturbance.deaf:
             return
         node_id = self._settings.node_id
         can_id, data = frame

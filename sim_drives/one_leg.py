@@ -12,7 +12,8 @@ from typing import Final, NamedTuple
 
 from sim_drives.actuation import AxisFlag
 from sim_drives.dictionary import Entry
-from sim_drives.faults import RULES, FaultOrder
+from sim_drives.fault_rules import RULES
+from sim_drives.faults import FaultOrder
 from sim_drives.frame import Frame, TimedFrame
 from sim_drives.node import Node
 from sim_drives.plant_port import Axis, Plant
@@ -160,7 +161,7 @@ class OneLeg:
 
     def _begin(self, order: FaultOrder) -> None:
         node, rule = self.nodes[order.drive], RULES[order.kind]
-        rule.begin(node, order.value)
+        rule.switch(node, order.value, True)
         node.changed()
         number = next(self._order)
         self._running[order.drive, order.kind] = _Running(number, order.value)
@@ -174,5 +175,5 @@ class OneLeg:
     def _end(self, drive: str, kind: FaultKind) -> None:
         running = self._running.pop((drive, kind), None)
         if running is not None:
-            RULES[kind].end(self.nodes[drive], running.value)
+            RULES[kind].switch(self.nodes[drive], running.value, False)
             self.nodes[drive].changed()

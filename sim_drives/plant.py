@@ -14,7 +14,7 @@ from observer.friction import FrictionParameters
 from observer.mechanism import LegParameters, singularity_ratio
 from sim_drives.actuation import Actuation, AxisActuation, AxisFlag, AxisSample
 from sim_drives.dynamics import WORK, Constants, State, advance_steps
-from sim_drives.motor import DRIVE, LOOP, ORDER, take_order
+from sim_drives.motor import DRIVE, ORDER, fresh_loops, joint_effort, take_order
 from sim_drives.patient import EFFORT, compile_programme, resting_stride
 from sim_drives.plant_settings import Loops, Motor, Motors, PlantTables
 from sim_drives.stick_slip import JOINT, LAW_CODES, STICKING, Bristles
@@ -121,7 +121,7 @@ def _start_state(settings: PlantTables, constants: Constants) -> State:
     joints["stuck"] = int(constants.law == STICKING)
     return State(
         joints=joints,
-        loops=np.zeros(2, LOOP),
+        loops=fresh_loops(),
         stride=resting_stride(pose[HIP]),
         work=np.zeros(1, WORK),
         patient=np.zeros(2),
@@ -196,6 +196,22 @@ class Trainer:
         """Block an axis's rotor from outside, or free it. A moving axis stops in one step."""
         self._state.joints[axis]["blocked"] = int(blocked)
 
+    def wire(self, axis: int, motor_sense: int, encoder_sense: int) -> None:
+        """Connect motor and encoder: +1 rightly, -1 the wrong way round.
+
+        A reversed encoder goes on from what it has shown last.
+        """
+        loop = self._state.loops[axis]
+        position = self._state.joints[axis]["position"]
+        seen = loop["encoder_sense"] * position + loop["encoder_shift"]
+        loop["motor_sense"], loop["encoder_sense"] = motor_sense, encoder_sense
+        rightly = encoder_sense > 0
+        loop["encoder_shift"] = 0.0 if rightly else seen - encoder_sense * position
+
+    def offset_current(self, axis: int, offset_a: float) -> None:
+        """Let the current sensor show so much too much, joint sign."""
+        self._state.loops[axis]["sensed_too_much"] = offset_a * self._drives[axis]["effort_per_a"]
+
     def patient(self, name: str) -> None:
         """Start a programme of the patient's now.
 
@@ -245,10 +261,13 @@ class Trainer:
         spread = sensor.hip.position_noise_rad if axis == HIP else sensor.slide.position_noise_m
         current = sensor.hip if axis == HIP else sensor.slide
         loop, drive = self._state.loops[axis], self._drives[axis]
-        current_a = loop["effort"] / drive["effort_per_a"]
+        unpowered = loop["acting"] == Actuation.COAST
+        effort = loop["effort"] + (loop["sensed_too_much"] if unpowered else 0.0)
+        current_a = effort / drive["effort_per_a"]
+        seen = loop["encoder_sense"] * position + loop["encoder_shift"]
         return AxisSample(
-            position_si=float(position + noise.normal(0.0, spread)),
-            velocity_si=float(velocity),
+            position_si=float(seen + noise.normal(0.0, spread)),
+            velocity_si=float(loop["encoder_sense"] * velocity),
             current_a=float(current_a + noise.normal(0.0, current.current_noise_a)),
             temperature_degc=float(self._settings.motor.ambient_degc + loop["warming_k"]),
         )
@@ -260,7 +279,8 @@ class Trainer:
     def truth(self) -> Truth:
         """Everything that no drive measures, now."""
         joints, loops = self._state.joints, self._state.loops
-        impulse = joints["effort_impulse"] + loops["effort"] * self._since_grid_s
+        effort = np.array([joint_effort(loop, loop["effort"]) for loop in loops])
+        impulse = joints["effort_impulse"] + effort * self._since_grid_s
         hip, slide = (self._motion(axis, self._since_grid_s) for axis in (HIP, SLIDE))
         return Truth(
             time_ns=self._now_ns,
@@ -268,7 +288,7 @@ class Trainer:
             velocity=(hip[1], slide[1]),
             patient=_pair(joints["patient"]),
             friction=_pair(joints["friction"]),
-            effort=_pair(loops["effort"]),
+            effort=_pair(effort),
             contact=_pair(joints["contact"]),
             effort_impulse=_pair(impulse),
             sticking=(bool(joints[HIP]["stuck"]), bool(joints[SLIDE]["stuck"])),

@@ -28,6 +28,14 @@ class Plant(Protocol):
         """Jam the joint, or free it."""
         ...
 
+    def wire(self, axis: int, motor_sense: int, encoder_sense: int) -> None:
+        """Connect motor and encoder: +1 rightly, -1 the wrong way round."""
+        ...
+
+    def offset_current(self, axis: int, offset_a: float) -> None:
+        """Let the current sensor show so much too much, joint sign."""
+        ...
+
 
 class Axis(NamedTuple):
     """One axis of one plant."""
@@ -50,3 +58,11 @@ class Axis(NamedTuple):
     def block(self, *, blocked: bool) -> None:
         """See `Plant.block_rotor`."""
         self.plant.block_rotor(self.number, blocked)
+
+    def wire(self, *, motor_sense: int, encoder_sense: int) -> None:
+        """See `Plant.wire`."""
+        self.plant.wire(self.number, motor_sense, encoder_sense)
+
+    def offset_current(self, offset_a: float) -> None:
+        """See `Plant.offset_current`."""
+        self.plant.offset_current(self.number, offset_a)

@@ -54,7 +54,7 @@ class LimitSwitch(Enum):
 
 
 class FaultKind(Enum):
-    """What can go wrong; `faults.py` has each one's rule."""
+    """What can go wrong; `fault_rules.py` has each one's rule."""
 
     LOST_TPDO = "lost_tpdo"
     LATE_TPDO = "late_tpdo"
@@ -67,6 +67,16 @@ class FaultKind(Enum):
     BLOCKED_ROTOR = "blocked_rotor"
     HAND_SWITCH_OPEN = "hand_switch_open"
     STO_OPEN = "sto_open"
+    WRONG_SIGN = "wrong_sign"
+    ENCODER_REVERSED = "encoder_reversed"
+    TORQUE_OFFSET = "torque_offset"
+    HOME_SWITCH_STUCK = "home_switch_stuck"
+    BRAKE_STUCK = "brake_stuck"
+    IGNORES_QUICK_STOP = "ignores_quick_stop"
+    DEAF = "deaf"
+    SLOW_STATE = "slow_state"
+    REFUSES_OBJECT = "refuses_object"
+    WRONG_IDENTITY = "wrong_identity"
 
 
 class DriveSettings(Table, frozen=True):

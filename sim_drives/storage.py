@@ -49,6 +49,10 @@ class Storage:
         parameters = delivered | (self._saved or {})
         self._dictionary.restore(parameters, communication_only=communication_only)
 
+    def exchange(self, address: Address, value: Value) -> None:
+        """Another drive stands in this one's place: so delivered, from the next reset on."""
+        self._commissioned[address] = value
+
     def _judge(self, value: int, signature: int) -> None:
         if self._powered():
             raise SdoAbortError(AbortCode.DEVICE_STATE)

@@ -1,11 +1,14 @@
 """Every fault's effect on the bus, by script and by command."""
 
+import math
 import struct
 
 import pytest
 from drive_bench import Bench
+from trainers import QUIET, trainer
 
-from sim_drives.faults import RULES, FaultCommandError, help_text, parse_command
+from sim_drives.fault_rules import RULES
+from sim_drives.faults import FaultCommandError, help_text, parse_command
 from sim_drives.settings import FaultKind, FaultSettings
 
 
@@ -203,6 +206,193 @@ def test_the_end_of_an_older_fault_does_not_end_a_newer_one(running):
     assert running.frames(0x185) == []
     running.cycles(4)
     assert len(running.frames(0x185)) == 2
+
+
+# --- drives that are built, wired or made wrongly ---------------------------------------------
+
+
+@pytest.fixture
+def jointed():
+    """On the real mechanics, enabled in cyclic torque; the slide is held."""
+    made = Bench(plant=trainer(sensor=QUIET, start={"hip_deg": 14.0, "slide_m": 0.5}))
+    made.boot()
+    for node_id in (5, 6):
+        made.write(0x6065, 0, 0xFFFFFFFF, 4, node_id)
+        made.go_operational(node_id)
+    made.enable(8, node_id=6)
+    made.enable(10)
+    made.cycles(20, 0x0F, 10, 0, 300)
+    return made
+
+
+def shown_counts(bench):
+    return struct.unpack("<i", struct.pack("<I", bench.read(0x6064)))[0]
+
+
+def real_counts(bench):
+    return bench.plant.truth().position[0] / (2 * math.pi) * 102_400
+
+
+def speed_after(bench, cycles, torque):
+    before = bench.plant.truth().velocity[0]
+    bench.cycles(cycles, 0x0F, 10, 0, torque)
+    return bench.plant.truth().velocity[0] - before
+
+
+def test_a_motor_with_the_wrong_sign_moves_the_joint_the_other_way_and_its_encoder_is_right(
+    jointed,
+):
+    rightly = speed_after(jointed, 3, 1000)
+    jointed.cycles(60, 0x0F, 10, 0, 300)
+
+    jointed.world.command("wrong_sign right/hip")
+    wrongly = speed_after(jointed, 3, 1000)
+
+    assert rightly > 0.1 > -0.1 > wrongly
+    assert jointed.read(0x30D1, 2) == pytest.approx(5000, abs=50)
+    truth = jointed.plant.truth()
+    assert truth.effort[0] == pytest.approx(-27.87, rel=0.01)
+    assert shown_counts(jointed) == pytest.approx(real_counts(jointed), abs=1)
+
+
+def test_a_motor_with_the_wrong_sign_runs_away_from_its_own_position_loop(jointed):
+    jointed.world.command("wrong_sign right/hip")
+    held = shown_counts(jointed)
+    here = jointed.plant.truth().position[0]
+    jointed.cycles(40, 0x0F, 8, held)
+
+    assert abs(jointed.plant.truth().position[0] - here) > 0.1
+
+
+def test_a_reversed_encoder_goes_on_where_it_is_and_counts_the_other_way(jointed):
+    shown, real = shown_counts(jointed), real_counts(jointed)
+    jointed.world.command("encoder_reversed right/hip")
+    assert shown_counts(jointed) == pytest.approx(shown, abs=1)
+
+    jointed.cycles(10, 0x0F, 10, 0, 1000)
+    moved = real_counts(jointed) - real
+
+    assert abs(moved) > 200
+    assert shown_counts(jointed) - shown == pytest.approx(-moved, abs=2)
+    jointed.world.command("clear encoder_reversed right/hip")
+    assert shown_counts(jointed) == pytest.approx(real_counts(jointed), abs=1)
+
+
+def test_a_current_sensor_with_an_offset_shows_what_was_ordered_and_gives_less(jointed):
+    jointed.world.command("torque_offset right/hip - 500")
+    jointed.cycles(3, 0x0F, 10, 0, 600)
+
+    assert jointed.read(0x30D1, 2) == pytest.approx(3000, abs=10)
+    assert jointed.plant.truth().effort[0] == pytest.approx(2.5 * 5.5736, rel=0.01)
+
+
+def test_a_current_sensor_with_an_offset_shows_it_without_power_too(jointed):
+    jointed.world.command("torque_offset right/hip - -500")
+    jointed.cycles(5, 0x00)
+
+    assert jointed.read(0x30D1, 2) == pytest.approx(2**32 - 500, abs=2)
+    assert jointed.plant.truth().effort[0] == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize("level", [0, 1])
+def test_a_home_switch_can_stick_either_way(level):
+    bench = Bench(hip={"home_switch": {"from_si": 0.0, "to_si": 0.25}})
+    bench.boot()
+    bench.plant.position[0] = 0.1 if level == 0 else 0.5
+    assert bench.read(0x60FD) >> 2 & 1 == 1 - level
+
+    bench.world.command(f"home_switch_stuck right/hip 1 {level}")
+    assert bench.read(0x60FD) >> 2 & 1 == level
+
+    bench.run_ms(1001)
+    assert bench.read(0x60FD) >> 2 & 1 == 1 - level
+
+
+def test_a_stuck_brake_holds_the_axis_also_when_a_jam_is_over(running):
+    running.enable(10, 0, 300)
+    running.world.command("brake_stuck right/hip")
+    running.world.command("blocked_rotor right/hip 0.02")
+    before = running.plant.position[0]
+    running.cycles(10, 0x0F, 10, 0, 300)
+    assert running.plant.position[0] == before
+
+    running.world.command("clear brake_stuck right/hip")
+    running.cycles(10, 0x0F, 10, 0, 300)
+    assert running.plant.position[0] > before
+
+
+def test_a_drive_that_ignores_the_quick_stop_shows_it_and_goes_on(running):
+    running.world.command("ignores_quick_stop right/hip")
+    running.enable(10, 0, 300)
+    speed = running.plant.velocity[0]
+
+    running.cycles(20, 0x02, 10, 0, 300)
+
+    assert running.state() == 0x07
+    assert running.plant.velocity[0] > speed
+    assert not running.statusword() & 0x400
+    running.world.command("clear ignores_quick_stop right/hip")
+    running.run_ms(500)
+    assert running.plant.velocity[0] == 0
+
+
+def test_a_deaf_drive_hears_neither_sync_nor_sdo_and_its_heartbeat_goes_on(running):
+    running.write(0x1017, 0, 20, 2)
+    running.world.command("deaf right/hip 0.2")
+    running.forget()
+    running.cycles(10, 0x06)
+
+    assert running.frames(0x185) == []
+    assert running.ask(0x605, bytes.fromhex("4018100100000000")) == []
+    assert len(running.frames(0x705)) == 5
+    running.run_ms(120)
+    assert running.state() == 0x40
+
+
+def test_a_slow_drive_takes_so_much_longer_for_each_transition(running):
+    running.world.command("slow_state right/hip - 200")
+    begun_ms = running.now_ms
+    for controlword, state in ((0x06, 0x21), (0x07, 0x23), (0x0F, 0x27), (0x02, 0x07)):
+        asked_ms = running.now_ms
+        while running.state() != state:
+            running.cycle(controlword)
+            assert running.now_ms - begun_ms < 2000
+        assert 200 <= running.now_ms - asked_ms <= 230
+
+
+def test_a_refused_object_aborts_its_writes_and_no_others(running):
+    running.world.command("refuses_object right/hip - 0x6065")
+
+    assert running.write(0x6065, 0, 1000, 4) == 0x08000020
+    assert running.write(0x6066, 0, 1000, 2) == 0
+    assert running.read(0x6065) == 2000
+    running.world.command("clear refuses_object right/hip")
+    assert running.write(0x6065, 0, 1000, 4) == 0
+
+
+def test_another_drive_in_its_place_boots_with_another_identity_until_it_is_put_back(running):
+    own = [running.read(0x1018, sub) for sub in range(1, 5)]
+    running.world.command("wrong_identity right/hip - 0x65510000")
+    running.run_ms(400)
+
+    assert running.frames(0x705) == [b"\x00"]
+    other = [running.read(0x1018, sub) for sub in range(1, 5)]
+    assert other == [own[0], 0x65510000, own[2], own[3] + 1]
+    running.nmt(0x81)
+    running.run_ms(400)
+    assert running.read(0x1018, 2) == 0x65510000
+
+    running.world.command("clear wrong_identity right/hip")
+    running.run_ms(400)
+    assert [running.read(0x1018, sub) for sub in range(1, 5)] == own
+
+
+def test_another_serial_number_alone_is_enough(running):
+    product, serial = running.read(0x1018, 2), running.read(0x1018, 4)
+    running.world.command("wrong_identity right/hip")
+    running.run_ms(400)
+
+    assert (running.read(0x1018, 2), running.read(0x1018, 4)) == (product, serial + 1)
 
 
 @pytest.mark.parametrize(

@@ -118,6 +118,12 @@ class FakePlant:
     def block_rotor(self, axis: int, blocked: bool) -> None:
         self.blocked[axis] = blocked
 
+    def wire(self, axis: int, motor_sense: int, encoder_sense: int) -> None:
+        raise NotImplementedError("wiring is the real plant's")
+
+    def offset_current(self, axis: int, offset_a: float) -> None:
+        raise NotImplementedError("the current sensor is the real plant's")
+
 
 HIP = {
     "personality": "epos4",
