@@ -9,7 +9,7 @@ with `drives/`, so that a mistake on one side does not cancel out on the other. 
     sdo_server, pdo_rules, pdo  access by SDO; PDOs: what may be mapped, what happens at a SYNC
     nmt, heartbeat, emergency   network states, silence, errors
     power_state, drive          CiA 402's tables, and the machine that runs them
-    statusword                  6041h as the bus sees it
+    statusword, supervision     6041h as the bus sees it; what a drive takes amiss of a motion
     motion, homing              modes, targets, limits; the ways to a reference
     measurement                 process values
     personality, scaling        what two makes of drive do differently; units

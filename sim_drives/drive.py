@@ -16,6 +16,7 @@ Rules beside the tables':
 7. 607Eh, 608Fh, 6091h, 6092h, where the drive has them, are locked while the power stage is on.
 """
 
+from collections.abc import Callable
 from typing import Final
 
 from sim_drives.aborts import AbortCode, SdoAbortError
@@ -23,9 +24,9 @@ from sim_drives.actuation import Actuation, AxisActuation, AxisFlag
 from sim_drives.dictionary import ObjectDictionary
 from sim_drives.emergency import Errors
 from sim_drives.line import Line
-from sim_drives.measurement import NEGATIVE_SWITCH, POSITIVE_SWITCH, Measurement
+from sim_drives.measurement import Measurement
 from sim_drives.motion import Mode, Motion
-from sim_drives.personality import PERSONALITIES
+from sim_drives.personality import PERSONALITIES, guard_option_codes
 from sim_drives.plant_port import Axis
 from sim_drives.power_state import (
     DISABLE_OPTION,
@@ -51,17 +52,14 @@ from sim_drives.scaling import (
     VELOCITY_POLARITY,
     Scaling,
 )
-from sim_drives.settings import DriveSettings, LimitSwitch, PositionLimit
+from sim_drives.settings import DriveSettings
 from sim_drives.statusword import Statusword
+from sim_drives.supervision import FOLLOWING_ERROR_CODE, Supervision
 from sim_drives.timers import MILLISECOND, Timers
 
 SELF_TEST_NS: Final = 200 * MILLISECOND
 """From power-on to transition 1."""
 FAULT_REACTION_MIN_NS: Final = 1 * MILLISECOND
-FOLLOWING_ERROR_CODE: Final = 0x8611
-NEGATIVE_SWITCH_CODE: Final = 0x8A80
-POSITIVE_SWITCH_CODE: Final = 0x8A81
-SOFT_LIMIT_CODE: Final = 0x8A82
 CONNECTION_CODE: Final = 0x8100
 MISPLACED_CODE: Final = 0x6300
 CONTROLWORD: Final = 0x6040
@@ -91,12 +89,16 @@ class Drive:
         scaling = Scaling(settings, dictionary)
         self.measurement = Measurement(settings, dictionary, scaling, axis)
         self._motion = Motion(settings, dictionary, scaling, self.measurement, line, timers)
+        self._supervision = Supervision(settings, self._motion, self.measurement)
+        self._motion.on_target_missed = self._target_missed
         self.state = PowerState.NOT_READY_TO_SWITCH_ON
         self._stopping: Stopping | None = None
         self._after_stop: Transition | None = None
         self._at_rest = False
         self.ignores_quick_stop = False
         self.slower_by_ns = 0
+        self.on_target_missed: Callable[[], None] = lambda: None
+        """Cyclic position has had no new target: a lost connection."""
         self._waiting_for: Command | None = None
         self._controlword_prev = 0
         self._ordered: AxisActuation | None = None
@@ -105,6 +107,7 @@ class Drive:
         dictionary.watch(CONTROLWORD, lambda _: self._controlword_written())
         if self._personality.refuses_misplaced_controlword:
             dictionary.guard(CONTROLWORD, lambda _, value: self._judge_controlword(value))
+        guard_option_codes(dictionary, self._personality)
         for index in (POLARITY, *UNIT_RATIOS):
             dictionary.guard(index, lambda _, value, i=index: self._judge_units(i, value))
 
@@ -164,6 +167,15 @@ class Drive:
             self._errors.cause_gone(CONNECTION_CODE)
         else:
             self._abort_connection(reaction)
+
+    def pdo_came(self) -> None:
+        """RPDOs have been applied."""
+        if self.state is PowerState.OPERATION_ENABLED:
+            self._motion.pdo_came()
+
+    def _target_missed(self) -> None:
+        if self.state is PowerState.OPERATION_ENABLED:
+            self.on_target_missed()
 
     def _abort_connection(self, reaction: AbortConnection) -> None:
         if reaction is AbortConnection.DISABLE_VOLTAGE:
@@ -295,7 +307,10 @@ class Drive:
         if flags & AxisFlag.STANDSTILL and self._ramping and not self._at_rest:
             self._stopped()
         if self.state is PowerState.OPERATION_ENABLED:
-            self._judge_motion(flags)
+            for code in self._supervision.errors(flags):
+                self._fault_once(code)
+        else:
+            self._supervision.forget(flags)
         return flags
 
     @property
@@ -303,21 +318,6 @@ class Drive:
         """Whether the plant has been told to slow down, so that its standstill answers that."""
         ordered = self._ordered is not None and self._ordered.actuation is Actuation.RAMP
         return ordered and self._stopping is not None and self._stopping.ramp is not Ramp.COAST
-
-    def _judge_motion(self, flags: AxisFlag) -> None:
-        if self._motion.homing.moves:
-            return
-        if flags & AxisFlag.FOLLOWING_ERROR:
-            self._fault_once(FOLLOWING_ERROR_CODE)
-        faults = self._settings.position_limit is PositionLimit.FAULT
-        if faults and self.measurement.referenced and self._motion.outside_position_limits():
-            self._fault_once(SOFT_LIMIT_CODE)
-        if self._settings.limit_switch is LimitSwitch.FAULT:
-            switches = self.measurement.switches(flags)
-            if switches & NEGATIVE_SWITCH:
-                self._fault_once(NEGATIVE_SWITCH_CODE)
-            if switches & POSITIVE_SWITCH:
-                self._fault_once(POSITIVE_SWITCH_CODE)
 
     def _fault_once(self, code: int) -> None:
         """A cause that ends with the motion: it can be reset, and comes back if nothing changes."""

@@ -69,7 +69,9 @@ class State(NamedTuple):
 
 
 @kernel
-def _run_drives(drives: Records, orders: Records, state: State, tick: bool, loop_s: float) -> None:
+def _run_drives(
+    drives: Records, orders: Records, state: State, tick: bool, loop_s: float, step_s: float
+) -> None:
     """The drives' loops; a torque target reaches the current loop at once, without their tick."""
     for axis in range(2):
         torque_only = orders[axis]["actuation"] <= Actuation.TORQUE
@@ -77,7 +79,7 @@ def _run_drives(drives: Records, orders: Records, state: State, tick: bool, loop
             joint, loop = state.joints[axis], state.loops[axis]
             seen = loop["encoder_sense"] * joint["position"] + loop["encoder_shift"]
             speed = loop["encoder_sense"] * joint["velocity"]
-            run_loops(loop, drives[axis], orders[axis], seen, speed, loop_s)
+            run_loops(loop, drives[axis], orders[axis], seen, speed, loop_s, step_s)
 
 
 @kernel
@@ -190,7 +192,8 @@ def advance_steps(
     for done in range(step_count):
         index = first_step + done
         before = (state.loops[0]["flags"], state.loops[1]["flags"])
-        _run_drives(drives, orders, state, index % constants.loop_steps == 0, loop_s)
+        tick = index % constants.loop_steps == 0
+        _run_drives(drives, orders, state, tick, loop_s, constants.step_s)
         elapsed_s = (index - programme_start) * constants.step_s
         if elapsed_s >= repeat_s:
             elapsed_s -= math.floor(elapsed_s / repeat_s) * repeat_s

@@ -4,14 +4,18 @@ Rules:
 1. 6060h takes effect MODE_SWITCH_NS later, in 6061h and in the loops together. A mode that 6502h
    does not name is refused: 06090030 by SDO, ignored by PDO. 0 is "no mode": the axis holds.
 2. A cyclic mode follows its target (statusword bit 12) once the target has been written since
-   the node became operational. Until then cyclic position holds and cyclic torque gives 0.
+   the node became operational. Until then cyclic position and velocity hold, and cyclic torque
+   gives 0. 60B1h adds to the speed of cyclic position and velocity, 60B2h to the torque of all.
 3. Halt (controlword bit 8, option 605Dh, where absent the slow ramp): slows down and holds, stays
    in "operation enabled", and goes on when the bit falls.
 4. Homing begins at the rising edge of controlword bit 4; `homing.py` has its rules.
 5. Every order carries the limits in force: torque, 6080h, 6065h/6066h, and 607Dh where it clips.
+6. Cyclic position reaches each target on a line that takes 60C2h. Some drives miss a target that
+   does not come by PDO within TARGET_PATIENCE of that, so 60C2h must be the SYNC period there.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from enum import IntEnum
 from typing import Final
@@ -22,6 +26,7 @@ from sim_drives.dictionary import ObjectDictionary
 from sim_drives.homing import Homing, Progress
 from sim_drives.line import Line
 from sim_drives.measurement import Measurement
+from sim_drives.personality import PERSONALITIES
 from sim_drives.power_state import HALT_BIT, HALT_OPTION, OPERATION_BIT_4, Ramp
 from sim_drives.scaling import Scaling
 from sim_drives.settings import DriveSettings, PositionLimit
@@ -35,6 +40,12 @@ MODES_OF_OPERATION: Final = 0x6060
 MODE_DISPLAY: Final = 0x6061
 TARGET_TORQUE: Final = 0x6071
 TARGET_POSITION: Final = 0x607A
+TARGET_VELOCITY: Final = 0x60FF
+VELOCITY_OFFSET: Final = 0x60B1
+TORQUE_OFFSET: Final = 0x60B2
+INTERPOLATION: Final = 0x60C2
+TARGET_PATIENCE: Final = 1.5
+"""Interpolation periods between two targets before the second is missed."""
 
 
 class Mode(IntEnum):
@@ -43,11 +54,13 @@ class Mode(IntEnum):
     NONE = 0
     HOMING = 6
     CYCLIC_SYNC_POSITION = 8
+    CYCLIC_SYNC_VELOCITY = 9
     CYCLIC_SYNC_TORQUE = 10
 
 
 TARGETS: Final = {
     Mode.CYCLIC_SYNC_POSITION: TARGET_POSITION,
+    Mode.CYCLIC_SYNC_VELOCITY: TARGET_VELOCITY,
     Mode.CYCLIC_SYNC_TORQUE: TARGET_TORQUE,
 }
 
@@ -78,6 +91,9 @@ class Motion:
         dictionary.guard(MODES_OF_OPERATION, self._judge_mode)
         dictionary.watch(MODES_OF_OPERATION, lambda _: self._request_mode())
         dictionary.guard(0x6098, self._judge_homing_method)
+        self._misses_targets = PERSONALITIES[settings.personality].misses_targets
+        self.on_target_missed: Callable[[], None] = lambda: None
+        """Rule 6."""
         for target in TARGETS.values():
             dictionary.watch(target, lambda _, target=target: self._written.add(target))
 
@@ -90,6 +106,18 @@ class Motion:
     def forget_targets(self) -> None:
         """The node has left operational: what was commanded there is over (rule 2)."""
         self._written.clear()
+
+    def pdo_came(self) -> None:
+        """RPDOs have been applied: rule 6 counts from here."""
+        period_s = self._scaling.factors.interpolation_s
+        timed = self._misses_targets and self._dictionary.value(INTERPOLATION, 1)
+        if timed and self.mode is Mode.CYCLIC_SYNC_POSITION:
+            at_ns = self._line.now_ns + round(TARGET_PATIENCE * period_s * 1e9)
+            self._timers.start(INTERPOLATION, at_ns, self._target_missed)
+
+    def _target_missed(self) -> None:
+        if self.mode is Mode.CYCLIC_SYNC_POSITION and self.follows:
+            self.on_target_missed()
 
     # --- modes --------------------------------------------------------------------------------
 
@@ -147,10 +175,31 @@ class Motion:
         if self.mode is Mode.CYCLIC_SYNC_TORQUE:
             return self._actuation(Actuation.TORQUE)
         if self.mode is Mode.CYCLIC_SYNC_POSITION and self.follows:
-            return self._actuation(Actuation.POSITION)
+            return self._position_order()
+        if self.mode is Mode.CYCLIC_SYNC_VELOCITY and self.follows:
+            return self._velocity_order()
         if self.mode is Mode.HOMING and self.homing.progress is not Progress.NOT_STARTED:
             return self._homing_order()
         return self._actuation(Actuation.HOLD)
+
+    def _position_order(self) -> AxisActuation:
+        """Cyclic position, with the speed and the torque that the master adds."""
+        return replace(
+            self._actuation(Actuation.POSITION),
+            target_velocity_si=self._speed_si(VELOCITY_OFFSET),
+            target_effort_si=self._scaling.effort_si(self._dictionary.value(TORQUE_OFFSET)),
+        )
+
+    def _velocity_order(self) -> AxisActuation:
+        """Cyclic velocity; the master's own targets are the ramp."""
+        return replace(
+            self._actuation(Actuation.VELOCITY),
+            target_velocity_si=self._speed_si(TARGET_VELOCITY) + self._speed_si(VELOCITY_OFFSET),
+            target_effort_si=self._scaling.effort_si(self._dictionary.value(TORQUE_OFFSET)),
+        )
+
+    def _speed_si(self, index: int) -> float:
+        return self._scaling.velocity_si(self._dictionary.value(index))
 
     def _homing_order(self) -> AxisActuation:
         """Along the search that goes on, or at rest after the last one."""
@@ -208,7 +257,7 @@ class Motion:
     @property
     def target_permille(self) -> int:
         """6071h with its offset 60B2h."""
-        return self._dictionary.value(TARGET_TORQUE) + self._dictionary.value(0x60B2)
+        return self._dictionary.value(TARGET_TORQUE) + self._dictionary.value(TORQUE_OFFSET)
 
     def _target_position_si(self, actuation: Actuation) -> float:
         if actuation is not Actuation.POSITION:

@@ -7,7 +7,8 @@ a SYNC samples is not its mean. Loops work in joint units; current is effort / `
 
     COAST     no order: the current dies with the current loop's lag
     TORQUE    the target, bounded by the limit and by what the speed limit leaves
-    POSITION  set point on a line from the last one to the target; P, PI
+    POSITION  set point on a line from the last one to the target; P, PI; the ordered velocity and
+              effort are added
     RAMP      set speed from the present speed to zero, PI; then HOLD where it came to rest
     HOLD      set point = position when the order came; P, PI
     VELOCITY  set speed from the present speed to the target's, PI
@@ -75,6 +76,8 @@ LOOP: Final = np.dtype(
         ("ordered_effort", "f8"),
         ("effort", "f8"),
         ("error_time_s", "f8"),
+        ("brake_upper", "f8"),  # what the speed limiter needs beyond its proportional part
+        ("brake_lower", "f8"),
         ("warming_k", "f8"),
         ("flags", "i8"),
         ("motor_sense", "f8"),  # -1: connected the wrong way round
@@ -93,6 +96,10 @@ SPEED_LIMITED: Final = int(AxisFlag.SPEED_LIMITED)
 STOP_NEGATIVE: Final = int(AxisFlag.END_STOP_NEGATIVE)
 STOP_POSITIVE: Final = int(AxisFlag.END_STOP_POSITIVE)
 
+
+LIMITER_STIFFNESS: Final = 4.0
+"""Of the speed limiter in torque mode, in units of the velocity loop's gain."""
+LIMITER_INTEGRAL_S: Final = 0.02
 
 NOT_BEGUN: Final = -1
 """Of `acting`: the ordered actuation begins at the loops' next tick."""
@@ -147,12 +154,15 @@ def _enter(loop: np.void, drive: np.void, order: np.void, position: float, veloc
     loop["set_speed"] = 0.0
     loop["holding"] = 0
     loop["error_time_s"] = 0.0
+    loop["brake_upper"] = 0.0
+    loop["brake_lower"] = 0.0
     if order["actuation"] == Actuation.RAMP or order["actuation"] == Actuation.VELOCITY:
         loop["set_speed"] = velocity
     if order["actuation"] == Actuation.HOLD:
         loop["holding"] = 1
     speed_error = loop["set_speed"] - velocity
-    loop["integral"] = loop["effort"] - drive["velocity_gain"] * speed_error
+    added = order["effort"] if order["actuation"] != Actuation.TORQUE else 0.0
+    loop["integral"] = loop["effort"] - drive["velocity_gain"] * speed_error - added
 
 
 @kernel
@@ -202,6 +212,8 @@ def _wanted_speed(loop: np.void, drive: np.void, order: np.void, position: float
     if abs(error) <= drive["position_deadband"]:
         error = 0.0
     wanted = drive["position_gain"] * error + loop["set_speed"]
+    if loop["acting"] == Actuation.POSITION:
+        wanted += order["velocity"]
     speed = bounded(wanted, order["velocity_limit"])
     set_flag(loop, SPEED_LIMITED, speed != wanted)
     return speed
@@ -214,7 +226,7 @@ def _velocity_loop(
     """PI with the integral held while the effort is at its limit (no wind-up)."""
     error = wanted - velocity
     gain = drive["velocity_gain"]
-    effort = gain * error + loop["integral"]
+    effort = gain * error + loop["integral"] + order["effort"]
     limited = bounded(effort, order["effort_limit"])
     if limited == effort or error * effort < 0.0:
         loop["integral"] += gain * error * loop_s / drive["velocity_integral_s"]
@@ -231,12 +243,36 @@ def _watch_following(loop: np.void, order: np.void, position: float, loop_s: flo
 
 
 @kernel
-def torque_order(loop: np.void, drive: np.void, order: np.void, velocity: float) -> float:
-    """The torque target inside the effort limit and inside what the speed limit leaves."""
+def _limiter(brake: float, gain: float, room: float, effort: float, step_s: float) -> float:
+    """Integral part of one side of the speed limiter, after a step.
+
+    It grows against the speed while its side limits, and is forgotten while it does not.
+    """
+    rate = step_s / LIMITER_INTEGRAL_S
+    if gain * room + brake < effort:
+        return brake + gain * room * rate
+    return brake * (1.0 - rate)
+
+
+@kernel
+def torque_order(
+    loop: np.void, drive: np.void, order: np.void, velocity: float, step_s: float
+) -> float:
+    """The torque target inside the effort limit, as far as the speed limit leaves it.
+
+    The speed limit is a PI controller on each side that may only take torque away. Its proportional
+    part is stiff, so that it meets a load with little excess; its integral part takes that away.
+    """
     effort = bounded(order["effort"], order["effort_limit"])
-    gain = drive["velocity_gain"]
-    upper = gain * (order["velocity_limit"] - velocity)
-    lower = -gain * (order["velocity_limit"] + velocity)
+    gain = LIMITER_STIFFNESS * drive["velocity_gain"]
+    ahead = order["velocity_limit"] - velocity
+    behind = order["velocity_limit"] + velocity
+    if math.isinf(ahead):
+        return effort
+    loop["brake_upper"] = _limiter(loop["brake_upper"], gain, ahead, effort, step_s)
+    loop["brake_lower"] = _limiter(loop["brake_lower"], gain, behind, -effort, step_s)
+    upper = gain * ahead + loop["brake_upper"]
+    lower = -gain * behind - loop["brake_lower"]
     limited = bounded(min(max(effort, lower), upper), order["effort_limit"])
     set_flag(loop, SPEED_LIMITED, limited != effort)
     return limited
@@ -244,7 +280,13 @@ def torque_order(loop: np.void, drive: np.void, order: np.void, velocity: float)
 
 @kernel
 def run_loops(
-    loop: np.void, drive: np.void, order: np.void, position: float, velocity: float, loop_s: float
+    loop: np.void,
+    drive: np.void,
+    order: np.void,
+    position: float,
+    velocity: float,
+    loop_s: float,
+    step_s: float,
 ) -> None:
     """One tick of the drive's loops: renews the ordered effort and the flags.
 
@@ -254,7 +296,8 @@ def run_loops(
         order: its ORDER record.
         position: joint, rad or m.
         velocity: joint, rad/s or m/s.
-        loop_s: time between ticks.
+        loop_s: time between ticks of the position and velocity loops.
+        step_s: time between steps of the physics, in which a torque order acts at once.
     """
     if loop["acting"] != order["actuation"]:
         _enter(loop, drive, order, position, velocity)
@@ -263,7 +306,7 @@ def run_loops(
         loop["ordered_effort"] = 0.0
         return
     if acting == Actuation.TORQUE:
-        loop["ordered_effort"] = torque_order(loop, drive, order, velocity)
+        loop["ordered_effort"] = torque_order(loop, drive, order, velocity, step_s)
         return
     if acting == Actuation.POSITION:
         _follow_line(loop, order, loop_s)

@@ -128,6 +128,7 @@ class Node:
             sub: dictionary.value(0x1018, sub) for sub in (PRODUCT_CODE, SERIAL_NUMBER)
         }
         """As delivered: 1018h by sub-index."""
+        self.drive.on_target_missed = lambda: self._rpdo_timeout(True)
         self._storage = Storage(dictionary, commissioned(settings), lambda: self._power_stage_on)
         self._server = SdoServer(dictionary)
         self._producer = HeartbeatProducer(
@@ -272,6 +273,8 @@ class Node:
             self.dictionary.put(*address, value)
         for address, _ in accepted:
             self.dictionary.notify(*address)
+        self.errors.cause_gone(PDO_TIMEOUT_CODE)
+        self.drive.pdo_came()
         self.changed()
 
     def changed(self) -> None:

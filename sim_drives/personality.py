@@ -18,9 +18,15 @@
 | error register | the class's bit alone | bit 0 beside the class's | as Elmo |
 | STO | 8A88h | 5441h | 9000h, external error |
 | 60FDh bit 3, interlock | STO not released | always 0 | STO not released |
-| option codes | 605Ah 6; 605Eh 0 to 2 | 605Ah 0 to 8; 605Eh 0 to 2 | 605Ah 0 to 8; 605Eh 0 to 4 |
+| quick stop, 605Ah | 6 | 0 to 8 | 0 to 8 |
+| halt, 605Dh | none: slow ramp | 1, 2 | 1 to 4 |
+| fault reaction, 605Eh | 0 to 2 | 0 to 2 | 0 to 4 |
+| CSP without a new target | 8250h after 1.5 times 60C2h | goes on | goes on |
+| 60C2h = 0 | steps of 0.4 ms | 06090032 | a step |
 
-Legal option codes, defaults and absent objects stand in the EDS files alone.
+605Bh and 605Ch are 0 and 1, 6007h 0 to 3 everywhere; any other option code is 06090030. Defaults
+and absent objects stand in the EDS files alone. An EPOS4 has 605Dh from firmware 0180h on; the one
+here is 0170h.
 
 Sources: EPOS4 application facts as collected from public EDS/DCF files and manuals. Elmo: public
 device configuration ipa320/cob_robots, Elmo.dcf, for objects, limits and identity; per mille of the
@@ -35,7 +41,15 @@ from enum import Enum
 from types import MappingProxyType
 from typing import Final
 
-from sim_drives.dictionary import Address, Value
+from sim_drives.aborts import AbortCode, SdoAbortError
+from sim_drives.dictionary import Address, ObjectDictionary, Value
+from sim_drives.power_state import (
+    DISABLE_OPTION,
+    FAULT_REACTION_OPTION,
+    HALT_OPTION,
+    QUICK_STOP_OPTION,
+    AbortConnection,
+)
 from sim_drives.settings import DriveSettings, EncoderKind, PersonalityName
 from sim_drives.timers import MILLISECOND
 
@@ -67,6 +81,12 @@ class Personality:
     """How often 6041h is renewed; 0 is at once."""
     refuses_misplaced_controlword: bool = False
     interlock_input: bool = True
+    misses_targets: bool = False
+    """Cyclic position without a new target by PDO is a lost connection."""
+    smallest_interpolation_s: float = 0.0
+    quick_stop_codes: frozenset[int] = frozenset(QUICK_STOP_OPTION)
+    halt_codes: frozenset[int] = frozenset(HALT_OPTION)
+    fault_reaction_codes: frozenset[int] = frozenset(FAULT_REACTION_OPTION)
 
 
 PERSONALITIES: Final[Mapping[PersonalityName, Personality]] = MappingProxyType(
@@ -82,6 +102,10 @@ PERSONALITIES: Final[Mapping[PersonalityName, Personality]] = MappingProxyType(
             cob_id_locked_while_valid=True,
             generic_error_bit=False,
             sto_error_code=0x8A88,
+            misses_targets=True,
+            smallest_interpolation_s=0.0004,
+            quick_stop_codes=frozenset({6}),
+            fault_reaction_codes=frozenset({0, 1, 2}),
         ),
         PersonalityName.ELMO_GOLD: Personality(
             speed_unit=SpeedUnit.COUNTS_PER_S,
@@ -97,6 +121,8 @@ PERSONALITIES: Final[Mapping[PersonalityName, Personality]] = MappingProxyType(
             statusword_period_ns=3 * MILLISECOND,
             refuses_misplaced_controlword=True,
             interlock_input=False,
+            halt_codes=frozenset({1, 2}),
+            fault_reaction_codes=frozenset({0, 1, 2}),
         ),
         PersonalityName.GENERIC: Personality(
             speed_unit=SpeedUnit.COUNTS_PER_S,
@@ -114,8 +140,8 @@ PERSONALITIES: Final[Mapping[PersonalityName, Personality]] = MappingProxyType(
 )
 
 HOMING_MODE_BIT: Final = 1 << 5
-CYCLIC_MODE_BITS: Final = 1 << 7 | 1 << 9
-"""6502h: cyclic synchronous position and torque."""
+CYCLIC_MODE_BITS: Final = 1 << 7 | 1 << 8 | 1 << 9
+"""6502h: cyclic synchronous position, velocity and torque."""
 
 
 def commissioned(settings: DriveSettings) -> dict[Address, Value]:
@@ -140,6 +166,25 @@ def commissioned(settings: DriveSettings) -> dict[Address, Value]:
         (0x6075, 0): nominal_ma,
         (0x6076, 0): round(settings.nominal_current_a * settings.torque_constant_nm_per_a * 1e3),
     }
+
+
+def guard_option_codes(dictionary: ObjectDictionary, personality: Personality) -> None:
+    """Let each option code be only what this make of drive knows."""
+    legal_codes: Mapping[int, frozenset[int]] = {
+        0x605A: personality.quick_stop_codes,
+        0x605B: frozenset(DISABLE_OPTION),
+        0x605C: frozenset(DISABLE_OPTION),
+        0x605D: personality.halt_codes,
+        0x605E: personality.fault_reaction_codes,
+        0x6007: frozenset(AbortConnection),
+    }
+    for index, legal in legal_codes.items():
+        dictionary.guard(index, lambda _, value, legal=legal: _judge_option(value, legal))
+
+
+def _judge_option(value: int, legal: frozenset[int]) -> None:
+    if value not in legal:
+        raise SdoAbortError(AbortCode.RANGE)
 
 
 def supported_modes(settings: DriveSettings) -> int:

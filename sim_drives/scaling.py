@@ -54,7 +54,7 @@ class Factors(NamedTuple):
     """6065h at the joint; infinity when the watch is off."""
     following_time_s: float
     interpolation_s: float
-    """60C2h: sub 1 times ten to the power of sub 2; 0 where it has not been set."""
+    """60C2h: sub 1 times ten to the power of sub 2."""
     velocity_limit_si: float
     """6080h."""
     units_per_count: float
@@ -152,11 +152,17 @@ class Scaling:
             effort_limit_si=limit_a * self._effort_per_a,
             following_window_si=self._following_window_si(units_per_count),
             following_time_s=value(0x6066) * 1e-3,
-            interpolation_s=float(value(0x60C2, 1) * 10.0 ** value(0x60C2, 2)),
+            interpolation_s=self._interpolation_s(),
             velocity_limit_si=value(0x6080) * abs(speed_step_si),
             units_per_count=units_per_count * self._polarity(POSITION_POLARITY),
             speed_step_si=speed_step_si * self._polarity(VELOCITY_POLARITY),
         )
+
+    def _interpolation_s(self) -> float:
+        interpolation_s = self._dictionary.value(0x60C2, 1) * 10.0 ** self._dictionary.value(
+            0x60C2, 2
+        )
+        return max(float(interpolation_s), self._personality.smallest_interpolation_s)
 
     def _units_per_count(self) -> float:
         """CiA 402-2: feed constant / (encoder resolution · gear ratio)."""

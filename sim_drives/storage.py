@@ -19,7 +19,9 @@ STORE: Final = 0x1010
 RESTORE: Final = 0x1011
 SAVE_SIGNATURE: Final = int.from_bytes(b"save", "little")
 LOAD_SIGNATURE: Final = int.from_bytes(b"load", "little")
-NEVER_KEPT: Final = frozenset({0x1003, STORE, RESTORE, 0x6040, 0x6060, 0x6071, 0x607A, 0x60B2})
+NEVER_KEPT: Final = frozenset(
+    {0x1003, STORE, RESTORE, 0x6040, 0x6060, 0x6071, 0x607A, 0x60B1, 0x60B2, 0x60FF}
+)
 
 
 class Storage:
