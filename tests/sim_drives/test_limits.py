@@ -1,0 +1,304 @@
+"""Limits, offsets and set points of the cyclic modes, on the real mechanics where they move."""
+
+import math
+
+import pytest
+from drive_bench import Bench
+from trainers import QUIET, order, torque, trainer
+
+from sim_drives.actuation import Actuation, AxisFlag
+from sim_drives.plant import HIP, SLIDE
+
+COUNTS_PER_RAD = 1024 * 100 / (2 * math.pi)
+MS = 1_000_000
+GENERIC = {"personality": "generic", "eds": "drives/generic402.eds"}
+
+
+def on_the_trainer(mode, hip_deg=0.0, **changes):
+    """Both axes enabled, the slide holding, the hip in `mode` without a target yet."""
+    plant = trainer(sensor=QUIET, start={"hip_deg": hip_deg, "slide_m": 0.5})
+    bench = Bench(hip=changes, plant=plant)
+    bench.boot()
+    for node_id, wanted in ((6, 8), (5, mode)):
+        bench.write(0x6065, 0, 0xFFFFFFFF, 4, node_id)
+        bench.write(0x6060, 0, wanted, 1, node_id)
+        bench.run_ms(10)
+        for controlword in (0x06, 0x07, 0x0F, 0x0F):
+            bench.write(0x6040, 0, controlword, 2, node_id)
+    bench.run_ms(100)
+    assert bench.state() == bench.state(6) == 0x27
+    return bench
+
+
+def signed(value):
+    return value - (1 << 32) if value >> 31 else value
+
+
+# --- the speed limit in torque mode -----------------------------------------------------------
+
+
+@pytest.mark.parametrize("wanted_nm", [25.0, 45.0, 65.0])
+def test_the_speed_limit_in_torque_mode_is_not_passed_by_more_than_seven_per_cent(wanted_nm):
+    plant = trainer(sensor=QUIET, start={"hip_deg": -10.0, "slide_m": 0.5})
+    plant.set_axis(SLIDE, order(SLIDE, Actuation.HOLD))
+    plant.set_axis(
+        HIP,
+        order(HIP, Actuation.TORQUE, target_effort_si=wanted_nm, velocity_limit_si=0.5),
+    )
+    speeds = []
+    while plant.truth().position[HIP] < 0.5:
+        plant.advance(plant.now_ns + MS)
+        speeds.append(plant.truth().velocity[HIP])
+
+    assert max(speeds) < 0.5 * 1.07
+    assert speeds[-1] == pytest.approx(0.5, rel=0.02)
+    assert plant.flags(HIP) & AxisFlag.SPEED_LIMITED
+
+
+def test_the_speed_limit_brakes_a_load_that_pushes_against_the_torque():
+    push = {"kind": "steady", "at_s": 0.2, "until_s": 9.0, "rise_s": 0.3, "fall_s": 0.0}
+    effort = push | {"hip_nm": 55.0, "slide_n": 0.0}
+    script = {"start": "a", "activation_s": 0.0, "programme": [{"name": "a", "effort": [effort]}]}
+    plant = trainer(sensor=QUIET, start={"hip_deg": -10.0, "slide_m": 0.5}, patient=script)
+    plant.set_axis(SLIDE, order(SLIDE, Actuation.HOLD))
+    plant.set_axis(HIP, order(HIP, Actuation.TORQUE, target_effort_si=-10.0, velocity_limit_si=0.4))
+    fastest = 0.0
+    while plant.truth().position[HIP] < 0.5:
+        plant.advance(plant.now_ns + MS)
+        fastest = max(fastest, plant.truth().velocity[HIP])
+
+    assert 0.35 < fastest < 0.4 * 1.05
+
+
+def test_below_the_speed_limit_the_torque_is_exactly_what_was_asked():
+    plant = trainer(sensor=QUIET)
+    for _ in range(30):
+        torque(plant, 12.0, 40.0)
+        plant.advance(plant.now_ns + MS)
+
+    assert plant.truth().effort == pytest.approx((12.0, 40.0), rel=1e-6)
+
+
+def test_the_limiter_says_so_in_the_statusword():
+    bench = on_the_trainer(10)
+    bench.write(0x6080, 0, 200, 4)  # rpm: 0.21 rad/s at the joint
+    bench.write(0x6071, 0, 1500, 2)
+    bench.run_ms(500)
+
+    assert bench.plant.truth().velocity[0] == pytest.approx(200 / 60 * 2 * math.pi / 100, rel=0.03)
+    assert bench.statusword() & 0x0800
+
+
+# --- limit switches and position limits -------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("flag", "code"), [(AxisFlag.END_STOP_NEGATIVE, 0x8A80), (AxisFlag.END_STOP_POSITIVE, 0x8A81)]
+)
+def test_a_limit_switch_that_closes_is_a_fault_and_the_axis_can_be_driven_off_it(flag, code):
+    bench = Bench(hip={"limit_switch": "fault"})
+    bench.boot()
+    for controlword in (0x06, 0x07, 0x0F):
+        bench.write(0x6040, 0, controlword, 2)
+    bench.plant.raised[0] |= flag
+    bench.run_ms(20)
+    assert (bench.state(), bench.read(0x603F)) == (0x08, code)
+
+    for controlword in (0x00, 0x80, 0x06, 0x07, 0x0F):
+        bench.write(0x6040, 0, controlword, 2)
+    bench.run_ms(20)
+    assert bench.state() == 0x27
+    bench.plant.raised[0] &= ~flag
+    bench.run_ms(20)
+    bench.plant.raised[0] |= flag
+    bench.run_ms(20)
+    assert bench.state() == 0x08
+
+
+def test_a_limit_switch_that_is_only_reported_is_a_bit_and_no_more(bench):
+    for controlword in (0x06, 0x07, 0x0F):
+        bench.write(0x6040, 0, controlword, 2)
+    bench.plant.raised[0] |= AxisFlag.END_STOP_POSITIVE
+    bench.run_ms(20)
+
+    assert bench.read(0x60FD) & 3 == 2
+    assert bench.state() == 0x27
+
+
+def test_an_axis_without_a_reference_is_not_judged_by_its_position_limits():
+    bench = Bench(hip={"encoder": "incremental", "position_limit": "fault"})
+    bench.boot()
+    bench.write(0x607D, 1, 1000, 4)
+    bench.write(0x607D, 2, 2000, 4)
+    for controlword in (0x06, 0x07, 0x0F):
+        bench.write(0x6040, 0, controlword, 2)
+    bench.run_ms(50)
+    assert bench.state() == 0x27
+
+    bench.write(0x6060, 0, 6, 1)
+    bench.run_ms(10)
+    bench.write(0x6040, 0, 0x1F, 2)
+    bench.run_ms(20)
+    assert bench.read(0x603F) == 0x8A82
+
+
+def test_the_inputs_show_home_switch_and_interlock():
+    bench = Bench(hip={"home_switch": {"from_si": 0.15, "to_si": 0.25}})
+    bench.boot()
+    assert bench.read(0x60FD) & 0x3000C == 0x30004
+
+    bench.world.command("sto_open right/hip")
+    bench.plant.position[0] = 0.4
+    assert bench.read(0x60FD) & 0x3000C == 0x10008
+
+
+# --- following error --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("window", "timeout_ms", "faults"), [(300, 20, True), (9000, 20, False)])
+def test_a_blocked_rotor_is_a_following_error_when_window_and_time_are_passed(
+    window, timeout_ms, faults
+):
+    bench = on_the_trainer(8)
+    here = signed(bench.read(0x6064))
+    bench.write(0x6065, 0, window, 4)
+    bench.write(0x6066, 0, timeout_ms, 2)
+    bench.world.command("blocked_rotor right/hip")
+    bench.write(0x607A, 0, here + 1000, 4)
+    bench.run_ms(200)
+
+    assert (bench.state() == 0x08) is faults
+    assert bench.read(0x603F) == (0x8611 if faults else 0)
+    assert bool(bench.statusword() & 0x2000) is faults
+
+
+# --- offsets, cyclic velocity -----------------------------------------------------------------
+
+
+def test_the_torque_offset_adds_to_the_target_in_cyclic_torque():
+    bench = on_the_trainer(10)
+    bench.write(0x6071, 0, 300, 2)
+    bench.write(0x60B2, 0, -100, 2)
+    bench.run_ms(20)
+
+    assert bench.plant.truth().effort[0] == pytest.approx(0.2 * 5.0 * 5.5736, rel=0.01)
+
+
+def test_the_torque_offset_takes_work_from_the_loops_in_cyclic_position():
+    bench = on_the_trainer(8)
+    bench.write(0x607A, 0, signed(bench.read(0x6064)), 4)
+    bench.run_ms(500)
+    integral = bench.plant._state.loops[0]["integral"]
+    held_nm = bench.plant.truth().effort[0]
+    bench.write(0x60B2, 0, 200, 2)
+    bench.run_ms(1000)
+
+    loops_nm = bench.plant._state.loops[0]["integral"] - integral
+    change_nm = bench.plant.truth().effort[0] - held_nm
+    assert abs(change_nm) < 2.0  # what friction holds
+    assert change_nm - loops_nm == pytest.approx(0.2 * 5.0 * 5.5736, abs=0.1)
+
+
+def test_the_velocity_offset_adds_to_the_speed_in_cyclic_position():
+    bench = on_the_trainer(8)
+    there = signed(bench.read(0x6064))
+    bench.write(0x607A, 0, there, 4)
+    bench.run_ms(300)
+    bench.write(0x60B1, 0, 100, 4)  # rpm: 0.105 rad/s at the joint
+    bench.run_ms(1000)
+
+    # The position loop, 25 1/s, holds against it: so far away does the axis stand.
+    ahead_rad = 100 / 60 * 2 * math.pi / 100 / 25.0
+    moved = signed(bench.read(0x6064)) - there
+    assert moved / COUNTS_PER_RAD == pytest.approx(ahead_rad, rel=0.1)
+
+
+def test_cyclic_velocity_follows_its_target_and_offset_once_there_is_one():
+    bench = on_the_trainer(9)
+    assert bench.read(0x6502) >> 8 & 1
+    assert not bench.statusword() & 0x1000
+
+    bench.write(0x60FF, 0, 300, 4)
+    bench.write(0x60B1, 0, 100, 4)
+    bench.run_ms(300)
+
+    assert bench.statusword() & 0x1000
+    assert signed(bench.read(0x606C)) == pytest.approx(400, abs=8)
+
+
+# --- the interpolation time -------------------------------------------------------------------
+
+
+def swept(interpolation_ms):
+    """Largest speed of the set point within 10 ms of a step of the target, rad/s."""
+    bench = on_the_trainer(8)
+    bench.write(0x60C2, 1, interpolation_ms, 1)
+    here = signed(bench.read(0x6064))
+    bench.write(0x607A, 0, here, 4)
+    bench.run_ms(20)
+    bench.write(0x607A, 0, here + 200, 4)
+    fastest = 0.0
+    for _ in range(10):
+        bench.run_ms(1)
+        fastest = max(fastest, abs(bench.plant._state.loops[0]["set_speed"]))
+    return fastest
+
+
+def test_without_an_interpolation_time_the_set_point_steps_and_with_one_it_goes_on_a_line():
+    step_rad = 200 / COUNTS_PER_RAD
+
+    assert swept(0) == pytest.approx(step_rad / 1e-3, rel=0.01)
+    assert swept(10) == pytest.approx(step_rad / 10e-3, rel=0.01)
+
+
+def in_cyclic_position(interpolation_ms, **changes):
+    bench = Bench(hip=changes)
+    bench.boot()
+    bench.write(0x60C2, 1, interpolation_ms, 1)
+    torque_source = 0x6077_0010 if changes else 0x30D1_0220
+    bench.go_operational(torque=torque_source)
+    here = signed(bench.read(0x6064))
+    bench.enable(8, here)
+    bench.forget()
+    return bench, here
+
+
+def test_an_epos4_whose_interpolation_time_is_shorter_than_the_sync_period_misses_its_target():
+    bench = Bench()
+    bench.boot()
+    bench.write(0x60C2, 1, 5, 1)
+    bench.go_operational()
+    for controlword in (0x06, 0x07, 0x0F, 0x0F):
+        bench.cycles(2, controlword, 8, 3000)
+    bench.run_ms(50)
+
+    assert bench.state() == 0x08
+    assert bench.read(0x603F) == 0x8250
+
+
+def test_an_epos4_misses_one_skipped_target():
+    bench, here = in_cyclic_position(10)
+    bench.cycles(10, 0x0F, 8, here)
+    assert bench.frames(0x085) == []
+
+    bench.cycle()
+    bench.cycle()
+    assert [data[:2] for data in bench.frames(0x085)] == [b"\x50\x82"]
+    bench.run_ms(100)
+    assert bench.state() == 0x08
+
+
+def test_an_epos4_without_an_interpolation_time_misses_nothing():
+    bench, here = in_cyclic_position(0)
+    bench.cycles(5, 0x0F, 8, here)
+    bench.run_ms(500)
+
+    assert bench.state() == 0x27
+
+
+def test_a_plain_drive_goes_on_to_its_last_target():
+    bench, here = in_cyclic_position(10, **GENERIC)
+    bench.cycles(5, 0x0F, 8, here)
+    bench.run_ms(500)
+
+    assert bench.state() == 0x27
