@@ -268,8 +268,9 @@ def test_an_epos4_whose_interpolation_time_is_shorter_than_the_sync_period_misse
     bench.boot()
     bench.write(0x60C2, 1, 5, 1)
     bench.go_operational()
+    here = signed(bench.read(0x6064))
     for controlword in (0x06, 0x07, 0x0F, 0x0F):
-        bench.cycles(2, controlword, 8, 3000)
+        bench.cycles(2, controlword, 8, here)
     bench.run_ms(50)
 
     assert bench.state() == 0x08
