@@ -34,7 +34,7 @@ def command(
     if json:
         print(msgspec.json.encode(report).decode())
     elif sys.stdout.isatty():
-        _print_tables(sections(report))
+        print_tables(sections(report))
     else:
         print("\n\n".join(plain(section) for section in sections(report)))
     refuse(settings, report)
@@ -68,7 +68,8 @@ def plain(section: Section) -> str:
     return "\n".join((section.title, *(f"  {text}" for text in texts)))
 
 
-def _print_tables(tables: tuple[Section, ...]) -> None:
+def print_tables(tables: tuple[Section, ...]) -> None:
+    """The same for a terminal."""
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.markup import escape

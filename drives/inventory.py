@@ -1,0 +1,383 @@
+"""A survey judged: which stations there are, which drives of a configuration, and what is wrong.
+
+Pure. Every finding has a kind that a program can test, and a text for people. Those in WRONG mean
+that the machine of the configuration cannot work as it is; the others are to be known.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final, NamedTuple
+
+from drives.bus_state import BusCondition
+from drives.cia402 import decode_statusword
+from drives.emcy import decode_emergency
+from drives.emcy_codes import EmergencyTable, meaning
+from drives.nmt import NMT_ID, SYNC_ID
+from drives.profile import DriveDescription
+from drives.scanning import (
+    DEVICE_NAME,
+    DEVICE_TYPE,
+    DRIVE_PROFILE,
+    ERROR_CODE,
+    ERROR_REGISTER,
+    HARDWARE_VERSION,
+    PRODUCT,
+    REVISION,
+    SERIAL,
+    SOFTWARE_VERSION,
+    STATUSWORD,
+    VENDOR,
+    Survey,
+)
+from drives.signals import NmtState
+from drives.vendors import vendor_name
+from drives.witness import Heard
+
+ANY_VENDOR: Final = "any"
+"""A profile's vendor that stands for all of a standard."""
+
+
+class FindingKind(Enum):
+    """What a finding is about."""
+
+    MISSING = "expected drive is missing"
+    OTHER_DEVICE = "another device than the files describe"
+    DUPLICATE_NODE = "node id is there twice"
+    NO_ACKNOWLEDGE = "nobody acknowledges"
+    BUS_OFF = "controller was bus-off"
+    SILENT_NODE = "heard, but does not answer"
+    FELL_SILENT = "stopped answering"
+    BUS_ERRORS = "controller reports errors"
+    SERVICE = "a service runs"
+    FOREIGN_MASTER = "somebody else acts as a master"
+    SDO_CLIENT = "somebody else reads or writes objects"
+    EMERGENCY = "emergency message"
+    ERROR_PENDING = "error pending"
+    BOOTED = "booted while we listened"
+    UNEXPLAINED = "frames that nobody explains"
+
+
+WRONG: Final = frozenset(
+    (
+        FindingKind.MISSING,
+        FindingKind.OTHER_DEVICE,
+        FindingKind.DUPLICATE_NODE,
+        FindingKind.NO_ACKNOWLEDGE,
+        FindingKind.BUS_OFF,
+    )
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing to be known."""
+
+    kind: FindingKind
+    text: str
+    node_id: int | None = None
+    drive: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """One node that was heard or that answered. None and "": it did not say."""
+
+    node_id: int
+    drive: str
+    """Which drive of the configuration its node id belongs to, or nothing."""
+    nmt_state: str
+    """From heartbeats and boot-ups heard; `unknown` without any."""
+    answers: bool
+    """To SDO requests."""
+    device_type: int | None
+    profile_number: int | None
+    vendor_id: int | None
+    vendor: str
+    product_code: int | None
+    revision: int | None
+    serial: int | None
+    device_name: str
+    hardware_version: str
+    software_version: str
+    power_state: str
+    error_register: int | None
+    error_code: int | None
+    error_text: str
+    fitting_profile: str
+    """A profile for drives of this kind; with a question mark where only the vendor fits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Inventory:
+    """All that a scan has to say."""
+
+    stations: tuple[Station, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether the machine cannot work as it is."""
+        return any(finding.kind in WRONG for finding in self.findings)
+
+
+class ProfileFile(NamedTuple):
+    """What a profile says of the drives that it is for."""
+
+    name: str
+    vendor: str
+    family: str
+
+
+class Expected(NamedTuple):
+    """What a configuration says of its bus; nothing of it where there is none."""
+
+    drives: tuple[DriveDescription, ...] = ()
+    master_node_id: int | None = None
+    profiles: tuple[ProfileFile, ...] = ()
+
+    def drive(self, node_id: int) -> DriveDescription | None:
+        """The drive that should be there."""
+        return next((drive for drive in self.drives if drive.node_id == node_id), None)
+
+    def error_table(self, node_id: int) -> EmergencyTable:
+        """What a node's error codes mean."""
+        drive = self.drive(node_id)
+        return "standard" if drive is None else drive.profile.emergency_table
+
+
+def take_stock(survey: Survey, expected: Expected) -> Inventory:
+    """Stations and findings, each in the order of node ids; findings of the bus first."""
+    nodes = sorted(
+        node_id
+        for node_id, heard in survey.witness.nodes.items()
+        if _is_there(heard) and node_id != expected.master_node_id
+    )
+    stations = tuple(_station(node_id, survey, expected) for node_id in nodes)
+    findings = (
+        *_of_the_controller(survey),
+        *_of_masters(survey, expected),
+        *(finding for station in stations for finding in _of_station(station, survey, expected)),
+        *_missing(stations, expected),
+        *_unexplained(survey, nodes, expected),
+    )
+    return Inventory(stations, findings)
+
+
+def _is_there(heard: Heard) -> bool:
+    return heard.answered or heard.watch.state is not NmtState.UNKNOWN or bool(heard.emergencies)
+
+
+# --- one station ----------------------------------------------------------------------------------
+
+
+def _station(node_id: int, survey: Survey, expected: Expected) -> Station:
+    heard = survey.witness.node(node_id)
+    objects = survey.objects.get(node_id, {})
+    number = {place: int.from_bytes(data, "little") for place, data in objects.items()}
+    device_type, vendor_id = number.get(DEVICE_TYPE), number.get(VENDOR)
+    statusword, error_code = number.get(STATUSWORD), number.get(ERROR_CODE)
+    name = _text(objects.get(DEVICE_NAME))
+    vendor = "" if vendor_id is None else vendor_name(vendor_id)
+    profile_number = None if device_type is None else device_type & 0xFFFF
+    drive = expected.drive(node_id)
+    return Station(
+        node_id=node_id,
+        drive="" if drive is None else drive.name,
+        nmt_state=_words(heard.watch.state.name),
+        answers=heard.answered,
+        device_type=device_type,
+        profile_number=profile_number,
+        vendor_id=vendor_id,
+        vendor=vendor,
+        product_code=number.get(PRODUCT),
+        revision=number.get(REVISION),
+        serial=number.get(SERIAL),
+        device_name=name,
+        hardware_version=_text(objects.get(HARDWARE_VERSION)),
+        software_version=_text(objects.get(SOFTWARE_VERSION)),
+        power_state="" if statusword is None else _words(decode_statusword(statusword).name),
+        error_register=number.get(ERROR_REGISTER),
+        error_code=error_code,
+        error_text=meaning(error_code, expected.error_table(node_id)).text if error_code else "",
+        fitting_profile=fitting_profile(vendor, name, profile_number, expected.profiles),
+    )
+
+
+def fitting_profile(
+    vendor: str, device_name: str, profile_number: int | None, profiles: Sequence[ProfileFile]
+) -> str:
+    """The profile for a device, by vendor and name; `NAME?` where the name does not say so."""
+    if profile_number != DRIVE_PROFILE:
+        return ""
+    words = device_name.casefold()
+    of_vendor = [
+        file for file in profiles if vendor and file.vendor.casefold() in vendor.casefold()
+    ]
+    for file in of_vendor:
+        if file.family.casefold() in words:
+            return file.name
+    general = [file for file in profiles if file.vendor == ANY_VENDOR]
+    return next((f"{file.name}?" for file in (*of_vendor, *general)), "")
+
+
+def _text(data: bytes | None) -> str:
+    text = "" if data is None else data.split(b"\0")[0].decode("latin-1")
+    return "".join(letter if letter.isprintable() else "?" for letter in text).strip()
+
+
+def _words(name: str) -> str:
+    return name.lower().replace("_", " ")
+
+
+# --- findings -------------------------------------------------------------------------------------
+
+
+def _of_the_controller(survey: Survey) -> Iterator[Finding]:
+    state = survey.witness.bus_state
+    if survey.unasked and survey.witness.heard_nothing:
+        remedy = "drives without power, a cable, a terminator, another bit rate?"
+        yield Finding(FindingKind.NO_ACKNOWLEDGE, f"nobody acknowledges what we send: {remedy}")
+    elif survey.unasked:
+        text = f"the transmit queue stays full: nodes from {min(survey.unasked)} were not asked"
+        yield Finding(FindingKind.NO_ACKNOWLEDGE, text)
+    if state.bus_off_count:
+        yield Finding(FindingKind.BUS_OFF, "the controller was bus-off: wiring, bit rate?")
+    elif state.condition is not BusCondition.ACTIVE:
+        text = f"the controller is {state.condition.value}: frames get damaged on this bus"
+        yield Finding(FindingKind.BUS_ERRORS, text)
+    if state.overflow_count:
+        text = f"the controller lost frames {state.overflow_count} times"
+        yield Finding(FindingKind.BUS_ERRORS, text)
+
+
+def _of_masters(survey: Survey, expected: Expected) -> Iterator[Finding]:
+    witness, master = survey.witness, expected.master_node_id
+    heard = None if master is None else witness.nodes.get(master)
+    if heard is not None and heard.heartbeat_count:
+        state = _words(heard.watch.state.name)
+        text = f"a service runs: heartbeat of the master ({state}), SYNC {witness.sync_count} times"
+        yield Finding(FindingKind.SERVICE, text, master)
+    elif witness.sync_count:
+        who = "a master is at work" if master is None else f"and no heartbeat of node {master}"
+        text = f"SYNC {witness.sync_count} times: {who}"
+        yield Finding(FindingKind.FOREIGN_MASTER, text)
+    if heard is not None and heard.answered:
+        text = "a device answers under the node id of our master"
+        yield Finding(FindingKind.DUPLICATE_NODE, text, master)
+    if witness.nmt_count:
+        text = f"somebody sent {witness.nmt_count} NMT commands"
+        yield Finding(FindingKind.FOREIGN_MASTER, text)
+
+
+def _of_station(station: Station, survey: Survey, expected: Expected) -> Iterator[Finding]:
+    node_id, name = station.node_id, station.drive
+    heard = survey.witness.node(node_id)
+    for kind, text in (
+        *_of_presence(station, survey, heard),
+        *_of_errors(station, heard, expected),
+    ):
+        yield Finding(kind, text, node_id, name)
+    drive = expected.drive(node_id)
+    if drive is not None and station.answers:
+        yield from _of_identity(station, drive)
+
+
+def _of_presence(
+    station: Station, survey: Survey, heard: Heard
+) -> Iterator[tuple[FindingKind, str]]:
+    if heard.answered_twice:
+        yield (
+            FindingKind.DUPLICATE_NODE,
+            "two answers to one request: two devices with this node id",
+        )
+    if not heard.answered and not survey.unasked:
+        why = "no SDO in STOPPED" if heard.watch.state is NmtState.STOPPED else "a master?"
+        yield FindingKind.SILENT_NODE, f"heard ({station.nmt_state}), but does not answer: {why}"
+    if station.node_id in survey.fell_silent:
+        yield FindingKind.FELL_SILENT, "answered, and then did not any more"
+    if heard.foreign_request_count:
+        text = f"somebody else sent it {heard.foreign_request_count} SDO requests"
+        yield FindingKind.SDO_CLIENT, text
+    if heard.watch.boot_up_count:
+        text = f"booted {heard.watch.boot_up_count} times while we listened"
+        yield FindingKind.BOOTED, text
+
+
+def _of_errors(
+    station: Station, heard: Heard, expected: Expected
+) -> Iterator[tuple[FindingKind, str]]:
+    if station.error_code:
+        text = f"error code {station.error_code:04X}h pending: {station.error_text}"
+        yield FindingKind.ERROR_PENDING, text
+    elif station.error_register:
+        yield FindingKind.ERROR_PENDING, f"error register {station.error_register:02X}h, no code"
+    table = expected.error_table(station.node_id)
+    for data in heard.emergencies:
+        emergency = decode_emergency(data, station.node_id, table, 0)
+        if emergency is None:
+            yield FindingKind.UNEXPLAINED, f"an EMCY of {len(data)} bytes"
+        elif emergency.code:
+            text = f"EMCY {emergency.code:04X}h while we listened: {emergency.text}"
+            yield FindingKind.EMERGENCY, text
+
+
+def _of_identity(station: Station, drive: DriveDescription) -> Iterator[Finding]:
+    identity = drive.axis.identity
+    pairs = (
+        ("device profile", station.profile_number, DRIVE_PROFILE, "d"),
+        ("vendor", station.vendor_id, identity.vendor_id, "08X"),
+        ("product", station.product_code, identity.product_code, "08X"),
+        ("revision", station.revision, identity.revision, "08X"),
+        ("serial number", station.serial, identity.serial, "d"),
+    )
+    for what, found, wanted, style in pairs:
+        if wanted is None or found == wanted:
+            continue
+        suffix = "h" if style == "08X" else ""
+        has = "none" if found is None else f"{found:{style}}{suffix}"
+        text = f"{what} is {has}, its axis file says {wanted:{style}}{suffix}"
+        yield Finding(FindingKind.OTHER_DEVICE, text, drive.node_id, drive.name)
+
+
+def _missing(stations: Sequence[Station], expected: Expected) -> Iterator[Finding]:
+    answering = {station.node_id for station in stations if station.answers}
+    for drive in expected.drives:
+        if drive.node_id not in answering:
+            text = f"nobody answers at node {drive.node_id}"
+            yield Finding(FindingKind.MISSING, text, drive.node_id, drive.name)
+
+
+# --- frames that nobody explains ------------------------------------------------------------------
+
+_TIME_ID: Final = 0x100
+_LSS_IDS: Final = frozenset((0x7E4, 0x7E5))
+_OF_ALL: Final = frozenset((NMT_ID, SYNC_ID, _TIME_ID)) | _LSS_IDS
+_FIRST_PDO: Final = 0x180
+_LAST_PDO: Final = 0x57F
+_NODE: Final = 0x07F
+
+
+def _unexplained(survey: Survey, nodes: Sequence[int], expected: Expected) -> Iterator[Finding]:
+    known = {*nodes, *(drive.node_id for drive in expected.drives)}
+    for can_id, count in sorted(survey.witness.received_count.items()):
+        owner = can_id & _NODE
+        if can_id in _OF_ALL or _is_service(can_id):
+            continue
+        if not _FIRST_PDO < can_id <= _LAST_PDO:
+            text = f"{count} frames {can_id:03X}h: not an identifier of CANopen"
+        elif owner not in known:
+            text = f"{count} frames {can_id:03X}h: a PDO of node {owner}, which is not there"
+        else:
+            continue
+        yield Finding(FindingKind.UNEXPLAINED, text)
+    if survey.witness.odd_sync_count:
+        text = (
+            f"{survey.witness.odd_sync_count} SYNC with data: a counter (1019h), or somebody else"
+        )
+        yield Finding(FindingKind.UNEXPLAINED, text)
+
+
+def _is_service(can_id: int) -> bool:
+    """EMCY, SDO and NMT error control: these are heard of one node."""
+    return bool(can_id & _NODE) and can_id & ~_NODE in (0x080, 0x580, 0x600, 0x700)

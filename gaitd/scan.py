@@ -1,0 +1,244 @@
+"""`gaitd scan`: who is on a bus, and is it the machine that the configuration describes.
+
+Read only: SDO uploads, one frame at a time and paced, and nothing else. It may be run beside a
+service. Exit codes: 0; 2 usage or configuration; 3 an expected drive is missing, is there twice or
+is another one, or the bus does not work.
+"""
+
+import sys
+from collections.abc import Generator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import typer
+
+from gaitd.check import Section
+from gaitd.station import EXIT_DRIVE, BusPlace, opened, place_of, show
+
+if TYPE_CHECKING:
+    from drives.bus import Bus, Clock
+    from drives.inventory import Expected, Finding, Inventory, ProfileFile, Station
+    from drives.scanning import Progress
+
+T = TypeVar("T")
+
+
+def command(
+    config: Annotated[
+        Path | None, typer.Option("--config", help="trainer file: its bus, its drives")
+    ] = None,
+    interface: Annotated[
+        str | None, typer.Option(help="without --config: python-can's word, e.g. socketcan")
+    ] = None,
+    channel: Annotated[str | None, typer.Option(help="without --config: e.g. can0")] = None,
+    bitrate: Annotated[int | None, typer.Option(help="without --config: bit/s")] = None,
+    json: Annotated[bool, typer.Option("--json", help="one JSON object")] = False,
+) -> None:
+    """List what is on the bus and compare it with the configuration. Writes nothing to anybody."""
+    from drives.errors import BusError
+
+    place, expected = _sought(config, interface, channel, bitrate)
+    try:
+        with opened(place) as bus:
+            found = scan(bus, place.bitrate_bit_per_s, expected)
+            foreign_count = bus.foreign_count
+    except BusError as error:
+        print(f"scan: {error}", file=sys.stderr)
+        raise typer.Exit(EXIT_DRIVE) from error
+    if json:
+        print(as_json(found, foreign_count))
+    else:
+        show(sections(found, place, expected, foreign_count))
+    raise typer.Exit(EXIT_DRIVE if found.is_wrong else 0)
+
+
+def scan(bus: "Bus", bitrate_bit_per_s: int, expected: "Expected") -> "Inventory":
+    """Look at an open bus, with progress on a terminal.
+
+    Raises:
+        BusError: the interface is down, or the controller is bus-off.
+    """
+    from daemon.clock import MonotonicClock
+    from drives.inventory import take_stock
+    from drives.scanning import survey
+
+    clock: Clock = MonotonicClock()
+    return take_stock(shown(survey(bus, clock, bitrate_bit_per_s)), expected)
+
+
+def shown(steps: "Generator[Progress, None, T]") -> T:
+    """Run a generator of progress to its end; a bar on stderr where that is a terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn
+    from rich.progress import Progress as Bar
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description:24}"), BarColumn())
+    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("")
+        while True:
+            try:
+                step = next(steps)
+            except StopIteration as stop:
+                return stop.value
+            bar.update(
+                task, description=step.text, completed=step.done_count, total=step.total_count
+            )
+
+
+def _sought(
+    config: Path | None, interface: str | None, channel: str | None, bitrate: int | None
+) -> "tuple[BusPlace, Expected]":
+    from daemon.config.load import read_all
+    from daemon.config.strict import MISSING, ConfigError
+    from drives.inventory import Expected
+
+    named = {"--interface": interface, "--channel": channel, "--bitrate": bitrate}
+    if config is not None:
+        for option, value in named.items():
+            if value is not None:
+                allowed = "nothing: --config says it already"
+                raise ConfigError("command line", option, value, allowed)
+        settings = read_all(config)
+        master = settings.trainer.cycle.master_node_id
+        return place_of(settings), Expected(settings.drives, master, _profiles())
+    if interface is None or channel is None or bitrate is None:
+        missing = next(option for option, value in named.items() if value is None)
+        allowed = "--config FILE, or all of --interface, --channel and --bitrate"
+        raise ConfigError("command line", missing, MISSING, allowed)
+    if bitrate <= 0:
+        raise ConfigError("command line", "--bitrate", bitrate, "bit/s, for example 1000000")
+    place = BusPlace(interface, channel, bitrate, "command line", "--channel")
+    return place, Expected(profiles=_profiles())
+
+
+def _profiles() -> "tuple[ProfileFile, ...]":
+    """What there is in configs/drives/profiles; nothing where there is no such folder."""
+    from daemon.config.load import load_toml
+    from daemon.config.strict import ConfigError
+    from drives.inventory import ProfileFile
+    from drives.profile import DriveProfile
+    from gaitd.places import configs_folder
+
+    try:
+        folder = configs_folder("--config", "drives/profiles") / "drives" / "profiles"
+    except ConfigError:
+        return ()
+    files = ((file.stem, load_toml(file, DriveProfile)) for file in sorted(folder.glob("*.toml")))
+    return tuple(ProfileFile(name, profile.vendor, profile.family) for name, profile in files)
+
+
+# --- words ----------------------------------------------------------------------------------------
+
+
+def sections(
+    found: "Inventory", place: BusPlace, expected: "Expected", foreign_count: int
+) -> tuple[Section, ...]:
+    """The inventory as tables of words."""
+    count = len(found.stations)
+    where = f"{place.interface} {place.channel}"
+    devices = "nobody" if not count else f"{count} node{'s' if count > 1 else ''}"
+    columns = ("node", "drive", "NMT", "device", "power state", "error", "profile")
+    stations = Section(
+        f"On {where}: {devices}", columns, tuple(_state_row(s, expected) for s in found.stations)
+    )
+    columns = ("node", "vendor", "name", "product", "revision", "serial", "hardware", "software")
+    rows = tuple(_identity_row(station) for station in found.stations if station.answers)
+    findings = [_finding_line(finding) for finding in found.findings]
+    if foreign_count:
+        findings.append(f"{foreign_count} extended, remote or CAN FD frames: not CANopen")
+    return (
+        stations,
+        Section("Identity", columns, rows),
+        Section(
+            "Findings", ("",), tuple((line,) for line in findings or [_all_well(found, expected)])
+        ),
+    )
+
+
+def _all_well(found: "Inventory", expected: "Expected") -> str:
+    if not found.stations:
+        return "nobody on the bus answers, beats or sends anything"
+    if not expected.drives:
+        return "none"
+    names = ", ".join(drive.name for drive in expected.drives)
+    return f"none: {names} are there and are what their files describe"
+
+
+def _state_row(station: "Station", expected: "Expected") -> tuple[str, ...]:
+    unexpected = "(in no file)" if expected.drives else ""
+    return (
+        str(station.node_id),
+        station.drive or unexpected,
+        station.nmt_state if station.nmt_state != "unknown" else "not heard",
+        _device(station),
+        station.power_state or "-",
+        _error(station),
+        station.fitting_profile or "-",
+    )
+
+
+def _device(station: "Station") -> str:
+    if station.profile_number is None:
+        return "-" if not station.answers else "answers, says no type"
+    return f"CiA {station.profile_number}" if station.profile_number else "no device profile"
+
+
+def _error(station: "Station") -> str:
+    if station.error_code:
+        return f"{station.error_code:04X}h {station.error_text}"
+    if station.error_register is None:
+        return "-"
+    return f"register {station.error_register:02X}h" if station.error_register else "none"
+
+
+def _identity_row(station: "Station") -> tuple[str, ...]:
+    vendor = "-" if station.vendor_id is None else f"{station.vendor_id:X}h"
+    return (
+        str(station.node_id),
+        f"{station.vendor} ({vendor})" if station.vendor else vendor,
+        station.device_name or "-",
+        _hex(station.product_code),
+        _hex(station.revision),
+        "-" if station.serial is None else str(station.serial),
+        station.hardware_version or "-",
+        station.software_version or "-",
+    )
+
+
+def _hex(value: int | None) -> str:
+    return "-" if value is None else f"{value:08X}h"
+
+
+def _finding_line(finding: "Finding") -> str:
+    from drives.inventory import WRONG
+
+    mark = "WRONG: " if finding.kind in WRONG else ""
+    node = "" if finding.node_id is None else f"node {finding.node_id}"
+    who = f"{finding.drive} ({node})" if finding.drive else node
+    return f"{mark}{who}{': ' if who else ''}{finding.text}"
+
+
+def as_json(found: "Inventory", foreign_count: int) -> str:
+    """One object: stations, findings with their kind as a name, and the verdict."""
+    import msgspec
+
+    from drives.inventory import WRONG
+
+    findings: list[dict[str, Any]] = [
+        {
+            "kind": finding.kind.name.lower(),
+            "wrong": finding.kind in WRONG,
+            "node_id": finding.node_id,
+            "drive": finding.drive,
+            "text": finding.text,
+        }
+        for finding in found.findings
+    ]
+    table = {
+        "stations": found.stations,
+        "findings": findings,
+        "foreign_frames_count": foreign_count,
+        "wrong": found.is_wrong,
+    }
+    return msgspec.json.encode(table).decode()

@@ -1,0 +1,66 @@
+"""What the commands for people in front of a bus share: opening it, and saying why it cannot be."""
+
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+if TYPE_CHECKING:
+    from daemon.config.bundle import Settings
+    from drives.bus import CanBus
+    from gaitd.check import Section
+
+EXIT_SAME: Final = 0
+EXIT_DIFFERENT: Final = 1
+EXIT_DRIVE: Final = 3
+"""The drive or the bus is not as it should be."""
+
+
+class BusPlace(NamedTuple):
+    """A bus by python-can's words, and what named it, for the error."""
+
+    interface: str
+    channel: str
+    bitrate_bit_per_s: int
+    named_by: Path | str
+    key: str
+
+
+def place_of(settings: "Settings") -> BusPlace:
+    """The bus of a configuration."""
+    bus, path = settings.trainer.bus, settings.file.path
+    return BusPlace(bus.interface, bus.channel, bus.bitrate_bit_per_s, path, "bus.channel")
+
+
+@contextmanager
+def opened(place: BusPlace) -> "Generator[CanBus]":
+    """The bus, closed in any case.
+
+    Raises:
+        ConfigError: it cannot be opened.
+    """
+    from daemon.config.strict import ConfigError
+    from drives.bus import CanBus
+    from drives.errors import BusError
+
+    try:
+        bus = CanBus.open(place.interface, place.channel, place.bitrate_bit_per_s)
+    except BusError as error:
+        allowed = f"a {place.interface} bus that is there; this one {error.what}"
+        raise ConfigError(place.named_by, place.key, place.channel, allowed) from error
+    try:
+        yield bus
+    finally:
+        bus.close()
+
+
+def show(tables: "tuple[Section, ...]") -> None:
+    """Tables on a terminal, aligned text in a pipe; empty ones are left out."""
+    from gaitd.check import plain, print_tables
+
+    filled = tuple(table for table in tables if table.rows)
+    if sys.stdout.isatty():
+        print_tables(filled)
+    else:
+        print("\n\n".join(plain(table) for table in filled))
