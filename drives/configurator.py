@@ -47,9 +47,10 @@ _WITH_OBJECT: Final = frozenset((0x60, 0x40, _ABORT))
 class Configurator:
     """SDO, NMT and listening for bring-up; owns nothing but its view of the traffic."""
 
-    def __init__(self, bus: Bus, clock: Clock) -> None:
+    def __init__(self, bus: Bus, clock: Clock, sdo_timeout_ns: int = SDO_TIMEOUT_NS) -> None:
         self._bus = bus
         self._clock = clock
+        self._sdo_timeout_ns = sdo_timeout_ns
         self._network = _Network(self._send_one)
         self._clients: dict[int, _Client] = {}
         self._traffic: dict[int, NodeTraffic] = {}
@@ -102,7 +103,7 @@ class Configurator:
             raise SdoAborted(index, sub, abort.code, text) from abort
         except SdoCommunicationError as error:
             if client.timed_out:
-                raise SdoTimeout(index, sub, SDO_TIMEOUT_NS) from error
+                raise SdoTimeout(index, sub, self._sdo_timeout_ns) from error
             raise SdoGarbled(index, sub, str(error)) from error
 
     def _client(self, node_id: int) -> "_Client":
@@ -112,7 +113,7 @@ class Configurator:
         return client
 
     def _await_reply(self, client: "_Client") -> None:
-        deadline_ns = self._clock.now_ns() + SDO_TIMEOUT_NS
+        deadline_ns = self._clock.now_ns() + self._sdo_timeout_ns
         while client.responses.empty():
             if self._clock.now_ns() >= deadline_ns:
                 client.timed_out = True

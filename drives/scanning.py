@@ -90,9 +90,9 @@ def survey(bus: Bus, clock: Clock, bitrate_bit_per_s: int) -> Generator[Progress
     found = Survey(Witness())
     heard = WitnessedBus(bus, clock, found.witness)
     pause_ns = PAUSE_FRAMES * FRAME_BITS * 1_000_000_000 // bitrate_bit_per_s
-    yield from _listen(heard, clock, LISTEN_NS, "listening", 0)
+    yield from listen(heard, clock, LISTEN_NS)
     yield from _ask_all(heard, clock, found, pause_ns)
-    yield from _listen(heard, clock, ANSWER_NS, "collecting answers", len(NODES))
+    yield from listen(heard, clock, ANSWER_NS, "collecting answers", len(NODES))
     port = Configurator(heard, clock)
     present = [node_id for node_id in NODES if found.witness.node(node_id).answered]
     for count, node_id in enumerate(present):
@@ -101,7 +101,14 @@ def survey(bus: Bus, clock: Clock, bitrate_bit_per_s: int) -> Generator[Progress
     return found
 
 
-def _listen(bus: Bus, clock: Clock, duration_ns: int, text: str, done_count: int) -> Steps:
+def listen(
+    bus: Bus, clock: Clock, duration_ns: int, text: str = "listening", done_count: int = 0
+) -> Steps:
+    """Hear what goes on, in slices.
+
+    Raises:
+        BusError: the bus is down.
+    """
     end_ns = clock.now_ns() + duration_ns
     while clock.now_ns() < end_ns:
         _hear_until(bus, clock, min(end_ns, clock.now_ns() + SLICE_NS))

@@ -23,6 +23,7 @@ COMMANDS: Final = {
     "gateway": "The other half: Zenoh, events, black box.",
     "check": "Validate a configuration and say what it means at the joint.",
     "scan": "Who is on a bus, and is it the machine of the configuration. Reads only.",
+    "drive": "One drive's objects: dump, compare, store, restore.",
     "sim": "The virtual drives of a configuration, in real time.",
     "demo": "Virtual drives, service and a scripted patient; a live view; the errors at the end.",
     "replay": "The observer over a recorded file, as fast as it can.",

@@ -6,21 +6,17 @@ is another one, or the bus does not work.
 """
 
 import sys
-from collections.abc import Generator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from gaitd.check import Section
-from gaitd.station import EXIT_DRIVE, BusPlace, opened, place_of, show
+from gaitd.station import EXIT_DRIVE, BusPlace, opened, place_of, show, shown
 
 if TYPE_CHECKING:
     from drives.bus import Bus, Clock
     from drives.inventory import Expected, Finding, Inventory, ProfileFile, Station
-    from drives.scanning import Progress
-
-T = TypeVar("T")
 
 
 def command(
@@ -64,26 +60,6 @@ def scan(bus: "Bus", bitrate_bit_per_s: int, expected: "Expected") -> "Inventory
 
     clock: Clock = MonotonicClock()
     return take_stock(shown(survey(bus, clock, bitrate_bit_per_s)), expected)
-
-
-def shown(steps: "Generator[Progress, None, T]") -> T:
-    """Run a generator of progress to its end; a bar on stderr where that is a terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, TextColumn
-    from rich.progress import Progress as Bar
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description:24}"), BarColumn())
-    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("")
-        while True:
-            try:
-                step = next(steps)
-            except StopIteration as stop:
-                return stop.value
-            bar.update(
-                task, description=step.text, completed=step.done_count, total=step.total_count
-            )
 
 
 def _sought(

@@ -1,15 +1,18 @@
-"""What the commands for people in front of a bus share: opening it, and saying why it cannot be."""
+"""What the commands for people in front of a bus share: opening it, progress, tables, codes."""
 
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar
 
 if TYPE_CHECKING:
     from daemon.config.bundle import Settings
     from drives.bus import CanBus
+    from drives.scanning import Progress
     from gaitd.check import Section
+
+T = TypeVar("T")
 
 EXIT_SAME: Final = 0
 EXIT_DIFFERENT: Final = 1
@@ -62,5 +65,25 @@ def show(tables: "tuple[Section, ...]") -> None:
     filled = tuple(table for table in tables if table.rows)
     if sys.stdout.isatty():
         print_tables(filled)
-    else:
+    elif filled:
         print("\n\n".join(plain(table) for table in filled))
+
+
+def shown(steps: "Generator[Progress, None, T]") -> T:
+    """Run a generator of progress to its end; a bar on stderr where that is a terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn
+    from rich.progress import Progress as Bar
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description:24}"), BarColumn())
+    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("")
+        while True:
+            try:
+                step = next(steps)
+            except StopIteration as stop:
+                return stop.value
+            bar.update(
+                task, description=step.text, completed=step.done_count, total=step.total_count
+            )

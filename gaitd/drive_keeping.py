@@ -1,0 +1,89 @@
+"""`gaitd drive NAME store` and `restore`: on request only, of a drive that nobody works with."""
+
+import sys
+from typing import TYPE_CHECKING, Final
+
+import typer
+
+from daemon.config.strict import MISSING, ConfigError
+from drives.configurator import Configurator
+from drives.keeping import (
+    SDO_TIMEOUT_NS,
+    Keeping,
+    KeepingRefusedError,
+    check_bus,
+    check_drive,
+    reset_node,
+)
+from drives.keeping import keep as write_signature
+from drives.scanning import listen
+from gaitd.station import EXIT_DIFFERENT, EXIT_SAME, shown
+
+if TYPE_CHECKING:
+    from drives.bus import Bus, Clock
+    from drives.plan import DrivePlan
+    from drives.witness import Witness
+    from gaitd.drive import Options
+
+RECHECK_NS: Final = 300_000_000
+"""After the question was answered: a person takes a minute, and a service may have started."""
+
+WHAT: Final = {
+    Keeping.STORE: "overwrites what it has stored with what it holds now (1010h:01)",
+    Keeping.RESTORE: "gives up what it has stored for its maker's defaults (1011h:01): motor data "
+    "and limits, too",
+}
+DONE: Final = {
+    Keeping.STORE: "stored",
+    Keeping.RESTORE: "will take its maker's defaults at the next power-on or NMT reset node",
+}
+
+
+def keep(
+    action: str,
+    plan: "DrivePlan",
+    options: "Options",
+    bus: "Bus",
+    clock: "Clock",
+    witness: "Witness",
+    master_node_id: int,
+) -> int:
+    """Check, ask, check again, do it.
+
+    Returns: the exit code.
+
+    Raises:
+        ConfigError: there is nobody to ask, and no --yes.
+        BringUpRefused, DriveSilent, BusError: as `drives/keeping.py`.
+    """
+    keeping, port = Keeping[action], Configurator(bus, clock, SDO_TIMEOUT_NS)
+    who = f"{plan.description.name} (node {plan.description.node_id})"
+    try:
+        check_bus(witness, master_node_id)
+        check_drive(plan, keeping, port)
+        if not _agreed(f"{who}: {WHAT[keeping]}", options):
+            print("nothing was done")
+            return EXIT_DIFFERENT
+        shown(listen(bus, clock, RECHECK_NS))
+        check_bus(witness, master_node_id)
+        check_drive(plan, keeping, port)
+        write_signature(plan, keeping, port)
+    except KeepingRefusedError as refused:
+        print(f"{who}: not done: {refused}", file=sys.stderr)
+        return EXIT_DIFFERENT
+    if options.reset:
+        shown(reset_node(plan, port))
+        print(f"{who}: has its maker's defaults now, and is in pre-operational")
+    else:
+        print(f"{who}: {DONE[keeping]}")
+    return EXIT_SAME
+
+
+def _agreed(what: str, options: "Options") -> bool:
+    print(f"{what}.")
+    if options.yes:
+        return True
+    if not sys.stdin.isatty():
+        allowed = "to be given where there is no terminal to ask on"
+        raise ConfigError("command line", "--yes", MISSING, allowed)
+    return typer.confirm("Do it?", default=False)
