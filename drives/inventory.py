@@ -344,8 +344,21 @@ def _missing(stations: Sequence[Station], expected: Expected) -> Iterator[Findin
     answering = {station.node_id for station in stations if station.answers}
     for drive in expected.drives:
         if drive.node_id not in answering:
-            text = f"nobody answers at node {drive.node_id}"
+            text = f"nobody answers at node {drive.node_id}{_elsewhere(drive, stations)}"
             yield Finding(FindingKind.MISSING, text, drive.node_id, drive.name)
+
+
+def _elsewhere(drive: DriveDescription, stations: Sequence[Station]) -> str:
+    """A device of the same kind at a node id that no file names may be the one."""
+    identity = drive.axis.identity
+    same = [
+        str(station.node_id)
+        for station in stations
+        if not station.drive
+        and (station.vendor_id, station.product_code)
+        == (identity.vendor_id, identity.product_code)
+    ]
+    return f"; such a device is at node {' and '.join(same)}" if same else ""
 
 
 # --- frames that nobody explains ------------------------------------------------------------------

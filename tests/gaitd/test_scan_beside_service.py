@@ -1,0 +1,155 @@
+"""`gaitd scan` and `gaitd drive` on the bus of a service at work: nothing of it changes."""
+
+from contextlib import closing
+
+import pytest
+from drive_files import CYCLE, HIP_LIMITS
+from sessions import Session, changed_configs
+
+from daemon.record import Mode, ModeRequest, RequestKind
+from drives.bus import Frame
+from drives.configurator import Configurator
+from drives.dump import read_objects, readable
+from drives.eds import load_eds
+from drives.inventory import Expected, FindingKind, take_stock
+from drives.keeping import Keeping, KeepingRefusedError, check_bus, check_drive
+from drives.plan import plan
+from drives.scanning import survey
+from drives.witness import Witness, WitnessedBus
+from gaitd.lockstep import WorldClock
+from sim_drives.frame import Frame as WorldFrame
+
+MBIT = 1_000_000
+
+
+class SecondStation:
+    """One more station on the wire of a lock-step run; while it waits, the service works on."""
+
+    def __init__(self, lockstep):
+        self.lockstep = lockstep
+        self.clock = WorldClock(lockstep.bus)
+        self.heard = []
+        self.sent = []
+        world = lockstep.world
+        self._receive, self._advance = world.receive, world.advance_to
+        world.receive, world.advance_to = self._from_service, self._from_drives
+
+    def _from_service(self, frame):
+        self.heard.append(Frame(frame.can_id, frame.data))
+        self._receive(frame)
+
+    def _from_drives(self, time_ns):
+        frames = self._advance(time_ns)
+        self.heard += [Frame(frame.can_id, frame.data) for frame in frames]
+        return frames
+
+    def send(self, frames):
+        for frame in frames:
+            self.sent.append(frame)
+            self._receive(WorldFrame(frame.can_id, frame.data))
+        return 0
+
+    def send_urgent(self, frames, deadline_ns, clock):
+        return self.send(frames)
+
+    def drain(self):
+        heard, self.heard = self.heard, []
+        return heard
+
+    def receive_until(self, deadline_ns, clock):
+        while not self.heard and self.clock.now_ns() < deadline_ns:
+            self.lockstep.loop.turn()
+        return self.drain()
+
+    def close(self):
+        pass
+
+
+NOISE = (
+    ("position_noise_rad = 5.0e-5", "position_noise_rad = 0.0"),
+    ("position_noise_m = 2.0e-5", "position_noise_m = 0.0"),
+    ("current_noise_a = 0.01", "current_noise_a = 0.0"),
+)
+"""Each look at a virtual drive draws new noise; without it, a look changes nothing at all."""
+
+
+@pytest.fixture(scope="module")
+def configs(tmp_path_factory):
+    changes = (("plant.toml", old, new) for old, new in NOISE)
+    return changed_configs(tmp_path_factory.mktemp("noiseless"), *changes)
+
+
+def walking(configs):
+    session = Session(configs).enabled()
+    gait = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=600.0)
+    session.lockstep.request(RequestKind.MODE, gait)
+    session.lockstep.run(1.0)
+    return session
+
+
+def finished(steps):
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+def expected(session):
+    return Expected(session.settings.drives, session.settings.trainer.cycle.master_node_id)
+
+
+def test_a_scan_of_a_walking_machine_finds_it_and_changes_no_record(configs):
+    scanned, alone = walking(configs), walking(configs)
+    station = SecondStation(scanned.lockstep)
+
+    found = take_stock(finished(survey(station, station.clock, MBIT)), expected(scanned))
+    while len(alone.lockstep.records) < len(scanned.lockstep.records):
+        alone.lockstep.loop.turn()
+
+    assert [s.power_state for s in found.stations] == ["operation enabled"] * 2
+    assert [s.nmt_state for s in found.stations] == ["operational"] * 2
+    assert [f.kind for f in found.findings] == [FindingKind.SERVICE]
+    assert scanned.lockstep.record.mode == Mode.GAIT
+    assert scanned.lockstep.records == alone.lockstep.records
+    assert scanned.lockstep.bus.sent == alone.lockstep.bus.sent
+
+
+def test_a_dump_of_a_walking_drive_changes_no_record(configs):
+    read, alone = walking(configs), walking(configs)
+    station = SecondStation(read.lockstep)
+    description = read.settings.drives[0]
+    dictionary = load_eds(description.eds, description.node_id)
+
+    port = Configurator(station, station.clock)
+    entries = finished(read_objects(5, readable(dictionary), port, as_filled=True))
+    while len(alone.lockstep.records) < len(read.lockstep.records):
+        alone.lockstep.loop.turn()
+
+    values = {(entry.index, entry.sub): entry.value for entry in entries}
+    assert values[0x6061, 0] == 10
+    assert read.lockstep.records == alone.lockstep.records
+
+
+def test_nothing_is_stored_or_restored_while_a_service_works():
+    session = Session().until_ready()
+    station = SecondStation(session.lockstep)
+    witness = Witness()
+    with closing(WitnessedBus(station, station.clock, witness)) as bus:
+        bus.receive_until(station.clock.now_ns() + 1, station.clock)
+        session.lockstep.run(0.1)
+        bus.drain()
+
+    with pytest.raises(KeepingRefusedError, match="somebody works on this bus"):
+        check_bus(witness, 1)
+
+
+@pytest.mark.parametrize("keeping", Keeping)
+def test_nothing_is_stored_or_restored_in_a_drive_that_has_power(keeping):
+    session = Session().enabled()
+    station = SecondStation(session.lockstep)
+    steps = plan(session.settings.drives[0], HIP_LIMITS, CYCLE)
+
+    with pytest.raises(KeepingRefusedError, match="operation enabled"):
+        check_drive(steps, keeping, Configurator(station, station.clock))
+    assert all(frame.data[0] == 0x40 for frame in station.sent)
