@@ -15,6 +15,7 @@ from typing import Final, TextIO, cast
 import canopen
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODVariable, datatypes
 
+from drives.eds import load_eds
 from drives.errors import DescriptionError, SdoAborted, SdoGarbled, SdoTimeout
 from drives.port import DrivePort
 from drives.scanning import Progress
@@ -183,25 +184,19 @@ def write_dcf(
     canopen.export_od(dictionary, file, doc_type=DCF)
 
 
-def read_dcf(path: str) -> dict[Address, Value]:
+def read_dcf(path: str, node_id: int) -> dict[Address, Value]:
     """The values of a DCF, by index and sub-index.
 
     Raises:
         DescriptionError: it cannot be read, or holds no values.
     """
-    try:
-        dictionary = canopen.import_od(path)
-    except (OSError, ValueError, KeyError, UnicodeDecodeError) as error:
-        allowed = f"a readable DCF: {type(error).__name__}: {error}"
-        raise DescriptionError("dump", "", path, allowed) from error
     values: dict[Address, Value] = {}
-    for variable in readable(dictionary):
+    for variable in readable(load_eds(path, node_id)):
         if variable.value is not None:
             values[variable.index, variable.subindex] = _kept(variable.value)
     if not values:
-        raise DescriptionError(
-            "dump", "", path, "a DCF with values: this one has no ParameterValue"
-        )
+        allowed = "a DCF with values: this one has no ParameterValue"
+        raise DescriptionError("axis", "dcf", path, allowed)
     return values
 
 

@@ -4,6 +4,7 @@ For `gaitd check`, without any bus. The file is read by canopen; the virtual dri
 file with a parser of their own, so a misreading does not cancel out.
 """
 
+import configparser
 from typing import Final
 
 import canopen
@@ -26,7 +27,7 @@ def load_eds(path: str, node_id: int) -> ObjectDictionary:
     """
     try:
         return canopen.import_od(path, node_id)
-    except (OSError, ValueError, KeyError, UnicodeDecodeError) as error:
+    except (OSError, ValueError, KeyError, configparser.Error) as error:
         allowed = f"a readable EDS file: {type(error).__name__}: {error}"
         raise DescriptionError("axis", "eds", path, allowed) from error
 

@@ -355,8 +355,7 @@ def _elsewhere(drive: DriveDescription, stations: Sequence[Station]) -> str:
         str(station.node_id)
         for station in stations
         if not station.drive
-        and (station.vendor_id, station.product_code)
-        == (identity.vendor_id, identity.product_code)
+        and (station.vendor_id, station.product_code) == (identity.vendor_id, identity.product_code)
     ]
     return f"; such a device is at node {' and '.join(same)}" if same else ""
 

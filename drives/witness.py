@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from drives.bus import Bus, Clock, Frame
-from drives.bus_state import BusCondition, BusMonitor
+from drives.bus_state import BusMonitor
 from drives.emcy import EMERGENCY_ID
 from drives.nmt import HEARTBEAT_ID, NMT_ID, SYNC_ID, HeartbeatWatch
 
@@ -66,6 +66,8 @@ class Witness:
         self.bus_state = BusMonitor()
         self.received_count: Counter[int] = Counter()
         """Frames of others, by identifier."""
+        self._troubles_before: tuple[int, int] | None = None
+        """Until we have sent anything, errors are not about us."""
         self.odd_sync_count = 0
         """SYNC with a counter byte, or more."""
 
@@ -86,10 +88,9 @@ class Witness:
 
     @property
     def unacknowledged(self) -> bool:
-        """What we send is acknowledged by nobody: there is no other station that hears it."""
-        state = self.bus_state
-        passive = state.no_ack_count > 0 or state.condition is BusCondition.PASSIVE
-        return passive and self.heard_nothing
+        """What we send is acknowledged by nobody: no other station hears it."""
+        asked = self._troubles_before is not None
+        return asked and self.heard_nothing and self._troubles() != self._troubles_before
 
     def node(self, node_id: int) -> Heard:
         """What is known of one node."""
@@ -97,6 +98,8 @@ class Witness:
 
     def sent(self, frame: Frame) -> None:
         """A frame that we have put on the bus."""
+        if self._troubles_before is None:
+            self._troubles_before = self._troubles()
         if frame.can_id & _SERVICE == SDO_REQUEST_ID:
             _count_request(self.node(frame.can_id & _NODE), frame.data)
 
@@ -111,6 +114,9 @@ class Witness:
             self.odd_sync_count += bool(frame.data)
         elif node_id and service in _OF_ONE_NODE:
             self._take_of_node(self.node(node_id), service, frame.data, now_ns)
+
+    def _troubles(self) -> tuple[int, int]:
+        return self.bus_state.no_ack_count, self.bus_state.passive_count
 
     def _take_of_node(self, heard: Heard, service: int, data: bytes, now_ns: int) -> None:
         if service == HEARTBEAT_ID:

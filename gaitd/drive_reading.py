@@ -105,7 +105,7 @@ def _compared(
         entries = shown(read_objects(node_id, variables, port))
         found = {(entry.index, entry.sub): entry for entry in entries}
         return "what bring-up wants", with_plan(wanted, found)
-    values, why = _values(dictionary, options)
+    values, why = _values(dictionary, node_id, options)
     variables = [v for v in settings(dictionary) if (v.index, v.subindex) in values]
     entries = shown(read_objects(node_id, variables, port))
     against = Path(plan.description.eds) if options.eds else options.against
@@ -113,12 +113,12 @@ def _compared(
 
 
 def _values(
-    dictionary: "ObjectDictionary", options: "Options"
+    dictionary: "ObjectDictionary", node_id: int, options: "Options"
 ) -> tuple[dict[tuple[int, int], Value], str]:
     if options.against is None:
         return defaults(dictionary), EDS_DEFAULT
     with _operators_file():
-        return read_dcf(str(options.against)), f"as in {options.against.name}"
+        return read_dcf(str(options.against), node_id), f"as in {options.against.name}"
 
 
 @contextmanager

@@ -1,5 +1,7 @@
 """`gaitd scan` on buses in memory: what it finds, what it says of it, and what it never does."""
 
+import itertools
+
 import pytest
 from drive_bench import Bench
 from drive_files import drive
@@ -245,6 +247,13 @@ def test_where_nobody_acknowledges_no_more_is_sent_and_it_is_said(said):
     assert found.is_wrong
 
 
+def test_an_old_error_frame_does_not_keep_it_from_asking():
+    desk = Desk(*both())
+    desk.bus.put(NO_ACK)
+
+    assert len(desk.scan().stations) == 2
+
+
 def test_a_transmit_queue_that_stays_full_ends_the_asking():
     class Full(MemoryBus):
         def send_urgent(self, frames, deadline_ns, clock):
@@ -407,7 +416,7 @@ def test_it_leaves_the_bus_to_others_between_two_requests(bitrate):
     desk.bus.send = noted
     desk.scan(bitrate=bitrate)
 
-    gaps = [after - before for before, after in zip(times_ns, times_ns[1:], strict=False)]
+    gaps = [after - before for before, after in itertools.pairwise(times_ns)]
     frame_ns = 111 * S // bitrate  # eight bytes without a stuff bit
     assert min(gaps) >= PAUSE_FRAMES * frame_ns
 
@@ -431,6 +440,8 @@ FRAMES = st.builds(
         st.sampled_from((0x000, 0x080, 0x085, 0x185, 0x585, 0x605, 0x705, 0x586, 0x706)),
     ),
     st.binary(max_size=8),
+    time_ns=st.just(0),
+    is_error=st.just(False),
 )
 
 
