@@ -93,7 +93,9 @@ def command(
         with opened(place_of(settings)) as bus:
             code = _act(action, plan, options, bus, settings)
     except SdoTimeout as error:
-        print(f"drive {plan.description.name}: {error}: is it there?", file=sys.stderr)
+        name, node_id = plan.description.name, plan.description.node_id
+        what = f"nobody answers at node {node_id}; `gaitd scan` says who is there"
+        print(f"drive {name}: {what}", file=sys.stderr)
         raise typer.Exit(EXIT_DRIVE) from error
     except (BringUpRefused, BusError, DriveSilent) as error:
         print(error, file=sys.stderr)

@@ -1,0 +1,62 @@
+"""A trainer file whose virtual drives run in real time on a bus inside the test's own process."""
+
+import contextlib
+import re
+import sys
+import threading
+import uuid
+from typing import NamedTuple
+
+import can
+from drive_bench import Bench
+from sessions import changed_configs
+
+from gaitd.__main__ import main
+from sim_drives.realtime import RealTime, now_ns
+
+HALF_A_SECOND_NS = 500_000_000
+"""Past boot-up and self-test."""
+
+
+class Ended(NamedTuple):
+    """What a command left behind."""
+
+    code: int
+    out: str
+    err: str
+
+
+class Machine:
+    """Drives on a bus, and the trainer file that leads to them."""
+
+    def __init__(self, folder, *changes):
+        self.channel = uuid.uuid4().hex
+        demo = ("demo.toml", 'interface = "remote"', 'interface = "virtual"')
+        address = ("demo.toml", "ws://127.0.0.1:54701/", self.channel)
+        self.config = changed_configs(folder, demo, address, *changes) / "demo.toml"
+        self.bench = Bench(start_ns=now_ns() - HALF_A_SECOND_NS)
+
+    @contextlib.contextmanager
+    def running(self):
+        over = threading.Event()
+        with can.Bus(interface="virtual", channel=self.channel) as station:
+            drives = RealTime(self.bench.world, station)
+            thread = threading.Thread(target=drives.run, args=(over.is_set,))
+            thread.start()
+            try:
+                yield self
+            finally:
+                over.set()
+                thread.join()
+
+
+def gaitd(monkeypatch, capsys, *words):
+    """Run a command line in this process, as the installed script does."""
+    monkeypatch.setattr(sys, "argv", ["gaitd", *map(str, words)])
+    code = 0
+    try:
+        main()
+    except SystemExit as end:
+        code = end.code or 0
+    captured = capsys.readouterr()
+    return Ended(code, re.sub(r" +\n", "\n", captured.out), captured.err)
