@@ -61,6 +61,7 @@ class Drive:
         self._pdos = layouts(profile, self.node_id)
         self._resume = profile.resume_from_quick_stop
         self._temperature = profile.temperature
+        self._maps_error_code = profile.pdo.error_code
         self._input_bits = _input_bits(description)
         self._input_mask = sum(1 << bit.bit for _, bit in self._input_bits)
         self._inputs_seen: dict[int, Input] = {}
@@ -98,7 +99,7 @@ class Drive:
 
     @property
     def error_code(self) -> int:
-        """603Fh of the newest TPDO3."""
+        """603Fh of the newest TPDO3; 0 where it cannot be mapped."""
         return self._error_code
 
     @property
@@ -204,9 +205,11 @@ class Drive:
         if len(data) != self._pdos.slow.size:
             self._protocol_error_count += 1
         else:
-            *temperature_raw, self._error_code = self._pdos.slow.codec.unpack(data)
+            values = self._pdos.slow.codec.unpack(data)
             if self._temperature is not None:
-                self._temperature_degc = temperature_raw[0] * self._temperature.degc_per_count
+                self._temperature_degc = values[0] * self._temperature.degc_per_count
+            if self._maps_error_code:
+                self._error_code = values[-1]
         return False
 
     def _on_emergency(self, data: bytes, now_ns: int, _in_window: bool) -> bool:

@@ -1,14 +1,21 @@
-"""What EMCY codes mean: texts, and what the drive does when it sends one.
+"""What EMCY codes mean: texts, what the drive does when it sends one, and what is then lost.
 
-Two tables: the standard's (CiA 301 table of error classes and communication codes; CiA 402 codes),
-and EPOS4's own. A profile names one. EPOS4's reaction classes are those of its firmware
-specification as public documents reproduce them; the wording here is ours.
+A profile names one of these tables; what its table does not have is looked up in the standard's.
+
+    standard  CiA 301 table of error classes and communication codes; CiA 402 codes
+    epos4     reaction classes of its firmware specification as public documents reproduce them
+    elmo      codes of Elmo drives on CAN, and which of them stop the motor: the table of
+              github.com/PyLabRobot/pylabrobot, pylabrobot/paa/kx2 (its KX2 robot has Elmo drives),
+              and Elmo's MAN-CAN301IG chapter 6
+
+The same code may mean another thing to another maker (FF10h). The wording here is ours.
 """
 
+from collections.abc import Mapping
 from enum import Enum
 from typing import Final, Literal, NamedTuple
 
-EmergencyTable = Literal["standard", "epos4"]
+EmergencyTable = Literal["standard", "epos4", "elmo"]
 
 
 class Reaction(Enum):
@@ -28,6 +35,8 @@ class CodeMeaning(NamedTuple):
     reaction: Reaction = Reaction.UNKNOWN
     loses_reference: bool = False
     """The encoder can no longer be believed: the axis must be referenced again."""
+    is_sto: bool = False
+    """Safe torque off was asked for, by somebody's switch: no defect of the drive."""
 
 
 _A = Reaction.ABORT_CONNECTION
@@ -133,7 +142,7 @@ _EPOS4: Final = {
     0x8A80: CodeMeaning("negative limit switch", _F),
     0x8A81: CodeMeaning("positive limit switch", _F),
     0x8A82: CodeMeaning("software position limit", _F),
-    0x8A88: CodeMeaning("safe torque off came while enabled", _D),
+    0x8A88: CodeMeaning("safe torque off came while enabled", _D, is_sto=True),
     0x8A8A: CodeMeaning("STO card ready to release", _D),
     0x8A8B: CodeMeaning("STO card in error or without power", _D),
     0xFF01: CodeMeaning("system overloaded", _W),
@@ -148,18 +157,66 @@ _EPOS4_RANGES: Final = (
     (0xFF11, 0xFF24, CodeMeaning("auto tuning", _D)),
 )
 
+_ELMO: Final = {
+    0x2340: CodeMeaning("short circuit of motor or wiring", _D),
+    0x3120: CodeMeaning("supply voltage too low", _D),
+    0x3310: CodeMeaning("supply voltage too high", _D),
+    0x4310: CodeMeaning("drive too hot", _D),
+    0x5280: CodeMeaning("ECAM table"),
+    0x5281: CodeMeaning("timing error"),
+    0x5400: CodeMeaning("motor cannot be started"),
+    0x5441: CodeMeaning("stopped by a switch: emergency stop", _D),
+    0x6180: CodeMeaning("processor: stack overflow"),
+    0x6181: CodeMeaning("processor: exception"),
+    0x6200: CodeMeaning("user program aborted"),
+    0x6300: CodeMeaning("object of an RPDO refused"),
+    0x6320: CodeMeaning("start refused: parameters do not agree"),
+    0x7121: CodeMeaning("motor powered but not moving", _D),
+    0x7300: CodeMeaning("resolver or analogue encoder failed", _D, True),
+    0x7380: CodeMeaning("encoder and Hall sensors do not agree", _D, True),
+    0x7381: CodeMeaning("two Hall sensors changed at once", _D, True),
+    0x8110: CodeMeaning("CAN message lost"),
+    0x8130: CodeMeaning("heartbeat: the master was silent", _A),
+    0x8200: CodeMeaning("unknown NMT request"),
+    0x8210: CodeMeaning("RPDO that is not configured"),
+    0x8311: CodeMeaning("peak current exceeded", _D),
+    0x8380: CodeMeaning("electrical zero of the motor not found"),
+    0x8381: CodeMeaning("current offsets cannot be tuned"),
+    0x8480: CodeMeaning("speed tracking error", _D),
+    0x8481: CodeMeaning("speed limit exceeded", _D),
+    0x8611: CodeMeaning("position tracking error", _D),
+    0x8680: CodeMeaning("position limit exceeded", _D),
+    0xFF00: CodeMeaning("motion queue"),
+    0xFF01: CodeMeaning("asked for by the user program", _W),
+    0xFF02: CodeMeaning("interpolated motion"),
+    0xFF10: CodeMeaning("motor cannot be started"),
+    0xFF20: CodeMeaning("safe torque off: a safety input is open", _D, is_sto=True),
+}
+
+
+class _Table(NamedTuple):
+    codes: Mapping[int, CodeMeaning]
+    ranges: tuple[tuple[int, int, CodeMeaning], ...] = ()
+
+
+_TABLES: Final[Mapping[EmergencyTable, _Table]] = {
+    "standard": _Table(_STANDARD),
+    "epos4": _Table(_EPOS4, _EPOS4_RANGES),
+    "elmo": _Table(_ELMO),
+}
+
 
 def meaning(code: int, table: EmergencyTable) -> CodeMeaning:
     """What a code means to a drive of this kind; the standard's error class where nobody says more.
 
-    A 73xxh of an unknown table counts as an encoder that cannot be believed.
+    A 73xxh that no table knows counts as an encoder that cannot be believed.
     """
-    if table == "epos4":
-        if code in _EPOS4:
-            return _EPOS4[code]
-        for first, last, found in _EPOS4_RANGES:
-            if first <= code <= last:
-                return found
+    own = _TABLES[table]
+    if code in own.codes:
+        return own.codes[code]
+    for first, last, found in own.ranges:
+        if first <= code <= last:
+            return found
     if code in _STANDARD:
         return _STANDARD[code]
     high = code >> 8

@@ -5,7 +5,7 @@ drive never sees one without the others. What is not used is switched off at bri
 
     TPDO1  180h+id  6041 statusword, 6064 position, 6061 mode display   every SYNC
     TPDO2  280h+id  the profile's torque source, 60FD inputs            every SYNC
-    TPDO3  380h+id  the profile's temperature, if any, 603F error code  every tenth SYNC
+    TPDO3  380h+id  the profile's temperature, 603F error code; or one  every tenth SYNC
     RPDO1  200h+id  6040 controlword, 6060 mode, 607A target position   acts at the next SYNC
     RPDO2  300h+id  6071 target torque                                  acts at the next SYNC
 """
@@ -96,7 +96,7 @@ class DrivePdos(NamedTuple):
     torque: PdoLayout
     """TPDO2: torque source, inputs."""
     slow: PdoLayout
-    """TPDO3: temperature where the drive has one, error code."""
+    """TPDO3: temperature and error code, or one of them."""
     control: PdoLayout
     """RPDO1: controlword, mode, target position."""
     target_torque: PdoLayout
@@ -106,13 +106,13 @@ class DrivePdos(NamedTuple):
 def layouts(profile: DriveProfile, node_id: int) -> DrivePdos:
     """Compile the PDOs of one drive."""
     source = _mapped(profile.torque_source)
-    temperature = () if profile.temperature is None else (_mapped(profile.temperature),)
+    slow = [] if profile.temperature is None else [_mapped(profile.temperature)]
+    if profile.pdo.error_code:
+        slow.append(ERROR_CODE)
     return DrivePdos(
         status=_layout(1, node_id, (STATUSWORD, POSITION, MODE_DISPLAY), transmit=True),
         torque=_layout(2, node_id, (source, INPUTS), transmit=True),
-        slow=_layout(
-            3, node_id, (*temperature, ERROR_CODE), transmit=True, type_=SLOW_SYNC_DIVIDER
-        ),
+        slow=_layout(3, node_id, tuple(slow), transmit=True, type_=SLOW_SYNC_DIVIDER),
         control=_layout(1, node_id, (CONTROLWORD, MODE, TARGET_POSITION), transmit=False),
         target_torque=_layout(2, node_id, (_mapped(profile.target_torque),), transmit=False),
     )

@@ -120,6 +120,8 @@ class Pdo(Table, frozen=True, kw_only=True):
     """1800h:05."""
     rpdo_timeout: bool
     """1400h:05: the drive stops by itself when RPDO1 stays away."""
+    error_code: bool
+    """603Fh can be mapped, into TPDO3; otherwise EMCY alone tells the code."""
 
 
 class Heartbeat(Table, frozen=True, kw_only=True):
@@ -196,6 +198,7 @@ def describe(name: str, profile: DriveProfile, axis: AxisFile, eds: str) -> Driv
     _check_torque_objects(profile)
     _check_silence_detection(profile)
     _check_resume(profile)
+    _check_slow_pdo(profile)
     _check_inputs(profile)
     check_transmission(axis.transmission)
     _check_linear_motor(profile, axis)
@@ -241,6 +244,12 @@ def _check_resume(profile: DriveProfile) -> None:
     if profile.resume_from_quick_stop and not holds_after_quick_stop(profile.written):
         allowed = "false where 605Ah is below 5: transition 16 needs a drive that holds"
         raise DescriptionError("profile", "resume_from_quick_stop", True, allowed)
+
+
+def _check_slow_pdo(profile: DriveProfile) -> None:
+    if profile.temperature is None and not profile.pdo.error_code:
+        allowed = "true where there is no temperature: TPDO3 would be empty"
+        raise DescriptionError("profile", "pdo.error_code", False, allowed)
 
 
 def _check_inputs(profile: DriveProfile) -> None:

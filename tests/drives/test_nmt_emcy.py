@@ -1,9 +1,11 @@
+from typing import get_args
+
 import canopen
 import pytest
 from canopen.emcy import EmcyError
 
 from drives.emcy import EmergencyLog, decode_emergency
-from drives.emcy_codes import Reaction, meaning
+from drives.emcy_codes import EmergencyTable, Reaction, meaning
 from drives.nmt import HeartbeatWatch, NmtCommand, heartbeat_frame, nmt_frame
 from drives.signals import NmtState
 
@@ -87,7 +89,7 @@ def test_error_classes_are_those_of_canopen(code):
     assert meaning(code, "standard").text == theirs
 
 
-@pytest.mark.parametrize("table", ["standard", "epos4"])
+@pytest.mark.parametrize("table", get_args(EmergencyTable))
 def test_every_code_means_something(table):
     for code in range(0x10000):
         assert meaning(code, table).text
@@ -111,9 +113,45 @@ def test_what_an_epos4_does_with_a_code_is_known(code, reaction):
     assert meaning(code, "epos4").reaction is reaction
 
 
+@pytest.mark.parametrize(
+    ("table", "code", "is_sto"),
+    [
+        ("epos4", 0x8A88, True),
+        ("elmo", 0xFF20, True),
+        ("elmo", 0x8A88, False),
+        ("epos4", 0xFF20, False),
+        ("standard", 0x9000, False),
+    ],
+)
+def test_safe_torque_off_is_told_from_a_defect_by_each_maker_s_own_code(table, code, is_sto):
+    assert meaning(code, table).is_sto is is_sto
+
+
+def test_one_code_may_mean_another_thing_to_another_maker():
+    texts = {meaning(0xFF10, table).text for table in get_args(EmergencyTable)}
+
+    assert texts == {"device specific", "controller gains", "motor cannot be started"}
+
+
+@pytest.mark.parametrize(
+    ("code", "reaction"),
+    [
+        (0x8130, Reaction.ABORT_CONNECTION),
+        (0x8611, Reaction.SWITCHED_OFF),
+        (0x5441, Reaction.SWITCHED_OFF),
+        (0x8250, Reaction.ABORT_CONNECTION),  # not in its own table: the standard's
+        (0xFF10, Reaction.UNKNOWN),
+    ],
+)
+def test_what_an_elmo_does_with_a_code_is_known_where_its_table_says_so(code, reaction):
+    assert meaning(code, "elmo").reaction is reaction
+
+
 def test_an_encoder_that_cannot_be_believed_loses_its_reference():
     assert meaning(0x7382, "epos4").loses_reference
     assert meaning(0x7305, "standard").loses_reference
+    assert meaning(0x7380, "elmo").loses_reference
+    assert meaning(0x7305, "elmo").loses_reference
     assert not meaning(0x8130, "epos4").loses_reference
 
 

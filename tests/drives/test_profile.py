@@ -52,7 +52,7 @@ def test_an_object_that_the_eds_does_not_have_is_named():
     found = eds.objections(plan(drive("hip_generic"), HIP_LIMITS, CYCLE), dictionary)
 
     places = {line.split()[0] for line in found}
-    assert places == {"6075h:00", "6072h:00", "605Dh:00", "1400h:05"}
+    assert places == {"6075h:00", "6072h:00", "605Dh:00", "1400h:05", "2100h:01"}
 
 
 def test_a_mapping_of_objects_is_not_compared_with_the_eds_s_own_default():
