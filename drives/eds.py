@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Final
 
 import canopen
-from canopen.objectdictionary import ObjectDictionary, ODVariable
+from canopen.objectdictionary import SIGNED_TYPES, ObjectDictionary, ODVariable
 
 from drives.errors import DescriptionError
 from drives.pdo import MappedObject, layouts
@@ -22,7 +22,7 @@ _WRITTEN: Final = frozenset(
 )
 _WITH_VALUE: Final = frozenset((StepKind.WRITE, StepKind.RANGE))
 _RANGE_NOT_JUDGED: Final = frozenset((0x1016,))
-"""An entry of 1016h is a node id and a time; real files (Elmo Gold's) give the time's range only."""
+"""An entry of 1016h is a node id and a time; Elmo's file gives the range of the time alone."""
 _POLARITY: Final = 0x607E
 _PROTECTIVE: Final = {
     "interpolation_time": 0x60C2,
@@ -104,7 +104,7 @@ def _mapping_objection(item: MappedObject, layout: str, dictionary: ObjectDictio
         return f"{place} is not in the EDS ({layout} carries it)"
     if len(variable) != item.bits:
         return f"{place} has {len(variable)} bits in the EDS, not {item.bits} ({layout} carries it)"
-    if (variable.data_type in canopen.objectdictionary.SIGNED_TYPES) != item.signed:
+    if (variable.data_type in SIGNED_TYPES) != item.signed:
         sign = "no sign" if item.signed else "a sign"
         return f"{place} has {sign} in the EDS ({layout} carries it)"
     if not variable.pdo_mappable:

@@ -112,13 +112,16 @@ def holds_after_quick_stop(written: tuple[WrittenObject, ...]) -> bool:
     return any(entry.index == QUICK_STOP and entry.value in range(5, 9) for entry in written)
 
 
-def without_torque(written: tuple[WrittenObject, ...]) -> tuple[WrittenObject, str] | None:
-    """The first code that an axis without a brake must not have, and what it may have."""
-    for entry in written:
-        values, allowed = _WITHOUT_BRAKE.get(entry.index, ((), ""))
-        if entry.value in values:
-            return entry, allowed
-    return None
+def without_torque(
+    written: tuple[WrittenObject, ...],
+) -> tuple[tuple[WrittenObject, str], ...]:
+    """The codes that an axis without a brake must not have, and what each may be instead."""
+    return tuple(
+        (entry, instead)
+        for entry in written
+        for values, instead in (_WITHOUT_BRAKE.get(entry.index, ((), "")),)
+        if entry.value in values
+    )
 
 
 def _missing(written: tuple[WrittenObject, ...], index: int, allowed: str) -> DescriptionError:

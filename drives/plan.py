@@ -206,19 +206,8 @@ def _identity(description: DriveDescription) -> Iterator[Step]:
 
 
 def _torque_base(description: DriveDescription) -> Iterator[Step]:
-    base, motor = description.profile.torque_base, description.axis.motor
-    unit = "" if base.rated_torque_unit is None else base.rated_torque_unit.value
-    for ref, value, why in (
-        (base.rated_torque, motor.rated_torque_raw, f"rated torque in {unit}"),
-        (base.rated_current, motor.rated_current_raw, "rated current in milliampere"),
-        (
-            base.torque_constant,
-            motor.torque_constant_raw,
-            "torque constant in micro_newton_metre per ampere",
-        ),
-    ):
-        if ref is not None and value is not None:
-            yield _compare(ref, value, why)
+    for base in description.torque_bases:
+        yield _compare(base.ref, base.expected_raw, base.what)
 
 
 def _units(description: DriveDescription) -> Iterator[Step]:

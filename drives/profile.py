@@ -12,7 +12,7 @@ of must not be one that is silently not written.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, NamedTuple
 
 from msgspec import Meta
 
@@ -171,6 +171,14 @@ class DriveProfile(Table, frozen=True, kw_only=True):
     """Absent: it cannot home, or nobody knows how."""
 
 
+class BaseObject(NamedTuple):
+    """An object that torque numbers refer to, and what it must hold for this motor."""
+
+    ref: ObjectRef
+    what: str
+    expected_raw: int
+
+
 @dataclass(frozen=True, slots=True)
 class DriveDescription:
     """Everything that the files say about one drive."""
@@ -186,6 +194,26 @@ class DriveDescription:
     def node_id(self) -> int:
         """Its CANopen node."""
         return self.axis.node_id
+
+    @property
+    def torque_bases(self) -> tuple[BaseObject, ...]:
+        """What bring-up reads and compares before it believes any torque."""
+        base, motor = self.profile.torque_base, self.axis.motor
+        unit = "" if base.rated_torque_unit is None else base.rated_torque_unit.value
+        named = (
+            (base.rated_torque, f"rated torque in {unit}", motor.rated_torque_raw),
+            (base.rated_current, "rated current in milliampere", motor.rated_current_raw),
+            (
+                base.torque_constant,
+                "torque constant in micro_newton_metre per ampere",
+                motor.torque_constant_raw,
+            ),
+        )
+        return tuple(
+            BaseObject(ref, what, raw)
+            for ref, what, raw in named
+            if ref is not None and raw is not None
+        )
 
 
 def describe(name: str, profile: DriveProfile, axis: AxisFile, eds: str) -> DriveDescription:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 if TYPE_CHECKING:
-    from daemon.config.check import AxisMeaning, Report
+    from daemon.config.check import Report
+    from daemon.config.check_axes import AxisMeaning, TorqueMeaning
 
 
 class Section(NamedTuple):
@@ -46,11 +47,13 @@ def sections(report: "Report") -> tuple[Section, ...]:
     """The report as tables of words."""
     return (
         _axes(report),
+        *(_origin(axis) for axis in report.axes),
         _limits(report),
         _stops(report),
         _sweeps(report),
         _power(report),
         _bus(report),
+        _profiles(report),
         Section("SIGTERM", ("what happens",), tuple((line,) for line in report.shutdown)),
         Section("Warnings", ("",), tuple((line,) for line in report.warnings or ("none",))),
         Section("SHA-256", ("file", "hash"), tuple(report.sha256.items())),
@@ -116,6 +119,59 @@ def _units(axis: "AxisMeaning") -> tuple[str, str, float]:
     return ("deg", "N m", 180.0 / math.pi) if axis.rotary else ("mm", "N", 1e3)
 
 
+def _origin(axis: "AxisMeaning") -> Section:
+    """Where the numbers of one axis come from, and what its drive does by itself."""
+    _, effort, _ = _units(axis)
+    limit = f"{axis.torque_limit_raw} in {_torque(axis.torque_limit, effort)}"
+    rows = [
+        ("drive", f"{axis.drive}, {_verified(axis)}"),
+        ("torque is read from", f"{_torque(axis.torque_source, effort)}; {_path(axis)}"),
+        ("torque is asked by", _torque(axis.target_torque, effort)),
+        ("torque is limited by", limit),
+        *(
+            ("must hold, within 1 %", f"{base.object} = {base.expected_raw}, {base.what}")
+            for base in axis.torque_bases
+        ),
+        *(("by itself", words) for words in axis.option_codes),
+        ("notices silence", _silence(axis)),
+        ("temperature", axis.temperature or "cannot be read: its limit is not watched"),
+    ]
+    return Section(f"Where the numbers of {axis.name} come from", ("", ""), tuple(rows))
+
+
+def _profiles(report: "Report") -> Section:
+    origins = {axis.drive: (_verified(axis), axis.provenance) for axis in report.axes}
+    rows = tuple((drive, *origin) for drive, origin in origins.items())
+    return Section("Where the drives' facts come from", ("drive", "", "sources"), rows)
+
+
+def _verified(axis: "AxisMeaning") -> str:
+    return "verified on hardware" if axis.verified_on_hardware else "NOT verified on hardware"
+
+
+def _torque(torque: "TorqueMeaning", effort: str) -> str:
+    kind = f"{'signed' if torque.signed else 'unsigned'} {torque.bits} bits"
+    factor = "" if torque.factor == 1 else f" times {torque.factor:.6g}"
+    count = f"one is {torque.effort_per_count_si:.4g} {effort}"
+    unit = torque.unit.replace("_", " ")
+    return f"{torque.object}, {kind}, {unit}{factor}, by {torque.base}: {count}"
+
+
+def _path(axis: "AxisMeaning") -> str:
+    """From the drive's number to the joint."""
+    lead = "" if axis.lead_m is None else f", lead {axis.lead_m * 1e3:g} mm"
+    signs = f"sign {axis.torque_sign:+d} in the drive, {axis.axis_sign:+d} of the axis"
+    return f"gear {axis.gear_ratio:g}{lead}, {signs}, sampling: {axis.torque_sampling}"
+
+
+def _silence(axis: "AxisMeaning") -> str:
+    watches = (
+        (axis.heartbeat_detection_ms, "without our heartbeat (1016h:01)"),
+        (axis.rpdo_timeout_ms, "without RPDO1 (1400h:05)"),
+    )
+    return ", ".join(f"after {ms} ms {what}" for ms, what in watches if ms is not None)
+
+
 def _limits(report: "Report") -> Section:
     columns = ("axis", "position", "counts", "speed", "raw", "torque raw", "quick stop", "silence")
     rows = tuple(_limits_of(axis) for axis in report.axes)
@@ -131,7 +187,7 @@ def _limits_of(axis: "AxisMeaning") -> tuple[str, ...]:
         f"{low * scale:g} to {high * scale:g} {unit}",
         f"{low_counts} to {high_counts}",
         f"{axis.speed_limit_si_per_s * scale:.0f} {unit}/s",
-        str(axis.speed_limit_raw),
+        "not written" if axis.speed_limit_raw is None else str(axis.speed_limit_raw),
         str(axis.torque_limit_raw),
         f"{axis.quick_stop_s:.2f} s, then {'brake' if axis.brake else 'held'}",
         f"{axis.silence_detection_ms} ms",

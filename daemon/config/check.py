@@ -1,7 +1,7 @@
 """What the numbers of a configuration mean at the joint: the report of `gaitd check`.
 
-`examine` computes it, pure and without a bus; `refuse` raises where a swept stop of the gait leaves
-the workspace.
+`examine` computes it, without a bus; `refuse` raises where a drive's EDS has not what bring-up
+needs (`check_axes.py`), or where a swept stop of the gait leaves the workspace.
 """
 
 import math
@@ -11,8 +11,9 @@ import msgspec
 
 from daemon.causes import CAUSE_TEXT, FIXED_CATEGORY
 from daemon.config import workspace
-from daemon.config.axes import cycle_settings, drive_limits, effort_per_motor_nm
+from daemon.config.axes import cycle_settings
 from daemon.config.bundle import Settings
+from daemon.config.check_axes import AxisMeaning, axis_meanings, refuse_axes
 from daemon.config.cross_homing import refuse_homing
 from daemon.config.cross_motion import decelerations, limit_box
 from daemon.config.limit_settings import CATEGORIES
@@ -21,8 +22,6 @@ from daemon.config.strict import ConfigError
 from daemon.config.workspace import Drift, Extent, StopKind, Sweep
 from daemon.record import Cause, StopCategory
 from drives.busload import bus_load
-from drives.profile import DriveDescription
-from drives.units import DriveLimits, axis_scaling, expected_base, raw_limits
 
 DRIFT_POSES: Final = 24
 LOOPBACK: Final = ("tcp/127.", "tcp/[::1]", "tcp/localhost:", "unixsock-stream/")
@@ -34,7 +33,7 @@ class Report(msgspec.Struct, frozen=True):
     file: str
     legs: tuple[str, ...]
     patient: str
-    axes: tuple["AxisMeaning", ...]
+    axes: tuple[AxisMeaning, ...]
     stops: tuple["StopMeaning", ...]
     sweeps: tuple["SweepMeaning", ...]
     drift: "DriftMeaning"
@@ -42,39 +41,6 @@ class Report(msgspec.Struct, frozen=True):
     shutdown: tuple[str, ...]
     warnings: tuple[str, ...]
     sha256: dict[str, str]
-
-
-class AxisMeaning(msgspec.Struct, frozen=True):
-    """One drive, in the joint's units."""
-
-    name: str
-    node_id: int
-    drive: str
-    verified_on_hardware: bool
-    rotary: bool
-    """rad and N m; otherwise m and N. `_si` is in these units."""
-    position_per_count: float
-    effort_per_permille: float
-    """Of 6071h."""
-    effort_per_ma: float
-    """Of motor current."""
-    effort_limit_si: float
-    """Of limits.toml, written into the drive."""
-    effort_nominal_si: float
-    """At the motor's nominal current: what it can do for long."""
-    effort_drive_limit_si: float
-    """At the drive's current limit."""
-    torque_limit_raw: int
-    """As it is written, in the drive's unit."""
-    speed_limit_si_per_s: float
-    speed_limit_raw: int
-    position_limits_si: tuple[float, float]
-    position_limits_counts: tuple[int, int]
-    quick_stop_s: float
-    """From the speed limit to rest on the ramp."""
-    brake: bool
-    silence_detection_ms: int
-    """After which the drive stops by itself, without us."""
 
 
 class StopMeaning(msgspec.Struct, frozen=True):
@@ -130,16 +96,7 @@ def examine(settings: Settings) -> Report:
     """Compute the whole report."""
     robot = settings.robot
     drift = _drift(settings)
-    axes = tuple(
-        _axis(settings, drive, limits, brake)
-        for leg in settings.legs
-        for drive, limits, brake in zip(
-            (leg.hip, leg.slide),
-            drive_limits(settings.limits),
-            (settings.limits.hip.brake, settings.limits.slide.brake),
-            strict=True,
-        )
-    )
+    axes = axis_meanings(settings)
     patient = robot.patient
     return Report(
         file=str(settings.file.path),
@@ -157,11 +114,12 @@ def examine(settings: Settings) -> Report:
 
 
 def refuse(settings: Settings, report: Report) -> None:
-    """Refuse a set whose stops leave the workspace, and a homing that does not get home.
+    """Refuse drives whose data sheet says no, stops that leave the workspace, a homing that fails.
 
     Raises:
-        ConfigError: naming the kind of stop and how far it goes.
+        ConfigError: naming the object, or the kind of stop and how far it goes.
     """
+    refuse_axes(settings, report.axes)
     stop_ratio = settings.limits.singularity.stop_ratio
     for sweep in report.sweeps:
         if not sweep.stays_inside:
@@ -175,38 +133,6 @@ def refuse(settings: Settings, report: Report) -> None:
             cadence_hz = settings.trainer.gait.cadence_max_hz
             raise ConfigError(settings.file.path, "gait.cadence_max_hz", cadence_hz, allowed)
     refuse_homing(settings)
-
-
-def _axis(
-    settings: Settings, drive: DriveDescription, limits: DriveLimits, brake: bool
-) -> AxisMeaning:
-    scaling = axis_scaling(drive, expected_base(drive))
-    raw = raw_limits(limits, drive)
-    motor = drive.axis.motor
-    effort_per_a = motor.torque_constant_nm_per_a * effort_per_motor_nm(drive)
-    cycle = settings.trainer.cycle
-    by_rpdo = drive.profile.pdo.rpdo_timeout
-    return AxisMeaning(
-        name=drive.name,
-        node_id=drive.node_id,
-        drive=f"{drive.profile.vendor} {drive.profile.family}",
-        verified_on_hardware=drive.profile.verified_on_hardware,
-        rotary=drive.axis.transmission.kind == "rotary",
-        position_per_count=1.0 / scaling.counts_per_si,
-        effort_per_permille=1.0 / scaling.permille_per_effort_si,
-        effort_per_ma=math.copysign(1e-3 * effort_per_a, scaling.counts_per_si),
-        effort_limit_si=limits.effort_max_si,
-        effort_nominal_si=motor.nominal_current_a * effort_per_a,
-        effort_drive_limit_si=motor.current_limit_a * effort_per_a,
-        torque_limit_raw=raw.torque_raw,
-        speed_limit_si_per_s=limits.velocity_max_si,
-        speed_limit_raw=raw.speed_raw,
-        position_limits_si=(limits.position_min_si, limits.position_max_si),
-        position_limits_counts=(raw.position_min_counts, raw.position_max_counts),
-        quick_stop_s=limits.velocity_max_si / limits.quick_stop_deceleration_si_per_s2,
-        brake=brake,
-        silence_detection_ms=cycle.rpdo_timeout_ms if by_rpdo else cycle.drive_detection_ms,
-    )
 
 
 def _stops(settings: Settings) -> list[StopMeaning]:
@@ -323,11 +249,7 @@ def _shutdown(settings: Settings, drift: DriftMeaning) -> tuple[str, ...]:
 
 def _warnings(settings: Settings, axes: tuple[AxisMeaning, ...], drift: DriftMeaning) -> list[str]:
     trainer = settings.trainer
-    warnings = [
-        f"{axis.name}: the profile of {axis.drive} has not been verified on hardware"
-        for axis in axes
-        if not axis.verified_on_hardware
-    ]
+    warnings = [f"{axis.name}: {warning}" for axis in axes for warning in axis.warnings]
     warnings += [
         f"zenoh.listen: {locator} can be reached from other machines"
         for locator in trainer.zenoh.listen

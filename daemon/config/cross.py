@@ -2,7 +2,8 @@
 
 Each check is one function that returns, or raises `ConfigError` with the file and key that a person
 should change. `CHECKS` is the order: first what stands in one file, then what depends on more.
-What needs the mechanism in motion is in `cross_motion.py`.
+What needs the mechanism in motion is in `cross_motion.py`, what drives do by themselves in
+`cross_drives.py`.
 """
 
 import re
@@ -13,6 +14,7 @@ from typing import Final, NamedTuple
 from daemon.causes import CHOSEN_CATEGORY, DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
 from daemon.config.axes import cycle_settings, effort_per_motor_nm
 from daemon.config.bundle import LegDrives, Settings
+from daemon.config.cross_drives import DRIVE_CHECKS
 from daemon.config.cross_motion import MOTION_CHECKS
 from daemon.config.limit_settings import HipLimits, SlideLimits
 from daemon.config.robot import friction_parameters, leg_parameters
@@ -80,7 +82,7 @@ def check_together(settings: Settings) -> None:
     Raises:
         ConfigError: the first thing that does not fit.
     """
-    for check in (*CHECKS, *MOTION_CHECKS):
+    for check in (*CHECKS, *DRIVE_CHECKS, *MOTION_CHECKS):
         check(settings)
 
 

@@ -273,13 +273,7 @@ class ScriptedDrive:
 def scripted(description, **behaviour: object) -> ScriptedDrive:
     """The drive that a description describes, with its motor data set."""
     node = ScriptedDrive(description.eds, description.node_id, **behaviour)
-    base, motor = description.profile.torque_base, description.axis.motor
-    for ref, raw in (
-        (base.rated_torque, motor.rated_torque_raw),
-        (base.rated_current, motor.rated_current_raw),
-        (base.torque_constant, motor.torque_constant_raw),
-    ):
-        if ref is not None:
-            node.values[ref.index, ref.sub] = raw
+    for base in description.torque_bases:
+        node.values[base.ref.index, base.ref.sub] = base.expected_raw
     node.values[0x6041, 0] = 0x0240
     return node
