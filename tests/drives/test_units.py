@@ -1,13 +1,24 @@
 import math
 from dataclasses import replace
 
+import msgspec
 import pytest
-from drive_files import HIP_LIMITS, SLIDE_LIMITS, drive
+from drive_files import (
+    HIP_LIMITS,
+    PROFILES,
+    SLIDE_LIMITS,
+    axis_for,
+    drive,
+    drive_of,
+    join,
+    table,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drives.errors import CommandNotFinite
 from drives.signals import DriveFeedback, Input, NmtState, PowerState
+from drives.torque import count_nm
 from drives.units import (
     DriveBase,
     axis_scaling,
@@ -21,7 +32,10 @@ from drives.units import (
     to_joint,
 )
 
-NAMES = ["hip_epos4", "slide_epos4", "hip_generic", "slide_generic"]
+WIDE = "wide"
+"""A target in the upper half of 32 bits, as of Technosoft's iPOS with 20 A peak."""
+NAMES = [f"{joint}_{profile}" for joint in ("hip", "slide") for profile in (*PROFILES, WIDE)]
+"""The trainer's joints with every profile, and with one whose target has 32 bits."""
 FEEDBACK = DriveFeedback(
     node_id=5,
     nmt_state=NmtState.OPERATIONAL,
@@ -45,8 +59,17 @@ FEEDBACK = DriveFeedback(
 )
 
 
+def described(name):
+    joint, _, profile = name.partition("_")
+    if profile != WIDE:
+        return drive_of(profile, joint)
+    kind = table("profiles/generic.toml")
+    kind["target_torque"] |= {"bits": 32, "unit": "ampere", "factor": 2 * 20 / 65520 / 65536}
+    return join(axis_for(kind, joint), kind, joint)
+
+
 def scaling(name):
-    description = drive(name)
+    description = described(name)
     return axis_scaling(description, expected_base(description))
 
 
@@ -137,15 +160,66 @@ def test_an_effort_comes_back_as_the_same_permille(name, permille):
 def test_a_large_effort_is_clipped_and_never_wraps(name, effort):
     s = scaling(name)
 
-    permille = effort_to_permille(effort, s)
+    target = effort_to_permille(effort, s)
 
-    assert -32767 <= permille <= 32767
-    assert permille == 0 or (permille > 0) == (effort * s.permille_per_effort_si > 0)
+    largest = 2**31 - 1 if WIDE in name else 2**15 - 1
+    assert -largest <= target <= largest
+    assert target == 0 or (target > 0) == (effort * s.permille_per_effort_si > 0)
 
 
+@pytest.mark.parametrize("name", NAMES)
+@settings(derandomize=True, deadline=None)
+@given(
+    pair=st.lists(
+        st.floats(-1e6, 1e6, allow_nan=False, allow_infinity=False), min_size=2, max_size=2
+    )
+)
+def test_more_effort_never_asks_for_less(name, pair):
+    s = scaling(name)
+    less, more = sorted(pair)
+
+    step = effort_to_permille(more, s) - effort_to_permille(less, s)
+
+    assert step * s.permille_per_effort_si >= 0
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(derandomize=True, deadline=None)
+@given(raw=st.integers(-32767, 32767))
+def test_a_sample_is_proportional_to_its_raw_value_and_has_the_sign_of_the_joint(name, raw):
+    s = scaling(name)
+
+    effort = to_joint(replace(FEEDBACK, torque_raw=raw), s).effort_si
+
+    assert effort == pytest.approx(raw * s.effort_per_torque_count_si)
+    assert raw == 0 or (effort > 0) == (raw * s.counts_per_si > 0)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(derandomize=True, deadline=None)
+@given(effort=st.floats(0.1, 1e9), current_a=st.floats(6.0, 400.0))
+def test_a_limit_is_never_wider_than_joint_and_motor_and_always_fits_its_object(
+    name, effort, current_a
+):
+    description = described(name)
+    motor = msgspec.structs.replace(description.axis.motor, current_limit_a=current_a)
+    strong = replace(description, axis=msgspec.structs.replace(description.axis, motor=motor))
+    limits = (HIP_LIMITS if "hip" in name else SLIDE_LIMITS)._replace(effort_max_si=effort)
+
+    raw = raw_limits(limits, strong).torque_raw
+
+    limit = description.profile.torque_limit
+    per_motor_nm = math.tau * description.axis.transmission.revs_per_si
+    effort_of_raw = raw * count_nm(limit, expected_base(strong)) * per_motor_nm
+    motor_effort = current_a * motor.torque_constant_nm_per_a * per_motor_nm
+    assert 1 <= raw < 2 ** (limit.bits - limit.signed)
+    assert raw == 1 or effort_of_raw <= min(effort, motor_effort) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_a_command_that_is_not_finite_is_never_turned_into_a_number(value):
-    s = scaling("hip_epos4")
+def test_a_command_that_is_not_finite_is_never_turned_into_a_number(value, name):
+    s = scaling(name)
 
     with pytest.raises(CommandNotFinite, match="effort"):
         effort_to_permille(value, s)
@@ -183,6 +257,24 @@ def test_a_sign_of_minus_one_does_not_turn_the_position_limits_around():
 
     assert raw.position_min_counts == -12288  # 0.6 m
     assert raw.position_max_counts == -410  # 0.02 m, 409.6 counts, rounded inwards
+
+
+@pytest.mark.parametrize(
+    ("speed", "deceleration", "per_rev", "per_rev_s"),
+    [
+        ("rpm", "rpm_per_s", 60, 60),
+        ("counts_per_s", "counts_per_s2", 1024, 1024),
+        ("tenth_counts_per_s", "ten_counts_per_s2", 10_240, 102.4),  # Copley
+    ],
+)
+def test_speeds_and_ramps_are_in_the_units_of_the_profile(speed, deceleration, per_rev, per_rev_s):
+    kind = table("profiles/generic.toml")
+    kind |= {"velocity_unit": speed, "deceleration_unit": deceleration}
+
+    raw = raw_limits(HIP_LIMITS, join(axis_for(kind), kind, "hip"))
+
+    assert raw.speed_raw == math.floor(3.0 / (2 * math.pi) * 100 * per_rev)
+    assert raw.deceleration_raw == math.ceil(20.0 / (2 * math.pi) * 100 * per_rev_s)
 
 
 def test_speeds_are_in_the_drive_s_own_unit():

@@ -44,9 +44,38 @@ def table(name: str) -> dict[str, Any]:
     return tomllib.loads((FOLDER / name).read_text(encoding="utf-8"))
 
 
+AXES = sorted(file.stem for file in FOLDER.glob("*.toml"))
+"""Every axis file: hip_epos4, slide_epos4, ..."""
+PROFILES = sorted(file.stem for file in (FOLDER / "profiles").glob("*.toml"))
+"""Every profile: epos4, generic, ..."""
+
+
 def drive(name: str = "hip_epos4") -> DriveDescription:
-    """One of hip_epos4, slide_epos4, hip_generic, slide_generic."""
+    """One of `AXES`."""
     return join(table(f"{name}.toml"), table(table(f"{name}.toml")["profile"]), name)
+
+
+def axis_for(profile: dict[str, Any], joint: str = "hip") -> dict[str, Any]:
+    """The trainer's hip or slide with the drive of a profile: the motor data that it would hold."""
+    axis = table(f"{joint}_generic.toml")
+    motor, base = axis["motor"], profile["torque_base"]
+    torque_nm = motor["torque_constant_nm_per_a"] * motor["nominal_current_a"]
+    count_nm = {"micro_newton_metre": 1e-6, "milli_newton_metre": 1e-3}
+    for name in ("rated_torque", "rated_current"):
+        del motor[f"{name}_raw"]
+    if "rated_torque" in base:
+        motor["rated_torque_raw"] = round(torque_nm / count_nm[base["rated_torque_unit"]])
+    if "rated_current" in base:
+        motor["rated_current_raw"] = round(motor["nominal_current_a"] * 1e3)
+    if "torque_constant" in base:
+        motor["torque_constant_raw"] = round(motor["torque_constant_nm_per_a"] * 1e6)
+    return axis
+
+
+def drive_of(profile: str, joint: str = "hip") -> DriveDescription:
+    """The trainer's hip or slide with the drive of one of `PROFILES`."""
+    kind = table(f"profiles/{profile}.toml")
+    return join(axis_for(kind, joint), kind, joint)
 
 
 def join(axis: dict[str, Any], profile: dict[str, Any], name: str) -> DriveDescription:
