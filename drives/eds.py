@@ -5,7 +5,9 @@ file with a parser of their own, so a misreading does not cancel out. Judged are
 sign, access and range of what is read and written, and whether what the PDOs carry can be mapped.
 """
 
+import configparser
 from dataclasses import replace
+from pathlib import Path
 from typing import Final
 
 import canopen
@@ -39,10 +41,20 @@ def load_eds(path: str, node_id: int) -> ObjectDictionary:
         DescriptionError: it is not there, or is none.
     """
     try:
-        return canopen.import_od(path, node_id)
-    except (OSError, ValueError, KeyError, UnicodeDecodeError) as error:
-        allowed = f"a readable EDS file: {type(error).__name__}: {error}"
+        return _imported(path, node_id)
+    except (OSError, ValueError, KeyError, configparser.Error) as error:
+        what = " ".join(str(error).split())
+        allowed = f"a readable EDS file: {type(error).__name__}: {what}"
         raise DescriptionError("axis", "eds", path, allowed) from error
+
+
+def _imported(path: str, node_id: int) -> ObjectDictionary:
+    try:
+        return canopen.import_od(path, node_id)
+    except UnicodeDecodeError:
+        # CiA 306 says ASCII; some makers' editors write the Windows code page.
+        with Path(path).open(encoding="cp1252") as file:
+            return canopen.import_od(file, node_id)
 
 
 def objections(plan: DrivePlan, dictionary: ObjectDictionary) -> list[str]:

@@ -1,16 +1,32 @@
 import copy
+import re
 from dataclasses import replace
+from typing import get_args
 
 import msgspec
 import pytest
-from drive_files import CYCLE, FOLDER, HIP_LIMITS, SLIDE_LIMITS, drive, join, table
+from drive_files import (
+    AXES,
+    CYCLE,
+    FOLDER,
+    HIP_LIMITS,
+    PROFILES,
+    SLIDE_LIMITS,
+    axis_for,
+    drive,
+    drive_of,
+    join,
+    table,
+)
 
 from drives import eds
+from drives.emcy_codes import EmergencyTable, meaning
 from drives.errors import DescriptionError
-from drives.plan import plan
+from drives.pdo import layouts
+from drives.plan import StepKind, plan
 from drives.profile import check_nodes
 
-NAMES = ["hip_epos4", "slide_epos4", "hip_generic", "slide_generic"]
+NAMES = [name for name in AXES if (FOLDER / table(f"{name}.toml")["eds"]).is_file()]
 
 
 def broken(name, part, path, value):
@@ -28,12 +44,112 @@ def broken(name, part, path, value):
     return axis, profile
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", AXES)
 def test_every_drive_file_of_the_project_is_consistent(name):
     description = drive(name)
 
     assert description.name == f"right/{name.split('_')[0]}"
     assert not description.profile.verified_on_hardware
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("joint", ["hip", "slide"])
+def test_every_profile_describes_a_drive_that_can_be_brought_up(profile, joint):
+    description = drive_of(profile, joint)
+    limits = HIP_LIMITS if joint == "hip" else SLIDE_LIMITS
+
+    steps = plan(description, limits, CYCLE).steps
+
+    places = {(step.kind, step.index, step.sub) for step in steps}
+    limit = description.profile.torque_limit
+    assert (StepKind.WRITE, limit.index, limit.sub) in places  # written, and read back
+    for base in description.torque_bases:
+        assert (StepKind.COMPARE, base.ref.index, base.ref.sub) in places
+    for entry in description.profile.checked:
+        assert (StepKind.CHECK, entry.index, entry.sub) in places
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_every_profile_names_its_sources_and_no_one_has_verified_it(profile):
+    kind = drive_of(profile).profile
+
+    assert not kind.verified_on_hardware
+    assert len(kind.provenance) > 80
+    if profile != "generic":
+        assert re.search("EDS|DCF", kind.provenance, re.IGNORECASE)
+    assert kind.emergency_table in get_args(EmergencyTable)
+    assert meaning(0x8130, kind.emergency_table).text
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_every_profile_notices_that_its_master_is_gone(profile):
+    kind = drive_of(profile).profile
+
+    assert kind.heartbeat.consumer_entries or kind.pdo.rpdo_timeout
+
+
+OPTIONAL = {
+    "interpolation_time": 0x60C2,
+    "position_limits": 0x607D,
+    "speed_limit": 0x6080,
+    "following_error": 0x6065,
+    "polarity": 0x607E,
+}
+
+
+@pytest.mark.parametrize("has", [True, False])
+@pytest.mark.parametrize("name", OPTIONAL)
+def test_an_optional_object_is_touched_where_the_profile_says_that_there_is_one(name, has):
+    profile = table("profiles/generic.toml")
+    profile["optional_objects"][name] = has
+
+    steps = plan(join(axis_for(profile), profile, "hip"), HIP_LIMITS, CYCLE).steps
+
+    assert (OPTIONAL[name] in {step.index for step in steps}) is has
+
+
+@pytest.mark.parametrize("name", [*OPTIONAL, "halt_option", "sync_counter", "sync_window"])
+def test_no_optional_object_may_be_left_unsaid(name):
+    profile = table("profiles/generic.toml")
+    del profile["optional_objects"][name]
+
+    with pytest.raises(msgspec.ValidationError, match=name):
+        join(axis_for(profile), profile, "hip")
+
+
+def test_a_polarity_is_checked_in_all_three_signs_and_never_written():
+    description = drive_of("elmo_gold")
+
+    steps = [s for s in plan(description, HIP_LIMITS, CYCLE).steps if s.index == 0x607E]
+
+    assert [(step.kind, step.value, step.mask) for step in steps] == [(StepKind.CHECK, 0, 0xE0)]
+
+
+@pytest.mark.parametrize(
+    ("temperature", "error_code"), [(True, True), (True, False), (False, True)]
+)
+def test_tpdo3_carries_what_the_drive_has(temperature, error_code):
+    profile = table("profiles/generic.toml")
+    profile["pdo"]["error_code"] = error_code
+    if not temperature:
+        del profile["temperature"]
+
+    slow = layouts(join(axis_for(profile), profile, "hip").profile, 5).slow
+
+    carried = [item.index for item in slow.objects]
+    assert carried == [0x2100] * temperature + [0x603F] * error_code
+    assert slow.size == 2 * (temperature + error_code)
+
+
+def test_a_target_of_32_bits_fills_rpdo2():
+    profile = table("profiles/generic.toml")
+    profile["target_torque"] |= {"bits": 32}
+    description = join(axis_for(profile), profile, "hip")
+
+    seed = [s for s in plan(description, HIP_LIMITS, CYCLE).steps if s.index == 0x6071]
+
+    assert layouts(description.profile, 5).target_torque.size == 4
+    assert [step.bits for step in seed] == [32]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -55,10 +171,96 @@ def test_an_object_that_the_eds_does_not_have_is_named():
     assert places == {"6075h:00", "6072h:00", "605Dh:00", "1400h:05", "2100h:01"}
 
 
+@pytest.mark.parametrize(
+    ("key", "old", "new", "words"),
+    [
+        ("6077", "PDOMapping=1", "PDOMapping=0", "6077h:00 cannot be mapped by the EDS (TPDO2"),
+        ("6077", "DataType=0x0003", "DataType=0x0004", "6077h:00 has 32 bits in the EDS, not 16"),
+        ("6077", "DataType=0x0003", "DataType=0x0006", "6077h:00 has no sign in the EDS (TPDO2"),
+        ("6072", "AccessType=rw", "AccessType=ro", "6072h:00 cannot be written by the EDS"),
+        ("6085", "DataType=0x0007", "DataType=0x0006", "6085h:00 has 16 bits in the EDS, not 32"),
+        ("605A", "HighLimit=8", "HighLimit=2", "605Ah:00 = 6 is outside 0 .. 2 of the EDS"),
+    ],
+)
+def test_what_the_eds_says_against_a_plan_is_told(tmp_path, key, old, new, words):
+    found = objections_to_generic(tmp_path, key, old, new)
+
+    assert [line for line in found if words in line], found
+
+
+def objections_to_generic(tmp_path, key, old, new):
+    """Of an EDS with one line of one object changed."""
+    text = (FOLDER / "generic402.eds").read_text(encoding="utf-8")
+    head, object_, tail = text.partition(f"[{key}]\n")
+    body, blank, rest = tail.partition("\n\n")
+    assert old in body, body
+    changed = tmp_path / "changed.eds"
+    changed.write_text(head + object_ + body.replace(old, new) + blank + rest, encoding="utf-8")
+    return eds.objections(
+        plan(drive("hip_generic"), HIP_LIMITS, CYCLE), eds.load_eds(str(changed), 5)
+    )
+
+
+def test_the_upper_end_of_a_range_is_judged_as_the_lower_one_is(tmp_path):
+    found = objections_to_generic(tmp_path, "607Dsub2", "AccessType=rw", "AccessType=ro")
+
+    assert found == ["607Dh:02 cannot be written by the EDS (software position limits in counts)"]
+
+
+def test_the_time_range_of_a_heartbeat_entry_is_no_objection(tmp_path):
+    # Elmo's own EDS: 1016h:01 has HighLimit=65535, the range of the time in it.
+    found = objections_to_generic(tmp_path, "1016sub1", "HighLimit=0x007FFFFF", "HighLimit=65535")
+
+    assert found == []
+
+
+def test_a_polarity_that_the_profile_denies_and_the_eds_has_is_an_objection(tmp_path):
+    text = (FOLDER / "generic402.eds").read_text(encoding="utf-8").partition("[607E]")[0]
+    entry = "ObjectType=0x7\nDataType=0x0005\nAccessType=rw\nPDOMapping=0\n"
+    path = tmp_path / "turned.eds"
+    path.write_text(f"{text}\n[607E]\nParameterName=Polarity\n{entry}", encoding="utf-8")
+    profile = table("profiles/generic.toml")
+    profile["optional_objects"]["polarity"] = False
+    description = join(axis_for(profile), profile, "hip")
+
+    found = eds.objections(plan(description, HIP_LIMITS, CYCLE), eds.load_eds(str(path), 5))
+
+    assert "607Eh:00 is in the EDS, but optional_objects.polarity is false" in found
+
+
+def test_a_protection_that_the_profile_denies_and_the_eds_has_is_told():
+    has = msgspec.structs.replace(
+        drive("hip_generic").profile.optional_objects, speed_limit=False, position_limits=False
+    )
+
+    found = eds.unused(has, eds.load_eds(str(FOLDER / "generic402.eds"), 5))
+
+    assert found == ["position_limits", "speed_limit"]
+
+
 def test_a_mapping_of_objects_is_not_compared_with_the_eds_s_own_default():
     broken_plan = plan(drive("hip_epos4"), HIP_LIMITS, CYCLE)
 
     assert "60410010h" in str(broken_plan)
+
+
+def test_an_eds_in_the_windows_code_page_is_read(tmp_path):
+    text = (FOLDER / "generic402.eds").read_text(encoding="utf-8")
+    path = tmp_path / "windows.eds"
+    path.write_bytes(text.replace("Device type", "Device type \u00b0C").encode("cp1252"))
+
+    assert eds.load_eds(str(path), 5)[0x1000].name == "Device type \u00b0C"
+
+
+def test_an_eds_that_says_something_twice_is_the_operator_s_matter(tmp_path):
+    text = (FOLDER / "generic402.eds").read_text(encoding="utf-8")
+    path = tmp_path / "twice.eds"
+    path.write_text(text.replace("[1000]\n", "[1000]\nObjectType=0x7\n"), encoding="utf-8")
+
+    with pytest.raises(DescriptionError, match="DuplicateOptionError") as caught:
+        eds.load_eds(str(path), 5)
+
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("path", ["absent.eds", "hip_epos4.toml"])
@@ -85,6 +287,16 @@ def test_a_file_that_is_no_eds_is_the_operator_s_matter(path):
         ("hip_generic", "profile", ("written", 1, "value"), 0, "605E"),
         ("hip_generic", "profile", ("written", 2, "value"), 0, "6007"),
         ("hip_generic", "profile", ("written",), [], "written"),
+        ("hip_generic", "profile", ("optional_objects", "halt_option"), False, "written"),
+        ("hip_epos4", "profile", ("optional_objects", "halt_option"), True, "written"),
+        ("hip_generic", "profile", ("target_torque", "index"), 0x6072, "target_torque"),
+        ("hip_generic", "profile", ("target_torque", "bits"), 8, "target_torque"),
+        ("hip_generic", "profile", ("target_torque", "signed"), False, "target_torque"),
+        ("hip_generic", "profile", ("torque_base", "rated_torque"), None, "rated_torque"),
+        ("hip_generic", "profile", ("torque_base", "rated_torque_unit"), None, "rated_torque_unit"),
+        ("hip_elmo", "profile", ("torque_base", "rated_current"), None, "rated_current"),
+        ("hip_elmo", "axis", ("motor", "rated_current_raw"), None, "motor.rated_current_raw"),
+        ("hip_elmo", "axis", ("motor", "rated_torque_raw"), 279, "motor.rated_torque_raw"),
         ("hip_epos4", "profile", ("heartbeat", "consumer_entries"), 0, "consumer_entries"),
         ("hip_epos4", "profile", ("inputs", "sto_released", "bit"), 16, "inputs"),
     ],
@@ -109,6 +321,9 @@ def test_files_that_cannot_be_true_together_are_refused_by_key(name, part, path,
         ("profile", ("torque_source", "unit"), "newton_metre"),
         ("profile", ("torque_limit", "bits"), 24),
         ("profile", ("velocity_unit",), "rad_per_s"),
+        ("profile", ("torque_source", "sign"), 0),
+        ("profile", ("torque_source", "sampling"), "mean"),
+        ("profile", ("emergency_table",), "parker"),
     ],
 )
 def test_values_that_no_drive_has_are_refused_by_the_structs(part, path, value):
@@ -116,6 +331,24 @@ def test_values_that_no_drive_has_are_refused_by_the_structs(part, path, value):
 
     with pytest.raises(msgspec.ValidationError):
         join(axis, profile, "hip_epos4")
+
+
+def test_leaving_quick_stop_by_transition_16_needs_a_drive_that_holds():
+    axis, profile = broken("hip_generic", "profile", ("written", 0, "value"), 2)
+
+    with pytest.raises(DescriptionError) as caught:
+        join(axis, profile, "hip_generic")
+
+    assert caught.value.key == "resume_from_quick_stop"
+    join(axis, profile | {"resume_from_quick_stop": False}, "hip_generic")
+
+
+def test_a_slow_pdo_without_anything_in_it_is_refused():
+    axis, profile = broken("hip_generic", "profile", ("temperature",), None)
+    profile["pdo"]["error_code"] = False
+
+    with pytest.raises(DescriptionError, match="TPDO3 would be empty"):
+        join(axis, profile, "hip_generic")
 
 
 def test_a_node_number_belongs_to_one_drive_and_not_to_the_master():
