@@ -2,7 +2,8 @@
 
 For `gaitd check`, without any bus. The file is read by canopen; the virtual drives read the same
 file with a parser of their own, so a misreading does not cancel out. Judged are existence, width,
-sign, access and range of what is read and written, and whether what the PDOs carry can be mapped.
+sign, access and range of what is read and written, constants that are told (identity, modes), and
+whether what the PDOs carry can be mapped.
 """
 
 import configparser
@@ -98,8 +99,19 @@ def _objection(step: Step, dictionary: ObjectDictionary) -> str | None:
         return f"{step.place} has {len(variable)} bits in the EDS, not {step.bits} ({step.why})"
     if step.kind in _WRITTEN and not variable.writable:
         return f"{step.place} cannot be written by the EDS ({step.why})"
+    if step.kind is StepKind.CHECK:
+        return _other_value(step, variable)
     judged = step.kind in _WITH_VALUE and step.index not in _RANGE_NOT_JUDGED
     return _out_of_range(step, variable) if judged else None
+
+
+def _other_value(step: Step, variable: ODVariable) -> str | None:
+    """What a drive cannot change, its EDS may already tell; many leave it empty, or 0."""
+    told = variable.default
+    if variable.writable or not told or told & step.mask == step.value:
+        return None
+    expected = f"expected {step.shown(step.value)} ({step.why})"
+    return f"{step.place} is {step.shown(told)} in the EDS, {expected}"
 
 
 def _out_of_range(step: Step, variable: ODVariable) -> str | None:
