@@ -7,13 +7,14 @@ In the cycle, in reading order:
     cia402       statusword to state, state and request to controlword: two tables
     drive        one drive, and all drives of a bus, through one cycle
     units        counts, mA and per mille to rad, N·m, m, N at the joint, and back
-    nmt, emcy    heartbeats, boot-up, emergencies (texts: emcy_codes); bus_state: bus-off
+    nmt, emcy    SYNC, heartbeats, boot-up, emergencies (texts: emcy_codes); bus_state: bus-off
 Before the cycle:
     profile      what configs/drives/ may say: axis_file (one drive), torque (units and bases),
                  option_codes (what a drive does by itself)
     plan         bring-up as a list of steps that can be printed
-    bringup      runs the plan: objects (one object each), port (what it needs of the world),
-                 configurator (that, over a bus, with canopen's SDO client)
+    bringup      runs the plan: objects (one object each), presence (who else is on the bus), port
+                 (what it needs of the world), configurator (that, over a bus, with canopen's SDO
+                 client)
     busload, eds what can be judged without a bus
     errors       what can go wrong, by whose matter it is
 """

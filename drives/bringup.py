@@ -9,27 +9,36 @@ steps. It ends with one `DriveReport` for each drive, or with an error:
     DrivePowered     it holds the joint, and nobody asked to switch it off
     BusError         the bus itself
 
+The first two name a `BootFailure`, with the letter of CiA 302-2 where that has one.
+
 Rules:
 1.  All drives are reset before any is configured, and none is started before all are configured.
 2.  A boot-up message is counted from before the reset was sent, so it cannot be missed; a second
-    one within SETTLE_NS of the first is the same boot, any later one is a reboot: DriveSilent.
+    one within SETTLE_NS of the first is the same boot, any later one a reboot: DriveSilent, unless
+    two nodes then answer under one number.
 3.  Everything written is read back. A drive that answers something else is refused.
 4.  Nothing is enabled and no fault is reset, whatever state a drive is found in: it is reported.
     A drive that holds its joint goes on holding it until somebody asks to switch it off.
 5.  Our own heartbeat is not sent here: the drives' watch begins with the first one of the cycle.
+6.  Two nodes under one number are refused: a request that was answered twice, or a serial number
+    that differs between two reads. Only they can tell, so there is no other try.
+7.  Whoever else sends SYNC, or a heartbeat under our own number, is another master: no drive is
+    brought up beside it, and it is looked for again at the next try.
 """
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
+from contextlib import suppress
 from typing import Final, NamedTuple
 
 from drives.cia402 import decode_statusword
 from drives.emcy_codes import meaning
-from drives.errors import BringUpRefused, DrivePowered, DriveSilent
-from drives.nmt import SYNC_FRAME, NmtCommand, nmt_frame
+from drives.errors import BootFailure, BringUpRefused, DrivePowered, DriveSilent
+from drives.nmt import NmtCommand, nmt_frame
 from drives.objects import SdoTarget, examine, read, switch_off, write, write_range
 from drives.pdo import PdoLayout, layouts
 from drives.plan import SERIAL_NUMBER, CycleSettings, DrivePlan, Step, StepKind
 from drives.port import DrivePort
+from drives.presence import OtherMaster, Texts, refuse_second_answer, refuse_second_node, until
 from drives.profile import DriveDescription
 from drives.signals import NmtState, PowerState
 from drives.units import DriveBase, base_from_raw
@@ -41,9 +50,6 @@ HEARTBEAT_PATIENCE: Final = 4
 """Heartbeat times that a drive may take until it is heard, and until it shows a new NMT state."""
 FIRST_SAMPLE_SYNCS: Final = 20
 """SYNCs until every drive must have sent a complete sample."""
-SLICE_NS: Final = 10_000_000
-"""Longest wait between two yields."""
-
 SWITCH_OFF_TIMEOUT_NS: Final = 3_000_000_000
 """A fault reaction that is under way may ramp down first."""
 
@@ -102,15 +108,12 @@ class _Found:
         self.reset_ns = 0
         self.boot_up_count = 0
         self.booted = False
+        self.sdo_repeat_count = 0
         self.values: dict[tuple[int, int], int] = {}
 
     def target(self, port: DrivePort) -> SdoTarget:
         """Where this drive's SDO transfers go."""
         return SdoTarget(port, self.name, self.node_id)
-
-
-Texts = Generator[str, None, None]
-"""Each yield ends a bounded piece of work and says what it was."""
 
 
 def bring_up(
@@ -132,14 +135,17 @@ def bring_up(
         BringUpRefused, DrivePowered, DriveSilent, BusError: see the head of this file.
     """
     drives = [_Found(plan) for plan in plans]
+    master = OtherMaster(port, cycle.master_node_id)
     total_count = sum(len(plan.steps) for plan in plans) + 2
     done_count = 0
     for drive, step in _ordered(drives):
         for text in _run(step, drive, port, cycle, may_switch_off):
+            master.check()
             yield Progress(drive.name, text, done_count, total_count)
         done_count += 1
     for texts in (_start(drives, port, cycle), _first_samples(drives, port, cycle)):
         for text in texts:
+            master.check()
             yield Progress("", text, done_count, total_count)
         done_count += 1
     return tuple(_report(drive, port) for drive in drives)
@@ -160,6 +166,8 @@ def _run(
             _reset(drive, port)
         case StepKind.BOOT:
             yield from _await_boot(drive, port, str(step))
+        case StepKind.ALONE:
+            yield from _alone(drive, port, str(step))
         case StepKind.HEAR:
             yield from _await_heartbeat(drive, port, cycle, str(step))
         case StepKind.POWER:
@@ -175,30 +183,18 @@ def _run(
         case StepKind.SEED_POSITION:
             position_counts = read(_POSITION, drive.target(port))
             write(step, drive.target(port), max(step.value, min(step.second, position_counts)))
-    _check_no_reboot(drive, port)
+    yield from _check_same(drive, port, str(step))
     yield str(step)
 
 
 # --- waiting --------------------------------------------------------------------------------------
 
 
-def _until(
-    port: DrivePort, deadline_ns: int, text: str, met: Callable[[], bool]
-) -> Generator[str, None, bool]:
-    """Listen in slices until the condition is met or the deadline is over; which of the two."""
-    while not met():
-        now_ns = port.now_ns()
-        if now_ns >= deadline_ns:
-            return False
-        port.wait(min(deadline_ns, now_ns + SLICE_NS))
-        yield text
-    return True
-
-
 def _reset(drive: _Found, port: DrivePort) -> None:
     drive.reset_ns = port.now_ns()
     port.wait(drive.reset_ns)  # what is already there was said before the reset
-    drive.boot_up_count = port.traffic(drive.node_id).boot_up_count
+    traffic = port.traffic(drive.node_id)
+    drive.boot_up_count, drive.sdo_repeat_count = traffic.boot_up_count, traffic.sdo_repeat_count
     port.send((nmt_frame(NmtCommand.RESET_COMMUNICATION, drive.node_id),))
 
 
@@ -207,10 +203,14 @@ def _await_boot(drive: _Found, port: DrivePort, text: str) -> Texts:
         return port.traffic(drive.node_id).boot_up_count > drive.boot_up_count
 
     deadline_ns = drive.reset_ns + BOOT_TIMEOUT_NS
-    if not (yield from _until(port, deadline_ns, text, booted)):
+    if not (yield from until(port, deadline_ns, text, booted)):
         waited = f"no boot-up message within {BOOT_TIMEOUT_NS / 1e9:g} s of NMT reset communication"
-        raise DriveSilent(drive.name, f"{waited}: no power, no cable, another node id or bit rate?")
-    yield from _until(port, port.now_ns() + SETTLE_NS, text, lambda: False)
+        if port.bus_state.alone:
+            lonely = f"{waited}, and no frame is acknowledged: is any drive powered and connected?"
+            raise DriveSilent(drive.name, BootFailure.NOBODY_THERE, lonely)
+        what = f"{waited}: no power, no cable, another node id or bit rate?"
+        raise DriveSilent(drive.name, BootFailure.NO_ANSWER, what)
+    yield from until(port, port.now_ns() + SETTLE_NS, text, lambda: False)
     drive.boot_up_count = port.traffic(drive.node_id).boot_up_count
     drive.booted = True
 
@@ -225,8 +225,9 @@ def _without_power(step: Step, drive: _Found, port: DrivePort, may_switch_off: b
         raise DrivePowered(drive.name, state().name)
     deadline_ns = port.now_ns() + SWITCH_OFF_TIMEOUT_NS
     write(_DISABLE_VOLTAGE, drive.target(port), 0)
-    if not (yield from _until(port, deadline_ns, str(step), lambda: state() not in _POWERED)):
-        raise DriveSilent(drive.name, f"it stays in {state().name} after disable voltage")
+    if not (yield from until(port, deadline_ns, str(step), lambda: state() not in _POWERED)):
+        what = f"it stays in {state().name} after disable voltage"
+        raise DriveSilent(drive.name, BootFailure.WRONG_STATE, what)
 
 
 def _await_heartbeat(drive: _Found, port: DrivePort, cycle: CycleSettings, text: str) -> Texts:
@@ -237,18 +238,31 @@ def _await_heartbeat(drive: _Found, port: DrivePort, cycle: CycleSettings, text:
         new = traffic.heartbeat_count > before
         return new and traffic.nmt_state is NmtState.PRE_OPERATIONAL
 
-    if not (yield from _until(port, _heartbeat_deadline_ns(port, cycle), text, heard)):
-        state = port.traffic(drive.node_id).nmt_state.name
-        raise DriveSilent(drive.name, f"no heartbeat in PRE-OPERATIONAL (it shows {state})")
+    if not (yield from until(port, _heartbeat_deadline_ns(port, cycle), text, heard)):
+        traffic = port.traffic(drive.node_id)
+        beats = traffic.heartbeat_count > before
+        failure = BootFailure.WRONG_STATE if beats else BootFailure.NO_HEARTBEAT
+        what = f"no heartbeat in PRE-OPERATIONAL (it shows {traffic.nmt_state.name})"
+        raise DriveSilent(drive.name, failure, what)
 
 
 def _heartbeat_deadline_ns(port: DrivePort, cycle: CycleSettings) -> int:
     return port.now_ns() + HEARTBEAT_PATIENCE * cycle.drive_heartbeat_ms * 1_000_000
 
 
-def _check_no_reboot(drive: _Found, port: DrivePort) -> None:
-    if drive.booted and port.traffic(drive.node_id).boot_up_count > drive.boot_up_count:
-        raise DriveSilent(drive.name, "it rebooted during bring-up and lost its configuration")
+def _check_same(drive: _Found, port: DrivePort, text: str) -> Texts:
+    """It is still the one that was asked first: nobody beside it, and not rebooted."""
+    refuse_second_answer(drive.target(port), drive.sdo_repeat_count)
+    if not drive.booted or port.traffic(drive.node_id).boot_up_count == drive.boot_up_count:
+        return
+    with suppress(DriveSilent):  # that a drive is silent while it boots says nothing
+        yield from _alone(drive, port, text)
+    what = "it sent a boot-up message during bring-up, and has lost its configuration"
+    raise DriveSilent(drive.name, BootFailure.REBOOTED, what)
+
+
+def _alone(drive: _Found, port: DrivePort, text: str) -> Texts:
+    yield from refuse_second_node(drive.target(port), drive.sdo_repeat_count, text)
 
 
 # --- all drives together --------------------------------------------------------------------------
@@ -256,6 +270,7 @@ def _check_no_reboot(drive: _Found, port: DrivePort) -> None:
 
 def _start(drives: Sequence[_Found], port: DrivePort, cycle: CycleSettings) -> Texts:
     text = "NMT start"
+    port.sync.restart()
     port.send([nmt_frame(NmtCommand.START, drive.node_id) for drive in drives])
     deadline_ns = _heartbeat_deadline_ns(port, cycle)
     for drive in drives:
@@ -263,9 +278,10 @@ def _start(drives: Sequence[_Found], port: DrivePort, cycle: CycleSettings) -> T
         def started(node_id: int = drive.node_id) -> bool:
             return port.traffic(node_id).nmt_state is NmtState.OPERATIONAL
 
-        if not (yield from _until(port, deadline_ns, text, started)):
-            raise DriveSilent(drive.name, "it does not become OPERATIONAL after NMT start")
-        _check_no_reboot(drive, port)
+        if not (yield from until(port, deadline_ns, text, started)):
+            what = "it does not become OPERATIONAL after NMT start"
+            raise DriveSilent(drive.name, BootFailure.WRONG_STATE, what)
+        yield from _check_same(drive, port, text)
     yield text
 
 
@@ -274,8 +290,8 @@ def _first_samples(drives: Sequence[_Found], port: DrivePort, cycle: CycleSettin
     for _ in range(FIRST_SAMPLE_SYNCS):
         before = {drive.name: _sample_counts(drive, port) for drive in drives}
         deadline_ns = port.now_ns() + cycle.period_ms * 1_000_000
-        port.send((SYNC_FRAME,))
-        yield from _until(port, deadline_ns, "first samples", lambda: False)
+        port.send((port.sync.frame(),))
+        yield from until(port, deadline_ns, "first samples", lambda: False)
         missing = [
             drive.name
             for drive in drives
@@ -286,9 +302,10 @@ def _first_samples(drives: Sequence[_Found], port: DrivePort, cycle: CycleSettin
         if not missing:
             break
     for name in missing:
-        raise DriveSilent(name, f"no complete sample within {FIRST_SAMPLE_SYNCS} SYNCs")
+        what = f"no complete sample within {FIRST_SAMPLE_SYNCS} SYNCs"
+        raise DriveSilent(name, BootFailure.NO_SAMPLES, what)
     for drive in drives:
-        _check_no_reboot(drive, port)
+        yield from _check_same(drive, port, "first samples")
         _check_lengths(drive, port)
 
 
@@ -307,7 +324,7 @@ def _check_lengths(drive: _Found, port: DrivePort) -> None:
         data = port.traffic(drive.node_id).pdo_data[layout.can_id]
         if len(data) != layout.size:
             found = f"{layout} has {len(data)} bytes instead of the {layout.size} that are mapped"
-            raise BringUpRefused(drive.name, "", "", found)
+            raise BringUpRefused(drive.name, BootFailure.CONFIGURATION, found)
 
 
 def _report(drive: _Found, port: DrivePort) -> DriveReport:

@@ -9,6 +9,10 @@ What is worked around, with where it was seen:
   in upload): replies of another kind, or for another object, are counted and dropped.
 - A timeout sends an abort for 0000h:00; ours names the object of the transfer.
 - The default retry would send a request twice; a drive that does not answer once is silent.
+- A segmented transfer has no end while the server goes on: ours has a deadline as a whole.
+
+A node has one SDO channel, and one transfer on it at a time. A reply that was given already, to the
+very same request, is counted apart from other strays: two nodes may be answering.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,11 +25,14 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 from drives.bus import Bus, Clock, Frame
 from drives.bus_state import BusCondition, BusMonitor
 from drives.emcy import EMERGENCY_ID
-from drives.errors import BusError, SdoAborted, SdoGarbled, SdoTimeout
-from drives.nmt import HEARTBEAT_ID, HeartbeatWatch
+from drives.errors import BusError, BusOff, SdoAborted, SdoGarbled, SdoTimeout
+from drives.nmt import HEARTBEAT_ID, SYNC_ID, HeartbeatWatch, SyncProducer
 from drives.port import NodeTraffic
 
 SDO_TIMEOUT_NS: Final = 300_000_000
+"""For each reply."""
+SDO_TRANSFER_NS: Final = 1_000_000_000
+"""For a transfer as a whole, however many segments the server makes of it."""
 SEND_PATIENCE_NS: Final = 20_000_000
 """How long a full transmit queue may refuse a frame of bring-up."""
 
@@ -47,15 +54,25 @@ _WITH_OBJECT: Final = frozenset((0x60, 0x40, _ABORT))
 class Configurator:
     """SDO, NMT and listening for bring-up; owns nothing but its view of the traffic."""
 
-    def __init__(self, bus: Bus, clock: Clock, sdo_timeout_ns: int = SDO_TIMEOUT_NS) -> None:
+    def __init__(
+        self,
+        bus: Bus,
+        clock: Clock,
+        sync: SyncProducer | None = None,
+        bus_state: BusMonitor | None = None,
+        sdo_timeout_ns: int = SDO_TIMEOUT_NS,
+    ) -> None:
+        """`sync` and `bus_state` are those of whoever owns the bus for longer than this lives."""
         self._bus = bus
         self._clock = clock
         self._sdo_timeout_ns = sdo_timeout_ns
+        self.sync = sync or SyncProducer()
+        self.bus_state = bus_state or BusMonitor()
+        self.foreign_sync_count = 0
         self._network = _Network(self._send_one)
         self._clients: dict[int, _Client] = {}
         self._traffic: dict[int, NodeTraffic] = {}
         self._watches: dict[int, HeartbeatWatch] = {}
-        self.bus_state = BusMonitor()
 
     def now_ns(self) -> int:
         """As `DrivePort.now_ns`."""
@@ -63,11 +80,13 @@ class Configurator:
 
     def send(self, frames: Sequence[Frame]) -> None:
         """As `DrivePort.send`."""
+        self._refuse_bus_off()
         deadline_ns = self._clock.now_ns() + SEND_PATIENCE_NS
         left = self._bus.send_urgent(frames, deadline_ns, self._clock)
         if left:
             what = f"the transmit queue stays full: {left} frames of bring-up did not leave"
-            raise BusError("in bring-up", what)
+            alone = "; nobody else is on the bus" if self.bus_state.alone else ""
+            raise BusError("in bring-up", what + alone)
 
     def wait(self, until_ns: int) -> None:
         """As `DrivePort.wait`."""
@@ -96,6 +115,7 @@ class Configurator:
     ) -> bytes:
         client = self._client(node_id)
         client.timed_out = False
+        client.deadline_ns = self._clock.now_ns() + SDO_TRANSFER_NS
         try:
             return bytes(run(client))
         except SdoAbortedError as abort:
@@ -113,7 +133,7 @@ class Configurator:
         return client
 
     def _await_reply(self, client: "_Client") -> None:
-        deadline_ns = self._clock.now_ns() + self._sdo_timeout_ns
+        deadline_ns = min(self._clock.now_ns() + self._sdo_timeout_ns, client.deadline_ns)
         while client.responses.empty():
             if self._clock.now_ns() >= deadline_ns:
                 client.timed_out = True
@@ -126,20 +146,28 @@ class Configurator:
     def _take(self, frame: Frame) -> None:
         if frame.is_error:
             self.bus_state.feed(frame)
-            if self.bus_state.condition is BusCondition.OFF:
-                raise BusError("in bring-up", "the controller is bus-off: wiring, bit rate?")
+            self._refuse_bus_off()
             return
+        self.bus_state.hear()
         service, node_id = frame.can_id & _SERVICE, frame.can_id & _NODE
         if service == _SDO_REPLY_ID:
             self._network.notify(frame.can_id, bytearray(frame.data), 0.0)
+            if node_id in self._clients:
+                self.traffic(node_id).sdo_repeat_count = self._clients[node_id].repeat_count
         elif service == HEARTBEAT_ID:
             self._take_heartbeat(node_id, frame.data)
         elif service == EMERGENCY_ID and node_id:
             self.traffic(node_id).emergencies.append(frame.data)
+        elif frame.can_id == SYNC_ID:
+            self.foreign_sync_count += 1
         elif service in _TPDO_SERVICES:
             traffic = self.traffic(node_id)
             traffic.pdo_count[frame.can_id] = traffic.pdo_count.get(frame.can_id, 0) + 1
             traffic.pdo_data[frame.can_id] = frame.data
+
+    def _refuse_bus_off(self) -> None:
+        if self.bus_state.condition is BusCondition.OFF:
+            raise BusOff("in bring-up", "the controller is bus-off: wiring, bit rate?")
 
     def _take_heartbeat(self, node_id: int, data: bytes) -> None:
         watch = self._watches.setdefault(node_id, HeartbeatWatch())
@@ -177,28 +205,40 @@ class _Client(SdoClient):
         self.RESPONSE_TIMEOUT = 0
         self.network = network
         self._await_reply = await_reply
+        self._pending = False
         self._object = bytes(3)
         self._reply = _ABORT
+        self._given: bytes | None = None
+        """What identifies the reply that ended the last request."""
+        self.deadline_ns = 0
         self.timed_out = False
         self.stray_count = 0
         """Replies that did not belong to the pending request."""
+        self.repeat_count = 0
+        """Those among them that had been given already."""
         network.subscribe(self.tx_cobid, self.on_response)
 
     def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        if self._belongs(bytes(data)):
+        reply = bytes(data)
+        if self._pending and self._belongs(reply):
+            self._pending = False
+            self._given = _identity(reply)
             super().on_response(can_id, data, timestamp)
         else:
             self.stray_count += 1
+            self.repeat_count += _identity(reply) == self._given
 
     def request_response(self, sdo_request: bytes) -> bytes:
         request = bytes(sdo_request)
         self._reply = _REPLY_TO[request[0] & _COMMAND]
         if self._reply in _WITH_OBJECT:
             self._object = request[1:4]
+        self._pending = True
         return super().request_response(sdo_request)
 
     def read_response(self) -> bytes:
         self._await_reply(self)
+        self._pending = False
         return super().read_response()
 
     def abort(self, abort_code: int = 0x0800_0000) -> None:
@@ -211,3 +251,8 @@ class _Client(SdoClient):
         if command not in (self._reply, _ABORT):
             return False
         return command not in _WITH_OBJECT or data[1:4] == self._object
+
+
+def _identity(reply: bytes) -> bytes:
+    """Command and object, or command and toggle bit: what two nodes' replies have in common."""
+    return reply[:4] if reply and reply[0] & _COMMAND in _WITH_OBJECT else reply[:1]

@@ -2,7 +2,9 @@
 
 operator   DescriptionError: a profile or axis file says something that cannot be.
 machine    BusError: the interface is not there, went away, or refuses to work.
+           BusOff: it is there, and the controller has left the bus.
 drive      DriveSilent: it does not answer (unpowered, unplugged): worth another try.
+           Both it and BringUpRefused carry a BootFailure, which names what failed.
            BringUpRefused: it answers, but is not the drive that the files describe, or refuses what
            they ask of it: another try would say the same.
            DrivePowered: it holds the joint; nobody has asked to switch it off.
@@ -10,6 +12,9 @@ drive      DriveSilent: it does not answer (unpowered, unplugged): worth another
 ours       CommandNotFinite: somebody wants to send NaN or infinity to a motor.
 """
 # ruff: noqa: N818 - the names say what happened, in the words of whoever catches them
+
+from enum import Enum
+from typing import Final
 
 
 class DrivesError(Exception):
@@ -37,6 +42,10 @@ class BusError(DrivesError):
         self.channel = channel
         self.what = what
         super().__init__(f"CAN bus {channel}: {what}")
+
+
+class BusOff(BusError):
+    """The controller has left the bus (ISO 11898-1); nothing is sent until it is restarted."""
 
 
 class SdoAborted(DrivesError):
@@ -69,13 +78,62 @@ class SdoGarbled(DrivesError):
         super().__init__(f"{index:04X}h:{sub:02X}: {what}")
 
 
+class BootFailure(Enum):
+    """What failed in bringing up one node; the value is what a person reads first."""
+
+    NO_ANSWER = "no answer"
+    NOBODY_THERE = "nobody else is on the bus"
+    WRONG_DEVICE_TYPE = "wrong device type"
+    WRONG_VENDOR = "wrong vendor"
+    WRONG_PRODUCT = "wrong product"
+    WRONG_REVISION = "wrong revision"
+    WRONG_SERIAL_NUMBER = "wrong serial number"
+    MISSING_MODE = "a mode of operation is missing"
+    WRONG_MOTOR_DATA = "wrong motor data"
+    CONFIGURATION = "configuration failed"
+    NO_HEARTBEAT = "no heartbeat"
+    WRONG_STATE = "wrong state"
+    NO_SAMPLES = "no samples"
+    REBOOTED = "rebooted while being configured"
+    DUPLICATE_NODE = "duplicate node"
+    FOREIGN_MASTER = "another master on the bus"
+
+    @property
+    def letter(self) -> str:
+        """Error status of CiA 302-2's process boot NMT slave, or "" where it has none."""
+        return _LETTERS.get(self, "")
+
+    def __str__(self) -> str:
+        return f"{self.value} (CiA 302 {self.letter})" if self.letter else self.value
+
+
+_LETTERS: Final = {
+    BootFailure.NO_ANSWER: "B",
+    BootFailure.WRONG_DEVICE_TYPE: "C",
+    BootFailure.WRONG_VENDOR: "D",
+    BootFailure.WRONG_STATE: "E",
+    BootFailure.CONFIGURATION: "J",
+    BootFailure.NO_HEARTBEAT: "K",
+    BootFailure.WRONG_PRODUCT: "M",
+    BootFailure.WRONG_REVISION: "N",
+    BootFailure.WRONG_SERIAL_NUMBER: "O",
+}
+"""As Lely's CANopen library (`co_nmt_es2str`) has them. Not ours: A (every drive is in our files),
+F (no node guarding), G to I (no software download), L (every drive is reset first)."""
+
+
+def _whose(drive: str) -> str:
+    return f"drive {drive}" if drive else "bus"
+
+
 class DriveSilent(DrivesError):
     """A drive does not answer, or rebooted on the way; bring-up may be tried again."""
 
-    def __init__(self, drive: str, what: str) -> None:
+    def __init__(self, drive: str, failure: BootFailure, what: str) -> None:
         self.drive = drive
+        self.failure = failure
         self.what = what
-        super().__init__(f"drive {drive}: {what}")
+        super().__init__(f"{failure}: {_whose(drive)}: {what}")
 
 
 class BringUpRefused(DrivesError):
@@ -85,13 +143,16 @@ class BringUpRefused(DrivesError):
     wanted or found; `reason` holds the abort text or the comparison that failed.
     """
 
-    def __init__(self, drive: str, place: str, value: str, reason: str) -> None:
+    def __init__(
+        self, drive: str, failure: BootFailure, reason: str, *, place: str = "", value: str = ""
+    ) -> None:
         self.drive = drive
+        self.failure = failure
         self.place = place
         self.value = value
         self.reason = reason
         what = f" {place} = {value}" if place else ""
-        super().__init__(f"drive {drive}{what}: {reason}")
+        super().__init__(f"{failure}: {_whose(drive)}{what}: {reason}")
 
 
 class DrivePowered(DrivesError):

@@ -1,4 +1,4 @@
-"""NMT: the frames that a master sends, and the watch over one node's heartbeat.
+"""NMT and SYNC: the frames that a master sends, and the watch over one node's heartbeat.
 
 Rules of the watch (CiA 301 7.2.8.2.2):
 1.  A frame 700h + id with one byte 00h is a boot-up message: the node has reset and lost what was
@@ -20,6 +20,9 @@ HEARTBEAT_ID: Final = 0x700
 
 SYNC_FRAME: Final = Frame(SYNC_ID, b"")
 """Without counter (1019h = 0)."""
+SYNC_COUNTER_MIN: Final = 2
+SYNC_COUNTER_MAX: Final = 240
+"""1019h: the last value before the counter begins again; 0 is no counter, all else is reserved."""
 
 _KNOWN: Final = {state.value: state for state in NmtState if state is not NmtState.UNKNOWN}
 
@@ -42,6 +45,32 @@ def nmt_frame(command: NmtCommand, node_id: int) -> Frame:
 def heartbeat_frame(node_id: int, state: NmtState = NmtState.OPERATIONAL) -> Frame:
     """Our own heartbeat, which the drives' 1016h watch."""
     return Frame(HEARTBEAT_ID + node_id, bytes((state,)))
+
+
+class SyncProducer:
+    """One SYNC after the other (CiA 301 7.2.5), with the counter of 1019h if there is one.
+
+    The counter runs from 1 to the overflow value and counts frames, not time: a grid point that was
+    skipped does not make it jump. It begins with 1 when the nodes are started.
+    """
+
+    __slots__ = ("_frames", "_next")
+
+    def __init__(self, overflow_count: int = 0) -> None:
+        """`overflow_count` is 1019h: 0 for a SYNC without counter."""
+        counted = [Frame(SYNC_ID, bytes((count,))) for count in range(1, overflow_count + 1)]
+        self._frames = tuple(counted) or (SYNC_FRAME,)
+        self._next = 0
+
+    def restart(self) -> None:
+        """NMT start: the next SYNC is the first."""
+        self._next = 0
+
+    def frame(self) -> Frame:
+        """The SYNC that is due now."""
+        frame = self._frames[self._next]
+        self._next = (self._next + 1) % len(self._frames)
+        return frame
 
 
 class HeartbeatWatch:

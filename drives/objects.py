@@ -1,12 +1,21 @@
 """The steps of a plan that touch one object of one drive: read, compare, write, read back.
 
 Every refusal is a BringUpRefused that says drive, object, value and reason; no answer is a
-DriveSilent. What is written is read back and must be the same under the step's mask.
+DriveSilent. Both carry the failure that the step names: who does not even tell what it is has not
+answered, who falls silent over a setting has failed to be configured. What is written is read back
+and must be the same under the step's mask.
 """
 
 from typing import NamedTuple
 
-from drives.errors import BringUpRefused, DriveSilent, SdoAborted, SdoGarbled, SdoTimeout
+from drives.errors import (
+    BootFailure,
+    BringUpRefused,
+    DriveSilent,
+    SdoAborted,
+    SdoGarbled,
+    SdoTimeout,
+)
 from drives.plan import PDO_OFF, Step, StepKind
 from drives.port import DrivePort
 from drives.profile import BASE_TOLERANCE_RATIO
@@ -31,7 +40,7 @@ def examine(step: Step, target: SdoTarget) -> int:
     value = read(step, target)
     if step.kind is StepKind.CHECK and value & step.mask != step.value:
         found = f"expected {step.shown(step.value)} ({step.why})"
-        raise BringUpRefused(target.drive, step.place, step.shown(value), found)
+        raise _refusal(step, target, step.shown(value), found)
     if step.kind is StepKind.COMPARE:
         _compare(step, target, value)
     return value
@@ -70,14 +79,14 @@ def write(step: Step, target: SdoTarget, value: int) -> None:
     try:
         target.port.write(target.node_id, step.index, step.sub, data)
     except SdoAborted as abort:
-        raise _refused(step, target, step.shown(value), abort) from abort
+        raise _aborted(step, target, step.shown(value), abort) from abort
     except (SdoTimeout, SdoGarbled) as error:
-        raise DriveSilent(target.drive, str(error)) from error
+        raise _silence(step, target, error) from error
     found = read(step, target)
     if (found ^ value) & step.mask & ((1 << step.bits) - 1):
         shown = step.shown(value)
         reason = f"written, but it reads back {step.shown(found)} ({step.why})"
-        raise BringUpRefused(target.drive, step.place, shown, reason)
+        raise _refusal(step, target, shown, reason)
 
 
 def read(step: Step, target: SdoTarget) -> int:
@@ -89,13 +98,13 @@ def read(step: Step, target: SdoTarget) -> int:
     try:
         data = target.port.read(target.node_id, step.index, step.sub)
     except SdoAborted as abort:
-        raise _refused(step, target, "(read)", abort) from abort
+        raise _aborted(step, target, "(read)", abort) from abort
     except (SdoTimeout, SdoGarbled) as error:
-        raise DriveSilent(target.drive, str(error)) from error
+        raise _silence(step, target, error) from error
     size = step.bits // 8
     if len(data) < size:
         reason = f"{len(data)} bytes instead of {size} ({step.why})"
-        raise BringUpRefused(target.drive, step.place, data.hex(), reason)
+        raise _refusal(step, target, data.hex(), reason)
     # Some drives answer four bytes for a smaller object.
     return int.from_bytes(data[:size], "little", signed=step.signed)
 
@@ -112,17 +121,27 @@ def _read_or_zero(step: Step, target: SdoTarget) -> int:
 def _compare(step: Step, target: SdoTarget, value: int) -> None:
     if value == 0:
         reason = f"the drive has no motor data: expected about {step.value} ({step.why})"
-        raise BringUpRefused(target.drive, step.place, "0", reason)
+        raise _refusal(step, target, "0", reason)
     if abs(value - step.value) > BASE_TOLERANCE_RATIO * abs(step.value):
         percent = BASE_TOLERANCE_RATIO * 100
         reason = f"more than {percent:g} % from the axis file's {step.value} ({step.why})"
-        raise BringUpRefused(target.drive, step.place, str(value), reason)
+        raise _refusal(step, target, str(value), reason)
 
 
 def _beside(step: Step) -> Step:
     return Step(StepKind.WRITE, step.why, step.index, step.sub + 1, step.bits, step.signed)
 
 
-def _refused(step: Step, target: SdoTarget, value: str, abort: SdoAborted) -> BringUpRefused:
+def _aborted(step: Step, target: SdoTarget, value: str, abort: SdoAborted) -> BringUpRefused:
     reason = f"refused with {abort.code:08X}h, {abort.text} ({step.why})"
-    return BringUpRefused(target.drive, step.place, value, reason)
+    return _refusal(step, target, value, reason)
+
+
+def _refusal(step: Step, target: SdoTarget, value: str, reason: str) -> BringUpRefused:
+    return BringUpRefused(target.drive, step.failure, reason, place=step.place, value=value)
+
+
+def _silence(step: Step, target: SdoTarget, error: SdoTimeout | SdoGarbled) -> DriveSilent:
+    unknown = step.kind is StepKind.CHECK
+    failure = BootFailure.NO_ANSWER if unknown else BootFailure.CONFIGURATION
+    return DriveSilent(target.drive, failure, str(error))

@@ -6,6 +6,7 @@
     boot     the boot-up message: the drive is there, in PRE-OPERATIONAL
     power    without power, or switched off where that was asked for: no setting changes under load
     check    device type, identity, modes: is it the drive that the files describe
+    alone    nobody else answers under its number
     compare  torque base: what its torque numbers mean; read, never written, and used from then on
     check    polarity and what else its numbers refer to; read, never written
     off      every PDO switched off, so that nothing of an earlier mapping can act
@@ -26,6 +27,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final, NamedTuple
 
+from drives.errors import BootFailure
 from drives.pdo import PdoLayout, layouts
 from drives.profile import DriveDescription
 from drives.signals import OperationMode
@@ -59,6 +61,8 @@ class StepKind(Enum):
     """Read the statusword; a powered drive is switched off only where somebody asked for it."""
     CHECK = "check"
     """Read; the masked value must equal `value`."""
+    ALONE = "alone"
+    """Read the serial number twice, and listen for a second answer."""
     COMPARE = "compare"
     """Read; not 0 and within 1 % of `value`."""
     SWITCH_OFF = "off"
@@ -104,6 +108,8 @@ class Step:
     second: int = 0
     is_hex: bool = False
     """How a person reads the value."""
+    failure: BootFailure = BootFailure.CONFIGURATION
+    """What has failed if the drive refuses this step, or holds another value."""
 
     @property
     def place(self) -> str:
@@ -187,22 +193,31 @@ def lonely_plan(
 
 def _identity(description: DriveDescription) -> Iterator[Step]:
     check = StepKind.CHECK
-    yield Step(check, "it is a CiA 402 drive", 0x1000, value=_DEVICE_PROFILE, mask=0xFFFF)
+    yield Step(
+        check,
+        "it is a CiA 402 drive",
+        0x1000,
+        value=_DEVICE_PROFILE,
+        mask=0xFFFF,
+        failure=BootFailure.WRONG_DEVICE_TYPE,
+    )
     identity = description.axis.identity
-    named = {
-        "vendor": identity.vendor_id,
-        "product": identity.product_code,
-        "revision": identity.revision,
-        "serial number": identity.serial,
-    }
-    for sub, (what, value) in enumerate(named.items(), 1):
+    named = (
+        ("vendor", identity.vendor_id, BootFailure.WRONG_VENDOR),
+        ("product", identity.product_code, BootFailure.WRONG_PRODUCT),
+        ("revision", identity.revision, BootFailure.WRONG_REVISION),
+        ("serial number", identity.serial, BootFailure.WRONG_SERIAL_NUMBER),
+    )
+    for sub, (what, value, failure) in enumerate(named, 1):
         if value is not None:
-            yield Step(check, f"{what} of this axis", 0x1018, sub, value=value, is_hex=True)
+            why = f"{what} of this axis"
+            yield Step(check, why, 0x1018, sub, value=value, is_hex=True, failure=failure)
     if identity.serial is None:
         yield Step(StepKind.ASK, "its serial number", *SERIAL_NUMBER, is_hex=True)
-    modes = _CYCLIC_MODES
+    yield Step(StepKind.ALONE, "nobody else answers under its number")
+    modes, missing = _CYCLIC_MODES, BootFailure.MISSING_MODE
     why = "it knows cyclic synchronous position and torque"
-    yield Step(check, why, 0x6502, value=modes, mask=modes, is_hex=True)
+    yield Step(check, why, 0x6502, value=modes, mask=modes, is_hex=True, failure=missing)
 
 
 def _torque_base(description: DriveDescription) -> Iterator[Step]:
@@ -229,7 +244,16 @@ def _units(description: DriveDescription) -> Iterator[Step]:
 
 
 def _compare(ref: ObjectRef, value: int, why: str) -> Step:
-    return Step(StepKind.COMPARE, why, ref.index, ref.sub, ref.bits, ref.signed, value)
+    return Step(
+        kind=StepKind.COMPARE,
+        why=why,
+        index=ref.index,
+        sub=ref.sub,
+        bits=ref.bits,
+        signed=ref.signed,
+        value=value,
+        failure=BootFailure.WRONG_MOTOR_DATA,
+    )
 
 
 def _write(why: str, index: int, sub: int, bits: int, value: int, *, is_hex: bool = False) -> Step:

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from typing import Final, Protocol
 
 from drives.bus import Frame
+from drives.bus_state import BusMonitor
+from drives.nmt import SyncProducer
 from drives.signals import NmtState
 
 EMERGENCIES_KEPT: Final = 8
@@ -28,10 +30,18 @@ class NodeTraffic:
     """TPDOs by identifier."""
     pdo_data: dict[int, bytes] = field(default_factory=dict[int, bytes])
     """The newest of each."""
+    sdo_repeat_count: int = 0
+    """SDO replies that had been given already: two nodes answer under one number."""
 
 
 class DrivePort(Protocol):
     """One side of a bus with drives on it."""
+
+    sync: SyncProducer
+    """The only source of SYNC, in bring-up and after it."""
+    bus_state: BusMonitor
+    foreign_sync_count: int
+    """SYNCs that somebody else has sent since the port was opened."""
 
     def now_ns(self) -> int:
         """Monotonic time in ns."""

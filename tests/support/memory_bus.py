@@ -92,10 +92,15 @@ class ScriptedDrive:
     extra_boots_ns: tuple[int, ...] = ()
     reboot_on_write: tuple[int, int] | None = None
     abort_write: dict[tuple[int, int], int] = field(default_factory=dict)
+    abort_read: dict[tuple[int, int], int] = field(default_factory=dict)
     ignore_write: set[tuple[int, int]] = field(default_factory=set)
     mute: set[tuple[int, int]] = field(default_factory=set)
     stale_reply: dict[tuple[int, int], Frame] = field(default_factory=dict)
     """Sent once, before the answer to the first request for the object."""
+    answers_twice: set[tuple[int, int]] = field(default_factory=set)
+    """Objects whose requests get a second answer, as from a second node."""
+    serials: tuple[int, ...] = ()
+    """Answers to 1018h:04 in turn, as from a second node."""
     never_operational: bool = False
     without_tpdo: set[int] = field(default_factory=set)
     short_tpdo: set[int] = field(default_factory=set)
@@ -182,14 +187,19 @@ class ScriptedDrive:
             size = 4 - (command >> 2 & 3)
             reply = self._download(key, data[4 : 4 + size])
         replies.append((Frame(0x580 + self.node_id, reply), MS))
+        if key in self.answers_twice:
+            replies.append((Frame(0x580 + self.node_id, reply), 2 * MS))
         if key == self.reboot_on_write and command != 0x40:
             replies.append((Frame(0x700 + self.node_id, b"\x00"), 2 * MS))
         return replies
 
     def _upload(self, key: tuple[int, int]) -> bytes:
-        if key not in self.values:
-            return self._abort(key, 0x06020000)
+        if key in self.abort_read or key not in self.values:
+            return self._abort(key, self.abort_read.get(key, 0x06020000))
         bits, signed, _ = self.kinds[key]
+        if key == (0x1018, 4) and self.serials:
+            self.values[key], *rest = self.serials
+            self.serials = (*rest, self.values[key])
         raw = self.values[key].to_bytes(bits // 8, "little", signed=signed)
         command = 0x43 | (4 - len(raw)) << 2
         return struct.pack("<BHB", command, *key) + raw.ljust(4, b"\0")
