@@ -302,6 +302,25 @@ class CycleTiming(msgspec.Struct, frozen=True, array_like=True):
     """Grid points missed since start; skipped, never caught up."""
 
 
+class BusRecord(msgspec.Struct, frozen=True, array_like=True):
+    """What the CAN controller said and what was counted, since the core's start."""
+
+    condition: str = "active"
+    """drives.bus_state.BusCondition."""
+    bus_off_count: int = 0
+    passive_count: int = 0
+    warning_count: int = 0
+    restart_count: int = 0
+    no_ack_count: int = 0
+    """Frames that nobody acknowledged."""
+    overflow_count: int = 0
+    """Frames lost in the controller."""
+    foreign_master_count: int = 0
+    """SYNCs of somebody else, and heartbeats under our own number."""
+    stray_count: int = 0
+    """Frames that belong to none of our drives, since bring-up."""
+
+
 class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
     """Everything that one cycle knew, decided and sent."""
 
@@ -330,3 +349,4 @@ class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
     timing: CycleTiming
     bus_load_ratio: float = 0.0
     tx_dropped_count: int = 0
+    bus: BusRecord = BusRecord()

@@ -130,6 +130,28 @@ class DriveHealth(msgspec.Struct, frozen=True, kw_only=True):
     heartbeat_age_ms: Annotated[float | None, Meta(description="Since its last heartbeat.")]
 
 
+class BusHealth(msgspec.Struct, frozen=True, kw_only=True):
+    """The CAN controller and who else is on the bus; counts since the core's start."""
+
+    condition: Annotated[
+        str,
+        Meta(
+            description="Fault confinement state, ISO 11898-1.",
+            extra_json_schema={"enum": ["active", "warning", "error passive", "bus-off"]},
+        ),
+    ]
+    bus_off_count: Annotated[int, Meta(description="Times the controller left the bus.")]
+    passive_count: Annotated[int, Meta(description="Reports of error passive.")]
+    warning_count: Annotated[int, Meta(description="Reports of many errors.")]
+    restart_count: Annotated[int, Meta(description="Times it was restarted after bus-off.")]
+    no_ack_count: Annotated[int, Meta(description="Frames that nobody acknowledged.")]
+    overflow_count: Annotated[int, Meta(description="Times the controller lost frames.")]
+    foreign_master_count: Annotated[
+        int, Meta(description="SYNCs of somebody else, and heartbeats under our number.")
+    ]
+    stray_count: Annotated[int, Meta(description="Frames of none of our drives, since bring-up.")]
+
+
 class Health(Stated, frozen=True, kw_only=True):
     """How the service itself is, once a second."""
 
@@ -156,6 +178,7 @@ class Health(Stated, frozen=True, kw_only=True):
     gateway_wake_max_us: Annotated[
         float | None, Meta(description="Longest work of the gateway on one wake, last second.")
     ]
+    bus: Annotated[BusHealth | None, Meta(description="The CAN controller; null: unknown.")] = None
 
 
 class Reply(Stated, frozen=True, kw_only=True):

@@ -63,6 +63,7 @@ class BusMonitor:
         "alone",
         "bus_off_count",
         "condition",
+        "has_been_off",
         "no_ack_count",
         "overflow_count",
         "passive_count",
@@ -72,6 +73,8 @@ class BusMonitor:
 
     def __init__(self) -> None:
         self.condition = BusCondition.ACTIVE
+        self.has_been_off = False
+        """Since the drives were brought up: however short it was, they have heard nothing."""
         self.alone = False
         """The last frame was not acknowledged, and nothing has been heard since."""
         self.bus_off_count = 0
@@ -97,11 +100,21 @@ class BusMonitor:
             self.condition = BusCondition.ACTIVE
         if kinds & _CLASS_BUS_OFF:
             self.bus_off_count += 1
+            self.has_been_off = True
             self.condition = BusCondition.OFF
         if self.condition is before:
             return False
         self._notices.append(_NOTICE[self.condition])
         return True
+
+    def begin(self) -> None:
+        """The interface was opened: nothing is known of its controller."""
+        self.condition = BusCondition.ACTIVE
+        self.alone = False
+
+    def forgive(self) -> None:
+        """A bring-up begins: what was before does not count against its drives."""
+        self.has_been_off = False
 
     def hear(self) -> None:
         """A frame came from somebody else."""

@@ -92,6 +92,7 @@ class Configurator:
         """As `DrivePort.wait`."""
         for frame in self._bus.receive_until(until_ns, self._clock):
             self._take(frame)
+        self._refuse_bus_off()
 
     def traffic(self, node_id: int) -> NodeTraffic:
         """As `DrivePort.traffic`."""
@@ -146,7 +147,6 @@ class Configurator:
     def _take(self, frame: Frame) -> None:
         if frame.is_error:
             self.bus_state.feed(frame)
-            self._refuse_bus_off()
             return
         self.bus_state.hear()
         service, node_id = frame.can_id & _SERVICE, frame.can_id & _NODE

@@ -91,6 +91,10 @@ class CycleSettings(NamedTuple):
     """1016h:01 of each drive: our silence until it stops by itself."""
     rpdo_timeout_ms: int
     """1400h:05 where the drive has it."""
+    sync_counter: int = 0
+    """1019h: SYNC carries a counter from 1 to this; 0: it carries none."""
+    sync_window_us: int = 0
+    """1007h where the drive has it: a TPDO that is later after SYNC is dropped; 0: none is."""
 
 
 @dataclass(frozen=True, slots=True)

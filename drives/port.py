@@ -56,7 +56,11 @@ class DrivePort(Protocol):
         ...
 
     def wait(self, until_ns: int) -> None:
-        """Listen until then, or until a frame came; either way traffic is up to date."""
+        """Listen until then, or until a frame came; either way traffic is up to date.
+
+        Raises:
+            BusError: the bus is down; BusOff: the controller has left it.
+        """
         ...
 
     def traffic(self, node_id: int) -> NodeTraffic:

@@ -10,7 +10,7 @@ from daemon.core.state import Axis, Core
 from daemon.record import Cause, Mode, Verdict
 from drives.bringup import DriveReport, Progress, bring_up
 from drives.drive import Drive, DriveGroup
-from drives.errors import BringUpRefused, BusError, DrivePowered, DriveSilent
+from drives.errors import BringUpRefused, BusError, BusOff, DrivePowered, DriveSilent
 from drives.plan import CycleSettings, DrivePlan
 from drives.port import DrivePort
 from drives.units import axis_scaling, position_si
@@ -41,7 +41,8 @@ def bring_up_core(
         fail(core, Cause.DRIVE_SILENT, silent.drive, str(silent))
         return False
     except BusError as error:
-        fail(core, Cause.BUS_DOWN, "", error.what)
+        cause = Cause.BUS_OFF if isinstance(error, BusOff) else Cause.BUS_DOWN
+        fail(core, cause, "", error.what)
         return False
     _take_over(core, plans, reports, port.now_ns())
     return True

@@ -22,7 +22,8 @@ LOAD_SETTLE_CYCLES = 50
 STOPPING_MAX_CYCLES = 300
 """A leg that still moves then moves without power: the mode says fault, the speed is published."""
 
-_BUS_CAUSES = frozenset({Cause.BUS_DOWN, Cause.BUS_OFF, Cause.TRANSMIT_QUEUE_FULL})
+_BUS_CAUSES = frozenset({Cause.BUS_DOWN, Cause.TRANSMIT_QUEUE_FULL})
+"""Tried again by itself when nothing is enabled. Not bus-off: somebody should look first."""
 
 
 def change_mode(core: Core, found: Verdict, orders: Orders, cycle: int, utc_ns: int) -> None:

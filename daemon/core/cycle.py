@@ -28,7 +28,6 @@ from daemon.core.state import Axis, Core, Leg
 from daemon.core.tick import Tick
 from daemon.record import Cause, CycleRecord, Level, Mode, Verdict
 from drives.bus import Frame
-from drives.bus_state import BusCondition
 from drives.signals import DriveFeedback, OperationMode, PowerState
 from observer.leg_observer import PoseError
 from observer.mechanism import gravity, singularity_ratio
@@ -188,7 +187,7 @@ def judge(core: Core, orders: inbox.Orders, tick: Tick) -> Verdict:
         shutdown_requested=tick.shutdown,
         level_age_cycles=tick.cycle - core.level_cycle,
         overruns_in_a_row=tick.overruns_in_a_row,
-        bus_off=drives is not None and drives.bus_state.condition is BusCondition.OFF,
+        bus_off=drives is not None and drives.bus_state.has_been_off,
         bus_error=tick.bus_error,
         tx_dropped_in_a_row=tick.tx_dropped_in_a_row,
     )

@@ -10,10 +10,12 @@ One turn, on absolute grid points:
 
 Rules:
 1. Grid points that were missed are skipped and counted, never caught up in a burst.
-2. A command whose cycle is over is not sent late; it counts as dropped.
+2. A command whose cycle is over is not sent late; it counts as dropped. One that finds a full
+   queue is dropped too, but for those that stop a drive, which are tried again within the cycle.
 3. The watchdog is fed in every mode, whatever the drives do. A silent drive is a verdict.
 4. SYNC and heartbeat leave only from here and from bring-up's steps, never from a timer.
-5. An exception in a cycle is a bug of ours: the drives are stopped once more, then the process
+5. While the controller is bus-off nothing is sent (`line.py`).
+6. An exception in a cycle is a bug of ours: the drives are stopped once more, then the process
    ends, and the drives' own detection is the backstop.
 """
 
@@ -29,14 +31,15 @@ from daemon.clock import Clock
 from daemon.core import conduct, cycle, poses
 from daemon.core.bringing import bring_up_core, fail
 from daemon.core.build import Plans
+from daemon.core.line import Line
 from daemon.core.notebook import NoteKeeper
 from daemon.core.state import Core
+from daemon.core.stopping import Step
 from daemon.core.tick import Tick
 from daemon.record import Cause, CycleRecord, CycleTiming, Level, Mode
 from drives.bus import Bus, Frame
-from drives.configurator import Configurator
 from drives.errors import BringUpRefused, BusError
-from drives.nmt import SYNC_FRAME, NmtCommand, heartbeat_frame, nmt_frame
+from drives.nmt import NmtCommand, heartbeat_frame, nmt_frame
 from drives.plan import CycleSettings
 from drives.signals import DriveCommand, PowerRequest, PowerState
 
@@ -108,7 +111,9 @@ class Loop:
         self._seam = seam
         self._clock = clock
         self._supervisor = supervisor
-        self._bus: Bus | None = None
+        self._line = Line(
+            settings.open_bus, clock, settings.cycle.sync_counter, settings.master_node_id
+        )
         self._cycle = 0
         self._grid_ns = clock.now_ns() + settings.period_ns
         self._sync_ns = 0
@@ -117,10 +122,10 @@ class Loop:
         self._shutdown = False
         self._timing = CycleTiming(0, 0, 0, 0)
         self._overruns_in_a_row = 0
-        self._dropped_count = 0
         self._dropped_in_a_row = 0
         self._was_complete = False
-        self._nmt_stopped: tuple[int, ...] = ()
+        self._stopped: tuple[int, ...] = ()
+        """Node ids of the drives that have been told NMT stop."""
         self._power_off_cycles = 0
         self._status = ""
         self._noted = core.notes
@@ -171,59 +176,61 @@ class Loop:
 
     def _await_grid_point(self) -> None:
         """Poll the bus until the grid point; answer what cannot wait."""
-        bus = self._bus
-        if bus is None or self._core.drives is None:
+        if not self._has_drives():
             self._clock.sleep_until(self._grid_ns)
             return
-        while True:
-            frames = bus.receive_until(self._grid_ns, self._clock)
-            if not frames:
-                return
+        while frames := self._line.receive_until(self._grid_ns):
             answer = cycle.react(self._core, frames, self._tick(self._clock.now_ns()))
             if answer:
-                bus.send_urgent(answer, self._grid_ns, self._clock)
+                self._line.send_urgent(answer, self._grid_ns)
 
     def _cycle_once(self, levels: Sequence[Level]) -> CycleRecord:
         begun_ns = self._clock.now_ns()
-        bus, core = self._bus, self._core
+        line, core = self._line, self._core
         timing = replace(self._timing, lateness_ns=begun_ns - self._grid_ns)
-        if bus is None or core.drives is None:
+        core.events += line.take_notices()
+        if not self._has_drives():
             self._timing = replace(timing, collect_ns=0, work_ns=0)
             return cycle.rest(core, levels, self._tick(begun_ns))
-        frames = self._sync_and_collect(bus, begun_ns)
+        dropped_count = line.dropped_count
+        frames = self._sync_and_collect(begun_ns)
         collected_ns = self._clock.now_ns()
         self._timing = replace(timing, collect_ns=collected_ns - begun_ns)
         tick = self._tick(begun_ns)
         self._sync_ns = begun_ns
         outgoing, record = cycle.step(core, frames, levels, tick)
-        if self._has_lost_drives():
-            self._end_watch(bus)
+        if self._has_drives():
+            self._send(outgoing)
         else:
-            self._send(bus, outgoing)
+            self._end_watch()
+        dropped = line.dropped_count > dropped_count
+        self._dropped_in_a_row = self._dropped_in_a_row + 1 if dropped else 0
         self._timing = replace(self._timing, work_ns=self._clock.now_ns() - collected_ns)
         return record
 
-    def _has_lost_drives(self) -> bool:
-        return self._core.drives is None
+    def _has_drives(self) -> bool:
+        return self._line.is_open and self._core.drives is not None
 
-    def _sync_and_collect(self, bus: Bus, sync_ns: int) -> list[Frame]:
+    def _sync_and_collect(self, sync_ns: int) -> list[Frame]:
         """SYNC out, and what the drives answer inside the window."""
-        settings, drives = self._settings, self._core.drives
+        line, settings, drives = self._line, self._settings, self._core.drives
         if conduct.silenced(self._core) or drives is None:
             return []
         # What waits in the socket came before this SYNC: it is not an answer to it.
-        drives.feed_between(bus.drain(), sync_ns)
-        outgoing = [SYNC_FRAME]
+        drives.feed_between(line.drain(), sync_ns)
+        if line.is_off:
+            return []
+        outgoing = [line.sync.frame()]
         self._sync_count += 1
         if self._sync_count % settings.heartbeat_cycles == 0:
             outgoing.append(heartbeat_frame(settings.master_node_id))
-        bus.send(outgoing)
+        line.send(outgoing)
         missing = set(drives.cyclic_ids)
         frames: list[Frame] = []
         # After an incomplete window the whole of this one is waited for: what comes first may be
         # the answer that was late.
         while missing or not self._was_complete:
-            came = bus.receive_until(sync_ns + settings.window_ns, self._clock)
+            came = line.receive_until(sync_ns + settings.window_ns)
             if not came:
                 break
             frames += came
@@ -231,20 +238,22 @@ class Loop:
         self._was_complete = not missing
         return frames
 
-    def _send(self, bus: Bus, outgoing: Sequence[Frame]) -> None:
+    def _send(self, outgoing: Sequence[Frame]) -> None:
         """Commands, if they still belong to this cycle; NMT stop where escalation came so far."""
-        if conduct.silenced(self._core):
+        line, core = self._line, self._core
+        if conduct.silenced(core):
             return
-        if self._clock.now_ns() > self._grid_ns + self._settings.period_ns - SEND_MARGIN_NS:
-            dropped = len(outgoing)
+        deadline_ns = self._grid_ns + self._settings.period_ns - SEND_MARGIN_NS
+        if self._clock.now_ns() > deadline_ns:
+            line.drop(outgoing)
+        elif any(axis.stop is not None and axis.stop.step > Step.HOLD for axis in core.axes):
+            line.send_urgent(outgoing, deadline_ns)
         else:
-            dropped = bus.send(outgoing)
-        self._dropped_count += dropped
-        self._dropped_in_a_row = self._dropped_in_a_row + 1 if dropped else 0
-        stopped = conduct.nmt_stopped(self._core)
-        for node_id in set(stopped) - set(self._nmt_stopped):
-            bus.send_urgent([nmt_frame(NmtCommand.STOP, node_id)], self._grid_ns, self._clock)
-        self._nmt_stopped = stopped
+            line.send(outgoing)
+        stopped = conduct.nmt_stopped(core)
+        stops = [nmt_frame(NmtCommand.STOP, node) for node in stopped if node not in self._stopped]
+        if not stops or line.send_urgent(stops, deadline_ns):
+            self._stopped = stopped
 
     # --- bring-up and loss ------------------------------------------------------------------
 
@@ -253,21 +262,21 @@ class Loop:
         core, settings = self._core, self._settings
         self._retry_ns = self._clock.now_ns() + RETRY_NS
         try:
-            if self._bus is None:
-                self._bus = settings.open_bus()
+            self._line.open()
         except BusError as error:
             fail(core, Cause.BUS_DOWN, "", error.what)
             return
-        port = Configurator(self._bus, self._clock)
         plans = settings.plans.of(core.preparation)
-        for _ in bring_up_core(core, plans, port, settings.cycle):
+        for _ in bring_up_core(core, plans, self._line.port(), settings.cycle):
             if self._clock.now_ns() >= self._grid_ns:
                 self._tell(cycle.rest(core, self._seam.levels(), self._tick(self._grid_ns)))
                 self._skip_to_next_grid_point()
         self._retry_ns = self._clock.now_ns() + RETRY_NS
-        self._was_complete, self._nmt_stopped = False, ()
+        self._was_complete, self._stopped = False, ()
+        if core.drives is not None:
+            core.drives.bus_state = self._line.bus_state
         if core.verdict.cause == Cause.BUS_DOWN:
-            self._close_bus()
+            self._line.close()
         self._skip_to_next_grid_point()
 
     def _skip_to_next_grid_point(self) -> None:
@@ -280,16 +289,12 @@ class Loop:
     def _lose_bus(self, error: BusError) -> None:
         conduct.lose_bus(self._core, error.what)
         self._retry_ns = self._clock.now_ns() + RETRY_NS
-        self._close_bus()
-
-    def _close_bus(self) -> None:
-        if self._bus is not None:
-            self._bus.close()
-            self._bus = None
+        self._line.close()
 
     # --- records and the grid ---------------------------------------------------------------
 
     def _tick(self, sync_ns: int) -> Tick:
+        drives = self._core.drives
         since_ns = sync_ns - self._sync_ns if self._sync_ns else self._settings.period_ns
         return Tick(
             cycle=self._cycle,
@@ -300,8 +305,9 @@ class Loop:
             late=self._overruns_in_a_row > 0,
             overruns_in_a_row=self._overruns_in_a_row,
             tx_dropped_in_a_row=self._dropped_in_a_row,
-            tx_dropped_count=self._dropped_count,
+            tx_dropped_count=self._line.dropped_count,
             bus_load_ratio=self._settings.bus_load_ratio,
+            bus=self._line.record(drives.stray_count if drives is not None else 0),
             shutdown=self._shutdown,
         )
 
@@ -363,31 +369,31 @@ class Loop:
 
     def _stop_blindly(self) -> None:
         """Quick stop again and again without looking, for as long as a stop takes."""
-        bus, drives = self._bus, self._core.drives
-        if bus is None or drives is None:
+        line, drives, period_ns = self._line, self._core.drives, self._settings.period_ns
+        if not line.is_open or drives is None:
             return
         stops = [
             DriveCommand(PowerRequest.QUICK_STOP, conduct.mode_wanted(self._core, axis), 0, 0)
             for axis in self._core.axes
         ]
+        own = heartbeat_frame(self._settings.master_node_id)
         # A bus that is gone as well leaves the drives to their own detection.
         with suppress(BusError):
             for _ in range(BLIND_STOP_CYCLES):
-                own = heartbeat_frame(self._settings.master_node_id)
-                bus.send([SYNC_FRAME, own, *drives.frames(stops)])
-                self._clock.sleep_until(self._clock.now_ns() + self._settings.period_ns)
+                next_ns = self._clock.now_ns() + period_ns
+                frames = [line.sync.frame(), own, *drives.frames(stops)]
+                line.send_urgent(frames, next_ns - SEND_MARGIN_NS)
+                self._clock.sleep_until(next_ns)
 
     def leave(self) -> None:
         """Let go of the drives and of the bus."""
-        bus, core = self._bus, self._core
-        if bus is not None and core.drives is not None and not core.mode.active:
+        if self._has_drives() and not self._core.mode.active:
             with suppress(BusError):
-                self._end_watch(bus)
-        self._close_bus()
+                self._end_watch()
+        self._line.close()
 
-    def _end_watch(self, bus: Bus) -> None:
+    def _end_watch(self) -> None:
         """NMT reset communication: without it the drives' watch over us would end in a fault."""
-        deadline_ns = self._clock.now_ns() + self._settings.period_ns
         nodes = [axis.node_id for axis in self._core.axes]
         resets = [nmt_frame(NmtCommand.RESET_COMMUNICATION, node) for node in nodes]
-        bus.send_urgent(resets, deadline_ns, self._clock)
+        self._line.send_urgent(resets, self._clock.now_ns() + self._settings.period_ns)

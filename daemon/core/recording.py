@@ -44,6 +44,7 @@ def record(core: Core, tick: Tick) -> CycleRecord:
         timing=tick.timing,
         bus_load_ratio=tick.bus_load_ratio,
         tx_dropped_count=tick.tx_dropped_count,
+        bus=tick.bus,
     )
 
 

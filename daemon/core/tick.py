@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from daemon.record import CycleTiming
+from daemon.record import BusRecord, CycleTiming
 
 
 class Tick(NamedTuple):
@@ -22,5 +22,6 @@ class Tick(NamedTuple):
     tx_dropped_in_a_row: int = 0
     tx_dropped_count: int = 0
     bus_load_ratio: float = 0.0
+    bus: BusRecord = BusRecord()
     shutdown: bool = False
     """SIGTERM has come."""

@@ -155,8 +155,10 @@ class EventLog:
 
 
 def _note(line: str) -> Happening:
-    """A line of the core, sorted by its first word."""
+    """A line of the core, sorted by its first word; what the CAN controller says needs a look."""
     word = line.partition(" ")[0]
+    if word == "CAN":
+        return Happening(Priority.LOW, Kind.NOTE, line)
     kind = Kind.REQUEST if word.upper() in RequestKind.__members__ else Kind.NOTE
     return Happening(Priority.INFO, Kind.MODE if " -> " in line and word == "mode" else kind, line)
 

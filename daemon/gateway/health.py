@@ -10,9 +10,11 @@ from dataclasses import dataclass, field
 from statistics import median
 from typing import Final
 
+import msgspec
+
 from daemon import wire
 from daemon.gateway.translate import Stamp, finite, head
-from daemon.record import CycleRecord, DriveRecord
+from daemon.record import BusRecord, CycleRecord, DriveRecord
 
 LATENESS_BOUND_US: Final = (50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000)
 
@@ -98,6 +100,7 @@ class HealthWindow:
             level_dropped_count=self.counters.level_dropped_count,
             inquiry_dropped_count=self.counters.inquiry_dropped_count,
             gateway_wake_max_us=_max_us(wakes_ns),
+            bus=_bus_health(newest.bus) if newest else None,
         )
 
     def _drive_health(self, drive: DriveRecord) -> wire.DriveHealth:
@@ -110,6 +113,10 @@ class HealthWindow:
             protocol_error_count=drive.protocol_error_count,
             heartbeat_age_ms=finite(drive.heartbeat_age_ms),
         )
+
+
+def _bus_health(bus: BusRecord) -> wire.BusHealth:
+    return wire.BusHealth(**msgspec.structs.asdict(bus))
 
 
 def _max_us(values_ns: Sequence[int]) -> float | None:

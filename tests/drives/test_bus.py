@@ -341,3 +341,50 @@ def test_frames_lost_in_the_controller_are_counted():
     monitor.feed(Frame(0x004, b"", is_error=True))
 
     assert monitor.overflow_count == 1
+
+
+def test_every_change_of_the_controller_is_told_once_and_says_what_to_do():
+    monitor = BusMonitor()
+    for frame in (error(0x004, 0x08), error(0x004, 0x08), error(0x004, 0x20), error(0x040)):
+        monitor.feed(frame)
+
+    warning, passive, off = monitor.take_notices()
+
+    assert "warning" in warning
+    assert "error passive" in passive
+    assert "restart-ms" in off
+    assert all("check termination" in notice for notice in (warning, passive, off))
+    assert monitor.take_notices() == []
+
+
+def test_a_storm_of_changes_leaves_a_bounded_number_of_lines():
+    monitor = BusMonitor()
+    for _ in range(1000):
+        monitor.feed(error(0x004, 0x08))
+        monitor.feed(error(0x004, 0x40))
+
+    assert monitor.warning_count == 1000
+    assert len(monitor.take_notices()) == 8
+
+
+def test_a_bus_off_that_is_over_before_anybody_looked_is_remembered_until_a_bring_up():
+    monitor = BusMonitor()
+    monitor.feed(error(0x040))
+    monitor.feed(error(0x100))
+
+    assert monitor.condition is BusCondition.ACTIVE
+    assert monitor.has_been_off
+    monitor.forgive()
+    assert not monitor.has_been_off
+
+
+def test_a_missing_acknowledgement_is_over_when_anybody_is_heard():
+    monitor = BusMonitor()
+    monitor.feed(error(0x020))
+    monitor.feed(Frame(0x008, b"\0\0\0\x19\0\0\0\0", is_error=True))
+
+    assert monitor.alone
+    assert monitor.no_ack_count == 2
+    assert len(monitor.take_notices()) == 1
+    monitor.hear()
+    assert not monitor.alone

@@ -130,3 +130,11 @@ def test_lines_of_the_core_are_sorted_by_what_they_are_about(make_record):
     told = said(make_record(1), make_record(2, events=lines))
 
     assert [kind for kind, _, _ in told] == [Kind.REQUEST, Kind.REQUEST, Kind.NOTE]
+
+
+def test_what_the_can_controller_says_of_itself_asks_for_attention(make_record):
+    line = "CAN controller is error passive: check termination, cable and bit rate"
+
+    told = said(make_record(1), make_record(2, events=(line,)))
+
+    assert told == [(Kind.NOTE, Priority.LOW, line)]

@@ -2,8 +2,19 @@
 
 import math
 
+import msgspec
+
 from daemon.gateway.alive import SILENCE_NS
-from daemon.record import Cause, Mode, Outcome, RequestKind, RequestResult, StopCategory, Verdict
+from daemon.record import (
+    BusRecord,
+    Cause,
+    Mode,
+    Outcome,
+    RequestKind,
+    RequestResult,
+    StopCategory,
+    Verdict,
+)
 
 MS = 1_000_000
 SILENT_MS = SILENCE_NS // MS + 1
@@ -276,3 +287,12 @@ def test_what_the_core_does_not_know_is_null_in_every_message(bench, make_drive,
     assert activity.hip_patient_nm is activity.slide_net_n is None
     assert activity.status == ("warm_up",)
     assert bench.outlet.on("drives/right/hip")[0].heartbeat_age_ms is None
+
+
+def test_health_tells_what_the_can_controller_counted(bench):
+    bus = BusRecord("error passive", 1, 2, 3, 4, 5, 6, 7, 8)
+    bench.cycle(bus=bus)
+    bench.turn(after_ms=1000)
+
+    told = bench.outlet.on("health")[-1].bus
+    assert msgspec.structs.astuple(told) == msgspec.structs.astuple(bus)

@@ -1,0 +1,251 @@
+"""The whole service on a bus in trouble: bus-off, error passive, nobody there, a full queue."""
+
+import pytest
+from sessions import Session
+
+from daemon.record import Cause, Mode, Outcome, RequestKind
+from drives.bus import Frame
+from drives.signals import PowerState
+
+MS = 1_000_000
+ENABLING = 0b1000
+QUICK_STOP = 0x02
+BUS_OFF = Frame(0x040, bytes(8), is_error=True)
+RESTARTED = Frame(0x100, bytes(8), is_error=True)
+PASSIVE = Frame(0x004, b"\0\x30\0\0\0\0\0\0", is_error=True)
+WARNING = Frame(0x004, b"\0\x0c\0\0\0\0\0\0", is_error=True)
+ACTIVE = Frame(0x004, b"\0\x40\0\0\0\0\0\0", is_error=True)
+OVERFLOW = Frame(0x004, b"\0\x01\0\0\0\0\0\0", is_error=True)
+NO_ACKNOWLEDGE = Frame(0x020, bytes(8), is_error=True)
+
+
+def put(session, *frames):
+    """Let the controller report this, or somebody else send it, now."""
+    session.lockstep.bus._waiting.extend(frames)
+
+
+def told(session, words):
+    events = [event for record in session.lockstep.records for event in record.events]
+    return [event for event in events if words in event]
+
+
+def words_sent(session, since=0):
+    sent = session.lockstep.bus.sent[since:]
+    return [int.from_bytes(f.data[:2], "little") for f in sent if f.can_id in {0x205, 0x206}]
+
+
+# --- the controller's state -----------------------------------------------------------------------
+
+
+def test_while_the_controller_is_bus_off_nothing_is_sent_at_all():
+    session = Session().walking(warm_s=2)
+    put(session, BUS_OFF)
+    session.lockstep.run(0.01)
+    before = len(session.lockstep.bus.sent)
+
+    session.lockstep.run(0.5)
+
+    assert session.lockstep.bus.sent[before:] == []
+    assert session.lockstep.record.bus.condition == "bus-off"
+    assert session.lockstep.record.verdict.cause == Cause.BUS_OFF
+
+
+def test_bus_off_is_told_once_and_every_axis_counts_as_lost():
+    session = Session().walking(warm_s=2)
+
+    put(session, BUS_OFF, BUS_OFF)
+    session.lockstep.run(1)
+
+    assert session.lockstep.record.mode == Mode.FAULT
+    assert session.lockstep.record.bus.bus_off_count == 2
+    assert all(drive.position_si is None for drive in session.lockstep.record.drives)
+    assert len(told(session, "bus-off, nothing is sent until it is restarted")) == 1
+
+
+@pytest.mark.parametrize("restarted_after_ms", [0, 5, 300])
+def test_a_controller_that_comes_back_enables_nothing_until_somebody_resets(restarted_after_ms):
+    session = Session().walking(warm_s=2)
+    before = len(session.lockstep.bus.sent)
+    put(session, BUS_OFF)
+    session.lockstep.run(restarted_after_ms * 1e-3)
+    put(session, RESTARTED)
+
+    session.lockstep.run(2)
+
+    assert session.lockstep.record.mode == Mode.FAULT
+    assert session.lockstep.record.verdict.cause == Cause.BUS_OFF
+    assert not any(word & ENABLING for word in words_sent(session, before))
+    answer = session.lockstep.request(RequestKind.RESET)
+    assert answer.outcome == Outcome.DONE, answer.reason
+    assert session.lockstep.record.mode == Mode.READY
+
+
+def test_bus_off_at_rest_is_not_brought_up_again_without_a_request():
+    session = Session().until_ready()
+
+    put(session, BUS_OFF)
+    session.lockstep.run(0.1)
+    put(session, RESTARTED)
+    session.lockstep.run(3)
+
+    assert session.lockstep.record.mode == Mode.FAULT
+    assert session.lockstep.record.verdict.cause == Cause.BUS_OFF
+    assert len(told(session, "bring-up begun")) == 1
+
+
+@pytest.mark.parametrize(
+    ("frame", "condition", "words"),
+    [(PASSIVE, "error passive", "is error passive"), (WARNING, "warning", "sees many errors")],
+)
+def test_error_passive_and_warning_are_told_and_do_not_stop(frame, condition, words):
+    session = Session().walking(warm_s=2)
+
+    put(session, frame, frame)
+    session.lockstep.run(0.5)
+    during = session.lockstep.record
+    put(session, ACTIVE)
+    session.lockstep.run(0.1)
+
+    assert during.mode == Mode.GAIT
+    assert during.bus.condition == condition
+    assert during.bus.passive_count + during.bus.warning_count == 2
+    assert len(told(session, words)) == 1
+    assert len(told(session, "works without errors again")) == 1
+    assert session.lockstep.record.bus.condition == "active"
+
+
+def test_frames_lost_in_the_controller_are_counted_and_told_in_powers_of_ten():
+    session = Session().walking(warm_s=2)
+
+    for _ in range(50):
+        put(session, OVERFLOW)
+        session.lockstep.run(0.01)
+
+    assert session.lockstep.record.bus.overflow_count == 50
+    assert len(told(session, "CAN controller lost frames")) == 2
+
+
+def test_a_missing_acknowledgement_alone_is_told_apart_and_does_not_stop():
+    session = Session().walking(warm_s=2)
+
+    put(session, NO_ACKNOWLEDGE)
+    session.lockstep.run(0.2)
+
+    assert session.lockstep.record.mode == Mode.GAIT
+    assert session.lockstep.record.bus.no_ack_count == 1
+    assert len(told(session, "nobody else is on the bus")) == 1
+
+
+def test_another_master_in_operation_is_counted_and_told():
+    session = Session().walking(warm_s=2)
+
+    put(session, Frame(0x080, b""), Frame(0x701, b"\x05"))
+    session.lockstep.run(0.2)
+
+    assert session.lockstep.record.bus.foreign_master_count == 2
+    assert len(told(session, "another master")) == 1
+
+
+# --- a full transmit queue ------------------------------------------------------------------------
+
+
+class FullQueue:
+    """The bus of a session, refusing frames as a full SocketCAN queue does."""
+
+    def __init__(self, session):
+        self.bus = session.lockstep.bus
+        self.place = self.bus.send
+        self.refusals = 0
+        self.only = None
+        """Identifiers that are refused; None: all."""
+        self.bus.send, self.bus.send_urgent = self.send, self.send_urgent
+
+    def send(self, frames):
+        dropped = 0
+        for frame in frames:
+            if self.refusals and (self.only is None or frame.can_id in self.only):
+                self.refusals -= 1
+                dropped += 1
+            else:
+                self.place([frame])
+        return dropped
+
+    def send_urgent(self, frames, deadline_ns, clock):
+        waiting = list(frames)
+        while waiting and clock.now_ns() < deadline_ns:
+            if self.send(waiting[:1]) == 0:
+                del waiting[0]
+            else:
+                self.bus.let_pass(self.bus.now_ns + MS // 5)
+        return len(waiting)
+
+
+def test_process_data_that_find_a_full_queue_are_dropped_and_counted_and_the_gait_goes_on():
+    session = Session().walking(warm_s=2)
+    FullQueue(session).refusals = 2
+
+    session.lockstep.run(1)
+
+    assert session.lockstep.record.tx_dropped_count == 2
+    assert session.lockstep.record.mode == Mode.GAIT
+
+
+def test_a_queue_that_stays_full_ends_in_a_quick_stop_that_is_tried_until_it_leaves():
+    session = Session().walking(warm_s=2)
+    queue = FullQueue(session)
+    before = len(session.lockstep.bus.sent)
+    # Three cycles of five frames; the stop of the fourth finds the queue full three times more.
+    queue.refusals = 3 * 5 + 6
+
+    stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=0.1)
+    session.lockstep.run(0.005)
+
+    assert stopped.verdict.cause == Cause.TRANSMIT_QUEUE_FULL
+    assert queue.refusals == 0
+    assert set(words_sent(session, before)) == {QUICK_STOP}
+    session.lockstep.run(2)
+    assert session.lockstep.record.mode == Mode.FAULT
+
+
+def test_twenty_refusals_never_raise_out_of_the_loop_and_end_at_rest():
+    session = Session().walking(warm_s=2)
+    queue = FullQueue(session)
+
+    for _ in range(20):
+        queue.refusals = 20
+        session.lockstep.loop.turn()
+    queue.refusals = 0
+    session.lockstep.run(3)
+
+    truth = session.truth.rows[-1]
+    assert session.lockstep.record.mode == Mode.FAULT
+    assert abs(truth.hip_velocity_rad_per_s) < 0.05
+    assert abs(truth.slide_velocity_m_per_s) < 0.05
+
+
+def test_nmt_stop_of_a_lost_drive_that_finds_a_full_queue_is_sent_again_until_it_leaves():
+    session = Session().walking(warm_s=2)
+    queue = FullQueue(session)
+    queue.refusals, queue.only = 10**6, {0x000}
+    sent = session.lockstep.bus.sent
+    before = len(sent)
+
+    session.machine.command("silent right/hip")
+    session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
+    session.lockstep.run(0.05)
+    refused = [frame for frame in sent[before:] if frame.can_id == 0x000]
+    queue.refusals = 0
+    session.lockstep.run(0.1)
+
+    assert refused == []
+    assert [f.data for f in sent[before:] if f.can_id == 0x000] == [b"\x02\x05"]
+
+
+def test_the_drives_show_that_they_were_stopped_when_the_queue_is_free_again():
+    session = Session().walking(warm_s=2)
+    FullQueue(session).refusals = 3 * 5
+
+    session.lockstep.run(1)
+
+    states = {drive.power_state for drive in session.lockstep.record.drives}
+    assert states == {PowerState.QUICK_STOP_ACTIVE}
