@@ -58,7 +58,7 @@ def bus_load(
     """Worst-case load of the cyclic operation; SDO belongs to bring-up, EMCY to trouble."""
     sync_hz = 1e3 / cycle.period_ms
     streams = [
-        Stream("SYNC", 0, sync_hz, in_burst=True),
+        Stream("SYNC", 1 if cycle.sync_counter else 0, sync_hz, in_burst=True),
         Stream("master heartbeat", 1, 1e3 / master_heartbeat_ms, in_burst=False),
     ]
     for description in descriptions:

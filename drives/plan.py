@@ -10,8 +10,9 @@
     compare  torque base: what its torque numbers mean; read, never written, and used from then on
     check    polarity and what else its numbers refer to; read, never written
     off      every PDO switched off, so that nothing of an earlier mapping can act
-    write    type, timers, objects of the PDOs we use, each switched on last; then limits, option
-             codes, interpolation time, heartbeats: defence in depth, all read back
+    write    SYNC's counter and window where the drive has them; type, timers, objects of the PDOs
+             we use, each switched on last; then limits, option codes, interpolation time,
+             heartbeats: defence in depth, all read back
     range    software position limits: two objects that must not cross on the way
     seed     target where the joint is (torque 0 and the mode are ordinary writes)
     hear     its heartbeat, in PRE-OPERATIONAL
@@ -158,6 +159,7 @@ def plan(description: DriveDescription, limits: DriveLimits, cycle: CycleSetting
         *_torque_base(description),
         *_units(description),
         *_all_pdos_off(description),
+        *_sync(description, cycle),
         *_mapping(description, cycle),
         *_limits(description, raw_limits(limits, description)),
         *_settings(description, cycle),
@@ -270,6 +272,15 @@ def _all_pdos_off(description: DriveDescription) -> Iterator[Step]:
         for index, name in ((0x1400, "RPDO"), (0x1800, "TPDO")):
             why = f"{name}{number + 1} off, under the identifier that it has"
             yield Step(StepKind.SWITCH_OFF, why, index + number, 1, is_hex=True)
+
+
+def _sync(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]:
+    has = description.profile.pdo
+    if has.sync_counter:
+        yield _write("SYNC counts so far, or not at all", 0x1019, 0, 8, cycle.sync_counter)
+    if has.sync_window:
+        why = "PDOs that come later after SYNC are dropped, in microseconds"
+        yield _write(why, 0x1007, 0, 32, cycle.sync_window_us)
 
 
 def _mapping(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]:

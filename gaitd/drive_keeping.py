@@ -56,7 +56,7 @@ def keep(
         ConfigError: there is nobody to ask, and no --yes.
         BringUpRefused, DriveSilent, BusError: as `drives/keeping.py`.
     """
-    keeping, port = Keeping[action], Configurator(bus, clock, SDO_TIMEOUT_NS)
+    keeping, port = Keeping[action], Configurator(bus, clock, sdo_timeout_ns=SDO_TIMEOUT_NS)
     who = f"{plan.description.name} (node {plan.description.node_id})"
     try:
         check_bus(witness, master_node_id)

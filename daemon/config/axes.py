@@ -40,6 +40,8 @@ def cycle_settings(cycle: Cycle) -> CycleSettings:
         drive_heartbeat_ms=cycle.drive_heartbeat_ms,
         drive_detection_ms=cycle.drive_detection_ms,
         rpdo_timeout_ms=cycle.rpdo_timeout_ms,
+        sync_counter=cycle.sync_counter,
+        sync_window_us=round(cycle.sync_window_ms * 1e3),
     )
 
 

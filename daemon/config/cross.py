@@ -148,6 +148,24 @@ def _heartbeats_fit_their_watches(settings: Settings) -> None:
         )
 
 
+def _sync_is_one_that_the_drives_take(settings: Settings) -> None:
+    file, cycle = settings.file.path, settings.trainer.cycle
+    if cycle.sync_counter == 1:
+        raise ConfigError(file, "cycle.sync_counter", 1, "0 for none, or 2 to 240")
+    if cycle.sync_counter:
+        for drive in settings.drives:
+            if not drive.profile.pdo.sync_counter:
+                allowed = f"0: the profile of {drive.name} has no pdo.sync_counter (1019h)"
+                raise ConfigError(file, "cycle.sync_counter", cycle.sync_counter, allowed)
+    window_ms = cycle.sync_window_ms
+    if window_ms and not cycle.window_ms < window_ms <= cycle.period_ms:
+        allowed = (
+            f"0 for none, or above cycle.window_ms = {cycle.window_ms:g} up to {cycle.period_ms}: "
+            "a drive drops our commands, too, when they come after it"
+        )
+        raise ConfigError(file, "cycle.sync_window_ms", window_ms, allowed)
+
+
 def _the_bus_can_carry_it(settings: Settings) -> None:
     trainer = settings.trainer
     cycle = cycle_settings(trainer.cycle)
@@ -288,6 +306,7 @@ CHECKS: Final = (
     _nodes_are_unique,
     _the_channel_is_of_its_interface,
     _heartbeats_fit_their_watches,
+    _sync_is_one_that_the_drives_take,
     _the_bus_can_carry_it,
     _categories_are_complete_and_allowed,
     _ranges_are_ranges,

@@ -9,7 +9,8 @@ One turn, on absolute grid points:
     at the end            the watchdog is fed, once for every cycle finished in time
 
 Rules:
-1. Grid points that were missed are skipped and counted, never caught up in a burst.
+1. Grid points that were missed are skipped and counted, never caught up in a burst. One that is
+   late by more than LATE_MAX_NS is missed: its SYNC would come too close to the next.
 2. A command whose cycle is over is not sent late; it counts as dropped. One that finds a full
    queue is dropped too, but for those that stop a drive, which are tried again within the cycle.
 3. The watchdog is fed in every mode, whatever the drives do. A silent drive is a verdict.
@@ -47,6 +48,8 @@ RETRY_NS: Final = 1_000_000_000
 """Between two tries to bring up drives that do not answer."""
 SEND_MARGIN_NS: Final = 500_000
 """Commands go out at the latest this long before the next SYNC."""
+LATE_MAX_NS: Final = 3_000_000
+"""Two SYNCs are never closer than the period less this."""
 POWER_OFF_CYCLES: Final = 50
 """At the end, drives may take this long to show that they are without power."""
 SETTLE_CYCLES: Final = 150
@@ -166,6 +169,8 @@ class Loop:
         levels: list[Level] = []
         try:
             self._await_grid_point()
+            while self._skip_missed():
+                self._await_grid_point()
             levels = self._seam.levels()
             record = self._cycle_once(levels)
         except BusError as error:
@@ -323,20 +328,27 @@ class Loop:
                 self._status = status
 
     def _advance_grid(self) -> None:
-        """To the next grid point; those that are over are skipped and counted."""
-        period_ns = self._settings.period_ns
-        self._grid_ns += period_ns
+        """To the next grid point that can still be met."""
+        self._grid_ns += self._settings.period_ns
         self._cycle += 1
-        missed = max(self._clock.now_ns() - self._grid_ns, 0) // period_ns
-        if missed == 0:
+        if self._skip_missed() == 0:
             self._overruns_in_a_row = 0
             self._supervisor.send("WATCHDOG=1")
-            return
-        self._grid_ns += missed * period_ns
+
+    def _skip_missed(self) -> int:
+        """Leave out the grid points that are over, and count them; how many."""
+        late_ns = self._clock.now_ns() - self._grid_ns
+        if late_ns <= LATE_MAX_NS:
+            return 0
+        missed = late_ns // self._settings.period_ns + 1
+        self._grid_ns += missed * self._settings.period_ns
         self._cycle += missed
         self._overruns_in_a_row += missed
         count = self._timing.overrun_count + missed
         self._timing = replace(self._timing, overrun_count=count)
+        if missed > 1:
+            self._core.events.append(f"{missed} cycles in a row had no time and were left out")
+        return missed
 
     # --- the end ----------------------------------------------------------------------------
 

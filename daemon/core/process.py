@@ -22,7 +22,7 @@ from daemon.core.warm import warm_up
 from daemon.sd_notify import Notifier
 from daemon.seam import CoreSeam
 from drives.bus import CanBus
-from drives.busload import bus_load
+from drives.busload import BusLoad, bus_load
 
 
 def _notebook(settings: Settings) -> Notebook:
@@ -62,9 +62,10 @@ def run_core(settings: Settings, notify_address: str | None) -> ExitCode:
     seam = CoreSeam(settings.runtime, header)
     supervisor = Notifier(notify_address)
     loop = Loop(built.core, loop_settings(settings, built, notebook), seam, clock, supervisor)
-    for refused in realtime.prepare(settings.trainer.cycle.realtime_priority):
-        built.core.events.append(refused)
-        print(f"gaitd core: {refused}", file=sys.stderr)
+    refused = realtime.prepare(settings.trainer.cycle.realtime_priority)
+    for line in (bus_load_line(settings, built), *refused):
+        built.core.events.append(line)
+        print(f"gaitd core: {line}", file=sys.stderr)
     try:
         code = loop.run(asked_to_end)
     finally:
@@ -78,10 +79,25 @@ def run_core(settings: Settings, notify_address: str | None) -> ExitCode:
     return code
 
 
+def bus_load_line(settings: Settings, built: Built) -> str:
+    """What our frames take of the bus at worst, and what they may."""
+    trainer, load = settings.trainer, _bus_load(settings, built)
+    return (
+        f"the bus will be busy at most {load.busy_ratio:.1%} of the time "
+        f"(allowed {trainer.bus.load_max_ratio:.0%}), the frames of one cycle take at most "
+        f"{load.burst_s * 1e3:.2f} ms"
+    )
+
+
+def _bus_load(settings: Settings, built: Built) -> BusLoad:
+    heartbeat_ms = settings.trainer.cycle.master_heartbeat_ms
+    rate_bit_per_s = settings.trainer.bus.bitrate_bit_per_s
+    return bus_load(settings.drives, built.cycle, heartbeat_ms, rate_bit_per_s)
+
+
 def loop_settings(settings: Settings, built: Built, notebook: NoteKeeper) -> LoopSettings:
     """The grid and the bus, as the configuration wants them."""
     cycle, bus = settings.trainer.cycle, settings.trainer.bus
-    load = bus_load(settings.drives, built.cycle, cycle.master_heartbeat_ms, bus.bitrate_bit_per_s)
     return LoopSettings(
         plans=built.plans,
         cycle=built.cycle,
@@ -89,7 +105,7 @@ def loop_settings(settings: Settings, built: Built, notebook: NoteKeeper) -> Loo
         window_ns=int(cycle.window_ms * NS_PER_MS),
         heartbeat_cycles=max(cycle.master_heartbeat_ms // cycle.period_ms, 1),
         master_node_id=cycle.master_node_id,
-        bus_load_ratio=load.busy_ratio,
+        bus_load_ratio=_bus_load(settings, built).busy_ratio,
         open_bus=lambda: CanBus.open(bus.interface, bus.channel, bus.bitrate_bit_per_s),
         notebook=notebook,
     )

@@ -1,12 +1,17 @@
+import dataclasses
+
+import msgspec
 import pytest
 from bringup_bench import RESET_COMMUNICATION, START, Bench, refused, silent
-from drive_files import CYCLE
+from drive_files import CYCLE, HIP_LIMITS, drive
 from memory_bus import MS
 
 from drives.bringup import bring_up
 from drives.bus import Frame
 from drives.bus_state import BusCondition
 from drives.errors import BringUpRefused, BusError, DrivePowered, DriveSilent
+from drives.nmt import SyncProducer
+from drives.plan import plan
 from drives.signals import PowerState
 
 # --- what goes well -------------------------------------------------------------------------------
@@ -420,3 +425,66 @@ def test_a_bus_that_takes_no_frames_is_reported_and_not_waited_for():
 
     with pytest.raises(BusError, match="transmit queue"):
         bench.run()
+
+
+# --- SYNC -----------------------------------------------------------------------------------------
+
+
+def with_sync_objects(bench, **flags):
+    """The hip's drive has 1019h and 1007h, and its profile says so."""
+    profile = drive("hip_epos4").profile
+    pdo = msgspec.structs.replace(profile.pdo, **flags)
+    profile = msgspec.structs.replace(profile, pdo=pdo)
+    description = dataclasses.replace(drive("hip_epos4"), profile=profile)
+    for place, bits in (((0x1019, 0), 8), ((0x1007, 0), 32)):
+        bench.hip.values[place] = 99
+        bench.hip.kinds[place] = (bits, False, "rw")
+    cycle = CYCLE._replace(sync_counter=10, sync_window_us=8000)
+    bench.plans = (plan(description, HIP_LIMITS, cycle), bench.plans[1])
+    return bench
+
+
+def test_counter_and_window_of_sync_are_written_where_the_drive_has_them():
+    bench = with_sync_objects(Bench(), sync_counter=True, sync_window=True)
+
+    bench.run()
+
+    assert bench.hip.values[0x1019, 0] == 10
+    assert bench.hip.values[0x1007, 0] == 8000
+
+
+def test_what_an_earlier_master_left_in_1019h_and_1007h_is_cleared():
+    bench = with_sync_objects(Bench(), sync_counter=True, sync_window=True)
+    profile = bench.plans[0].description
+    bench.plans = (plan(profile, HIP_LIMITS, CYCLE), bench.plans[1])
+
+    bench.run()
+
+    assert bench.hip.values[0x1019, 0] == 0
+    assert bench.hip.values[0x1007, 0] == 0
+
+
+def test_a_drive_without_them_is_not_asked_for_them():
+    bench = with_sync_objects(Bench(), sync_counter=False, sync_window=False)
+
+    bench.run()
+
+    assert not [w for w in bench.hip.written if w[0] in (0x1007, 0x1019)]
+
+
+def test_a_counter_that_the_drive_does_not_keep_is_refused():
+    bench = with_sync_objects(Bench(), sync_counter=True)
+    bench.hip.ignore_write = {(0x1019, 0)}
+
+    error = refused(bench)
+
+    assert (error.place, error.value) == ("1019h:00", "10")
+
+
+def test_the_counter_runs_from_one_to_its_overflow_and_begins_again():
+    sync = SyncProducer(3)
+
+    assert [sync.frame().data for _ in range(5)] == [b"\1", b"\2", b"\3", b"\1", b"\2"]
+    sync.restart()
+    assert sync.frame() == Frame(0x080, b"\1")
+    assert SyncProducer(0).frame() == Frame(0x080, b"")

@@ -4,7 +4,7 @@ import subprocess
 import sys
 
 import pytest
-from config_files import CONFIGS
+from config_files import CONFIGS, Change, changed, copied
 
 from gaitd.__main__ import COMMANDS
 
@@ -64,3 +64,16 @@ def test_a_configuration_error_is_one_line_and_exit_code_2_in_every_command(tmp_
 
     assert ended.returncode == 2
     assert ended.stderr == (f"configuration error: {broken}: cycle.period_ms = 9: one of 10\n")
+
+
+@pytest.mark.parametrize("name", ["check", "core", "run"])
+def test_a_bus_that_cannot_carry_the_frames_is_refused_before_it_is_opened(name, tmp_path):
+    slow = Change("demo.toml", "bitrate_bit_per_s = 1_000_000", "bitrate_bit_per_s = 250_000")
+
+    ended = gaitd(name, "--config", str(changed(copied(tmp_path), slow)))
+
+    # The channel's server does not run: whoever had tried to open it would say so.
+    assert ended.returncode == 2
+    assert "bus.bitrate_bit_per_s" in ended.stderr
+    assert "250000" in ended.stderr
+    assert len(set(ended.stderr.splitlines())) == 1  # `run` may say it for core and gateway
