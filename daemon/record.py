@@ -189,6 +189,23 @@ class RequestResult(msgspec.Struct, frozen=True, array_like=True):
     reason: str = ""
 
 
+class EmergencyRecord(msgspec.Struct, frozen=True, array_like=True):
+    """One EMCY message, as the drive's vendor means it."""
+
+    code: int
+    error_register: int
+    vendor_bytes: str
+    """Hexadecimal."""
+    text: str
+    reaction: str
+    """What the drive does by itself."""
+    alarm: bool
+    """It asks for a stop; else it is a warning."""
+    loses_reference: bool
+    repeated: bool
+    """Its code has come since the drive last said that all errors are gone."""
+
+
 class DriveRecord(msgspec.Struct, frozen=True, array_like=True):
     """One drive in one cycle, in SI units at the joint; None where nothing is known."""
 
@@ -219,6 +236,8 @@ class DriveRecord(msgspec.Struct, frozen=True, array_like=True):
     emergency_count: int
     protocol_error_count: int
     sign_proven: bool = False
+    emergencies: tuple[EmergencyRecord, ...] = ()
+    """The newest ones of this cycle; `emergency_count` counts all."""
 
 
 class AxisStrideRecord(msgspec.Struct, frozen=True, array_like=True):

@@ -33,7 +33,8 @@ from daemon.record import CycleRecord, Level
 
 MAGIC: Final = b"GAITDRB1"
 HEADER_SIZE: Final = 16384
-SLOT_SIZE: Final = 4096
+SLOT_SIZE: Final = 6144
+"""Of the largest record: two legs, all events and emergencies that one may hold."""
 SLOT_COUNT: Final = 3000
 """30 s of 10 ms."""
 

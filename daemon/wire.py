@@ -36,6 +36,19 @@ from daemon.words import (
 # --- messages out ----------------------------------------------------------------------------
 
 
+class Emergency(msgspec.Struct, frozen=True, kw_only=True):
+    """One EMCY message of a drive."""
+
+    time_ns: Annotated[int, Meta(description="UTC in ns since 1970, of its cycle.")]
+    code: Annotated[str, Meta(description="Hexadecimal.")]
+    text: Annotated[str, Meta(description="Its meaning, by the drive's vendor.")]
+    reaction: Annotated[str, Meta(description="What the drive does by itself.")]
+    alarm: Annotated[bool, Meta(description="It asked for a stop; else it was a warning.")]
+    loses_reference: Annotated[bool, Meta(description="The encoder cannot be believed since.")]
+    error_register: Annotated[str, Meta(description="Object 1001h, hexadecimal.")]
+    vendor_bytes: Annotated[str, Meta(description="Five bytes of the vendor's, hexadecimal.")]
+
+
 class DriveState(Sampled, frozen=True, kw_only=True):
     """One drive at 10 Hz. `_si`: rad, N·m at the hip; m, N at the slide. Null: unknown."""
 
@@ -68,6 +81,10 @@ class DriveState(Sampled, frozen=True, kw_only=True):
     protocol_error_count: Annotated[int, Meta(description="Frames that could not be used.")]
     sign_proven: Annotated[
         bool, Meta(description="Torque and motion have been seen to agree, by a person, too.")
+    ]
+    emergencies: Annotated[
+        tuple[Emergency, ...],
+        Meta(description="EMCY messages since the core's start, the newest 32, oldest first."),
     ]
 
 
@@ -178,7 +195,7 @@ class Health(Stated, frozen=True, kw_only=True):
     gateway_wake_max_us: Annotated[
         float | None, Meta(description="Longest work of the gateway on one wake, last second.")
     ]
-    bus: Annotated[BusHealth | None, Meta(description="The CAN controller; null: unknown.")] = None
+    bus: Annotated[BusHealth | None, Meta(description="The CAN controller; null: unknown.")]
 
 
 class Reply(Stated, frozen=True, kw_only=True):

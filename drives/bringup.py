@@ -95,6 +95,8 @@ class DriveReport(NamedTuple):
     error_text: str
     emergencies: tuple[bytes, ...]
     """EMCY data that came during bring-up."""
+    reference_lost: bool
+    """Error code or one of the EMCYs says that the encoder cannot be believed."""
 
 
 class _Found:
@@ -335,6 +337,8 @@ def _report(drive: _Found, port: DrivePort) -> DriveReport:
     profile = drive.description.profile
     error_code = drive.values[0x603F, 0]
     homed_bit = profile.referenced_bit
+    codes = (error_code, *(int.from_bytes(data[:2], "little") for data in traffic.emergencies))
+    table = profile.emergency_table
     return DriveReport(
         name=drive.name,
         base=_base(drive),
@@ -347,8 +351,9 @@ def _report(drive: _Found, port: DrivePort) -> DriveReport:
         homed=homed_bit is not None and bool(statusword >> homed_bit & 1),
         error_register=drive.values[0x1001, 0],
         error_code=error_code,
-        error_text=meaning(error_code, profile.emergency_table).text if error_code else "",
+        error_text=meaning(error_code, table).text if error_code else "",
         emergencies=tuple(traffic.emergencies),
+        reference_lost=any(meaning(code, table).loses_reference for code in codes),
     )
 
 

@@ -132,13 +132,15 @@ class Drive:
             self._torque_raw = self._window_torque_raw
             self._sample_cycle = cycle
         self._has_status = self._has_torque = False
-        return self._feedback(now_ns, fresh=fresh)
+        return self._feedback(now_ns, fresh=fresh, news=self.emergencies.take_news())
 
     def peek(self, now_ns: int) -> DriveFeedback:
         """What is known between two windows: the sample is the last one, and no news."""
         return self._feedback(now_ns, fresh=False)
 
-    def _feedback(self, now_ns: int, *, fresh: bool) -> DriveFeedback:
+    def _feedback(
+        self, now_ns: int, *, fresh: bool, news: tuple[tuple[Emergency, bool], ...] = ()
+    ) -> DriveFeedback:
         mode = self._mode_display
         word = self._statusword
         return DriveFeedback(
@@ -161,6 +163,9 @@ class Drive:
             emergency=self.emergencies.open,
             emergency_count=self.emergencies.count,
             protocol_error_count=self._protocol_error_count,
+            alarm_count=self.emergencies.alarm_count,
+            reference_lost=self.emergencies.reference_lost,
+            news=news,
         )
 
     def frames(self, command: DriveCommand) -> tuple[Frame, Frame]:
@@ -213,9 +218,8 @@ class Drive:
         return False
 
     def _on_emergency(self, data: bytes, now_ns: int, _in_window: bool) -> bool:
-        emergency: Emergency | None = self.emergencies.feed(data, now_ns)
-        self._protocol_error_count += emergency is None
-        return emergency is not None and emergency.code != 0
+        self._protocol_error_count += self.emergencies.feed(data, now_ns) is None
+        return self.emergencies.has_alarm
 
     def _on_heartbeat(self, data: bytes, now_ns: int, _in_window: bool) -> bool:
         strange = self.heartbeat.strange_count
@@ -256,8 +260,8 @@ class DriveGroup:
     def feed_between(self, frames: Sequence[Frame], now_ns: int) -> bool:
         """Frames that came outside a window; True if one asks for an answer at once.
 
-        That is an EMCY with a code, a boot-up message, a change of NMT state, or a change of the
-        controller's condition (bus-off).
+        That is an EMCY that is an alarm and no repetition, a boot-up message, a change of NMT
+        state, or a change of the controller's condition (bus-off).
         """
         return self._feed(frames, now_ns, False)
 

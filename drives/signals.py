@@ -7,6 +7,8 @@ packs them and only `units.py` converts them.
 from dataclasses import dataclass
 from enum import Enum, IntEnum, IntFlag
 
+from drives.emcy_codes import Reaction
+
 
 class NmtState(IntEnum):
     """CiA 301 NMT states as the heartbeat carries them; UNKNOWN until the first one is heard."""
@@ -86,6 +88,10 @@ class Emergency:
     vendor_bytes: bytes
     text: str
     time_ns: int
+    reaction: Reaction = Reaction.UNKNOWN
+    """What the drive does by itself."""
+    loses_reference: bool = False
+    """Its encoder cannot be believed any more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +126,12 @@ class DriveFeedback:
     emergency_count: int
     protocol_error_count: int
     """Frames of a wrong length or content, which were not used."""
+    alarm_count: int = 0
+    """Those of `emergency_count` that ask for a stop: all but warnings."""
+    reference_lost: bool = False
+    """An EMCY since bring-up said that the encoder cannot be believed any more."""
+    news: tuple[tuple[Emergency, bool], ...] = ()
+    """The newest EMCYs since the last window, each with whether it repeats an open code."""
 
 
 @dataclass(frozen=True, slots=True)

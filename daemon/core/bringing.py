@@ -112,6 +112,7 @@ def _begin(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> None
     axis.scaling = axis_scaling(plan.description, report.base)
     axis.serial_number = report.serial_number
     axis.sign_proven = proven(core.notes, axis.name, axis.wiring, report.serial_number)
+    axis.homed = axis.homed and not report.reference_lost
     axis.unreferenced_why = _why_unreferenced(core, axis, report)
     axis.referenced = not axis.unreferenced_why
     axis.joint = Joint()
@@ -124,6 +125,8 @@ def _begin(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> None
 
 def _why_unreferenced(core: Core, axis: Axis, report: DriveReport) -> str:
     """Empty for an axis that knows its position: homed, or where an absolute encoder was left."""
+    if report.reference_lost:
+        return "its encoder is in error"
     if axis.homed:
         return ""
     if not report.absolute:

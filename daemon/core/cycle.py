@@ -81,7 +81,8 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
     for axis, feedback in zip(core.axes, feedbacks, strict=True):
         axis.feedback = feedback
         axis.joint = _measured(core, axis, feedback, tick)
-        axis.referenced = axis.referenced and not feedback.rebooted
+        lost = feedback.rebooted or feedback.reference_lost
+        axis.referenced = axis.referenced and not lost
         # A drive that is not heard may have lost its power, and with it its home.
         silent = feedback.sample_age_cycles > core.config.thresholds.sample_age_max_cycles
         axis.homed = axis.homed and axis.referenced and not silent
@@ -219,5 +220,5 @@ def _situation(core: Core, axis: Axis) -> safety.AxisSituation:
         reached_enabled=axis.reached_enabled,
         unready_cycles=axis.unready_cycles,
         mode_wanted=conduct.mode_wanted(core, axis),
-        new_emergency=feedback.emergency_count > axis.emergencies_seen,
+        new_emergency=feedback.alarm_count > axis.emergencies_seen,
     )

@@ -50,6 +50,8 @@ SEND_MARGIN_NS: Final = 500_000
 """Commands go out at the latest this long before the next SYNC."""
 LATE_MAX_NS: Final = 3_000_000
 """Two SYNCs are never closer than the period less this."""
+ANSWERS_MAX: Final = 3
+"""Between two windows: a drive that babbles must not make us babble, too."""
 POWER_OFF_CYCLES: Final = 50
 """At the end, drives may take this long to show that they are without power."""
 SETTLE_CYCLES: Final = 150
@@ -184,10 +186,19 @@ class Loop:
         if not self._has_drives():
             self._clock.sleep_until(self._grid_ns)
             return
+        answers_left = ANSWERS_MAX
         while frames := self._line.receive_until(self._grid_ns):
+            if answers_left == 0:
+                self._feed_between(frames, self._clock.now_ns())
+                continue
             answer = cycle.react(self._core, frames, self._tick(self._clock.now_ns()))
             if answer:
                 self._line.send_urgent(answer, self._grid_ns)
+                answers_left -= 1
+
+    def _feed_between(self, frames: Sequence[Frame], now_ns: int) -> None:
+        if self._core.drives is not None:
+            self._core.drives.feed_between(frames, now_ns)
 
     def _cycle_once(self, levels: Sequence[Level]) -> CycleRecord:
         begun_ns = self._clock.now_ns()

@@ -7,8 +7,9 @@ from daemon.core.looking_back import stride_record
 from daemon.core.reference import GaitPlay, gait_phase
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.tick import Tick
-from daemon.record import STATE_COUNT, CycleRecord, DriveRecord, LegRecord
-from drives.signals import Input, NmtState, PowerState
+from daemon.record import STATE_COUNT, CycleRecord, DriveRecord, EmergencyRecord, LegRecord
+from drives.emcy import is_alarm
+from drives.signals import Emergency, Input, NmtState, PowerState
 from observer.drift import Drift, correlation, friction_error
 from observer.status import Status, Validity
 
@@ -83,6 +84,20 @@ def _drive(axis: Axis, age_max_cycles: int) -> DriveRecord:
         emergency_count=feedback.emergency_count,
         protocol_error_count=feedback.protocol_error_count,
         sign_proven=axis.sign_proven,
+        emergencies=tuple(_emergency(one, repeated) for one, repeated in feedback.news),
+    )
+
+
+def _emergency(emergency: Emergency, repeated: bool) -> EmergencyRecord:
+    return EmergencyRecord(
+        code=emergency.code,
+        error_register=emergency.error_register,
+        vendor_bytes=emergency.vendor_bytes.hex(),
+        text=emergency.text,
+        reaction=emergency.reaction.value,
+        alarm=is_alarm(emergency),
+        loses_reference=emergency.loses_reference,
+        repeated=repeated,
     )
 
 

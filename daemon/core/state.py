@@ -72,7 +72,7 @@ class Axis:
     reached_enabled: bool = False
     unready_cycles: int = 0
     emergencies_seen: int = 0
-    """Count of EMCYs at the last reset: only later ones stop."""
+    """Alarms by EMCY at the last reset: only later ones stop."""
     drift: Drift = NO_DRIFT
     calibration_advised: bool = False
 

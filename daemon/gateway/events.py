@@ -20,6 +20,7 @@ from daemon.record import (
     Cause,
     CycleRecord,
     DriveRecord,
+    EmergencyRecord,
     Mode,
     RequestKind,
     StopCategory,
@@ -230,11 +231,24 @@ def _state_changes(before: DriveRecord, now: DriveRecord) -> Iterator[Happening]
 
 
 def _emergency_changes(before: DriveRecord, now: DriveRecord) -> Iterator[Happening]:
-    if now.emergency_count > before.emergency_count and now.emergency_code:
+    for emergency in now.emergencies:
+        if not emergency.repeated:
+            yield _emergency(now, emergency)
+    told_without_details = now.emergency_code and not now.emergencies
+    if now.emergency_count > before.emergency_count and told_without_details:
         text = f"EMCY 0x{now.emergency_code:04X}: {now.emergency_text}"
         yield _of(now, Priority.HIGH, Kind.EMERGENCY, text)
     elif before.emergency_code and not now.emergency_code:
         yield _of(now, Priority.INFO, Kind.EMERGENCY, "EMCY cleared")
+
+
+def _emergency(drive: DriveRecord, emergency: EmergencyRecord) -> Happening:
+    words = [f"EMCY 0x{emergency.code:04X}: {emergency.text}; the drive: {emergency.reaction}"]
+    if emergency.loses_reference:
+        words.append("it does not know its position any more")
+    words.append(f"register 0x{emergency.error_register:02X}, vendor {emergency.vendor_bytes}")
+    priority = Priority.HIGH if emergency.alarm else Priority.LOW
+    return _of(drive, priority, Kind.EMERGENCY, "; ".join(words))
 
 
 def _input_changes(before: DriveRecord, now: DriveRecord) -> Iterator[Happening]:

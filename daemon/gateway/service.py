@@ -15,9 +15,10 @@ from daemon import wire
 from daemon.clock import Clock
 from daemon.gateway import control, events, strides, translate
 from daemon.gateway.alive import SILENCE_NS, Presence
+from daemon.gateway.emergencies import EmergencyHistory
 from daemon.gateway.health import HealthWindow
 from daemon.gateway.translate import Stamp
-from daemon.record import CycleRecord, Outcome
+from daemon.record import CycleRecord, DriveRecord, Outcome
 from daemon.seam import GatewaySeam, RingError, RingHeader
 from daemon.words import name_of
 
@@ -99,6 +100,7 @@ class Gateway:
         self._presence = Presence()
         self._events = events.EventLog()
         self.health = HealthWindow()
+        self._emergencies = EmergencyHistory()
         self._waiting: dict[int, Waiting] = {}
         self._ticket = 0
         self._boot_id = ""
@@ -176,12 +178,14 @@ class Gateway:
         self._boot_id = header.core_boot_id
         self._newest = None
         self.health.core_started()
+        self._emergencies.core_started()
 
     def _hear_one(self, record: CycleRecord) -> None:
         before, self._newest = self._newest, record
         if before is not None:
             self.health.counters.record_missed_count += max(record.seq - before.seq - 1, 0)
         self.health.note(record)
+        self._emergencies.note(record)
         self._say(events.happenings(before, record), record.sync_utc_ns)
 
     def _publish(self, records: Sequence[CycleRecord]) -> None:
@@ -215,8 +219,12 @@ class Gateway:
         self._drives_due_ns = _next_due(self._drives_due_ns, DRIVES_PERIOD_NS, now_ns)
         for drive in self._newest.drives:
             parts = ("drives", *drive.name.split("/"))
-            seq = self._outlet.next_seq(*parts)
-            self._outlet.put(translate.drive_state(drive, self._stamp(), seq), *parts)
+            message = self._drive_state(drive, self._outlet.next_seq(*parts))
+            self._outlet.put(message, *parts)
+
+    def _drive_state(self, drive: DriveRecord, seq: int) -> wire.DriveState:
+        emergencies = self._emergencies.of(drive.name)
+        return translate.drive_state(drive, self._stamp(), seq, emergencies)
 
     def _say_safety(self, now_ns: int) -> None:
         record = self._newest if self._presence.heard else None
@@ -321,7 +329,7 @@ class Gateway:
             **head,
             version=header.version if header else None,
             safety=self._safety(seq),
-            drives=tuple(translate.drive_state(drive, stamp, seq) for drive in drives),
+            drives=tuple(self._drive_state(drive, seq) for drive in drives),
             legs=tuple(translate.activity(view, seq) for view in views),
             events=tuple(self._events.history)[-STATUS_EVENT_COUNT:],
         )

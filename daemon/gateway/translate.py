@@ -178,7 +178,9 @@ def friction(view: View, seq: int) -> wire.Friction:
     )
 
 
-def drive_state(drive: DriveRecord, stamp: Stamp, seq: int) -> wire.DriveState:
+def drive_state(
+    drive: DriveRecord, stamp: Stamp, seq: int, emergencies: tuple[wire.Emergency, ...] = ()
+) -> wire.DriveState:
     """drives/NAME. Of a drive that was never heard nothing is known, least of all its inputs."""
     heard = power_state_name(drive.power_state) != "unknown"
     return wire.DriveState(
@@ -205,6 +207,7 @@ def drive_state(drive: DriveRecord, stamp: Stamp, seq: int) -> wire.DriveState:
         emergency_count=drive.emergency_count,
         protocol_error_count=drive.protocol_error_count,
         sign_proven=drive.sign_proven,
+        emergencies=emergencies,
     )
 
 

@@ -6,11 +6,22 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from records import HEADER, record
+from records import HEADER, drive, leg, record
 
 from daemon import seam
-from daemon.record import Level
+from daemon.core.recording import EVENT_LENGTH_MAX, EVENTS_MAX
+from daemon.record import (
+    AxisStrideRecord,
+    Cause,
+    EmergencyRecord,
+    Level,
+    StopCategory,
+    StrideRecord,
+    Verdict,
+)
 from daemon.seam import CoreSeam, GatewaySeam, RingError, RingReader, RingWriter
+from drives.emcy import NEWS_COUNT
+from drives.emcy_codes import CodeMeaning, Reaction, meaning
 
 
 @dataclass
@@ -145,3 +156,51 @@ def test_a_file_that_is_no_ring_is_refused_by_name(tmp_path, content, words):
     with pytest.raises(RingError, match=words) as refused:
         RingReader(path)
     assert "some.ring" in str(refused.value)
+
+
+def longest(table):
+    """The meaning with the most to say."""
+    return max((meaning(code, table) for code in range(0x10000)), key=lambda one: len(one.text))
+
+
+def test_the_largest_record_of_two_legs_fits_its_slot(tmp_path):
+    said: CodeMeaning = longest("epos4")
+    came = EmergencyRecord(
+        code=0xFFFF,
+        error_register=0xFF,
+        vendor_bytes="ff" * 5,
+        text=said.text,
+        reaction=max((one.value for one in Reaction), key=len),
+        alarm=True,
+        loses_reference=True,
+        repeated=True,
+    )
+    axis = AxisStrideRecord(*[(1.1, 2.2)] * 7, 0.5)
+    pair = (1.1, 2.2)
+    stride = StrideRecord(10**6, 10**18, 1.1, 200, axis, axis, pair, pair, pair, 0xFFFF, True)
+    drives = [
+        msgspec.structs.replace(
+            drive(f"right/slide{n}"),
+            late_count=10**9,
+            emergency_code=0xFFFF,
+            emergency_text=said.text,
+            emergency_count=10**9,
+            emergencies=(came,) * NEWS_COUNT,
+        )
+        for n in range(4)
+    ]
+    largest = msgspec.structs.replace(
+        record(10**6),
+        verdict=Verdict(StopCategory.S1, Cause.BUS_OFF, "right/slide", 1.1, 2.2, "x" * 400),
+        events=("x" * EVENT_LENGTH_MAX,) * EVENTS_MAX,
+        progress="x" * 200,
+        drives=tuple(drives),
+        legs=tuple(msgspec.structs.replace(leg(name), stride=stride) for name in ("right", "left")),
+    )
+    writer = RingWriter(tmp_path / seam.RING_NAME, HEADER)
+
+    writer.write(largest)
+
+    writer.close()
+    read = RingReader(tmp_path / seam.RING_NAME).read(10**6)
+    assert msgspec.msgpack.encode(read) == msgspec.msgpack.encode(largest)

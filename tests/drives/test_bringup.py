@@ -250,6 +250,16 @@ def test_progress_names_drive_step_and_how_far_it_is():
     assert bench.progress[-1].done_count < bench.progress[-1].total_count
 
 
+def test_an_encoder_error_that_is_found_or_comes_during_bring_up_loses_the_reference():
+    found = Bench()
+    found.hip.values[0x603F, 0] = 0x7388
+    came = Bench()
+    came.bus.put(Frame(0x086, bytes.fromhex("2073010000000000")), 10 * MS)
+
+    assert [report.reference_lost for report in found.run()] == [True, False]
+    assert [report.reference_lost for report in came.run()] == [False, True]
+
+
 # --- boot -----------------------------------------------------------------------------------------
 
 

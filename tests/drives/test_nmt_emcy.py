@@ -4,7 +4,7 @@ import canopen
 import pytest
 from canopen.emcy import EmcyError
 
-from drives.emcy import EmergencyLog, decode_emergency
+from drives.emcy import EmergencyLog, decode_emergency, is_alarm
 from drives.emcy_codes import EmergencyTable, Reaction, meaning
 from drives.nmt import HeartbeatWatch, NmtCommand, heartbeat_frame, nmt_frame
 from drives.signals import NmtState
@@ -182,3 +182,85 @@ def test_no_error_clears_the_open_one_and_is_not_counted_as_an_error():
     assert log.open is None
     assert (log.count, log.cleared_count) == (2, 1)
     assert [entry.code for entry in log.ring] == [0x8130, 0x8611]
+
+
+def emcy(code, register=0x01):
+    return code.to_bytes(2, "little") + bytes((register, 0, 0, 0, 0, 0))
+
+
+@pytest.mark.parametrize(
+    ("code", "reaction", "loses_reference"),
+    [
+        (0x8130, Reaction.ABORT_CONNECTION, False),
+        (0x8611, Reaction.FAULT_REACTION, False),
+        (0x7320, Reaction.SWITCHED_OFF, True),
+        (0xFF01, Reaction.WARNING, False),
+    ],
+)
+def test_an_emcy_says_what_the_drive_does_by_itself_and_whether_it_knows_its_position(
+    code, reaction, loses_reference
+):
+    emergency = decode_emergency(emcy(code), 5, "epos4", 0)
+
+    assert emergency is not None
+    assert emergency.reaction is reaction
+    assert emergency.loses_reference is loses_reference
+
+
+@pytest.mark.parametrize("table", ["standard", "epos4"])
+def test_only_what_is_known_to_be_a_warning_asks_for_no_stop(table):
+    warnings = []
+    for code in range(0x10000):
+        emergency = decode_emergency(emcy(code), 5, table, 0)
+        assert emergency is not None
+        if code and not is_alarm(emergency):
+            warnings.append(code)
+
+    assert all(meaning(code, table).reaction is Reaction.WARNING for code in warnings)
+    assert len(warnings) < 100
+
+
+def test_a_warning_is_counted_and_kept_and_hides_no_alarm():
+    log = EmergencyLog(5, "epos4")
+
+    log.feed(emcy(0xFF01), 1)
+    first = log.open
+    log.feed(emcy(0x8611), 2)
+    log.feed(emcy(0xFF01), 3)
+
+    assert first is not None
+    assert first.code == 0xFF01
+    assert log.open is not None
+    assert log.open.code == 0x8611
+    assert (log.count, log.alarm_count) == (3, 1)
+    assert [entry.code for entry in log.ring] == [0xFF01, 0x8611, 0xFF01]
+
+
+def test_a_code_that_is_still_open_asks_for_nothing_new():
+    log = EmergencyLog(5, "epos4")
+    asked = []
+    for code in (0x8611, 0x8611, 0x2310, 0x8611, 0x0000, 0x8611, 0xFF01):
+        log.feed(emcy(code), 0)
+        asked.append(log.has_alarm)
+
+    assert asked == [True, False, True, False, False, True, False]
+
+
+def test_the_news_of_a_cycle_are_the_newest_and_are_told_once():
+    log = EmergencyLog(5, "epos4")
+    for code in (0x1000, 0x8611, 0x2310, 0x8611):
+        log.feed(emcy(code), 0)
+
+    assert [(entry.code, again) for entry, again in log.take_news()] == [
+        (0x2310, False),
+        (0x8611, True),
+    ]
+    assert log.take_news() == ()
+
+
+def test_a_reference_that_is_lost_stays_lost_when_the_error_goes():
+    log = EmergencyLog(5, "epos4")
+    log.feed(emcy(0x7388), 0)
+    log.feed(emcy(0x0000), 1)
+
+    assert log.reference_lost

@@ -49,6 +49,7 @@ def health() -> wire.Health:
         overrun_count=0,
         record_count=100,
         bus_load_ratio=0.1,
+        bus=None,
         drives=(),
         tx_dropped_count=0,
         record_missed_count=0,

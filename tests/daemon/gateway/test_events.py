@@ -1,11 +1,12 @@
 """What changed from one record to the next, said once."""
 
+import msgspec
 import pytest
 
 from daemon import wire
 from daemon.causes import CAUSE_TEXT
 from daemon.gateway.events import Kind, Priority, happenings
-from daemon.record import Cause, Mode, StopCategory, Verdict
+from daemon.record import Cause, EmergencyRecord, Mode, StopCategory, Verdict
 
 
 def said(before, now):
@@ -64,6 +65,68 @@ def test_a_drive_that_has_not_spoken_has_no_inputs(make_record, make_drive):
     now = make_record(2, drives=(make_drive(),))
 
     assert [kind for kind, _, _ in said(before, now)] == [Kind.DRIVE]
+
+
+def emergency(code, **changes):
+    made = EmergencyRecord(
+        code=code,
+        error_register=0x11,
+        vendor_bytes="0102030405",
+        text="heartbeat",
+        reaction="abort connection option code, 6007h",
+        alarm=True,
+        loses_reference=False,
+        repeated=False,
+    )
+    return msgspec.structs.replace(made, **changes)
+
+
+def of_emergencies(make_record, make_drive, *emergencies):
+    """What is said of a record in which these came."""
+    newest = make_drive(
+        emergency_code=emergencies[-1].code,
+        emergency_count=len(emergencies),
+        emergencies=emergencies,
+    )
+    return said(make_record(1, drives=(make_drive(),)), make_record(2, drives=(newest,)))
+
+
+def test_an_emergency_is_told_with_cause_reaction_register_and_the_vendor_s_bytes(
+    make_record, make_drive
+):
+    ((kind, priority, text),) = of_emergencies(make_record, make_drive, emergency(0x8130))
+
+    assert (kind, priority) == (Kind.EMERGENCY, Priority.HIGH)
+    assert text == (
+        "right/hip: EMCY 0x8130: heartbeat; the drive: abort connection option code, 6007h; "
+        "register 0x11, vendor 0102030405"
+    )
+
+
+def test_an_emergency_that_loses_the_position_says_so(make_record, make_drive):
+    told = of_emergencies(make_record, make_drive, emergency(0x7320, loses_reference=True))
+
+    assert "it does not know its position any more" in told[0][2]
+
+
+def test_a_warning_is_a_low_priority(make_record, make_drive):
+    told = of_emergencies(make_record, make_drive, emergency(0xFF01, alarm=False))
+
+    assert [priority for _, priority, _ in told] == [Priority.LOW]
+
+
+def test_every_emergency_of_a_cycle_is_told_and_one_that_repeats_itself_is_not(
+    make_record, make_drive
+):
+    told = of_emergencies(
+        make_record,
+        make_drive,
+        emergency(0x8130),
+        emergency(0x8611),
+        emergency(0x8130, repeated=True),
+    )
+
+    assert ["0x8130" in text for _, _, text in told] == [True, False]
 
 
 def test_an_emergency_that_is_over_is_an_event(make_record, make_drive):

@@ -8,6 +8,7 @@ from daemon.gateway.alive import SILENCE_NS
 from daemon.record import (
     BusRecord,
     Cause,
+    EmergencyRecord,
     Mode,
     Outcome,
     RequestKind,
@@ -296,3 +297,19 @@ def test_health_tells_what_the_can_controller_counted(bench):
 
     told = bench.outlet.on("health")[-1].bus
     assert msgspec.structs.astuple(told) == msgspec.structs.astuple(bus)
+
+
+def test_the_newest_emergencies_of_a_drive_are_kept_for_whoever_comes_late(bench, make_drive):
+    for code in range(1, 101):
+        came = EmergencyRecord(code, 0x01, "00" * 5, "text", "reaction", True, False, False)
+        bench.cycle(drives=(make_drive(emergencies=(came,)), make_drive(name="right/slide")))
+    for _ in range(20):
+        bench.cycle()
+
+    told = bench.outlet.on("drives/right/hip")[-1].emergencies
+    assert [entry.code for entry in told] == [f"0x{code:04X}" for code in range(69, 101)]
+    assert bench.outlet.on("drives/right/slide")[-1].emergencies == ()
+    bench.replace_core("boot-b")
+    for _ in range(20):
+        bench.cycle()
+    assert bench.outlet.on("drives/right/hip")[-1].emergencies == ()

@@ -1,0 +1,115 @@
+"""EMCY messages in operation: what stops, what is only told, and what a flood of them costs."""
+
+import pytest
+from sessions import Session
+
+from daemon.record import Cause, Mode, StopCategory
+from drives.bus import Frame
+
+SYNC = 0x080
+OVERLOADED = 0xFF01
+"""EPOS4: a warning."""
+HALL_SENSOR = 0x7388
+
+
+def emcy(node_id, code, register=0x01):
+    return Frame(0x080 + node_id, code.to_bytes(2, "little") + bytes((register, 1, 2, 3, 4, 5)))
+
+
+def put(session, *frames):
+    session.lockstep.bus._waiting.extend(frames)
+
+
+def events(session):
+    return [event for record in session.lockstep.records for event in record.events]
+
+
+def test_a_warning_is_recorded_and_does_not_stop():
+    session = Session().walking(warm_s=2)
+
+    put(session, emcy(5, OVERLOADED))
+    session.lockstep.run(0.5)
+
+    record = session.lockstep.record
+    (kept,) = [one for r in session.lockstep.records for one in r.drives[0].emergencies]
+    assert record.mode == Mode.GAIT
+    assert record.drives[0].emergency_count == 1
+    assert (kept.code, kept.alarm) == (OVERLOADED, False)
+    assert kept.reaction == "nothing: a warning"
+
+
+@pytest.mark.parametrize("code", [0x8611, 0x2310, 0x8130, 0x1000, 0x6199, 0x4242])
+def test_every_other_code_stops_and_is_recorded_with_its_reaction(code):
+    session = Session().walking(warm_s=2)
+
+    put(session, emcy(6, code))
+    session.lockstep.run_until(lambda record: not record.mode.active, within_s=0.1)
+    session.lockstep.run(0.02)
+
+    (kept,) = [one for r in session.lockstep.records for one in r.drives[1].emergencies]
+    assert session.lockstep.record.verdict.cause == Cause.EMERGENCY
+    assert session.lockstep.record.verdict.drive == "right/slide"
+    assert (kept.code, kept.alarm, kept.error_register) == (code, True, 0x01)
+    assert kept.vendor_bytes == "0102030405"
+    assert kept.reaction
+
+
+def test_an_encoder_that_cannot_be_believed_costs_the_reference_and_the_hold_of_its_axis():
+    session = Session().walking(warm_s=2)
+
+    put(session, emcy(5, HALL_SENSOR))
+    session.lockstep.run(0.2)
+
+    record = session.lockstep.record
+    assert [drive.referenced for drive in record.drives] == [False, True]
+    assert record.verdict.category == StopCategory.S0
+    assert record.verdict.cause == Cause.UNREFERENCED
+    assert record.verdict.drive == "right/hip"
+    assert any("EMCY" in event or "emergency" in event for event in events(session))
+
+
+def test_an_encoder_that_cannot_be_believed_at_rest_is_not_referenced_either():
+    session = Session().until_ready()
+
+    put(session, emcy(5, HALL_SENSOR), emcy(5, 0x0000, 0))
+    session.lockstep.run(0.2)
+
+    assert [drive.referenced for drive in session.lockstep.record.drives] == [False, True]
+
+
+@pytest.mark.parametrize("codes", [(0x1000,), (0x1000, 0x2310, 0x8611), (0x1000, 0x0000)])
+def test_a_flood_of_emergencies_is_counted_exactly_and_answered_a_bounded_number_of_times(codes):
+    session = Session().walking(warm_s=2)
+    bus = session.lockstep.bus
+    before = len(bus.sent)
+
+    for n in range(100):
+        put(session, *(emcy(5, codes[(5 * n + k) % len(codes)]) for k in range(5)))
+        session.lockstep.loop.turn()
+
+    sent = bus.sent[before:]
+    syncs = sum(frame.can_id == SYNC for frame in sent)
+    record = session.lockstep.record
+    expected = sum(codes[k % len(codes)] != 0 for k in range(500))
+    assert record.drives[0].emergency_count == expected
+    assert all(len(r.drives[0].emergencies) <= 2 for r in session.lockstep.records)
+    assert syncs == 100
+    # SYNC, heartbeat and four commands in a cycle; three more answers of four at most.
+    assert len(sent) <= 100 * (6 + 3 * 4)
+    stops = [event for event in events(session) if event.startswith("stop")]
+    assert len(stops) == 1
+
+
+def test_after_the_flood_the_code_0000_clears_what_is_open():
+    session = Session().walking(warm_s=2)
+    for _ in range(50):
+        put(session, *[emcy(5, 0x8611)] * 10)
+        session.lockstep.run(0.01)
+    flooded = session.lockstep.record
+
+    put(session, emcy(5, 0x0000, 0))
+    session.lockstep.run(0.02)
+
+    assert flooded.drives[0].emergency_code == 0x8611
+    assert session.lockstep.record.drives[0].emergency_code == 0
+    assert session.lockstep.record.drives[0].emergency_count == 500
