@@ -15,7 +15,7 @@ from enum import Enum
 from typing import Final
 
 from drives.cia402 import decode_statusword
-from drives.errors import DrivesError, DriveSilent, SdoAborted, SdoGarbled, SdoTimeout
+from drives.errors import BootFailure, DrivesError, DriveSilent, SdoAborted, SdoGarbled, SdoTimeout
 from drives.nmt import NmtCommand, nmt_frame
 from drives.objects import SdoTarget, examine, read
 from drives.plan import DrivePlan, Step, StepKind
@@ -120,7 +120,9 @@ def keep(plan: DrivePlan, keeping: Keeping, port: DrivePort) -> None:
     except SdoAborted as abort:
         raise KeepingRefusedError(f"the drive refuses: {abort}") from abort
     except (SdoTimeout, SdoGarbled) as error:
-        raise DriveSilent(name, f"{error}: whether it was done is not known") from error
+        raise DriveSilent(
+            name, BootFailure.NO_ANSWER, f"{error}: whether it was done is not known"
+        ) from error
 
 
 def reset_node(plan: DrivePlan, port: DrivePort) -> Generator[Progress, None, None]:
@@ -137,6 +139,6 @@ def reset_node(plan: DrivePlan, port: DrivePort) -> Generator[Progress, None, No
     while port.traffic(node_id).boot_up_count == before:
         if port.now_ns() >= end_ns:
             waited = f"no boot-up message within {BOOT_TIMEOUT_NS / 1e9:g} s of NMT reset node"
-            raise DriveSilent(plan.description.name, waited)
+            raise DriveSilent(plan.description.name, BootFailure.NO_ANSWER, waited)
         port.wait(min(end_ns, port.now_ns() + _SLICE_NS))
         yield Progress("waiting for its boot-up", 0, 1)

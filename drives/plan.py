@@ -275,7 +275,7 @@ def _all_pdos_off(description: DriveDescription) -> Iterator[Step]:
 
 
 def _sync(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]:
-    has = description.profile.pdo
+    has = description.profile.optional_objects
     if has.sync_counter:
         yield _write("SYNC counts so far, or not at all", 0x1019, 0, 8, cycle.sync_counter)
     if has.sync_window:

@@ -122,10 +122,6 @@ class Pdo(Table, frozen=True, kw_only=True):
     """1400h:05: the drive stops by itself when RPDO1 stays away."""
     error_code: bool
     """603Fh can be mapped, into TPDO3; otherwise EMCY alone tells the code."""
-    sync_counter: bool = False
-    """1019h: the drive takes a SYNC with a counter, and wants to know how far it goes."""
-    sync_window: bool = False
-    """1007h."""
 
 
 class Heartbeat(Table, frozen=True, kw_only=True):

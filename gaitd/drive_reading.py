@@ -20,7 +20,7 @@ from drives.dump import (
     write_dcf,
 )
 from drives.eds import load_eds
-from drives.errors import DescriptionError, DriveSilent
+from drives.errors import BootFailure, DescriptionError, DriveSilent
 from drives.object_words import ObjectWords
 from drives.witness import Witness
 from gaitd.check import Section
@@ -45,7 +45,7 @@ def refuse_company(plan: "DrivePlan", witness: Witness) -> None:
     name, node_id = plan.description.name, plan.description.node_id
     if witness.node(node_id).foreign_request_count:
         what = "somebody else reads or writes its objects now (a service's bring-up?): try later"
-        raise DriveSilent(name, what)
+        raise DriveSilent(name, BootFailure.FOREIGN_MASTER, what)
 
 
 def dump(plan: "DrivePlan", options: "Options", bus: "Bus", clock: "Clock") -> int:

@@ -154,8 +154,8 @@ def _sync_is_one_that_the_drives_take(settings: Settings) -> None:
         raise ConfigError(file, "cycle.sync_counter", 1, "0 for none, or 2 to 240")
     if cycle.sync_counter:
         for drive in settings.drives:
-            if not drive.profile.pdo.sync_counter:
-                allowed = f"0: the profile of {drive.name} has no pdo.sync_counter (1019h)"
+            if not drive.profile.optional_objects.sync_counter:
+                allowed = f"0: the profile of {drive.name} says it has no 1019h"
                 raise ConfigError(file, "cycle.sync_counter", cycle.sync_counter, allowed)
     window_ms = cycle.sync_window_ms
     if window_ms and not cycle.window_ms < window_ms <= cycle.period_ms:

@@ -443,8 +443,8 @@ def test_a_bus_that_takes_no_frames_is_reported_and_not_waited_for():
 def with_sync_objects(bench, **flags):
     """The hip's drive has 1019h and 1007h, and its profile says so."""
     profile = drive("hip_epos4").profile
-    pdo = msgspec.structs.replace(profile.pdo, **flags)
-    profile = msgspec.structs.replace(profile, pdo=pdo)
+    has = msgspec.structs.replace(profile.optional_objects, **flags)
+    profile = msgspec.structs.replace(profile, optional_objects=has)
     description = dataclasses.replace(drive("hip_epos4"), profile=profile)
     for place, bits in (((0x1019, 0), 8), ((0x1007, 0), 32)):
         bench.hip.values[place] = 99

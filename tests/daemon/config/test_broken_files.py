@@ -336,7 +336,7 @@ TOGETHER = [
         "master_node_id = 1\nsync_counter = 10",
         "cycle.sync_counter",
         "10",
-        "no pdo.sync_counter (1019h)",
+        "says it has no 1019h",
     ),
     broken(
         "a SYNC window in which our commands have no place",
