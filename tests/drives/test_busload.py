@@ -1,7 +1,9 @@
 import pytest
 from drive_files import CYCLE, drive
+from hypothesis import given
+from hypothesis import strategies as st
 
-from drives.busload import bus_load, frame_bits, objection
+from drives.busload import bus_load, frame_bits, frame_bits_exact, objection
 
 DRIVES = (drive("hip_epos4"), drive("slide_epos4"))
 CRC_POLYNOMIAL = 0x4599
@@ -30,10 +32,50 @@ def test_the_longest_frame_is_the_literature_s(data_bytes, bits):
     assert frame_bits(data_bytes) == bits
 
 
-@pytest.mark.parametrize("data", [b"", bytes(8), b"\xff" * 8, b"\x55" * 8, b"\x0f\x83" * 4, b"\0"])
-@pytest.mark.parametrize("can_id", [0x000, 0x080, 0x185, 0x7FF])
+@pytest.mark.parametrize(
+    ("frame", "bits"),
+    [
+        ("000#8105", 68),
+        ("080#", 51),
+        ("123#", 48),
+        ("705#05", 59),
+        ("305#85FF", 67),
+        ("185#3716123456000A", 105),
+        ("205#0F000A00000000", 112),
+        ("605#2340600000000000", 123),
+        ("000#0000000000000000", 127),
+        ("7FF#FFFFFFFFFFFFFFFF", 126),
+        ("555#5555555555555555", 112),
+        ("07C#0F83E0F83E0F83E0", 128),
+        ("078#3C3C3C3C3C3C3C3C", 131),
+    ],
+)
+def test_a_frame_is_as_long_as_can_utils_says(frame, bits):
+    # The numbers are of canframelen.c, mode exact, of linux-can/can-utils at 95aae6b.
+    can_id, _, data = frame.partition("#")
+
+    assert frame_bits_exact(int(can_id, 16), bytes.fromhex(data)) == bits
+
+
+any_id = st.integers(0, 0x7FF)
+any_data = st.binary(max_size=8) | st.lists(
+    st.sampled_from((0x00, 0xFF, 0x0F, 0xF8, 0x83, 0x3E)), max_size=8
+).map(bytes)
+
+
+@given(any_id, any_data)
+def test_a_frame_is_as_long_as_its_bits_one_by_one(can_id, data):
+    assert frame_bits_exact(can_id, data) == bits_on_the_wire(can_id, data)
+
+
+@given(any_id, any_data)
 def test_no_frame_is_longer_than_the_bound(can_id, data):
-    assert bits_on_the_wire(can_id, data) <= frame_bits(len(data))
+    assert frame_bits_exact(can_id, data) <= frame_bits(len(data))
+
+
+@given(any_id, any_data)
+def test_no_frame_is_shorter_than_without_stuffing(can_id, data):
+    assert frame_bits_exact(can_id, data) >= 47 + 8 * len(data)
 
 
 def test_two_drives_at_one_megabit_take_about_a_tenth_of_the_bus():

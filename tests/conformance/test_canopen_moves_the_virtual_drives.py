@@ -1,0 +1,226 @@
+"""Conformance, CiA 402: from power-on to motion as a master would do it that we did not write.
+
+python-canopen 2.4.1 drives the virtual drives over its own `BaseNode402`, with its own SYNC thread.
+What is wrong in it, and what these tests do instead:
+
+1. Its controlword setter sends nothing if the RPDO is synchronous (types 0 to 240): RPDO1, which
+   holds controlword and mode, is of type 255 here, and the targets' RPDO2 of type 1.
+2. Its target state QUICK STOP ACTIVE enables a drive that is not: it is asked for in operation
+   enabled only.
+3. `reset_from_fault` ends in operation enabled: the edge of bit 7 is written here by hand.
+4. Before the first TPDO it takes the state for not ready: the first TPDO is waited for.
+5. It writes the new COB-ID to switch a PDO off: identifiers stay those of the predefined set.
+"""
+
+import time
+
+import pytest
+from outside_master import GENERIC, PatientNode, added
+
+SYNC_S = 0.01
+FOLLOWS = 0x1000
+
+
+def mapped(node, network):
+    """The PDOs of an outside master: commands at once, targets and answers by SYNC; operational."""
+    node.pdo.read()
+    for pdo in [*node.tpdo.values(), *node.rpdo.values()]:
+        pdo.enabled = False
+        pdo.save()
+    shapes = (
+        (node.tpdo[1], 1, (0x6041, 0x6061, 0x6064)),
+        (node.tpdo[2], 1, (0x6077, 0x606C)),
+        (node.rpdo[1], 255, (0x6040, 0x6060)),
+        (node.rpdo[2], 1, (0x607A, 0x6071)),
+    )
+    for pdo, kind, objects in shapes:
+        pdo.clear()
+        for index in objects:
+            pdo.add_variable(index)
+        pdo.trans_type = kind
+        pdo.enabled = True
+        pdo.save()
+    node.nmt.state = "OPERATIONAL"
+    network.sync.start(SYNC_S)
+    node.setup_402_state_machine(read_pdos=False)
+    node.check_statusword()
+    return node
+
+
+@pytest.fixture(params=["like an EPOS4", "plain CiA 402"])
+def drive(request, network):
+    kind = "hip" if request.param == "like an EPOS4" else "slide"
+    return mapped(request.getfixturevalue(kind), network)
+
+
+def target(node, *, position=None, torque=0):
+    """One RPDO2, all of its bytes at once."""
+    if position is not None:
+        node.rpdo[2][0x607A].raw = position
+    node.rpdo[2][0x6071].raw = torque
+    node.rpdo[2].transmit()
+
+
+def position_of(node):
+    node.check_statusword()
+    return node.tpdo[1][0x6064].raw
+
+
+def eventually(met, within_s=10.0):
+    end_s = time.monotonic() + within_s
+    while not met():
+        if time.monotonic() > end_s:
+            return False
+    return True
+
+
+def test_every_state_is_reached_and_left_as_canopen_expects(drive):
+    assert drive.state == "SWITCH ON DISABLED"
+
+    for state in (
+        "READY TO SWITCH ON",
+        "SWITCHED ON",
+        "READY TO SWITCH ON",
+        "SWITCHED ON",
+        "OPERATION ENABLED",
+        "SWITCHED ON",
+        "OPERATION ENABLED",
+        "READY TO SWITCH ON",
+        "SWITCH ON DISABLED",
+        "OPERATION ENABLED",
+        "SWITCH ON DISABLED",
+    ):
+        drive.state = state
+
+        assert drive.state == state
+
+
+def test_a_quick_stop_ends_where_605a_says(drive):
+    stays = drive.sdo[0x605A].raw in (5, 6, 7, 8)
+    drive.state = "OPERATION ENABLED"
+
+    drive.controlword = 0x0002
+
+    ended = "QUICK STOP ACTIVE" if stays else "SWITCH ON DISABLED"
+    assert eventually(lambda: drive.check_statusword() and drive.state == ended)
+
+
+@pytest.mark.parametrize("method", [35, 37])
+def test_homing_on_the_present_position_is_done_by_canopen_s_own_helper(drive, method):
+    drive.sdo[0x6098].raw = method
+    drive.sdo[0x607C].raw = 0
+    before = position_of(drive)
+    assert before != 0
+
+    assert drive.homing(timeout=10)
+
+    assert abs(position_of(drive)) < abs(before)
+    assert drive.is_homed()
+    assert drive.op_mode == "HOMING"
+
+
+def test_a_mode_that_6502h_does_not_name_is_not_entered(drive):
+    with pytest.raises(TypeError, match="not suppported"):  # canopen's spelling
+        drive.op_mode = "INTERPOLATED POSITION"
+
+    drive.rpdo[1][0x6060].raw = 7
+    drive.rpdo[1].transmit()
+    drive.check_statusword()
+    drive.check_statusword()
+
+    assert drive.op_mode == "NO MODE"
+
+
+def test_cyclic_position_follows_a_ramp_by_rpdo_at_canopen_s_sync(drive):
+    start = position_of(drive)
+    drive.op_mode = "CYCLIC SYNCHRONOUS POSITION"
+    target(drive, position=start)
+    drive.state = "OPERATION ENABLED"
+    assert eventually(lambda: drive.check_statusword() & FOLLOWS)
+
+    for step in range(1, 21):
+        target(drive, position=start + 5 * step)
+        drive.check_statusword()
+
+    assert eventually(lambda: abs(position_of(drive) - start - 100) <= 2)
+    assert drive.state == "OPERATION ENABLED"
+
+
+def test_cyclic_torque_moves_the_joint_the_way_of_its_sign(drive):
+    start = position_of(drive)
+    drive.op_mode = "CYCLIC SYNCHRONOUS TORQUE"
+    target(drive, position=start, torque=0)
+    drive.state = "OPERATION ENABLED"
+    assert eventually(lambda: drive.check_statusword() & FOLLOWS)
+
+    target(drive, torque=40)
+
+    assert eventually(lambda: position_of(drive) > start + 20)
+    assert abs(drive.tpdo[2][0x6077].raw - 40) <= 1
+    target(drive, torque=0)
+    assert eventually(lambda: position_of(drive) and drive.tpdo[2][0x6077].raw == 0)
+
+
+def test_without_sync_a_synchronous_target_is_not_applied(drive, network):
+    drive.op_mode = "CYCLIC SYNCHRONOUS TORQUE"
+    target(drive, torque=0)
+    drive.state = "OPERATION ENABLED"
+    network.sync.stop()
+    time.sleep(5 * SYNC_S)
+
+    target(drive, torque=40)
+
+    assert drive.sdo[0x6071].raw == 0
+    network.sync.transmit()
+    assert eventually(lambda: drive.sdo[0x6071].raw == 40)
+    target(drive, torque=0)
+    network.sync.transmit()
+
+
+def test_a_fault_is_reset_by_one_edge_and_nothing_is_energised(drive, bench):
+    name = "right/hip" if drive.id == 5 else "right/slide"
+    drive.state = "OPERATION ENABLED"
+    bench.world.command(f"{name} emcy 0x3210")
+    assert eventually(lambda: drive.check_statusword() and drive.state == "FAULT")
+    assert drive.emcy.active[-1].code == 0x3210
+    bench.world.command(f"{name} clear emcy")
+
+    for word in (0x0000, 0x0080, 0x0000):
+        drive.controlword = word
+        drive.check_statusword()
+
+    assert eventually(lambda: drive.check_statusword() and drive.state == "SWITCH ON DISABLED")
+    assert drive.emcy.active == []
+    for _ in range(5):
+        assert drive.check_statusword() & 0x6F == 0x40
+
+
+def test_a_held_reset_bit_resets_only_once(drive, bench):
+    name = "right/hip" if drive.id == 5 else "right/slide"
+    for fault in (1, 2):
+        bench.world.command(f"{name} emcy 0x3210")
+        assert eventually(lambda: drive.check_statusword() and drive.state == "FAULT")
+        bench.world.command(f"{name} clear emcy")
+        drive.controlword = 0x0080
+        drive.check_statusword()
+        drive.check_statusword()
+        if fault == 1:
+            assert drive.state == "SWITCH ON DISABLED"
+
+    assert drive.state == "FAULT"
+
+
+def test_both_drives_move_at_the_same_sync(network, hip):
+    slide = mapped(added(network, PatientNode(6, GENERIC)), network_without_sync(network))
+    hip = mapped(hip, network)
+    starts = [position_of(node) for node in (hip, slide)]
+    for node, start in zip((hip, slide), starts, strict=True):
+        node.op_mode = "CYCLIC SYNCHRONOUS POSITION"
+        target(node, position=start)
+        node.state = "OPERATION ENABLED"
+
+    for node, start in zip((hip, slide), starts, strict=True):
+        target(node, position=start + 40)
+
+    for node, start in zip((hip, slide), starts, strict=True):
+        assert eventually(lambda node=node, start=start: abs(position_of(node) - start - 40) <= 2)
