@@ -12,16 +12,27 @@ PLAIN = {"personality": "generic", "eds": "drives/generic402.eds"}
 
 
 @pytest.fixture
-def bench():
-    """Node 5 is like an EPOS4, node 6 a plain CiA 402 drive; no mechanics to speak of."""
-    return Bench(slide=PLAIN, start_ns=now_ns())
+def encoder():
+    return "absolute"
 
 
 @pytest.fixture
-def network(bench):
-    with on_a_bus(bench) as network:
+def _on_a_bus(encoder):
+    """Node 5 is like an EPOS4, node 6 a plain CiA 402 drive; no mechanics to speak of."""
+    hip = {"encoder": encoder}
+    with on_a_bus(Bench(hip=hip, slide=PLAIN | hip, start_ns=now_ns())) as parts:
         time.sleep(0.35)  # real time: boot-up and self-test
-        yield network
+        yield parts
+
+
+@pytest.fixture
+def network(_on_a_bus):
+    return _on_a_bus[0]
+
+
+@pytest.fixture
+def station(_on_a_bus):
+    return _on_a_bus[1]
 
 
 @pytest.fixture

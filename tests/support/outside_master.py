@@ -4,6 +4,7 @@ import contextlib
 import threading
 import uuid
 from collections.abc import Iterator
+from queue import Empty, Queue
 
 import can
 import canopen
@@ -18,24 +19,47 @@ PATIENCE_S = 10.0
 """How long an outside master waits for an answer: a busy machine is no fault of the drives."""
 
 
+class Station:
+    """The bench's world in real time, in a thread of its own, on a virtual bus of its own."""
+
+    def __init__(self, bench: Bench, bus: can.BusABC) -> None:
+        self._world = bench.world
+        self._commands: Queue[str] = Queue()
+        self._over = False
+        self._thread = threading.Thread(target=RealTime(bench.world, bus).run, args=(self._turn,))
+        self._thread.start()
+
+    def command(self, line: str) -> None:
+        """A fault as in `sim_drives.faults`, obeyed by the world's own thread before we go on."""
+        self._commands.put(line)
+        self._commands.join()
+
+    def close(self) -> None:
+        self._over = True
+        self._thread.join()
+
+    def _turn(self) -> bool:
+        with contextlib.suppress(Empty):
+            self._world.command(self._commands.get_nowait())
+            self._commands.task_done()
+        return self._over
+
+
 @contextlib.contextmanager
-def on_a_bus(bench: Bench) -> Iterator[canopen.Network]:
-    """The bench's world in real time on a virtual bus of its own; a network of canopen's on it."""
-    channel, over = uuid.uuid4().hex, threading.Event()
-    with can.Bus(interface="virtual", channel=channel) as station:
-        real_time = RealTime(bench.world, station)
-        thread = threading.Thread(target=real_time.run, args=(over.is_set,))
+def on_a_bus(bench: Bench) -> Iterator[tuple[canopen.Network, Station]]:
+    """A network of canopen's, and the virtual drives on the same bus."""
+    channel = uuid.uuid4().hex
+    with can.Bus(interface="virtual", channel=channel) as bus:
         network = canopen.Network()
         network.NOTIFIER_CYCLE = 0.05  # s; how long its thread takes to end
         network.connect(interface="virtual", channel=channel)
-        thread.start()
+        station = Station(bench, bus)
         try:
-            yield network
+            yield network, station
         finally:
             network.sync.stop()
             network.disconnect()
-            over.set()
-            thread.join()
+            station.close()
 
 
 class PatientNode(BaseNode402):
