@@ -42,20 +42,21 @@ def load_eds(path: str, node_id: int) -> ObjectDictionary:
         DescriptionError: it is not there, or is none.
     """
     try:
-        return _imported(path, node_id)
+        with Path(path).open(encoding=_encoding(Path(path))) as file:
+            return canopen.import_od(file, node_id)
     except (OSError, ValueError, KeyError, configparser.Error) as error:
         what = " ".join(str(error).split())
         allowed = f"a readable EDS file: {type(error).__name__}: {what}"
         raise DescriptionError("axis", "eds", path, allowed) from error
 
 
-def _imported(path: str, node_id: int) -> ObjectDictionary:
+def _encoding(path: Path) -> str:
+    """CiA 306 asks for ASCII; files of manufacturers are often in their Windows' code page."""
     try:
-        return canopen.import_od(path, node_id)
+        path.read_bytes().decode("utf-8")
     except UnicodeDecodeError:
-        # CiA 306 says ASCII; some makers' editors write the Windows code page.
-        with Path(path).open(encoding="cp1252") as file:
-            return canopen.import_od(file, node_id)
+        return "cp1252"
+    return "utf-8-sig"
 
 
 def objections(plan: DrivePlan, dictionary: ObjectDictionary) -> list[str]:

@@ -13,10 +13,12 @@ The drive itself reads and writes with `value` and `put`, without any of these r
 The description comes from an EDS, imported by python-canopen; nothing else of that library is used.
 """
 
+import re
 import struct
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from configparser import RawConfigParser
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -38,6 +40,8 @@ type_codes: Final[Mapping[int, str]] = {
 }
 """CiA 301 data type -> struct code; all others are byte strings here."""
 STRING_MAX_BYTES: Final = 256
+UNICODE_STRING: Final = 0x0B
+"""CiA 301 data type."""
 COMMUNICATION_AREA: Final = range(0x1000, 0x2000)
 
 Address = tuple[int, int]
@@ -99,12 +103,39 @@ def read_eds(path: Path, node_id: int) -> tuple[Entry, ...]:
         OSError: the file cannot be opened.
         ValueError, KeyError, configparser.Error: it is no EDS (python-canopen's own complaints).
     """
-    description = canopen.import_od(str(path), node_id)
-    return tuple(
-        _entry(variable)
+    encoding = _encoding(path)
+    with path.open(encoding=encoding) as file:
+        description = canopen.import_od(file, node_id)
+    entries = {
+        (variable.index, variable.subindex): _entry(variable)
         for index in description
         for variable in _variables(description.indices[index])
-    )
+    }
+    return tuple((entries | _compact(path, encoding, entries)).values())
+
+
+def _encoding(path: Path) -> str:
+    """CiA 306 asks for ASCII; tools write the code page of their Windows, or a mark first."""
+    try:
+        path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8-sig"
+
+
+def _compact(path: Path, encoding: str, entries: Mapping[Address, Entry]) -> dict[Address, Entry]:
+    """Arrays by CompactSubObj (CiA 306), of which python-canopen reads the first member alone."""
+    parser = RawConfigParser(inline_comment_prefixes=(";",))
+    parser.read(path, encoding=encoding)
+    members: dict[Address, Entry] = {}
+    for section in parser.sections():
+        count = parser.get(section, "CompactSubObj", fallback="0")
+        if re.fullmatch("[0-9A-Fa-f]{4}", section) and int(count or "0", 0):
+            index = int(section, 16)
+            members[index, 0] = replace(entries[index, 0], default=int(count, 0), readable=True)
+            for sub in range(1, int(count, 0) + 1):
+                members[index, sub] = replace(entries[index, 1], address=(index, sub))
+    return members
 
 
 def _variables(described: object) -> Iterator[ODVariable]:
@@ -133,10 +164,16 @@ def _entry(variable: ODVariable) -> Entry:
 
 
 def _default(variable: ODVariable, code: str) -> Value:
-    if code:
-        return int(variable.default or 0)
-    text = variable.default
-    return text.encode("ascii") if isinstance(text, str) else bytes(text or b"")
+    default = variable.default
+    if code:  # many files write a negative number as the bits that it has
+        size = struct.calcsize("<" + code)
+        bits = (int(default or 0) % (1 << 8 * size)).to_bytes(size, "little")
+        return int(struct.unpack("<" + code, bits)[0])
+    if isinstance(default, str):
+        return default.encode("utf-16-le" if variable.data_type == UNICODE_STRING else "utf-8")
+    if isinstance(default, int | float):
+        return variable.encode_raw(default)
+    return bytes(default or b"")
 
 
 class ObjectDictionary:

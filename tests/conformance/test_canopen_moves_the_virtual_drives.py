@@ -16,6 +16,7 @@ import time
 
 import pytest
 from outside_master import PATIENCE_S
+
 SYNC_S = 0.01
 FOLLOWS = 0x1000
 REFERENCED = 0x8000
