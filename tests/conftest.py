@@ -136,6 +136,11 @@ def pytest_addoption(parser):
         default="present",
         help="use the rigs that are there (default), fail where one is missing, or use none",
     )
+    parser.addoption(
+        "--fuzz-minutes",
+        type=float,
+        help="let the CAN fuzz run for so many minutes each, instead of some seconds",
+    )
 
 
 def pytest_configure(config):

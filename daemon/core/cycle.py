@@ -61,7 +61,11 @@ def rest(core: Core, levels: Sequence[Level], tick: Tick) -> CycleRecord:
 
 
 def react(core: Core, frames: Sequence[Frame], tick: Tick) -> list[Frame]:
-    """Between two windows: what came is fed, and an alarm is answered at once by all drives."""
+    """Between two windows: what came is fed, and an alarm is answered at once by all drives.
+
+    Only what makes the stop harsher is answered: a drive may answer our frame with its next EMCY
+    (8220h after its own reset), and the two of us would go on without end.
+    """
     drives = core.drives
     if drives is None or not drives.feed_between(frames, tick.sync_ns):
         return []
@@ -72,7 +76,10 @@ def react(core: Core, frames: Sequence[Frame], tick: Tick) -> list[Frame]:
     found = judge(core, inbox.NO_ORDERS, tick)
     if found.cause == Cause.NONE:
         return []
+    before = [axis.stop and axis.stop.step for axis in core.axes]
     conduct.stop(core, found, tick.cycle)
+    if before == [axis.stop and axis.stop.step for axis in core.axes]:
+        return []
     return drives.frames(guidance.command(core, tick.cycle))
 
 
