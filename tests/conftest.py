@@ -137,6 +137,11 @@ def pytest_addoption(parser):
         help="use the rigs that are there (default), fail where one is missing, or use none",
     )
     parser.addoption(
+        "--write-traces",
+        action="store_true",
+        help="write the golden traces of sessions anew (`make golden`)",
+    )
+    parser.addoption(
         "--fuzz-minutes",
         type=float,
         help="let the CAN fuzz run for so many minutes each, instead of some seconds",

@@ -53,7 +53,7 @@ STATUS = {
     "fault reaction active": "0x1111",
     "fault": "0x1000",
 }
-STANDING = tuple(name for name in STATUS if name not in ("not ready to switch on",))
+STANDING = tuple(name for name in STATUS if name != "not ready to switch on")
 POWERED = ("operation enabled", "quick stop active", "fault reaction active")
 WORDS = [high << 7 | low for high in (0, 1) for low in range(16)]
 """One for each class of bits 7, 3, 2, 1, 0."""
@@ -75,7 +75,11 @@ def command_of(word):
 
 
 def state_of(statusword):
-    found = [name for name, pattern in STATUS.items() if fits(pattern, bits(statusword, 6, 5, 3, 2, 1, 0))]
+    found = [
+        name
+        for name, pattern in STATUS.items()
+        if fits(pattern, bits(statusword, 6, 5, 3, 2, 1, 0))
+    ]
     return found[0] if found else None
 
 
@@ -131,37 +135,159 @@ WAY = {
 }
 
 
-class Drive:
-    """A virtual drive, driven and seen by PDOs alone: RPDO1 and SYNC in, TPDO1 out."""
+class PdoDrive:
+    """A virtual drive that is driven and seen by PDOs alone: RPDO1 and SYNC in, TPDO1 out."""
 
-    def __init__(self, kind, *, quick_stop_option=6):
+    def __init__(self, kind, *, stays=True):
         changes, torque, self.automatic_4 = KINDS[kind]
         self.bench = Bench(hip=changes)
         self.bench.boot()
-        for index, value in ((0x605B, 0), (0x605C, 0), (0x605A, quick_stop_option)):
-            assert self.bench.write(index, 0, value, 2) == 0
+        assert self.bench.write(0x605B, 0, 0, 2) == 0
+        assert self.bench.write(0x605C, 0, 0, 2) == 0
+        if not stays:
+            assert self.bench.write(0x605A, 0, 2, 2) == 0
+        elif kind == "generic":
+            assert self.bench.write(0x605A, 0, 6, 2) == 0
         self.bench.go_operational(torque=torque)
 
-    def take(self, word):
-        """The word by RPDO1, applied at the next SYNC; what TPDO1 of the one after shows."""
-        self.bench.send(0x205, struct.pack("<Hbi", word, 10, 0))
-        self.bench.send(0x080)
-        self.bench.run_ms(10)
-        return self.state
+    def take(self, *words):
+        """Each word by RPDO1 and applied at the next SYNC."""
+        for word in words:
+            self.bench.send(0x205, struct.pack("<Hbi", word, 10, 0))
+            self.bench.send(0x080)
+            self.bench.run_ms(10)
 
     @property
     def state(self):
-        self.bench.send(0x205, struct.pack("<Hbi", self.last_word, 10, 0))
-        return None
-
-
-class PdoDrive(Drive):
-    """Shows its state without another controlword: the TPDO comes with a SYNC of its own."""
-
-    @property
-    def state(self):
+        """Of TPDO1 of one more SYNC, with which no controlword comes."""
         self.bench.forget()
         self.bench.send(0x080)
-        self.bench.run_ms(5)
+        self.bench.run_ms(10)
         (data,) = self.bench.frames(0x185)
         return state_of(struct.unpack_from("<H", data)[0])
+
+
+def in_state(kind, state):
+    drive = PdoDrive(kind)
+    if state in WAY:
+        drive.take(*WAY[state])
+    else:
+        drive.bench.world.command("emcy right/hip - 0x2310")
+        drive.bench.run_ms(20)
+    assert drive.state == state
+    return drive
+
+
+@pytest.mark.parametrize("word", WORDS, ids=lambda word: f"{word:02X}h")
+@pytest.mark.parametrize("state", [*WAY, "fault"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_controlword_by_rpdo_leads_where_the_table_says(kind, state, word):
+    drive = in_state(kind, state)
+    model = Model(state, automatic_4=drive.automatic_4)
+    model.take(word & 0x7F)
+
+    drive.take(word)
+
+    if word < 0x80:
+        assert drive.state == model.state
+    else:  # no command of the table: it may take power away, and never gives it
+        takes_power = command_of(word & 0x7F) in ("disable voltage", "quick stop", "shutdown")
+        assert drive.state in ({state, model.state} if takes_power else {state})
+
+
+@pytest.mark.parametrize("word", WORDS, ids=lambda word: f"{word:02X}h")
+@pytest.mark.parametrize("kind", KINDS)
+def test_fault_reaction_listens_to_no_controlword(kind, word):
+    drive = in_state(kind, "operation enabled")
+    drive.bench.plant.velocity[0] = 50.0
+    drive.bench.world.command("emcy right/hip - 0x2310")
+
+    drive.take(word)
+
+    assert drive.state == "fault reaction active"  # the ramp takes longer than a cycle
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    kind=st.sampled_from(sorted(KINDS)),
+    words=st.lists(st.sampled_from(range(16)), min_size=1, max_size=12),
+    stays=st.booleans(),
+)
+def test_a_walk_of_any_controlwords_is_the_table_s_walk(kind, words, stays):
+    stays = stays or kind == "epos4"  # whose 605Ah knows 6 alone
+    drive = PdoDrive(kind, stays=stays)
+    model = Model("switch on disabled", automatic_4=drive.automatic_4, stays=stays)
+
+    for word in words:
+        drive.take(word)
+        model.take(word)
+
+    assert drive.state == model.state
+
+
+# --- the master, by scripted statuswords ------------------------------------------------------
+
+ALLOWED = {
+    PowerRequest.ENABLE: {2, 3, 4, 12, 16},
+    PowerRequest.READY: {2, 6, 8, 12},
+    PowerRequest.QUICK_STOP: {7, 10, 11},
+    PowerRequest.DISABLE_VOLTAGE: {7, 9, 10, 12},
+    PowerRequest.FAULT_RESET: {7, 9, 10, 11, 12, 15},
+}
+"""The arrows that each request may cause; no other one, from whatever state."""
+GOAL = {
+    PowerRequest.ENABLE: {"operation enabled"},
+    PowerRequest.READY: {"ready to switch on"},
+    PowerRequest.QUICK_STOP: {"quick stop active", "switch on disabled"},
+    PowerRequest.DISABLE_VOLTAGE: {"switch on disabled"},
+    PowerRequest.FAULT_RESET: {"switch on disabled", "quick stop active"},
+}
+
+
+def statusword(state, spare):
+    """One that shows the state; its other bits as `spare` has them."""
+    word = spare
+    for number, bit in zip((6, 5, 3, 2, 1, 0), STATUS[state], strict=True):
+        if bit != "x":
+            word = word & ~(1 << number) | int(bit) << number
+    return word
+
+
+@given(st.sampled_from(sorted(STATUS)), st.integers(0, 0xFFFF))
+def test_the_master_reads_every_statusword_as_the_table_does(state, spare):
+    assert decode_statusword(statusword(state, spare)).name.lower().replace("_", " ") == state
+
+
+def walk(model, request, *, resume, cycles=12):
+    """The master's words against the table's drive; what was sent in which state."""
+    sent, story = Sent(), []
+    for _ in range(cycles):
+        shown = decode_statusword(statusword(model.state, 0))
+        sent = next_word(shown, request, sent, resume=resume)
+        story.append((model.state, sent.controlword))
+        model.take(sent.controlword)
+    return story
+
+
+CASES = list(itertools.product(STANDING, PowerRequest, (False, True), (False, True), (False, True)))
+
+
+@pytest.mark.parametrize(("state", "request_", "automatic_4", "stays", "resume"), CASES)
+def test_the_master_causes_only_arrows_of_its_request_and_arrives(
+    state, request_, automatic_4, stays, resume
+):
+    model = Model(state, automatic_4=automatic_4, stays=stays)
+
+    story = walk(model, request_, resume=resume and stays)
+
+    assert set(model.numbers) <= ALLOWED[request_] | ({12} if not stays else set()), story
+    if state not in ("fault", "fault reaction active"):
+        assert model.state in GOAL[request_], story
+    elif request_ is PowerRequest.FAULT_RESET and state == "fault":
+        assert model.state == "switch on disabled"
+    else:
+        assert model.state == state
+    edges = sum(word & 0x80 != 0 for _, word in story)
+    assert edges <= (request_ is PowerRequest.FAULT_RESET)
+    if request_ is not PowerRequest.ENABLE:
+        assert not any(word & 0x08 for _, word in story)

@@ -61,9 +61,13 @@ def heartbeat(rng: random.Random) -> Frame:
 
 
 def sdo_reply(rng: random.Random) -> Frame:
-    head = bytes((rng.choice((0x60, 0x43, 0x4B, 0x4F, 0x41, 0x80, 0x20, 0x00, rng.randrange(256))),))
+    head = bytes(
+        (rng.choice((0x60, 0x43, 0x4B, 0x4F, 0x41, 0x80, 0x20, 0x00, rng.randrange(256))),)
+    )
     place = rng.choice((b"\x40\x60\x00", b"\x00\x10\x00", b"\x18\x10\x01", some_bytes(rng, 3)))
-    return Frame(0x580 + rng.choice(NODES), (head + place + some_bytes(rng, 4))[: rng.choice((8, 8, 5))])
+    return Frame(
+        0x580 + rng.choice(NODES), (head + place + some_bytes(rng, 4))[: rng.choice((8, 8, 5))]
+    )
 
 
 def sdo_request(rng: random.Random) -> Frame:
