@@ -13,9 +13,11 @@ from sessions import Session
 from wiretap import Wiretap
 
 from daemon.record import Mode, Outcome, RequestKind
+from drives.signals import PowerState
 
 FOLDER = Path(__file__).parents[1] / "traces" / "sessions"
 SETTLED_S = 0.05
+SDO = (0x580, 0x600)
 
 
 def boot():
@@ -30,15 +32,19 @@ def boot():
 
 
 def enable():
-    """Enable on request: one transition for each statusword that was seen, both drives alike; the
-    target position is the position shown, the target torque 0 until the drives follow."""
+    """Enable on request: one transition for each statusword that was seen, both drives alike. The
+    target position is the position shown, the target torque what holds the leg; each takes effect
+    in operation enabled alone."""
     session = Session().until_ready()
     wire = Wiretap(session.machine.world)
-    answer = session.lockstep.request(RequestKind.ENABLE)
-    assert answer.outcome == Outcome.DONE
+    session.lockstep.gateway.ask(RequestKind.ENABLE)
+    session.lockstep.run_until(all_enabled, within_s=2)
     session.lockstep.run(SETTLED_S)
-    wire.lines = wire.lines[:SHORT]
     return wire
+
+
+def all_enabled(record):
+    return {drive.power_state for drive in record.drives} == {PowerState.OPERATION_ENABLED}
 
 
 def stop():
@@ -52,9 +58,9 @@ def stop():
 
 
 def quick_stop():
-    """The hand switch opens while walking (S1): quick stop of both drives in the same cycle, their
-    ramps by 605Ah, then they hold in quick stop active."""
-    session = Session().walking(warm_s=0.5)
+    """The hand switch (60FDh bit 16) opens while walking (S1): quick stop of both drives in the
+    same cycle, their ramps by 605Ah = 6, then they hold in quick stop active, bit 10 set."""
+    session = Session().walking(warm_s=2.0)
     wire = Wiretap(session.machine.world)
     session.machine.command("hand_switch_open *")
     session.lockstep.run(0.3)
@@ -62,33 +68,35 @@ def quick_stop():
 
 
 def fault_and_reset():
-    """The hip faults (EMCY 2310h) while holding: its own fault reaction, quick stop of the slide.
-    The cause goes; a reset is asked for: one rising edge of bit 7, and it ends in switch on
-    disabled."""
+    """The hip faults (EMCY 2310h) while holding: its own fault reaction; the slide is told to stop
+    at once, before the next SYNC. The cause goes; somebody asks for a reset: the drives are brought
+    up anew (SDO is left out here, see the boot), then comes one rising edge of bit 7, which ends in
+    switch on disabled with EMCY 0000h. Nothing is enabled."""
     session = Session().enabled()
     wire = Wiretap(session.machine.world)
     session.machine.command("emcy right/hip - 0x2310")
-    session.lockstep.run(0.1)
+    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)
     session.machine.command("clear emcy right/hip")
-    session.lockstep.run(0.02)
-    session.lockstep.gateway.ask(RequestKind.RESET)
-    session.lockstep.run_until(lambda record: record.mode == Mode.OFF, within_s=2)
+    answer = session.lockstep.request(RequestKind.RESET)
+    assert answer.outcome == Outcome.DONE
+    session.lockstep.run(SETTLED_S)
+    wire.lines = [line for line in wire.lines if line.frame.can_id & 0x780 not in SDO]
     return wire
 
 
 def reboot_in_operation():
-    """The hip drive browns out while holding: its boot-up message is answered at once by a quick
-    stop of the slide; the hip is stopped by NMT and not started again by itself."""
+    """The hip drive browns out while holding. After four cycles without its sample the slide is
+    stopped and the hip told NMT stop; its boot-up message comes later, and starts nothing."""
     session = Session().enabled()
     wire = Wiretap(session.machine.world)
     session.machine.command("reboot right/hip")
-    session.lockstep.run(0.4)
+    session.lockstep.run(0.3)
     return wire
 
 
 def drive_silent():
-    """The slide drive falls silent while holding: after the allowed cycles without a sample the
-    hip is stopped, and the silent one is told NMT stop, should it still hear."""
+    """The slide drive falls silent while holding: after four cycles without its sample the hip is
+    stopped, and the silent one is told disable voltage and NMT stop, should it still hear."""
     session = Session().enabled()
     wire = Wiretap(session.machine.world)
     session.machine.command("silent right/slide")
@@ -97,8 +105,9 @@ def drive_silent():
 
 
 def master_silent():
-    """The service dies while holding: SYNC and heartbeat cease. Each drive notices by itself (1016h
-    or its RPDO timer), says so, and stops by 6007h."""
+    """The service dies while holding: SYNC and heartbeat cease. 100 ms after the last heartbeat
+    each drive notices by itself (1016h), says 8130h, stops by 6007h, and leaves operational by
+    1029h."""
     session = Session().enabled()
     wire = Wiretap(session.machine.world)
     session.lockstep.run(0.02)
@@ -108,7 +117,6 @@ def master_silent():
     return wire
 
 
-SHORT = 200
 SCENARIOS = (
     boot,
     enable,
