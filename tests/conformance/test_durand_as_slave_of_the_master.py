@@ -10,10 +10,11 @@ from importlib.metadata import version
 import can
 import pytest
 from drive_files import CYCLE, HIP_LIMITS, SLIDE_LIMITS, drive
-from durand import CANBusNetwork, MinimalNode, Record, Variable
+from durand import CANBusNetwork, MinimalNode, Variable
 from durand.datatypes import DatatypeEnum
 from durand.scheduler import SyncScheduler, get_scheduler, set_scheduler
-from memory_bus import MS, scripted
+from durand_slave import fill
+from memory_bus import MS
 
 from daemon.clock import MonotonicClock
 from drives.bringup import bring_up
@@ -25,43 +26,6 @@ from drives.nmt import SYNC_FRAME, NmtCommand, nmt_frame
 from drives.pdo import layouts
 from drives.plan import plan
 from drives.signals import DriveCommand, OperationMode, PowerRequest, PowerState
-
-TYPES = {
-    (8, False): DatatypeEnum.UNSIGNED8,
-    (8, True): DatatypeEnum.INTEGER8,
-    (16, False): DatatypeEnum.UNSIGNED16,
-    (16, True): DatatypeEnum.INTEGER16,
-    (32, False): DatatypeEnum.UNSIGNED32,
-    (32, True): DatatypeEnum.INTEGER32,
-}
-
-
-def variable(kind, value):
-    bits, signed, access = kind
-    return Variable(TYPES[bits, signed], "rw" if "w" in access else "ro", value)
-
-
-def fill(node, description):
-    """Everything of the EDS that durand does not bring along."""
-    ours = scripted(description)
-    dictionary = node.object_dictionary
-    for (index, sub), kind in ours.kinds.items():
-        whole = (index, 1) not in ours.kinds and sub == 0
-        if index in dictionary or index in range(0x1400, 0x1C00) or index == 0x1200:
-            continue
-        if whole:
-            dictionary[index] = variable(kind, ours.values[index, sub])
-            continue
-        dictionary[index] = record = Record()
-        for other in range(1, 16):
-            if (index, other) in ours.kinds:
-                record[other] = variable(ours.kinds[index, other], ours.values[index, other])
-    for number in range(4):
-        for index in (0x1400, 0x1800):
-            dictionary[index + number][5] = Variable(DatatypeEnum.UNSIGNED16, "rw", 0)
-    dictionary.write(0x1000, 0, 0x00020192)
-    for sub, value in enumerate((0x29A, 0x00040201, 0x00010000, 77), start=1):
-        dictionary.write(0x1018, sub, value)
 
 
 class Slave:

@@ -1,0 +1,188 @@
+"""The whole service in lock-step, its drives being durand's nodes: no frame of theirs is ours.
+
+What durand lacks is listed in `durand_slave.py`, with what stands in for it.
+"""
+
+import struct
+
+import pytest
+from durand.scheduler import get_scheduler, set_scheduler
+from durand_slave import DurandWorld
+from sessions import generic_drives
+
+from daemon.config.load import load
+from daemon.record import Cause, Mode, Outcome, RequestKind
+from drives.errors import BringUpRefused
+from drives.signals import PowerState
+from drives.units import axis_scaling, expected_base, position_to_counts
+from gaitd.lockstep import Lockstep
+
+MID_POSE = (0.244, 0.5905)
+"""rad, m: where the springs carry the leg, as plant.toml begins."""
+INPUTS = 0x0003_0000
+"""60FDh: hand switch closed, STO released."""
+
+
+class Service:
+    def __init__(self, folder):
+        settings = load(generic_drives(folder) / "demo.toml")
+        self.world = DurandWorld(list(settings.drives))
+        self.hip, self.slide = self.world.drives
+        for drive, description, place in zip(
+            self.world.drives, settings.drives, MID_POSE, strict=True
+        ):
+            scaling = axis_scaling(description, expected_base(description))
+            drive.dictionary.write(0x6064, 0, position_to_counts(place, scaling))
+            drive.dictionary.write(0x60FD, 0, INPUTS)
+        self.lockstep = Lockstep(settings, self.world)
+
+    def ready(self):
+        self.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
+        self.lockstep.run(0.2)
+        return self
+
+    def enabled(self):
+        answer = self.ready().lockstep.request(RequestKind.ENABLE)
+        assert answer.outcome == Outcome.DONE, answer.reason
+        return self
+
+    def stopped(self):
+        self.lockstep.run_until(lambda record: not record.mode.active, within_s=2)
+        self.lockstep.run(0.5)
+        return self.lockstep.record
+
+
+@pytest.fixture
+def service(tmp_path):
+    before = get_scheduler()
+    yield Service(tmp_path)
+    set_scheduler(before)
+
+
+def test_it_is_brought_up_with_every_limit_in_durand_s_dictionary(service):
+    service.ready()
+
+    assert [drive.node.nmt.state for drive in service.world.drives] == [5, 5]
+    for drive in service.world.drives:
+        read = drive.dictionary.read
+        assert read(0x6007, 0) in (1, 2, 3)
+        assert read(0x1016, 1) == 1 << 16 | 100
+        assert 0 < read(0x6072, 0) < 3000
+        assert read(0x607D, 1) < read(0x6064, 0) < read(0x607D, 2)
+        assert drive.model.state == "switch on disabled"
+        assert drive.model.numbers == []
+
+
+def test_it_is_enabled_arrow_by_arrow_and_holds(service):
+    service.enabled()
+    service.lockstep.run(1.0)
+
+    record = service.lockstep.record
+    assert record.mode == Mode.HOLD, record.verdict
+    for drive in service.world.drives:
+        assert drive.model.numbers == [2, 3, 4]
+    assert [axis.fresh for axis in record.drives] == [True, True]
+    assert [axis.position_si for axis in record.drives] == pytest.approx(MID_POSE, abs=2e-4)
+    for axis, drive in zip(record.drives, service.world.drives, strict=True):
+        assert axis.statusword == drive.dictionary.read(0x6041, 0)
+        assert axis.mode_display == drive.dictionary.read(0x6060, 0)
+        assert axis.protocol_error_count == 0
+
+
+def test_the_torque_that_is_sent_is_the_one_that_durand_applies_at_the_next_sync(service):
+    service.enabled()
+    for can_id, drive in ((0x305, service.hip), (0x306, service.slide)):
+        for _ in range(5):
+            sent = [f for f in service.lockstep.bus.sent if f.can_id == can_id][-1]
+            service.lockstep.run(0.01)
+
+            (torque,) = struct.unpack("<h", sent.data)
+            assert drive.dictionary.read(0x6071, 0) == torque
+
+
+def test_an_emcy_of_durand_s_stops_both_drives_by_the_arrow_of_quick_stop(service):
+    service.enabled()
+
+    service.hip.node.emcy.set(0x4210, 0x09)
+    record = service.stopped()
+
+    assert record.mode == Mode.FAULT
+    assert (record.verdict.cause, record.verdict.drive) == (Cause.EMERGENCY, "right/hip")
+    assert record.drives[0].emergency_code == 0x4210
+    for drive in service.world.drives:
+        assert drive.model.numbers[3:] == [11]
+
+
+def test_a_heartbeat_that_ceases_stops_the_machine_though_samples_still_come(service):
+    service.enabled()
+
+    service.slide.dictionary.write(0x1017, 0, 0)
+    record = service.stopped()
+
+    assert (record.verdict.cause, record.verdict.drive) == (Cause.HEARTBEAT_LOST, "right/slide")
+    assert service.hip.model.state == "quick stop active"
+
+
+def test_a_node_that_is_cut_off_stops_the_other_one(service):
+    service.enabled()
+
+    service.slide.wire.cut = True
+    record = service.stopped()
+
+    assert (record.verdict.cause, record.verdict.drive) == (Cause.DRIVE_SILENT, "right/slide")
+    assert service.hip.model.state == "quick stop active"
+
+
+def test_a_node_that_reboots_is_not_started_again_by_itself(service):
+    service.enabled()
+
+    service.hip.node.nmt.reset()
+    record = service.stopped()
+
+    assert record.mode == Mode.FAULT
+    assert record.verdict.drive == "right/hip"
+    assert service.hip.node.nmt.state != 5
+    assert service.slide.model.state == "quick stop active"
+
+
+def test_an_open_hand_switch_in_60fdh_stops_both(service):
+    service.enabled()
+
+    service.hip.dictionary.write(0x60FD, 0, INPUTS & ~0x0001_0000)
+    record = service.stopped()
+
+    assert record.verdict.cause == Cause.HAND_SWITCH_OPEN
+    assert [drive.model.state for drive in service.world.drives] == ["quick stop active"] * 2
+
+
+def test_another_identity_ends_the_service_by_name(service):
+    service.hip.dictionary.write(0x1018, 2, 0x00040202)
+
+    with pytest.raises(BringUpRefused) as refused:
+        service.lockstep.run(5)
+
+    assert (refused.value.drive, refused.value.place) == ("right/hip", "1018h:02")
+    assert [drive.node.nmt.state for drive in service.world.drives] == [127, 127]
+
+
+def test_a_fault_is_reset_by_one_edge_when_somebody_asks(service):
+    service.enabled()
+    service.hip.fault(0x3210)
+    assert service.stopped().drives[0].power_state == PowerState.FAULT
+
+    answer = service.lockstep.request(RequestKind.RESET)
+    service.lockstep.run(0.5)
+
+    assert answer.outcome == Outcome.DONE, answer.reason
+    assert service.hip.model.numbers[3:] == [15]
+    assert service.hip.model.state == "switch on disabled"
+    assert service.lockstep.record.mode == Mode.READY
+
+
+def test_at_the_end_both_are_without_power_and_let_go(service):
+    service.enabled()
+
+    service.lockstep.shut_down()
+
+    assert [drive.model.state for drive in service.world.drives] == ["switch on disabled"] * 2
+    assert [drive.node.nmt.state for drive in service.world.drives] == [127, 127]
