@@ -52,6 +52,17 @@ STATES = {
     (0x4F, 0x0F): "fault reaction active",
     (0x4F, 0x08): "fault",
 }
+HOMING_MODE = 6
+HOMING = {
+    (0, 0, 0): "in progress",
+    (0, 0, 1): "not started, or interrupted",
+    (0, 1, 0): "attained, target not reached",
+    (0, 1, 1): "done",
+    (1, 0, 0): "error, still moving",
+    (1, 0, 1): "error, at rest",
+    (1, 1, 0): "?",
+    (1, 1, 1): "?",
+}
 COMMANDS = (
     (0x80, 0x80, "fault reset (transition 15)"),
     (0x02, 0x00, "disable voltage (7, 9, 10, 12)"),
@@ -126,10 +137,17 @@ def _sdo(node: int, data: bytes) -> tuple[object, str]:
 
 
 def _state(data: bytes) -> str:
-    word = int.from_bytes(data[:2], "little")
-    return next((name for (mask, bits), name in STATES.items() if word & mask == bits), "?")
+    word, mode = int.from_bytes(data[:2], "little"), data[6]
+    state = next((name for (mask, bits), name in STATES.items() if word & mask == bits), "?")
+    if mode == HOMING_MODE and state == "operation enabled":
+        bits = tuple(word >> number & 1 for number in (13, 12, 10))
+        return f"{state}, homing {HOMING[bits]} (bits 13, 12, 10)"
+    return state
 
 
 def _command(data: bytes) -> str:
-    word = int.from_bytes(data[:2], "little")
-    return next((name for mask, bits, name in COMMANDS if word & mask == bits), "?")
+    word, mode = int.from_bytes(data[:2], "little"), data[2]
+    command = next((name for mask, bits, name in COMMANDS if word & mask == bits), "?")
+    if mode != HOMING_MODE:
+        return command
+    return f"{command}, mode homing{', start (bit 4)' if word & 0x10 else ''}"
