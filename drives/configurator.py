@@ -8,6 +8,7 @@ What is worked around, with where it was seen:
 - A late reply to an earlier request can satisfy the next one (client.py compares the object only
   in upload): replies of another kind, or for another object, are counted and dropped.
 - A timeout sends an abort for 0000h:00; ours names the object of the transfer.
+- A segmented upload may end before or after the announced length: then there is no value.
 - The default retry would send a request twice; a drive that does not answer once is silent.
 - A segmented transfer has no end while the server goes on: ours has a deadline as a whole.
 
@@ -19,7 +20,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import canopen
-from canopen.sdo.client import SdoClient
+from canopen.sdo.client import ReadableStream, SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from drives.bus import Bus, Clock, Frame
@@ -227,6 +228,13 @@ class _Client(SdoClient):
         else:
             self.stray_count += 1
             self.repeat_count += _identity(reply) == self._given
+
+    def upload(self, index: int, subindex: int) -> bytes:
+        stream = ReadableStream(self, index, subindex)
+        data = bytes(stream.read() or b"")
+        if stream.size not in (None, len(data)):
+            raise SdoCommunicationError(f"{stream.size} bytes announced, {len(data)} came")
+        return data
 
     def request_response(self, sdo_request: bytes) -> bytes:
         request = bytes(sdo_request)
