@@ -78,6 +78,12 @@ def controller_error(rng: random.Random) -> Frame:
     return Frame(rng.choice(ERROR_CLASSES), some_bytes(rng, 8), is_error=True)
 
 
+def is_command(frame: Frame) -> bool:
+    """A correctly long RPDO: what no babbler says."""
+    mapped = RPDO_BYTES.get(frame.can_id)
+    return not frame.is_error and mapped is not None and len(frame.data) >= mapped
+
+
 Kind = Callable[[random.Random], Frame]
 KINDS: Final[tuple[Kind, ...]] = (
     anything,
@@ -137,8 +143,7 @@ class Babbler:
 
     def _say(self, frame: Frame) -> list[TimedFrame]:
         now_ns = self._world.now_ns
-        mapped = RPDO_BYTES.get(frame.can_id)
-        if not frame.is_error and mapped is not None and len(frame.data) >= mapped:
+        if is_command(frame):
             return []
         self.said.append(Said(now_ns, frame))
         if frame.is_error:

@@ -1,0 +1,105 @@
+"""CAN fuzz of the running service as processes: a station on the loopback bus that talks nonsense.
+
+`pytest --fuzz-minutes=N` lets it talk for N minutes each, from a seed of its own, which is printed.
+"""
+
+import random
+import tempfile
+import time
+from pathlib import Path
+
+import can
+import pytest
+from babbler import KINDS, controller_error, is_command
+from processes import MEMORY, Service
+
+from daemon.record import Mode
+from drives.bus import Frame
+
+RATE_HZ = 500
+TALK_S = 4.0
+REFUSED = 3
+ENABLE_BIT = 0x08
+GAIT = ("mode", "gait", "--cadence", "0.25", "--amplitude", "1", "--duration", "600")
+SPOKEN = tuple(kind for kind in KINDS if kind is not controller_error)
+"""An error frame is the controller's, not a station's."""
+
+
+@pytest.fixture
+def service():
+    with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as folder:
+        service = Service(Path(folder))
+        try:
+            yield service.start_all()
+        finally:
+            service.end()
+
+
+@pytest.fixture
+def talk(service, request):
+    minutes = request.config.option.fuzz_minutes
+    seed = 1 if minutes is None else random.SystemRandom().randrange(1_000_000)
+    duration_s = TALK_S if minutes is None else minutes * 60
+    print(f"seed {seed}")
+
+    def run():
+        """Talk; the RPDOs that the service sent meanwhile."""
+        rng, commands = random.Random(seed), []
+        with service.listener() as bus:
+            end_s = time.monotonic() + duration_s
+            while time.monotonic() < end_s and service.parts["core"].poll() is None:
+                frame = rng.choice(SPOKEN)(rng)
+                if not is_command(frame):
+                    data, can_id = frame.data, frame.can_id
+                    bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+                while (heard := bus.recv(0)) is not None:
+                    frame = Frame(heard.arbitration_id, bytes(heard.data))
+                    commands += [frame] if is_command(frame) else []
+                time.sleep(1 / RATE_HZ)
+        return commands
+
+    return run
+
+
+def judge(service):
+    """Nobody has died of it: a core may only end by refusing a drive, with its reason."""
+    assert service.parts["sim"].poll() is None
+    assert service.parts["gateway"].poll() is None
+    code = service.parts["core"].poll()
+    assert code in (None, REFUSED)
+    assert code is None or "right/" in service.log("core")
+    for part in service.parts:
+        assert "Traceback" not in service.log(part), service.log(part)
+
+
+def test_nonsense_in_ready_enables_nothing_moves_nothing_and_kills_nobody(service, talk):
+    service.until(lambda record: record.mode == Mode.READY, 40)
+    before = service.truth()[-1]
+
+    commands = talk()
+
+    judge(service)
+    after = service.truth()[-1]
+    assert abs(float(after["hip_angle_rad"]) - float(before["hip_angle_rad"])) < 0.01
+    assert abs(float(after["slide_position_m"]) - float(before["slide_position_m"])) < 0.01
+    words = [frame.data[0] for frame in commands if frame.can_id in (0x205, 0x206)]
+    assert not any(word & ENABLE_BIT for word in words)
+    assert not any(record.mode.active for record in service.records())
+
+
+def test_nonsense_while_walking_stops_the_machine_and_kills_nobody(service, talk):
+    service.until(lambda record: record.mode == Mode.READY, 40)
+    assert service.ask("enable").returncode == 0
+    assert service.ask(*GAIT).returncode == 0
+
+    talk()
+
+    judge(service)
+    service.until(lambda record: not record.mode.active, 10)
+    time.sleep(1.0)
+    row = service.truth()[-1]
+    assert abs(float(row["hip_velocity_rad_per_s"])) < 0.1
+    assert abs(float(row["slide_velocity_m_per_s"])) < 0.1
+    modes = [record.mode for record in service.records()]  # of the last half a minute
+    began = modes.index(Mode.STOPPING) if Mode.STOPPING in modes else 0
+    assert not any(mode.active for mode in modes[began:])
