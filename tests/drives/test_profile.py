@@ -368,3 +368,17 @@ def test_a_node_number_belongs_to_one_drive_and_not_to_the_master():
         check_nodes((hip, slide), master_node_id=6)
     with pytest.raises(DescriptionError, match="right/hip"):
         check_nodes((hip, slide, replace(hip, name="left/hip")), master_node_id=1)
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_the_page_about_drives_tells_each_profile_with_its_objects(profile):
+    page = (FOLDER.parents[1] / "docs/drives.md").read_text(encoding="utf-8")
+    (row,) = [line for line in page.splitlines() if line.startswith(f"| `{profile}` |")]
+    kind = drive_of(profile).profile
+
+    places = [ref.place.removesuffix(":00") for ref in (kind.torque_source, kind.torque_limit)]
+    assert all(place in row for place in places)
+    quick_stop = next(entry.value for entry in kind.written if entry.index == 0x605A)
+    assert f"605Ah = {quick_stop}" in row
+    assert ("1400h:05" in row) is kind.pdo.rpdo_timeout
+    assert ("1016h" in row) is bool(kind.heartbeat.consumer_entries)

@@ -85,9 +85,9 @@ def torque_object(unit, factor):
     [
         # Technosoft iPOS, 20 A peak: counts of 2 I_peak / 65520 (yarp-devices, TechnosoftIpos)
         (TorqueUnit.AMPERE, 2 * 20 / 65520, 8190, 5.0),
-        # Kinco: 45 sqrt 2 counts per ampere (CANOpenRobotController, KincoDrive)
+        # Kinco: 45 sqrt 2 counts per ampere (CANOpenRobotController, its robot M1)
         (TorqueUnit.AMPERE, 1 / (45 * math.sqrt(2)), 45, math.sqrt(0.5)),
-        # Copley 221Ch: 0.01 A
+        # an object in 0.01 A
         (TorqueUnit.MILLIAMPERE, 10.0, 500, 5.0),
         # Beckhoff EL72x1: per mille of a peak rated current, k_t per A rms (2002h:54 = 0)
         (TorqueUnit.PERMILLE_OF_RATED_CURRENT, math.sqrt(0.5), 1000, HIP_RATED_A / math.sqrt(2)),
