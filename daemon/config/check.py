@@ -114,7 +114,7 @@ def examine(settings: Settings) -> Report:
 
 
 def refuse(settings: Settings, report: Report) -> None:
-    """Refuse drives whose data sheet says no, stops that leave the workspace, a homing that fails.
+    """Refuse what the data sheet denies, stops that leave the workspace, a homing that fails.
 
     Raises:
         ConfigError: naming the object, or the kind of stop and how far it goes.

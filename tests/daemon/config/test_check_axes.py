@@ -146,8 +146,8 @@ def test_a_drive_whose_eds_lacks_what_bring_up_needs_is_refused(tmp_path):
     assert refused.value.file == str(tmp_path / "configs/drives/hip_epos4.toml")
     assert (refused.value.key, refused.value.value) == ("eds", '"generic402.eds"')
     assert refused.value.allowed.startswith(
-        "a drive that has what its profile needs: 3001h:01 is not in the EDS "
-        "(rated current in milliampere) (and "
+        "a drive that has what its profile needs: 1018h:01 is 0000029Ah in the EDS, "
+        "expected 000000FBh (vendor of this axis) (and "
     )
     assert len(report.axes[0].objections) > 1
     assert report.axes[1].objections == ()
