@@ -22,6 +22,7 @@ Never: a controlword other than disable voltage, a fault reset, an enable, a sto
 memory.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
@@ -32,7 +33,7 @@ from drives.pdo import PdoLayout, layouts
 from drives.profile import DriveDescription
 from drives.signals import OperationMode
 from drives.torque import ObjectRef
-from drives.units import DriveLimits, RawLimits, raw_limits
+from drives.units import DriveLimits, RawLimits, raw_homing, raw_limits
 
 PDO_OFF: Final = 0x8000_0000
 """Bit 31 of a PDO's identifier: it does not exist."""
@@ -47,6 +48,7 @@ _POLARITY_BITS: Final = 0b111 << 5
 """Bits of 607Eh: torque, velocity, position."""
 _CYCLIC_MODES: Final = 1 << 7 | 1 << 9
 """Bits of 6502h: cyclic synchronous position, cyclic synchronous torque."""
+_HOMING_MODE: Final = 1 << 5
 _MILLISECONDS: Final = -3
 """60C2h:02 is a power of ten of a second."""
 
@@ -169,6 +171,32 @@ def plan(description: DriveDescription, limits: DriveLimits, cycle: CycleSetting
     return DrivePlan(description, steps)
 
 
+def homing_plan(
+    description: DriveDescription, limits: DriveLimits, cycle: CycleSettings
+) -> DrivePlan:
+    """As `plan`, with what a homing needs, and with the axis file's torque limit for it."""
+    homing = description.axis.homing
+    if homing is None:
+        raise ValueError(f"{description.name} has no homing")
+    usual = lonely_plan(description, limits, cycle, homing.effort_max_si)
+    seeds = next(n for n, step in enumerate(usual.steps) if step.kind is StepKind.SEED_POSITION)
+    steps = (*usual.steps[:seeds], *_homing(description), *usual.steps[seeds:])
+    return DrivePlan(description, steps)
+
+
+def lonely_plan(
+    description: DriveDescription, limits: DriveLimits, cycle: CycleSettings, effort_max_si: float
+) -> DrivePlan:
+    """As `plan` for an axis that is moved alone, by little: at most this effort, in N·m or N.
+
+    It may not know where it is, so the drive watches no position limits.
+    """
+    lonely = limits._replace(
+        position_min_si=-math.inf, position_max_si=math.inf, effort_max_si=effort_max_si
+    )
+    return plan(description, lonely, cycle)
+
+
 def _identity(description: DriveDescription) -> Iterator[Step]:
     check = StepKind.CHECK
     yield Step(
@@ -234,8 +262,7 @@ def _compare(ref: ObjectRef, value: int, why: str) -> Step:
     )
 
 
-def setting(why: str, index: int, sub: int, bits: int, value: int, *, is_hex: bool = False) -> Step:
-    """A step that writes a value, and reads it back."""
+def _write(why: str, index: int, sub: int, bits: int, value: int, *, is_hex: bool = False) -> Step:
     signed = value < 0
     return Step(StepKind.WRITE, why, index, sub, bits, signed, value, is_hex=is_hex)
 
@@ -250,10 +277,10 @@ def _all_pdos_off(description: DriveDescription) -> Iterator[Step]:
 def _sync(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]:
     has = description.profile.optional_objects
     if has.sync_counter:
-        yield setting("SYNC counts so far, or not at all", 0x1019, 0, 8, cycle.sync_counter)
+        yield _write("SYNC counts so far, or not at all", 0x1019, 0, 8, cycle.sync_counter)
     if has.sync_window:
         why = "PDOs that come later after SYNC are dropped, in microseconds"
-        yield setting(why, 0x1007, 0, 32, cycle.sync_window_us)
+        yield _write(why, 0x1007, 0, 32, cycle.sync_window_us)
 
 
 def _mapping(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]:
@@ -262,23 +289,23 @@ def _mapping(description: DriveDescription, cycle: CycleSettings) -> Iterator[St
         yield from _mapping_of(layout, description)
         if layout is pdos.control and description.profile.pdo.rpdo_timeout:
             why = "without RPDO1 for so many ms the drive stops by itself"
-            yield setting(why, layout.communication_index, 5, 16, cycle.rpdo_timeout_ms)
+            yield _write(why, layout.communication_index, 5, 16, cycle.rpdo_timeout_ms)
         yield _switch_on(layout)
 
 
 def _mapping_of(layout: PdoLayout, description: DriveDescription) -> Iterator[Step]:
     parameters, has = layout.communication_index, description.profile.pdo
-    yield setting(f"{layout} with every n-th SYNC", parameters, 2, 8, layout.transmission_type)
+    yield _write(f"{layout} with every n-th SYNC", parameters, 2, 8, layout.transmission_type)
     if layout.transmit and has.inhibit_time:
-        yield setting(f"{layout} is never held back", parameters, 3, 16, 0)
+        yield _write(f"{layout} is never held back", parameters, 3, 16, 0)
     if layout.transmit and has.event_timer:
-        yield setting(f"{layout} has no timer of its own", parameters, 5, 16, 0)
+        yield _write(f"{layout} has no timer of its own", parameters, 5, 16, 0)
     objects = layout.mapping_index
-    yield setting(f"{layout} emptied", objects, 0, 8, 0)
+    yield _write(f"{layout} emptied", objects, 0, 8, 0)
     for sub, item in enumerate(layout.objects, 1):
         why = f"{layout} carries {item.index:04X}h:{item.sub:02X}"
-        yield setting(why, objects, sub, 32, item.entry, is_hex=True)
-    yield setting(f"{layout} complete", objects, 0, 8, len(layout.objects))
+        yield _write(why, objects, sub, 32, item.entry, is_hex=True)
+    yield _write(f"{layout} complete", objects, 0, 8, len(layout.objects))
 
 
 def _switch_on(layout: PdoLayout) -> Step:
@@ -309,14 +336,14 @@ def _limits(description: DriveDescription, raw: RawLimits) -> Iterator[Step]:
         )
     limit, speed = profile.torque_limit, profile.velocity_unit.value
     why = f"{'current' if limit.unit.is_current else 'torque'} limit in {limit.unit.value}"
-    yield setting(why, limit.index, limit.sub, limit.bits, raw.torque_raw)
+    yield _write(why, limit.index, limit.sub, limit.bits, raw.torque_raw)
     if has.speed_limit:
-        yield setting(f"speed limit in {speed}", 0x6080, 0, 32, raw.speed_raw)
+        yield _write(f"speed limit in {speed}", 0x6080, 0, 32, raw.speed_raw)
     if has.following_error:
         why = "following error window in counts"
-        yield setting(why, 0x6065, 0, 32, raw.following_error_counts)
+        yield _write(why, 0x6065, 0, 32, raw.following_error_counts)
     why = f"quick-stop ramp in {profile.deceleration_unit.value}"
-    yield setting(why, 0x6085, 0, 32, raw.deceleration_raw)
+    yield _write(why, 0x6085, 0, 32, raw.deceleration_raw)
 
 
 def _settings(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]:
@@ -331,12 +358,31 @@ def _settings(description: DriveDescription, cycle: CycleSettings) -> Iterator[S
             value=entry.value,
         )
     if description.profile.optional_objects.interpolation_time:
-        yield setting("interpolation time: our cycle", 0x60C2, 1, 8, cycle.period_ms)
-        yield setting("... in ms", 0x60C2, 2, 8, _MILLISECONDS)
+        yield _write("interpolation time: our cycle", 0x60C2, 1, 8, cycle.period_ms)
+        yield _write("... in ms", 0x60C2, 2, 8, _MILLISECONDS)
+
+
+def _homing(description: DriveDescription) -> Iterator[Step]:
+    objects, homing = description.profile.homing, description.axis.homing
+    if objects is None or homing is None:
+        return
+    raw = raw_homing(homing, objects.home_sign, description)
+    bit = _HOMING_MODE
+    yield Step(StepKind.CHECK, "it knows homing", 0x6502, value=bit, mask=bit, is_hex=True)
+    speed = description.profile.velocity_unit.value
+    yield _write("homing method", 0x6098, 0, 8, homing.method)
+    yield _write(f"homing: search speed in {speed}", 0x6099, 1, 32, raw.search_speed_raw)
+    yield _write(f"homing: speed for the exact place in {speed}", 0x6099, 2, 32, raw.zero_speed_raw)
+    yield _write(f"homing: acceleration in {speed} per s", 0x609A, 0, 32, raw.acceleration_raw)
+    home, threshold = objects.home, objects.current_threshold
+    yield _write("position at home in counts", home.index, home.sub, home.bits, raw.home_raw)
+    if threshold is not None and raw.stop_current_ma is not None:
+        why = "current in mA that means the mechanical stop"
+        yield _write(why, threshold.index, threshold.sub, threshold.bits, raw.stop_current_ma)
 
 
 def _seeds(description: DriveDescription, raw: RawLimits) -> Iterator[Step]:
-    yield setting("no torque asked for", 0x6071, 0, description.profile.target_torque.bits, 0)
+    yield _write("no torque asked for", 0x6071, 0, description.profile.target_torque.bits, 0)
     yield Step(
         kind=StepKind.SEED_POSITION,
         why="target position: where the joint is",
@@ -346,15 +392,15 @@ def _seeds(description: DriveDescription, raw: RawLimits) -> Iterator[Step]:
         second=raw.position_max_counts,
     )
     mode = OperationMode.CYCLIC_SYNC_TORQUE
-    yield setting("mode: cyclic synchronous torque", 0x6060, 0, 8, mode)
+    yield _write("mode: cyclic synchronous torque", 0x6060, 0, 8, mode)
 
 
 def _watches(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]:
     entries = description.profile.heartbeat.consumer_entries
     for sub in range(2, entries + 1):
-        yield setting("it watches nobody else", 0x1016, sub, 32, 0)
+        yield _write("it watches nobody else", 0x1016, sub, 32, 0)
     if entries:
         value = cycle.master_node_id << 16 | cycle.drive_detection_ms
-        yield setting("it watches our heartbeat", 0x1016, 1, 32, value, is_hex=True)
-    yield setting("its own heartbeat in ms", 0x1017, 0, 16, cycle.drive_heartbeat_ms)
+        yield _write("it watches our heartbeat", 0x1016, 1, 32, value, is_hex=True)
+    yield _write("its own heartbeat in ms", 0x1017, 0, 16, cycle.drive_heartbeat_ms)
     yield Step(StepKind.HEAR, "its heartbeat, in PRE-OPERATIONAL")

@@ -18,8 +18,7 @@ from daemon.core.reference import gait_shape
 from daemon.core.state import Axis, Core, CoreConfig, Leg
 from daemon.core.stopping import StopRules
 from daemon.seam import RingHeader
-from drives.lonely import homing_plan, lonely_plan
-from drives.plan import CycleSettings, DrivePlan, plan
+from drives.plan import CycleSettings, DrivePlan, homing_plan, lonely_plan, plan
 from drives.profile import DriveDescription
 from drives.units import axis_scaling, expected_base
 from observer.leg_observer import LegObserver

@@ -22,22 +22,26 @@ Rules:
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Final
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final, Protocol
 
 from msgspec.structs import replace
 
 from daemon.clock import Clock
 from daemon.core import conduct, cycle, poses
 from daemon.core.bringing import bring_up_core, fail
+from daemon.core.build import Plans
 from daemon.core.line import Line
-from daemon.core.loop_settings import ExitCode, LoopSettings, Seam, Supervisor
+from daemon.core.notebook import NoteKeeper
 from daemon.core.state import Core
 from daemon.core.stopping import Step
 from daemon.core.tick import Tick
 from daemon.record import Cause, CycleRecord, CycleTiming, Level, Mode
-from drives.bus import Frame
+from drives.bus import Bus, Frame
 from drives.errors import BringUpRefused, BusError
 from drives.nmt import NmtCommand, heartbeat_frame, nmt_frame
+from drives.plan import CycleSettings
 from drives.signals import DriveCommand, PowerRequest, PowerState
 
 RETRY_NS: Final = 1_000_000_000
@@ -54,6 +58,51 @@ SETTLE_CYCLES: Final = 150
 """And the leg so long, with that, to find its rest: the pose that the next start compares with."""
 BLIND_STOP_CYCLES: Final = 50
 STATUS_CYCLES: Final = 100
+
+
+class ExitCode(IntEnum):
+    """How the process ends (design 4.1)."""
+
+    ENDED = 0
+    CONFIGURATION = 2
+    REFUSED = 3
+    BUG = 4
+
+
+class Seam(Protocol):
+    """What the loop needs of the seam: `daemon.seam.CoreSeam`, or a list in a test."""
+
+    def publish(self, record: CycleRecord) -> None:
+        """Hand a record over."""
+        ...
+
+    def levels(self) -> list[Level]:
+        """All levels that wait."""
+        ...
+
+
+class Supervisor(Protocol):
+    """What the loop needs of systemd: `daemon.sd_notify.Notifier`."""
+
+    def send(self, *lines: str) -> None:
+        """Tell it."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class LoopSettings:
+    """What the loop needs beside the core."""
+
+    plans: Plans
+    cycle: CycleSettings
+    period_ns: int
+    window_ns: int
+    heartbeat_cycles: int
+    """Our heartbeat goes out with every so many SYNCs."""
+    master_node_id: int
+    bus_load_ratio: float
+    open_bus: Callable[[], Bus]
+    notebook: NoteKeeper
 
 
 class Loop:

@@ -5,8 +5,7 @@ from unittest import mock
 from sessions import Session
 
 from daemon.core import cycle
-from daemon.core.loop import BLIND_STOP_CYCLES
-from daemon.core.loop_settings import ExitCode
+from daemon.core.loop import BLIND_STOP_CYCLES, ExitCode
 
 ENABLE = 0x0F
 QUICK_STOP = 0x02
