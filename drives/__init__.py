@@ -11,7 +11,7 @@ In the cycle, in reading order:
 Before the cycle:
     profile      what configs/drives/ may say: axis_file (one drive), torque (units and bases),
                  option_codes (what a drive does by itself)
-    plan         bring-up as a list of steps that can be printed
+    plan         bring-up as a list of steps that can be printed (steps: one of them)
     bringup      runs the plan: objects (one object each), presence (who else is on the bus), port
                  (what it needs of the world), configurator (that, over a bus, with canopen's SDO
                  client)

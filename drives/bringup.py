@@ -36,11 +36,12 @@ from drives.errors import BootFailure, BringUpRefused, DrivePowered, DriveSilent
 from drives.nmt import NmtCommand, nmt_frame
 from drives.objects import SdoTarget, examine, read, switch_off, write, write_range
 from drives.pdo import PdoLayout, layouts
-from drives.plan import SERIAL_NUMBER, CycleSettings, DrivePlan, Step, StepKind
+from drives.plan import CycleSettings, DrivePlan
 from drives.port import DrivePort
 from drives.presence import OtherMaster, Texts, refuse_second_answer, refuse_second_node, until
 from drives.profile import DriveDescription
 from drives.signals import NmtState, PowerState
+from drives.steps import SERIAL_NUMBER, Step, StepKind
 from drives.units import DriveBase, base_from_raw
 
 BOOT_TIMEOUT_NS: Final = 2_000_000_000

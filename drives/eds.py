@@ -16,8 +16,9 @@ from canopen.objectdictionary import SIGNED_TYPES, ObjectDictionary, ODVariable
 
 from drives.errors import DescriptionError
 from drives.pdo import MappedObject, layouts
-from drives.plan import DrivePlan, Step, StepKind
+from drives.plan import DrivePlan
 from drives.profile import OptionalObjects
+from drives.steps import Step, StepKind
 
 _READ: Final = frozenset((StepKind.CHECK, StepKind.COMPARE, StepKind.REPORT))
 _WRITTEN: Final = frozenset(

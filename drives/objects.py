@@ -16,9 +16,9 @@ from drives.errors import (
     SdoGarbled,
     SdoTimeout,
 )
-from drives.plan import PDO_OFF, Step, StepKind
 from drives.port import DrivePort
 from drives.profile import BASE_TOLERANCE_RATIO
+from drives.steps import PDO_OFF, Step, StepKind
 
 
 class SdoTarget(NamedTuple):

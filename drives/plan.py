@@ -24,24 +24,15 @@ memory.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from enum import Enum
 from typing import Final, NamedTuple
 
 from drives.errors import BootFailure
 from drives.pdo import PdoLayout, layouts
 from drives.profile import DriveDescription
 from drives.signals import OperationMode
+from drives.steps import ALL_BITS, NO_RTR, SERIAL_NUMBER, Step, StepKind
 from drives.torque import ObjectRef
 from drives.units import DriveLimits, RawLimits, raw_homing, raw_limits
-
-PDO_OFF: Final = 0x8000_0000
-"""Bit 31 of a PDO's identifier: it does not exist."""
-NO_RTR: Final = 0x4000_0000
-"""Bit 30 of a TPDO's identifier: no remote frames."""
-ALL_BITS: Final = 0xFFFF_FFFF
-
-SERIAL_NUMBER: Final = (0x1018, 4)
 
 _DEVICE_PROFILE: Final = 402
 _POLARITY_BITS: Final = 0b111 << 5
@@ -51,34 +42,6 @@ _CYCLIC_MODES: Final = 1 << 7 | 1 << 9
 _HOMING_MODE: Final = 1 << 5
 _MILLISECONDS: Final = -3
 """60C2h:02 is a power of ten of a second."""
-
-
-class StepKind(Enum):
-    """How a step is executed; the value is what a printed plan shows."""
-
-    RESET = "reset"
-    BOOT = "boot"
-    POWER = "power"
-    """Read the statusword; a powered drive is switched off only where somebody asked for it."""
-    CHECK = "check"
-    """Read; the masked value must equal `value`."""
-    ALONE = "alone"
-    """Read the serial number twice, and listen for a second answer."""
-    COMPARE = "compare"
-    """Read; not 0 and within 1 % of `value`."""
-    SWITCH_OFF = "off"
-    """Read a PDO's identifier, write it back with bit 31: a drive may refuse any other one."""
-    WRITE = "write"
-    """Write, and read back under `mask`."""
-    RANGE = "range"
-    """Write `value` here and `second` into the next sub-index, never crossing what is there."""
-    SEED_POSITION = "seed"
-    """Read the position, write it as the target, held between `value` and `second`."""
-    HEAR = "hear"
-    REPORT = "report"
-    """Read, for the report."""
-    ASK = "ask"
-    """Read, for the report; 0 where the drive has no such object."""
 
 
 class CycleSettings(NamedTuple):
@@ -96,46 +59,6 @@ class CycleSettings(NamedTuple):
     """1019h: SYNC carries a counter from 1 to this; 0: it carries none."""
     sync_window_us: int = 0
     """1007h where the drive has it: a TPDO that is later after SYNC is dropped; 0: none is."""
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """One step; `index` is 0 where no object is concerned."""
-
-    kind: StepKind
-    why: str
-    index: int = 0
-    sub: int = 0
-    bits: int = 32
-    signed: bool = False
-    value: int = 0
-    mask: int = ALL_BITS
-    second: int = 0
-    is_hex: bool = False
-    """How a person reads the value."""
-    failure: BootFailure = BootFailure.CONFIGURATION
-    """What has failed if the drive refuses this step, or holds another value."""
-
-    @property
-    def place(self) -> str:
-        """`6065h:00`, or nothing."""
-        return f"{self.index:04X}h:{self.sub:02X}" if self.index else ""
-
-    def shown(self, value: int) -> str:
-        """A value of this object as a person reads it."""
-        return f"{value:0{self.bits // 4}X}h" if self.is_hex else str(value)
-
-    def __str__(self) -> str:
-        match self.kind:
-            case StepKind.CHECK | StepKind.WRITE:
-                value = f"= {self.shown(self.value)}"
-            case StepKind.COMPARE:
-                value = f"~ {self.shown(self.value)}"
-            case StepKind.RANGE:
-                value = f"= {self.value} .. {self.second}"
-            case _:
-                value = ""
-        return f"{self.kind.value:<8}{self.place:<10}{value:<26}{self.why}"
 
 
 class DrivePlan(NamedTuple):

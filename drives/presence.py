@@ -10,16 +10,16 @@ from collections.abc import Callable, Generator
 from typing import Final
 
 from drives.errors import BootFailure, BringUpRefused, DriveSilent
-from drives.objects import SdoTarget, read
-from drives.plan import Step, StepKind
+from drives.objects import SdoTarget, examine
 from drives.port import DrivePort
+from drives.steps import SERIAL_NUMBER, Step, StepKind
 
 SLICE_NS: Final = 10_000_000
 """Longest wait between two yields."""
 SECOND_ANSWER_NS: Final = 20_000_000
 """After an answer, so long is listened for another one to the same request."""
 
-_SERIAL_NUMBER: Final = Step(StepKind.REPORT, "serial number", 0x1018, 4, is_hex=True)
+_SERIAL_NUMBER: Final = Step(StepKind.ASK, "serial number", *SERIAL_NUMBER, is_hex=True)
 
 Texts = Generator[str, None, None]
 """Each yield ends a bounded piece of work and says what it was."""
@@ -50,13 +50,13 @@ def refuse_second_node(target: SdoTarget, sdo_repeat_count: int, text: str) -> T
         BringUpRefused: two nodes answer under this number.
         DriveSilent: none does.
     """
-    port, serials = target.port, set[int | None]()
+    port, serials = target.port, set[int]()
     for _ in range(2):
-        serials.add(_serial_number(target))
+        serials.add(examine(_SERIAL_NUMBER, target))
         yield from until(port, port.now_ns() + SECOND_ANSWER_NS, text, lambda: False)
     refuse_second_answer(target, sdo_repeat_count)
     if len(serials) > 1:
-        both = " and ".join(sorted(_SERIAL_NUMBER.shown(serial or 0) for serial in serials))
+        both = " and ".join(map(_SERIAL_NUMBER.shown, sorted(serials)))
         what = f"two serial numbers answer under node {target.node_id}: {both}"
         raise BringUpRefused(target.drive, BootFailure.DUPLICATE_NODE, what)
 
@@ -70,13 +70,6 @@ def refuse_second_answer(target: SdoTarget, sdo_repeat_count: int) -> None:
     if target.port.traffic(target.node_id).sdo_repeat_count > sdo_repeat_count:
         what = f"one request to node {target.node_id} was answered twice"
         raise BringUpRefused(target.drive, BootFailure.DUPLICATE_NODE, what)
-
-
-def _serial_number(target: SdoTarget) -> int | None:
-    try:
-        return read(_SERIAL_NUMBER, target)
-    except BringUpRefused:
-        return None  # CiA 301 makes 1018h:04 optional
 
 
 class OtherMaster:

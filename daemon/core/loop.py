@@ -9,8 +9,7 @@ One turn, on absolute grid points:
     at the end            the watchdog is fed, once for every cycle finished in time
 
 Rules:
-1. Grid points that were missed are skipped and counted, never caught up in a burst. One that is
-   late by more than LATE_MAX_NS is missed: its SYNC would come too close to the next.
+1. Grid points that were missed are skipped and counted, never caught up in a burst (`grid.py`).
 2. A command whose cycle is over is not sent late; it counts as dropped. One that finds a full
    queue is dropped too, but for those that stop a drive, which are tried again within the cycle.
 3. The watchdog is fed in every mode, whatever the drives do. A silent drive is a verdict.
@@ -32,6 +31,7 @@ from daemon.clock import Clock
 from daemon.core import conduct, cycle, poses
 from daemon.core.bringing import bring_up_core, fail
 from daemon.core.build import Plans
+from daemon.core.grid import Grid
 from daemon.core.line import Line
 from daemon.core.notebook import NoteKeeper
 from daemon.core.state import Core
@@ -48,8 +48,6 @@ RETRY_NS: Final = 1_000_000_000
 """Between two tries to bring up drives that do not answer."""
 SEND_MARGIN_NS: Final = 500_000
 """Commands go out at the latest this long before the next SYNC."""
-LATE_MAX_NS: Final = 3_000_000
-"""Two SYNCs are never closer than the period less this."""
 ANSWERS_MAX: Final = 3
 """Between two windows: a drive that babbles must not make us babble, too."""
 POWER_OFF_CYCLES: Final = 50
@@ -119,14 +117,12 @@ class Loop:
         self._line = Line(
             settings.open_bus, clock, settings.cycle.sync_counter, settings.master_node_id
         )
-        self._cycle = 0
-        self._grid_ns = clock.now_ns() + settings.period_ns
+        self._grid = Grid(clock, settings.period_ns)
         self._sync_ns = 0
         self._sync_count = 0
         self._retry_ns = 0
         self._shutdown = False
         self._timing = CycleTiming(0, 0, 0, 0)
-        self._overruns_in_a_row = 0
         self._dropped_in_a_row = 0
         self._was_complete = False
         self._stopped: tuple[int, ...] = ()
@@ -143,7 +139,7 @@ class Loop:
             while not (asked_to_end() and self.may_end()):
                 self.turn(shutdown=asked_to_end())
         except BringUpRefused:
-            self._tell(cycle.rest(self._core, [], self._tick(self._grid_ns)))
+            self._tell(cycle.rest(self._core, [], self._tick(self._grid.due_ns)))
             return ExitCode.REFUSED
         except Exception as bug:  # noqa: BLE001 - the one broad catch: it stops the machine
             self._stop_blindly()
@@ -171,7 +167,8 @@ class Loop:
         levels: list[Level] = []
         try:
             self._await_grid_point()
-            while self._skip_missed():
+            while missed := self._grid.skip_missed():
+                self._tell_missed(missed)
                 self._await_grid_point()
             levels = self._seam.levels()
             record = self._cycle_once(levels)
@@ -184,16 +181,16 @@ class Loop:
     def _await_grid_point(self) -> None:
         """Poll the bus until the grid point; answer what cannot wait."""
         if not self._has_drives():
-            self._clock.sleep_until(self._grid_ns)
+            self._clock.sleep_until(self._grid.due_ns)
             return
         answers_left = ANSWERS_MAX
-        while frames := self._line.receive_until(self._grid_ns):
+        while frames := self._line.receive_until(self._grid.due_ns):
             if answers_left == 0:
                 self._feed_between(frames, self._clock.now_ns())
                 continue
             answer = cycle.react(self._core, frames, self._tick(self._clock.now_ns()))
             if answer:
-                self._line.send_urgent(answer, self._grid_ns)
+                self._line.send_urgent(answer, self._grid.due_ns)
                 answers_left -= 1
 
     def _feed_between(self, frames: Sequence[Frame], now_ns: int) -> None:
@@ -203,7 +200,7 @@ class Loop:
     def _cycle_once(self, levels: Sequence[Level]) -> CycleRecord:
         begun_ns = self._clock.now_ns()
         line, core = self._line, self._core
-        timing = replace(self._timing, lateness_ns=begun_ns - self._grid_ns)
+        timing = replace(self._timing, lateness_ns=begun_ns - self._grid.due_ns)
         core.events += line.take_notices()
         if not self._has_drives():
             self._timing = replace(timing, collect_ns=0, work_ns=0)
@@ -259,7 +256,7 @@ class Loop:
         line, core = self._line, self._core
         if conduct.silenced(core):
             return
-        deadline_ns = self._grid_ns + self._settings.period_ns - SEND_MARGIN_NS
+        deadline_ns = self._grid.end_ns - SEND_MARGIN_NS
         if self._clock.now_ns() > deadline_ns:
             line.drop(outgoing)
         elif any(axis.stop is not None and axis.stop.step > Step.HOLD for axis in core.axes):
@@ -284,23 +281,16 @@ class Loop:
             return
         plans = settings.plans.of(core.preparation)
         for _ in bring_up_core(core, plans, self._line.port(), settings.cycle):
-            if self._clock.now_ns() >= self._grid_ns:
-                self._tell(cycle.rest(core, self._seam.levels(), self._tick(self._grid_ns)))
-                self._skip_to_next_grid_point()
+            if self._clock.now_ns() >= self._grid.due_ns:
+                self._tell(cycle.rest(core, self._seam.levels(), self._tick(self._grid.due_ns)))
+                self._grid.jump()
         self._retry_ns = self._clock.now_ns() + RETRY_NS
         self._was_complete, self._stopped = False, ()
         if core.drives is not None:
             core.drives.bus_state = self._line.bus_state
         if core.verdict.cause == Cause.BUS_DOWN:
             self._line.close()
-        self._skip_to_next_grid_point()
-
-    def _skip_to_next_grid_point(self) -> None:
-        """On the same grid, without calling it an overrun: nothing was due in between."""
-        late_ns = max(self._clock.now_ns() - self._grid_ns, 0)
-        points = 1 + late_ns // self._settings.period_ns
-        self._grid_ns += points * self._settings.period_ns
-        self._cycle += points
+        self._grid.jump()
 
     def _lose_bus(self, error: BusError) -> None:
         conduct.lose_bus(self._core, error.what)
@@ -313,13 +303,13 @@ class Loop:
         drives = self._core.drives
         since_ns = sync_ns - self._sync_ns if self._sync_ns else self._settings.period_ns
         return Tick(
-            cycle=self._cycle,
+            cycle=self._grid.cycle,
             sync_ns=sync_ns,
             sync_utc_ns=self._clock.utc_ns(),
             dt_s=since_ns * 1e-9,
             timing=self._timing,
-            late=self._overruns_in_a_row > 0,
-            overruns_in_a_row=self._overruns_in_a_row,
+            late=self._grid.missed_in_a_row > 0,
+            overruns_in_a_row=self._grid.missed_in_a_row,
             tx_dropped_in_a_row=self._dropped_in_a_row,
             tx_dropped_count=self._line.dropped_count,
             bus_load_ratio=self._settings.bus_load_ratio,
@@ -332,34 +322,22 @@ class Loop:
         self._keep_notes()
         if record.seq == 1:
             self._supervisor.send("READY=1")
-        if self._cycle % STATUS_CYCLES == 0:
+        if self._grid.cycle % STATUS_CYCLES == 0:
             status = f"{record.mode.name.lower()}: {record.progress}"
             if status != self._status:
                 self._supervisor.send(f"STATUS={status}")
                 self._status = status
 
     def _advance_grid(self) -> None:
-        """To the next grid point that can still be met."""
-        self._grid_ns += self._settings.period_ns
-        self._cycle += 1
-        if self._skip_missed() == 0:
-            self._overruns_in_a_row = 0
+        missed = self._grid.advance()
+        self._tell_missed(missed)
+        if missed == 0:
             self._supervisor.send("WATCHDOG=1")
 
-    def _skip_missed(self) -> int:
-        """Leave out the grid points that are over, and count them; how many."""
-        late_ns = self._clock.now_ns() - self._grid_ns
-        if late_ns <= LATE_MAX_NS:
-            return 0
-        missed = late_ns // self._settings.period_ns + 1
-        self._grid_ns += missed * self._settings.period_ns
-        self._cycle += missed
-        self._overruns_in_a_row += missed
-        count = self._timing.overrun_count + missed
-        self._timing = replace(self._timing, overrun_count=count)
+    def _tell_missed(self, missed: int) -> None:
+        self._timing = replace(self._timing, overrun_count=self._grid.missed_count)
         if missed > 1:
             self._core.events.append(f"{missed} cycles in a row had no time and were left out")
-        return missed
 
     # --- the end ----------------------------------------------------------------------------
 
@@ -370,7 +348,7 @@ class Loop:
             return True
         if core.mode.active or core.mode == Mode.STOPPING:
             return False
-        conduct.power_off(core, self._cycle)
+        conduct.power_off(core, self._grid.cycle)
         self._power_off_cycles += 1
         powered = {PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE}
         states = {axis.feedback.power_state for axis in core.axes if axis.feedback is not None}

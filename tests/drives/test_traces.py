@@ -12,8 +12,9 @@ from drives.configurator import Configurator
 from drives.drive import Drive, DriveGroup
 from drives.errors import BringUpRefused
 from drives.nmt import SYNC_FRAME
-from drives.plan import StepKind, plan
+from drives.plan import plan
 from drives.signals import DriveCommand, OperationMode, PowerRequest, PowerState
+from drives.steps import StepKind
 
 HIP = plan(drive("hip_epos4"), HIP_LIMITS, CYCLE)
 

@@ -1,0 +1,87 @@
+"""One step of a bring-up: what is done with which object, and what has failed if it does not work.
+
+`plan.py` makes lists of them, `bringup.py` and `objects.py` execute them, `eds.py` judges them
+without a drive.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+from drives.errors import BootFailure
+
+PDO_OFF: Final = 0x8000_0000
+"""Bit 31 of a PDO's identifier: it does not exist."""
+NO_RTR: Final = 0x4000_0000
+"""Bit 30 of a TPDO's identifier: no remote frames."""
+ALL_BITS: Final = 0xFFFF_FFFF
+
+SERIAL_NUMBER: Final = (0x1018, 4)
+
+
+class StepKind(Enum):
+    """How a step is executed; the value is what a printed plan shows."""
+
+    RESET = "reset"
+    BOOT = "boot"
+    POWER = "power"
+    """Read the statusword; a powered drive is switched off only where somebody asked for it."""
+    CHECK = "check"
+    """Read; the masked value must equal `value`."""
+    ALONE = "alone"
+    """Read the serial number twice, and listen for a second answer."""
+    COMPARE = "compare"
+    """Read; not 0 and within 1 % of `value`."""
+    SWITCH_OFF = "off"
+    """Read a PDO's identifier, write it back with bit 31: a drive may refuse any other one."""
+    WRITE = "write"
+    """Write, and read back under `mask`."""
+    RANGE = "range"
+    """Write `value` here and `second` into the next sub-index, never crossing what is there."""
+    SEED_POSITION = "seed"
+    """Read the position, write it as the target, held between `value` and `second`."""
+    HEAR = "hear"
+    REPORT = "report"
+    """Read, for the report."""
+    ASK = "ask"
+    """Read, for the report; 0 where the drive has no such object."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step; `index` is 0 where no object is concerned."""
+
+    kind: StepKind
+    why: str
+    index: int = 0
+    sub: int = 0
+    bits: int = 32
+    signed: bool = False
+    value: int = 0
+    mask: int = ALL_BITS
+    second: int = 0
+    is_hex: bool = False
+    """How a person reads the value."""
+    failure: BootFailure = BootFailure.CONFIGURATION
+    """What has failed if the drive refuses this step, or holds another value."""
+
+    @property
+    def place(self) -> str:
+        """`6065h:00`, or nothing."""
+        return f"{self.index:04X}h:{self.sub:02X}" if self.index else ""
+
+    def shown(self, value: int) -> str:
+        """A value of this object as a person reads it."""
+        return f"{value:0{self.bits // 4}X}h" if self.is_hex else str(value)
+
+    def __str__(self) -> str:
+        match self.kind:
+            case StepKind.CHECK | StepKind.WRITE:
+                value = f"= {self.shown(self.value)}"
+            case StepKind.COMPARE:
+                value = f"~ {self.shown(self.value)}"
+            case StepKind.RANGE:
+                value = f"= {self.value} .. {self.second}"
+            case _:
+                value = ""
+        return f"{self.kind.value:<8}{self.place:<10}{value:<26}{self.why}"
