@@ -65,7 +65,7 @@ class Line:
     def port(self) -> Configurator:
         """What bring-up needs of an open bus; what the controller did before is forgiven."""
         self.bus_state.forgive()
-        return Configurator(self._existing(), self._clock, self.sync, self.bus_state)
+        return Configurator(self._existing(), self._clock, sync=self.sync, bus_state=self.bus_state)
 
     # --- out --------------------------------------------------------------------------------
 
