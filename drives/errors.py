@@ -122,18 +122,18 @@ _LETTERS: Final = {
 F (no node guarding), G to I (no software download), L (every drive is reset first)."""
 
 
-def _whose(drive: str) -> str:
-    return f"drive {drive}" if drive else "bus"
-
-
 class DriveSilent(DrivesError):
-    """A drive does not answer, or rebooted on the way; bring-up may be tried again."""
+    """A drive does not answer, or rebooted on the way; bring-up may be tried again.
+
+    `drive` is empty where the failure is about the bus.
+    """
 
     def __init__(self, drive: str, failure: BootFailure, what: str) -> None:
         self.drive = drive
         self.failure = failure
         self.what = what
-        super().__init__(f"{failure}: {_whose(drive)}: {what}")
+        whose = f"drive {drive}: " if drive else ""
+        super().__init__(f"{failure}: {whose}{what}")
 
 
 class BringUpRefused(DrivesError):
@@ -152,7 +152,7 @@ class BringUpRefused(DrivesError):
         self.value = value
         self.reason = reason
         what = f" {place} = {value}" if place else ""
-        super().__init__(f"{failure}: {_whose(drive)}{what}: {reason}")
+        super().__init__(f"{failure}: drive {drive}{what}: {reason}")
 
 
 class DrivePowered(DrivesError):

@@ -1,0 +1,88 @@
+"""What fails in bringing up the drives, as an operator hears it: mode, verdict, events, exit."""
+
+from dataclasses import replace
+
+import msgspec
+import pytest
+from sessions import Session
+
+from daemon.core.loop import ExitCode
+from daemon.record import Cause, Mode
+from drives.bus import Frame
+from gaitd.lockstep import Lockstep
+
+
+def told(lockstep):
+    return [event for record in lockstep.records for event in record.events]
+
+
+def with_identity(session, **changes):
+    """The same machine, and files that describe another hip drive."""
+    leg = session.settings.legs[0]
+    identity = msgspec.structs.replace(leg.hip.axis.identity, **changes)
+    hip = replace(leg.hip, axis=msgspec.structs.replace(leg.hip.axis, identity=identity))
+    settings = replace(session.settings, legs=(replace(leg, hip=hip),))
+    return Lockstep(settings, session.machine.world)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"vendor_id": 0x9A}, "wrong vendor (CiA 302 D)"),
+        ({"product_code": 0x1234}, "wrong product (CiA 302 M)"),
+        ({"revision": 0x1234}, "wrong revision (CiA 302 N)"),
+        ({"serial": 0x1234}, "wrong serial number (CiA 302 O)"),
+    ],
+    ids=["vendor", "product", "revision", "serial number"],
+)
+def test_a_refused_drive_ends_the_service_with_3_and_its_failure_is_in_verdict_and_events(
+    changes, words
+):
+    lockstep = with_identity(Session(), **changes)
+
+    code = lockstep.loop.run(lambda: False)
+
+    record = lockstep.record
+    assert code == ExitCode.REFUSED == 3
+    assert record.verdict.cause == Cause.BRING_UP_FAILED
+    assert record.verdict.drive == "right/hip"
+    assert words in record.verdict.detail
+    assert any(words in event for event in told(lockstep))
+    assert b"\x01\x05" not in [f.data for f in lockstep.bus.sent if f.can_id == 0]
+
+
+def test_a_silent_drive_is_mode_off_with_its_failure_told_once_and_looked_for_again():
+    session = Session()
+    session.machine.command("unplugged right/slide")
+
+    session.lockstep.run(12)
+
+    record = session.lockstep.record
+    assert record.mode in {Mode.OFF, Mode.BRINGING_UP}
+    assert record.verdict.cause == Cause.DRIVE_SILENT
+    assert "no answer (CiA 302 B): drive right/slide" in record.verdict.detail
+    failed = [event for event in told(session.lockstep) if event.startswith("bring-up failed")]
+    assert len(failed) == 1
+    session.machine.command("clear unplugged right/slide")
+    session.lockstep.run_until(lambda r: r.mode == Mode.READY, within_s=20)
+
+
+def test_another_master_keeps_the_drives_down_until_it_has_gone():
+    session = Session()
+    bus = session.lockstep.bus
+    let_pass = bus.let_pass
+    there = [True]
+
+    def let_pass_beside_another(until_ns):
+        let_pass(until_ns)
+        if there[0]:
+            bus._waiting.append(Frame(0x080, b""))
+
+    bus.let_pass = let_pass_beside_another
+    session.lockstep.run(5)
+    beside = session.lockstep.record
+    there[0] = False
+    session.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=20)
+
+    assert beside.mode in {Mode.OFF, Mode.BRINGING_UP}
+    assert "another master on the bus: somebody else sends SYNC" in beside.verdict.detail

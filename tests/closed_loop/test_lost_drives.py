@@ -1,0 +1,310 @@
+"""A drive that is lost in operation, seen from the wire: what the master sends and what not.
+
+Node 5 is the hip, node 6 the slide. The drives are real enough to go on turning when they are lost,
+so only what their frames say may count.
+"""
+
+import pytest
+from sessions import Session
+
+from daemon.record import Cause, Mode, Outcome, RequestKind
+from drives.signals import PowerState
+from sim_drives.frame import Frame as WorldFrame
+
+MS = 1_000_000
+ENABLING = 0b1000
+QUICK_STOP = 0x02
+TPDO1, TPDO2 = 0x185, 0x285
+HEARTBEAT = 0x705
+
+
+def altered(session, change):
+    """Everything that the drives send goes through `change`: frames in, frames out."""
+    world = session.machine.world
+    advance = world.advance_to
+
+    def advance_to(time_ns):
+        return [frame for sent in advance(time_ns) for frame in change(sent)]
+
+    world.advance_to = advance_to
+
+
+def without(*can_ids):
+    return lambda frame: [] if frame.can_id in can_ids else [frame]
+
+
+def controlwords(session, node_id, since):
+    sent = session.lockstep.bus.sent[since:]
+    return [
+        int.from_bytes(frame.data[:2], "little")
+        for frame in sent
+        if frame.can_id == 0x200 + node_id
+    ]
+
+
+def nmt(session, since):
+    return [f.data.hex() for f in session.lockstep.bus.sent[since:] if f.can_id == 0]
+
+
+def stops_told(session):
+    events = [event for record in session.lockstep.records for event in record.events]
+    return [event for event in events if event.startswith("stop ")]
+
+
+# --- heartbeat ------------------------------------------------------------------------------------
+
+
+def test_a_heartbeat_that_stays_away_is_a_loss_at_the_consumer_time_within_one_cycle():
+    session = Session().walking(warm_s=2)
+    timeout_ms = session.settings.limits.communication.heartbeat_timeout_ms
+    last_ns = []
+    altered(
+        session,
+        lambda frame: (
+            [frame]
+            if frame.can_id != HEARTBEAT
+            else (last_ns.append(frame.time_ns), [frame])[1]
+            if not last_ns
+            else []
+        ),
+    )
+
+    lost = session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
+
+    assert lost.verdict.cause == Cause.HEARTBEAT_LOST
+    assert lost.verdict.drive == "right/hip"
+    passed_ms = (lost.sync_mono_ns - last_ns[0]) / MS
+    assert timeout_ms < passed_ms <= timeout_ms + 20
+
+
+def test_a_lost_heartbeat_quick_stops_both_axes_and_is_told_once():
+    session = Session().walking(warm_s=2)
+    altered(session, without(HEARTBEAT))
+    session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
+    since = len(session.lockstep.bus.sent)
+
+    session.lockstep.run(1)
+
+    assert set(controlwords(session, 6, since)) == {QUICK_STOP}
+    assert not any(word & ENABLING for word in controlwords(session, 5, since))
+    assert len(stops_told(session)) == 1
+    assert session.lockstep.record.mode == Mode.FAULT
+
+
+def test_a_heartbeat_that_comes_back_enables_nothing():
+    session = Session().walking(warm_s=2)
+    gone = [True]
+    altered(session, lambda frame: [] if frame.can_id == HEARTBEAT and gone[0] else [frame])
+    session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
+    since = len(session.lockstep.bus.sent)
+
+    gone[0] = False
+    session.lockstep.run(3)
+
+    assert session.lockstep.record.mode == Mode.FAULT
+    assert not any(
+        word & ENABLING for node in (5, 6) for word in controlwords(session, node, since)
+    )
+
+
+@pytest.mark.parametrize(
+    ("command", "state"), [(b"\x80\x05", "PRE_OPERATIONAL"), (b"\x02\x05", "STOPPED")]
+)
+def test_a_drive_that_leaves_operational_by_itself_stops_both_axes(command, state):
+    session = Session().walking(warm_s=2)
+    altered(session, without(0x085))
+
+    session.machine.world.receive(WorldFrame(0x000, command))
+    lost = session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
+    since = len(session.lockstep.bus.sent)
+    session.lockstep.run(1)
+
+    record = session.lockstep.record
+    assert lost.verdict.cause in {Cause.DRIVE_NOT_OPERATIONAL, Cause.DRIVE_SILENT}
+    assert lost.verdict.drive == "right/hip"
+    assert record.mode == Mode.FAULT
+    assert record.drives[1].power_state == PowerState.QUICK_STOP_ACTIVE
+    assert "0105" not in nmt(session, since)
+
+
+# --- a reboot -------------------------------------------------------------------------------------
+
+
+def test_a_drive_that_reboots_in_operation_is_lost_at_once_and_the_other_axis_is_stopped():
+    session = Session().walking(warm_s=2)
+    since = len(session.lockstep.bus.sent)
+
+    session.lockstep.bus._waiting.append(
+        session.lockstep.bus.sent[0]._replace(can_id=HEARTBEAT, data=b"\x00")
+    )
+    session.lockstep.run(0.02)
+
+    record = session.lockstep.record
+    assert record.verdict.cause == Cause.DRIVE_REBOOTED
+    assert record.verdict.drive == "right/hip"
+    assert not record.drives[0].referenced
+    assert not any(
+        word & ENABLING for node in (5, 6) for word in controlwords(session, node, since)
+    )
+
+
+def test_a_drive_that_rebooted_is_not_brought_up_again_until_somebody_asks():
+    session = Session().walking(warm_s=2)
+    session.machine.command("reboot right/hip")
+    session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
+    since = len(session.lockstep.bus.sent)
+
+    session.lockstep.run(5)
+
+    assert session.lockstep.record.mode == Mode.FAULT
+    assert set(nmt(session, since)) <= {"0205"}
+    answer = session.lockstep.request(RequestKind.RESET)
+    assert answer.outcome == Outcome.DONE, answer.reason
+
+
+# --- TPDOs that are not as they should be ---------------------------------------------------------
+
+
+@pytest.mark.parametrize("can_id", [TPDO1, TPDO2])
+@pytest.mark.parametrize("length", [0, 1, 6, 8], ids=lambda n: f"{n} bytes")
+def test_tpdos_of_another_length_are_never_used_and_stop_both_axes_when_they_go_on(can_id, length):
+    session = Session().walking(warm_s=2)
+    size = {TPDO1: 7, TPDO2: 8}[can_id]
+    length = 7 if (can_id, length) == (TPDO2, 8) else length
+    altered(
+        session,
+        lambda f: (
+            [f._replace(data=f.data.ljust(length, b"\xff")[:length])] if f.can_id == can_id else [f]
+        ),
+    )
+    assert length != size
+
+    session.lockstep.run_until(lambda record: not record.mode.active, within_s=0.1)
+    session.lockstep.run(1)
+
+    record = session.lockstep.record
+    assert record.verdict.cause == Cause.DRIVE_SILENT
+    assert record.drives[0].protocol_error_count >= 3
+    assert record.drives[1].power_state == PowerState.QUICK_STOP_ACTIVE
+
+
+def test_one_short_tpdo_is_a_missing_sample_and_no_stop():
+    session = Session().walking(warm_s=2)
+    once = [True]
+
+    def cut(frame):
+        if frame.can_id == TPDO1 and once[0]:
+            once[0] = False
+            return [frame._replace(data=frame.data[:3])]
+        return [frame]
+
+    altered(session, cut)
+    session.lockstep.run(0.5)
+
+    record = session.lockstep.record
+    assert record.mode == Mode.GAIT
+    assert record.drives[0].protocol_error_count == 1
+    missed = [r for r in session.lockstep.records[-60:] if not r.drives[0].fresh]
+    assert len(missed) == 1
+
+
+def test_every_tpdo_twice_changes_nothing_but_a_counter():
+    plain = Session().walking(warm_s=2)
+    doubled = Session().walking(warm_s=2)
+    before = doubled.lockstep.record.drives[0].late_count
+    altered(doubled, lambda f: [f, f] if f.can_id in (TPDO1, TPDO2) else [f])
+
+    plain.lockstep.run(0.5)
+    doubled.lockstep.run(0.5)
+
+    record = doubled.lockstep.record
+    assert record.mode == Mode.GAIT
+    assert record.drives[0].late_count > before
+    assert record.legs[0].measured == plain.lockstep.record.legs[0].measured
+
+
+def test_tpdos_that_come_after_the_window_are_late_and_stop_both_axes_when_they_go_on():
+    session = Session().walking(warm_s=2)
+    window_ms = session.settings.trainer.cycle.window_ms
+    held = []
+
+    def late(frame):
+        """Delivered with the first frame that comes after the window is over."""
+        if frame.can_id in (TPDO1, TPDO2):
+            held.append(frame)
+            return []
+        return [frame]
+
+    altered(session, late)
+    bus = session.lockstep.bus
+    let_pass = bus.let_pass
+
+    def let_pass_and_deliver(until_ns):
+        let_pass(until_ns)
+        due = [f for f in held if bus.now_ns - f.time_ns > window_ms * MS]
+        for frame in due:
+            held.remove(frame)
+            bus._waiting.append(bus.sent[0]._replace(can_id=frame.can_id, data=frame.data))
+
+    bus.let_pass = let_pass_and_deliver
+    session.lockstep.run_until(lambda record: not record.mode.active, within_s=0.2)
+    session.lockstep.run(0.1)
+
+    record = session.lockstep.record
+    assert record.verdict.cause == Cause.DRIVE_SILENT
+    assert record.drives[0].late_count > 0
+
+
+# --- the end --------------------------------------------------------------------------------------
+
+
+def test_a_shutdown_with_both_axes_enabled_quick_stops_switches_off_and_lets_go():
+    session = Session().enabled()
+    since = len(session.lockstep.bus.sent)
+    begun_ns = session.lockstep.bus.now_ns
+
+    session.lockstep.shut_down()
+
+    for node in (5, 6):
+        words = controlwords(session, node, since)
+        assert words[0] == QUICK_STOP
+        assert words[-1] == 0x00
+        assert not any(word & ENABLING for word in words)
+    assert nmt(session, since) == ["8205", "8206"]
+    assert session.lockstep.bus.now_ns - begun_ns < 2000 * MS
+    torques = [
+        frame.data for frame in session.lockstep.bus.sent[since:] if frame.can_id in {0x305, 0x306}
+    ]
+    assert set(torques) == {b"\0\0"}
+
+
+@pytest.mark.parametrize("fault", ["silent right/hip", "unplugged right/slide"])
+def test_a_shutdown_ends_also_when_a_drive_does_not_answer(fault):
+    session = Session().enabled()
+    session.machine.command(fault)
+    begun_ns = session.lockstep.bus.now_ns
+    since = len(session.lockstep.bus.sent)
+
+    session.lockstep.shut_down()
+
+    assert session.lockstep.bus.now_ns - begun_ns < 2000 * MS
+    assert nmt(session, since)[-2:] == ["8205", "8206"]
+    words = [w for node in (5, 6) for w in controlwords(session, node, since)[1:]]
+    assert not any(word & ENABLING for word in words)
+
+
+# --- one event for each cause ---------------------------------------------------------------------
+
+
+def test_a_following_error_is_told_once_and_stops_both_axes():
+    session = Session().walking(warm_s=2)
+
+    session.machine.command("emcy right/hip - 0x8611")
+    session.lockstep.run(2)
+
+    assert len(stops_told(session)) == 1
+    events = [event for record in session.lockstep.records for event in record.events]
+    for words in ("a drive sent an emergency message", "a drive is in fault"):
+        assert sum(words in event for event in events) <= 1
+    assert session.lockstep.record.mode == Mode.FAULT
+    assert session.lockstep.record.drives[1].power_state == PowerState.QUICK_STOP_ACTIVE
