@@ -108,6 +108,17 @@ def generic_drives(folder: Path) -> Path:
     )
 
 
+def elmo_drives(folder: Path) -> Path:
+    """Configs with Elmo-like drives in place of the EPOS4-like ones."""
+    return changed_configs(
+        folder,
+        ("demo.toml", "hip_epos4", "hip_elmo"),
+        ("demo.toml", "slide_epos4", "slide_elmo"),
+        ("plant.toml", 'personality = "epos4"', 'personality = "elmo_gold"'),
+        ("plant.toml", "epos4.eds", "elmo_gold.eds"),
+    )
+
+
 def two_legs(folder: Path) -> Path:
     """Configs with a left leg beside the right one, on the same bus."""
     configs = changed_configs(folder)
