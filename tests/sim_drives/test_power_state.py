@@ -56,7 +56,9 @@ def drive_in(state, **changes):
     if (0x605A, 0) in bench.world.node("right/hip").dictionary:
         bench.write(0x605A, 0, 6, 2)
     if state in WAY:
-        control(bench, *WAY[state])
+        for controlword in WAY[state]:
+            control(bench, controlword)
+            bench.run_ms(3 if changes else 0)  # a make whose statusword has a clock of its own
     elif state == FRA:
         control(bench, *WAY[OE])
         bench.plant.velocity[0] = 1.0
@@ -76,6 +78,27 @@ def test_every_controlword_in_every_state_leads_where_the_standard_says(state, l
     control(bench, low_bits)
 
     assert bench.state() == NEXT[state][COLUMN[low_bits]]
+
+
+@pytest.mark.parametrize("controlword", [0x00, 0x02, 0x06, 0x07, 0x0F])
+@pytest.mark.parametrize("state", [SOD, RTSO, SO, OE, QSA, FAULT])
+@pytest.mark.parametrize(
+    "make",
+    [("generic", "drives/generic402.eds"), ("elmo_gold", "drives/elmo_gold.eds")],
+    ids=["generic", "elmo"],
+)
+def test_other_makes_walk_the_same_table_but_for_the_automatic_transition_4(
+    make, state, controlword
+):
+    bench = drive_in(state, personality=make[0], eds=make[1])
+    expected = NEXT[state][COLUMN[controlword & 0xF]]
+    if (state, controlword) == (RTSO, 0x0F):
+        expected = SO
+
+    bench.write(0x6040, 0, controlword, 2)
+    bench.run_ms(3)
+
+    assert bench.state() == expected
 
 
 @given(st.integers(0, 0xFFFF))
