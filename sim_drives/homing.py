@@ -169,7 +169,7 @@ class Homing:
         self._ends_ns = 0
         self._turned = False
         self._goal_counts = 0
-        self._begin_watch(Reading(0, 0.0, 0))
+        self._begin_watch(Reading(0, 0))
 
     # --- from outside -------------------------------------------------------------------------
 
@@ -204,9 +204,10 @@ class Homing:
         self._turned = False
         self._ends_ns = self._line.now_ns + self._time_ns
         self.progress = Progress.SEARCHING
-        self._begin_watch(self._measurement.look())
+        reading = self._measurement.look()
+        self._begin_watch(reading)
         if not self._searches:
-            self._attain(self._measurement.look().counts)
+            self._attain(reading.counts)
         self._poll_again()
 
     def interrupt(self) -> None:

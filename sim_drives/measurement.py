@@ -39,7 +39,6 @@ class Reading(NamedTuple):
 
     counts: int
     """Of the encoder."""
-    velocity_si: float
     current_ma: int
 
 
@@ -101,7 +100,7 @@ class Measurement:
         if not self.encoder_frozen:
             self._counts = round(self._scaling.counts(sample.position_si))
         current_ma = round(self._scaling.motor_current_a(sample.current_a) * 1e3)
-        return Reading(self._counts, self._sign * sample.velocity_si, current_ma)
+        return Reading(self._counts, current_ma)
 
     def latch(self, now_ns: int) -> None:
         """Sample everything at this instant."""
