@@ -80,11 +80,13 @@ _EXPECTED = frozenset(
 
 def expectations(plan: DrivePlan) -> tuple[Expectation, ...]:
     """What bring-up wants of each object, in the order in which it comes to them."""
-    wanted: dict[Address, Expectation] = {}
+    wanted: dict[tuple[int, int, int], Expectation] = {}
     for step in plan.steps:
         if step.kind in _EXPECTED:
             for part in _parts(step):
-                wanted[part.index, part.sub] = Expectation(part)
+                # Two checks of one object ask for other bits of it; a write has the last word.
+                bits = part.mask if step.kind is StepKind.CHECK else 0
+                wanted[part.index, part.sub, bits] = Expectation(part)
     return tuple(wanted.values())
 
 

@@ -44,7 +44,6 @@ from drives.keeping import (
 )
 from drives.object_words import ObjectWords
 from drives.plan import StepKind, plan
-from drives.profile import ABORT_CONNECTION_OPTION
 from drives.witness import Witness
 from gaitd.lockstep import WorldBus, WorldClock
 
@@ -148,7 +147,7 @@ def test_each_object_of_the_plan_that_is_changed_is_the_one_difference(kind):
 
 def test_a_difference_says_what_was_wanted_what_was_found_and_why():
     desk = brought_up("epos4")
-    desk.node.values[ABORT_CONNECTION_OPTION] = 0
+    desk.node.values[0x6007, 0] = 0
 
     (found,) = differing(desk.plan, desk.port)
 
