@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 def command(
     config: Annotated[
-        Path | None, typer.Option("--config", help="trainer file: its bus, its drives")
+        Path | None,
+        typer.Option("--config", help="trainer file: its bus, its drives", dir_okay=False),
     ] = None,
     interface: Annotated[
         str | None, typer.Option(help="without --config: python-can's word, e.g. socketcan")
