@@ -16,5 +16,11 @@ Before the cycle:
                  (what it needs of the world), configurator (that, over a bus, with canopen's SDO
                  client)
     busload, eds what can be judged without a bus
+For people in front of a bus (`gaitd scan`, `gaitd drive`):
+    witness, scanning                who is there: listen, then read
+    stations, inventory, vendors     who they are, and what is wrong
+    dump, object_words, comparison   what a drive holds, means, and should hold
+    keeping                          store and restore, on request
+Everywhere:
     errors       what can go wrong, by whose matter it is
 """

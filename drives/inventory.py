@@ -7,35 +7,16 @@ that the machine of the configuration cannot work as it is; the others are to be
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Final, NamedTuple
+from typing import Final
 
 from drives.bus_state import BusCondition
-from drives.cia402 import decode_statusword
 from drives.emcy import decode_emergency
-from drives.emcy_codes import EmergencyTable, meaning
 from drives.nmt import NMT_ID, SYNC_ID
 from drives.profile import DriveDescription
-from drives.scanning import (
-    DEVICE_NAME,
-    DEVICE_TYPE,
-    DRIVE_PROFILE,
-    ERROR_CODE,
-    ERROR_REGISTER,
-    HARDWARE_VERSION,
-    PRODUCT,
-    REVISION,
-    SERIAL,
-    SOFTWARE_VERSION,
-    STATUSWORD,
-    VENDOR,
-    Survey,
-)
+from drives.scanning import DRIVE_PROFILE, Survey
 from drives.signals import NmtState
-from drives.vendors import vendor_name
+from drives.stations import Expected, Station, station, words
 from drives.witness import Heard
-
-ANY_VENDOR: Final = "any"
-"""A profile's vendor that stands for all of a standard."""
 
 
 class FindingKind(Enum):
@@ -80,35 +61,6 @@ class Finding:
 
 
 @dataclass(frozen=True, slots=True)
-class Station:
-    """One node that was heard or that answered. None and "": it did not say."""
-
-    node_id: int
-    drive: str
-    """Which drive of the configuration its node id belongs to, or nothing."""
-    nmt_state: str
-    """From heartbeats and boot-ups heard; `unknown` without any."""
-    answers: bool
-    """To SDO requests."""
-    device_type: int | None
-    profile_number: int | None
-    vendor_id: int | None
-    vendor: str
-    product_code: int | None
-    revision: int | None
-    serial: int | None
-    device_name: str
-    hardware_version: str
-    software_version: str
-    power_state: str
-    error_register: int | None
-    error_code: int | None
-    error_text: str
-    fitting_profile: str
-    """A profile for drives of this kind; with a question mark where only the vendor fits."""
-
-
-@dataclass(frozen=True, slots=True)
 class Inventory:
     """All that a scan has to say."""
 
@@ -121,43 +73,18 @@ class Inventory:
         return any(finding.kind in WRONG for finding in self.findings)
 
 
-class ProfileFile(NamedTuple):
-    """What a profile says of the drives that it is for."""
-
-    name: str
-    vendor: str
-    family: str
-
-
-class Expected(NamedTuple):
-    """What a configuration says of its bus; nothing of it where there is none."""
-
-    drives: tuple[DriveDescription, ...] = ()
-    master_node_id: int | None = None
-    profiles: tuple[ProfileFile, ...] = ()
-
-    def drive(self, node_id: int) -> DriveDescription | None:
-        """The drive that should be there."""
-        return next((drive for drive in self.drives if drive.node_id == node_id), None)
-
-    def error_table(self, node_id: int) -> EmergencyTable:
-        """What a node's error codes mean."""
-        drive = self.drive(node_id)
-        return "standard" if drive is None else drive.profile.emergency_table
-
-
 def take_stock(survey: Survey, expected: Expected) -> Inventory:
     """Stations and findings, each in the order of node ids; findings of the bus first."""
     nodes = sorted(
         node_id
         for node_id, heard in survey.witness.nodes.items()
-        if _is_there(heard) and node_id != expected.master_node_id
+        if _is_there(heard) and (node_id != expected.master_node_id or heard.answered)
     )
-    stations = tuple(_station(node_id, survey, expected) for node_id in nodes)
+    stations = tuple(station(node_id, survey, expected) for node_id in nodes)
     findings = (
         *_of_the_controller(survey),
         *_of_masters(survey, expected),
-        *(finding for station in stations for finding in _of_station(station, survey, expected)),
+        *(finding for one in stations for finding in _of_station(one, survey, expected)),
         *_missing(stations, expected),
         *_unexplained(survey, nodes, expected),
     )
@@ -168,81 +95,19 @@ def _is_there(heard: Heard) -> bool:
     return heard.answered or heard.watch.state is not NmtState.UNKNOWN or bool(heard.emergencies)
 
 
-# --- one station ----------------------------------------------------------------------------------
-
-
-def _station(node_id: int, survey: Survey, expected: Expected) -> Station:
-    heard = survey.witness.node(node_id)
-    objects = survey.objects.get(node_id, {})
-    number = {place: int.from_bytes(data, "little") for place, data in objects.items()}
-    device_type, vendor_id = number.get(DEVICE_TYPE), number.get(VENDOR)
-    statusword, error_code = number.get(STATUSWORD), number.get(ERROR_CODE)
-    name = _text(objects.get(DEVICE_NAME))
-    vendor = "" if vendor_id is None else vendor_name(vendor_id)
-    profile_number = None if device_type is None else device_type & 0xFFFF
-    drive = expected.drive(node_id)
-    return Station(
-        node_id=node_id,
-        drive="" if drive is None else drive.name,
-        nmt_state=_words(heard.watch.state.name),
-        answers=heard.answered,
-        device_type=device_type,
-        profile_number=profile_number,
-        vendor_id=vendor_id,
-        vendor=vendor,
-        product_code=number.get(PRODUCT),
-        revision=number.get(REVISION),
-        serial=number.get(SERIAL),
-        device_name=name,
-        hardware_version=_text(objects.get(HARDWARE_VERSION)),
-        software_version=_text(objects.get(SOFTWARE_VERSION)),
-        power_state="" if statusword is None else _words(decode_statusword(statusword).name),
-        error_register=number.get(ERROR_REGISTER),
-        error_code=error_code,
-        error_text=meaning(error_code, expected.error_table(node_id)).text if error_code else "",
-        fitting_profile=fitting_profile(vendor, name, profile_number, expected.profiles),
-    )
-
-
-def fitting_profile(
-    vendor: str, device_name: str, profile_number: int | None, profiles: Sequence[ProfileFile]
-) -> str:
-    """The profile for a device, by vendor and name; `NAME?` where the name does not say so."""
-    if profile_number != DRIVE_PROFILE:
-        return ""
-    words = device_name.casefold()
-    of_vendor = [
-        file for file in profiles if vendor and file.vendor.casefold() in vendor.casefold()
-    ]
-    for file in of_vendor:
-        if file.family.casefold() in words:
-            return file.name
-    general = [file for file in profiles if file.vendor == ANY_VENDOR]
-    return next((f"{file.name}?" for file in (*of_vendor, *general)), "")
-
-
-def _text(data: bytes | None) -> str:
-    text = "" if data is None else data.split(b"\0")[0].decode("latin-1")
-    return "".join(letter if letter.isprintable() else "?" for letter in text).strip()
-
-
-def _words(name: str) -> str:
-    return name.lower().replace("_", " ")
-
-
 # --- findings -------------------------------------------------------------------------------------
 
 
 def _of_the_controller(survey: Survey) -> Iterator[Finding]:
     state = survey.witness.bus_state
-    if survey.unasked and survey.witness.heard_nothing:
+    if state.bus_off_count:
+        yield Finding(FindingKind.BUS_OFF, "the controller was bus-off: wiring, bit rate?")
+    elif survey.unasked and survey.witness.heard_nothing:
         remedy = "drives without power, a cable, a terminator, another bit rate?"
         yield Finding(FindingKind.NO_ACKNOWLEDGE, f"nobody acknowledges what we send: {remedy}")
     elif survey.unasked:
         text = f"the transmit queue stays full: nodes from {min(survey.unasked)} were not asked"
         yield Finding(FindingKind.NO_ACKNOWLEDGE, text)
-    if state.bus_off_count:
-        yield Finding(FindingKind.BUS_OFF, "the controller was bus-off: wiring, bit rate?")
     elif state.condition is not BusCondition.ACTIVE:
         text = f"the controller is {state.condition.value}: frames get damaged on this bus"
         yield Finding(FindingKind.BUS_ERRORS, text)
@@ -255,7 +120,7 @@ def _of_masters(survey: Survey, expected: Expected) -> Iterator[Finding]:
     witness, master = survey.witness, expected.master_node_id
     heard = None if master is None else witness.nodes.get(master)
     if heard is not None and heard.heartbeat_count:
-        state = _words(heard.watch.state.name)
+        state = words(heard.watch.state.name)
         text = f"a service runs: heartbeat of the master ({state}), SYNC {witness.sync_count} times"
         yield Finding(FindingKind.SERVICE, text, master)
     elif witness.sync_count:
@@ -302,6 +167,9 @@ def _of_presence(
     if heard.watch.boot_up_count:
         text = f"booted {heard.watch.boot_up_count} times while we listened"
         yield FindingKind.BOOTED, text
+    if heard.watch.strange_count:
+        text = f"{heard.watch.strange_count} frames in place of its heartbeat that are none"
+        yield FindingKind.UNEXPLAINED, text
 
 
 def _of_errors(

@@ -11,7 +11,7 @@ it found. It reads and listens, and nothing else: no NMT command, no write, no S
 3.  A node to which somebody else sends SDO requests (a bring-up) is asked for nothing that takes
     more than one answer: its names, in segments, would mix with the other's transfer.
 4.  Whoever stops answering is not asked again: silence is waited for once.
-5.  Where nobody acknowledges our first frames, no more are sent.
+5.  Where nobody acknowledges our first frames, or they end in bus-off, no more are sent.
 """
 
 from collections.abc import Generator
@@ -126,7 +126,7 @@ def _ask_all(bus: Bus, clock: Clock, found: Survey, pause_ns: int) -> Steps:
     for node_id in NODES:
         deadline_ns = clock.now_ns() + SEND_PATIENCE_NS
         left = bus.send_urgent((Frame(SDO_REQUEST_ID + node_id, request),), deadline_ns, clock)
-        if left or found.witness.unacknowledged:
+        if left or found.witness.is_mute:
             found.unasked.update(range(node_id + 1 - left, NODES.stop))
             return
         _hear_until(bus, clock, clock.now_ns() + pause_ns)

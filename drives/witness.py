@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from drives.bus import Bus, Clock, Frame
-from drives.bus_state import BusMonitor
+from drives.bus_state import BusCondition, BusMonitor
 from drives.emcy import EMERGENCY_ID
 from drives.nmt import HEARTBEAT_ID, NMT_ID, SYNC_ID, HeartbeatWatch
 
@@ -28,7 +28,7 @@ _COMMAND: Final = 0xE0
 _INITIATES: Final = frozenset((0x20, 0x40))
 """Client's command specifiers whose bytes 1..3 name an object: download, upload."""
 _ANSWERS: Final = frozenset((0x40, 0x60))
-"""The server's, likewise: upload, download (CiA 301 7.2.4.3). An abort may be a second answer."""
+"""The server's, likewise: upload, download (CiA 301 7.2.4.3). An abort may follow an answer."""
 _ABORT: Final = 0x80
 _OF_ONE_NODE: Final = frozenset((EMERGENCY_ID, SDO_ANSWER_ID, SDO_REQUEST_ID, HEARTBEAT_ID))
 
@@ -87,8 +87,10 @@ class Witness:
         return not self.received_count
 
     @property
-    def unacknowledged(self) -> bool:
-        """What we send is acknowledged by nobody: no other station hears it."""
+    def is_mute(self) -> bool:
+        """What we send reaches nobody: bus-off, or not one acknowledgement since we began."""
+        if self.bus_state.condition is BusCondition.OFF:
+            return True
         asked = self._troubles_before is not None
         return asked and self.heard_nothing and self._troubles() != self._troubles_before
 
@@ -120,10 +122,9 @@ class Witness:
 
     def _take_of_node(self, heard: Heard, service: int, data: bytes, now_ns: int) -> None:
         if service == HEARTBEAT_ID:
-            boot_up_count, strange_count = heard.watch.boot_up_count, heard.watch.strange_count
+            others = heard.watch.boot_up_count + heard.watch.strange_count
             heard.watch.feed(data, now_ns)
-            new = (heard.watch.boot_up_count, heard.watch.strange_count)
-            heard.heartbeat_count += new == (boot_up_count, strange_count)
+            heard.heartbeat_count += heard.watch.boot_up_count + heard.watch.strange_count == others
         elif service == EMERGENCY_ID:
             heard.emergencies.append(data)
         elif service == SDO_REQUEST_ID:

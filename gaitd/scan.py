@@ -16,7 +16,8 @@ from gaitd.station import EXIT_DRIVE, BusPlace, opened, place_of, show, shown
 
 if TYPE_CHECKING:
     from drives.bus import Bus, Clock
-    from drives.inventory import Expected, Finding, Inventory, ProfileFile, Station
+    from drives.inventory import Finding, Inventory
+    from drives.stations import Expected, ProfileFile, Station
 
 
 def command(
@@ -68,7 +69,7 @@ def _sought(
 ) -> "tuple[BusPlace, Expected]":
     from daemon.config.load import read_all
     from daemon.config.strict import MISSING, ConfigError
-    from drives.inventory import Expected
+    from drives.stations import Expected
 
     named = {"--interface": interface, "--channel": channel, "--bitrate": bitrate}
     if config is not None:
@@ -93,8 +94,8 @@ def _profiles() -> "tuple[ProfileFile, ...]":
     """What there is in configs/drives/profiles; nothing where there is no such folder."""
     from daemon.config.load import load_toml
     from daemon.config.strict import ConfigError
-    from drives.inventory import ProfileFile
     from drives.profile import DriveProfile
+    from drives.stations import ProfileFile
     from gaitd.places import configs_folder
 
     try:

@@ -11,14 +11,9 @@ from memory_bus import MS, ManualClock, MemoryBus, scripted
 
 from drives.bus import Frame
 from drives.errors import BusError
-from drives.inventory import (
-    Expected,
-    FindingKind,
-    ProfileFile,
-    fitting_profile,
-    take_stock,
-)
+from drives.inventory import FindingKind, take_stock
 from drives.scanning import PAUSE_FRAMES, survey
+from drives.stations import Expected, ProfileFile, fitting_profile
 from drives.vendors import VENDORS, vendor_name
 from gaitd.lockstep import WorldBus, WorldClock
 
@@ -205,6 +200,7 @@ def test_a_device_under_the_node_id_of_our_master_is_a_duplicate():
     found = Desk(*both(), stranger).scan()
 
     assert only(found, FindingKind.DUPLICATE_NODE).node_id == 1
+    assert [station.node_id for station in found.stations] == [1, 5, 6]
 
 
 def test_nobody_on_the_bus_costs_no_more_time_than_one_silent_node():
@@ -355,6 +351,15 @@ def test_boot_ups_and_emergencies_while_we_listened_are_told():
 
     assert only(found, FindingKind.BOOTED).text == "booted 2 times while we listened"
     assert only(found, FindingKind.EMERGENCY).text.startswith("EMCY 8610h while we listened")
+
+
+def test_what_is_no_heartbeat_under_a_heartbeat_s_identifier_is_told():
+    desk = Desk(*both()).at_ms((10, 0x705, b""), (20, 0x705, b"\x05\x00"))
+
+    found = desk.scan()
+
+    assert only(found, FindingKind.UNEXPLAINED).text.startswith("2 frames in place of its")
+    assert found.stations[0].nmt_state == "unknown"
 
 
 def test_a_pending_error_is_told_in_the_drive_s_own_words():

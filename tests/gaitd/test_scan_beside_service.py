@@ -11,10 +11,11 @@ from drives.bus import Frame
 from drives.configurator import Configurator
 from drives.dump import read_objects, readable
 from drives.eds import load_eds
-from drives.inventory import Expected, FindingKind, take_stock
+from drives.inventory import FindingKind, take_stock
 from drives.keeping import Keeping, KeepingRefusedError, check_bus, check_drive
 from drives.plan import plan
 from drives.scanning import survey
+from drives.stations import Expected
 from drives.witness import Witness, WitnessedBus
 from gaitd.lockstep import WorldClock
 from sim_drives.frame import Frame as WorldFrame

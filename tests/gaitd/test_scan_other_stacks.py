@@ -13,8 +13,9 @@ from durand.scheduler import SyncScheduler, get_scheduler, set_scheduler
 
 from daemon.clock import MonotonicClock
 from drives.bus import CanBus
-from drives.inventory import Expected, FindingKind, take_stock
+from drives.inventory import FindingKind, take_stock
 from drives.scanning import survey
+from drives.stations import Expected
 
 DRIVES = (drive("hip_epos4"), drive("slide_epos4"))
 MBIT = 1_000_000
