@@ -56,7 +56,7 @@ def keep(
         ConfigError: there is nobody to ask, and no --yes.
         BringUpRefused, DriveSilent, BusError: as `drives/keeping.py`.
     """
-    keeping, port = Keeping[action], Configurator(bus, clock, sdo_timeout_ns=SDO_TIMEOUT_NS)
+    keeping, port = Keeping[action], Configurator(bus, clock)
     who = f"{plan.description.name} (node {plan.description.node_id})"
     try:
         check_bus(witness, master_node_id)
@@ -67,7 +67,7 @@ def keep(
         shown(listen(bus, clock, RECHECK_NS))
         check_bus(witness, master_node_id)
         check_drive(plan, keeping, port)
-        write_signature(plan, keeping, port)
+        write_signature(plan, keeping, Configurator(bus, clock, SDO_TIMEOUT_NS))
     except KeepingRefusedError as refused:
         print(f"{who}: not done: {refused}", file=sys.stderr)
         return EXIT_DIFFERENT

@@ -188,11 +188,13 @@ def test_a_file_that_is_no_dump_is_a_matter_of_configuration(machine, run, tmp_p
 
 def test_a_drive_that_is_not_there_ends_with_3(tmp_path, run):
     with Machine(tmp_path, ELSEWHERE).running() as machine:
-        ended = run(*told(machine, "right/slide", "compare"))
+        compared = run(*told(machine, "right/slide", "compare"))
+        stored = run(*told(machine, "right/slide", "store", "--yes"))
 
-    assert ended.code == 3
-    assert ended.err.startswith("drive right/slide: nobody answers at node 9")
-    assert ended.err.count("\n") == 1
+    assert (compared.code, stored.code) == (3, 3)
+    assert compared.err.startswith("drive right/slide: nobody answers at node 9")
+    assert stored.err.startswith("drive right/slide: no answer for 1000h:00")
+    assert (compared.err + stored.err).count("\n") == 2
 
 
 def test_nothing_is_stored_where_nobody_can_be_asked(machine, run):

@@ -9,7 +9,7 @@ from config_files import CONFIGS, Change, changed, copied
 
 from daemon.config.check import examine, refuse
 from daemon.config.load import ConfigError, load
-from gaitd.check import Section, _print_tables, plain
+from gaitd.check import Section, plain, print_tables
 
 EMPTY_WITH_A_PATIENTS_SPRINGS = (
     Change("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
@@ -161,7 +161,7 @@ def test_the_command_shows_the_sweep_that_it_refuses(tmp_path):
 def test_a_terminal_gets_tables(capsys):
     section = Section("Bus", ("", "what"), (("load", "10 [%]"),))
 
-    _print_tables((section,))
+    print_tables((section,))
 
     assert "10 [%]" in capsys.readouterr().out
     assert plain(section) == "Bus\n        what\n  load  10 [%]"
