@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from daemon.config.bundle import Settings
     from drives.bus import Bus
     from drives.plan import DrivePlan
+    from drives.witness import Witness
 
 COMMAND_LINE: Final = "command line"
 LISTEN_NS: Final = 500_000_000
@@ -83,7 +84,7 @@ def command(
     compare without --eds and --with: with all that bring-up would write or check.
     """
     from daemon.config.load import read_all
-    from drives.errors import BringUpRefused, BusError, DriveSilent, SdoTimeout
+    from drives.errors import BringUpRefused, BusError, DriveSilent
 
     options = Options(output, against, eds, everything, json, yes, reset)
     refuse_foreign(options, action)
@@ -92,11 +93,6 @@ def command(
     try:
         with opened(place_of(settings)) as bus:
             code = _act(action, plan, options, bus, settings)
-    except SdoTimeout as error:
-        name, node_id = plan.description.name, plan.description.node_id
-        what = f"nobody answers at node {node_id}; `gaitd scan` says who is there"
-        print(f"drive {name}: {what}", file=sys.stderr)
-        raise typer.Exit(EXIT_DRIVE) from error
     except (BringUpRefused, BusError, DriveSilent) as error:
         print(error, file=sys.stderr)
         raise typer.Exit(EXIT_DRIVE) from error
@@ -143,6 +139,7 @@ def _act(
     action: Action, plan: "DrivePlan", options: Options, bus: "Bus", settings: "Settings"
 ) -> int:
     from daemon.clock import MonotonicClock
+    from drives.errors import DriveSilent, SdoTimeout
     from drives.scanning import listen
     from drives.witness import Witness, WitnessedBus
     from gaitd.drive_keeping import keep
@@ -156,4 +153,16 @@ def _act(
         return keep(action.name, plan, options, heard, clock, witness, master_node_id)
     refuse_company(plan, witness)
     act = dump if action is Action.DUMP else compare
-    return act(plan, options, heard, clock)
+    try:
+        return act(plan, options, heard, clock)
+    except SdoTimeout as error:
+        raise DriveSilent(plan.description.name, _silence(plan, witness)) from error
+
+
+def _silence(plan: "DrivePlan", witness: "Witness") -> str:
+    from drives.signals import NmtState
+
+    node_id = plan.description.node_id
+    if witness.node(node_id).watch.state is NmtState.STOPPED:
+        return f"node {node_id} is stopped: no SDO in this state; it answers after power-on"
+    return f"nobody answers at node {node_id}; `gaitd scan` says who is there"

@@ -197,6 +197,17 @@ def test_a_drive_that_is_not_there_ends_with_3(tmp_path, run):
     assert (compared.err + stored.err).count("\n") == 2
 
 
+def test_a_drive_that_somebody_stopped_is_told_from_one_that_is_gone(machine, run):
+    with can.Bus(interface="virtual", channel=machine.channel) as master:
+        for can_id, data in ((0x605, bytes.fromhex("2b17100032000000")), (0x000, b"\x02\x05")):
+            message = can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
+            master.send(message)
+        ended = run(*told(machine, "right/hip", "dump"))
+
+    assert ended.code == 3
+    assert "node 5 is stopped: no SDO in this state" in ended.err
+
+
 def test_nothing_is_stored_where_nobody_can_be_asked(machine, run):
     ended = run(*told(machine, "right/hip", "store"))
 

@@ -13,6 +13,9 @@ from durand.scheduler import SyncScheduler, get_scheduler, set_scheduler
 
 from daemon.clock import MonotonicClock
 from drives.bus import CanBus
+from drives.configurator import Configurator
+from drives.dump import read_objects, readable
+from drives.eds import load_eds
 from drives.inventory import FindingKind, take_stock
 from drives.scanning import survey
 from drives.stations import Expected
@@ -123,3 +126,26 @@ def test_a_reset_by_another_master_and_the_boot_up_after_it_are_heard(channel):
     bus.close()
 
     assert [f.kind for f in found.findings] == [FindingKind.FOREIGN_MASTER, FindingKind.BOOTED]
+
+
+@pytest.mark.usefixtures("foreign_drives")
+def test_a_dump_of_another_stack_s_device_is_what_its_own_client_reads(channel):
+    description = drive("hip_epos4")
+    dictionary = load_eds(description.eds, 5)
+    theirs = canopen.Network()
+    theirs.NOTIFIER_CYCLE = 0.02
+    theirs.connect(interface="virtual", channel=channel)
+    node = theirs.add_node(5, description.eds)
+    bus = CanBus.open("virtual", channel, MBIT)
+
+    entries = finished(read_objects(5, readable(dictionary), Configurator(bus, MonotonicClock())))
+    for entry in entries:
+        variable = node.sdo[entry.index]
+        if not isinstance(variable, canopen.sdo.SdoVariable):
+            variable = variable[entry.sub]
+        assert entry.value == variable.raw, entry
+    bus.close()
+    theirs.disconnect()
+
+    assert any(entry.value == "EPOS4 Compact 50/5 CAN" for entry in entries)
+    assert len(entries) == len(readable(dictionary))
