@@ -229,3 +229,59 @@ def test_both_drives_move_at_the_same_sync(hip, slide):
 
     for node, start in zip(nodes, starts, strict=True):
         assert eventually(lambda node=node, start=start: abs(position_of(node) - start - 40) <= 2)
+
+
+def test_from_power_on_to_motion_and_back_as_an_outside_master_would_do_it(slide, station):
+    # power on: the boot-up message is the first that is heard of a node
+    station.command("reboot right/slide")
+    slide.nmt.wait_for_bootup(PATIENCE_S)
+    # who are you?
+    assert slide.sdo[0x1000].raw & 0xFFFF == 402
+    assert slide.sdo[0x1018][1].raw == slide.object_dictionary[0x1018][1].default
+    assert slide.sdo[0x6502].raw & 0x80  # cyclic synchronous position
+    # watch each other, and stop by yourself if I fall silent
+    beat = slide.network.send_periodic(0x701, b"\x05", 0.02)
+    slide.sdo[0x1016][1].raw = 1 << 16 | 500
+    slide.sdo[0x1017].raw = 50
+    slide.sdo[0x6007].raw = 3
+    # limits and ramps
+    slide.sdo[0x6065].raw = 100_000
+    slide.sdo[0x6085].raw = 50_000
+    slide.sdo[0x605A].raw = 2
+    # PDOs, operational
+    mapped(slide)
+    assert slide.nmt.wait_for_heartbeat(PATIENCE_S) in ("OPERATIONAL", "PRE-OPERATIONAL")
+    start = position_of(slide)
+    slide.op_mode = "CYCLIC SYNCHRONOUS POSITION"
+    target(slide, position=start)
+    slide.state = "OPERATION ENABLED"
+    # motion
+    for step in range(1, 31):
+        target(slide, position=start + 10 * step)
+        slide.check_statusword()
+    assert eventually(lambda: abs(position_of(slide) - start - 300) <= 2)
+    # stop, off, stopped
+    slide.controlword = 0x0002
+    assert eventually(lambda: slide.check_statusword() and slide.state == "SWITCH ON DISABLED")
+    slide.controlword = 0x0000
+    beat.stop()
+    slide.nmt.state = "STOPPED"
+    slide.nmt.wait_for_heartbeat(PATIENCE_S)
+    assert slide.nmt.wait_for_heartbeat(PATIENCE_S) == "STOPPED"
+    assert slide.emcy.active == []
+
+
+def test_a_master_that_falls_silent_in_motion_is_noticed_and_the_drive_stops_by_itself(slide):
+    mapped(slide)
+    slide.sdo[0x6007].raw = 3
+    slide.sdo[0x605A].raw = 2
+    beat = slide.network.send_periodic(0x701, b"\x05", 0.02)
+    slide.sdo[0x1016][1].raw = 1 << 16 | 500
+    slide.op_mode = "CYCLIC SYNCHRONOUS TORQUE"
+    target(slide, torque=0)
+    slide.state = "OPERATION ENABLED"
+
+    beat.stop()
+
+    assert slide.emcy.wait(0x8130, PATIENCE_S) is not None
+    assert eventually(lambda: slide.sdo[0x6041].raw & 0x6F == 0x40)
