@@ -25,7 +25,7 @@ from drives.plan import CycleSettings
 from drives.profile import DriveDescription
 
 BURST_MAX_RATIO: Final = 0.5
-"""SYNC, TPDOs and RPDOs of one cycle must fit into this part of it (canopen.md 4.4)."""
+"""SYNC, TPDOs and RPDOs of one cycle must fit into this part of it: what is late still fits."""
 
 _FIXED_BITS: Final = 47
 _STUFFED_BITS: Final = 34

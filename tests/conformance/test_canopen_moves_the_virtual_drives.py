@@ -12,6 +12,7 @@ What is wrong in it, and what these tests do instead:
 5. It writes the new COB-ID to switch a PDO off: identifiers stay those of the predefined set.
 """
 
+import threading
 import time
 
 import pytest
@@ -232,9 +233,13 @@ def test_both_drives_move_at_the_same_sync(hip, slide):
 
 
 def test_from_power_on_to_motion_and_back_as_an_outside_master_would_do_it(slide, station):
-    # power on: the boot-up message is the first that is heard of a node
+    # power on: the boot-up message is the first that is heard of a node (waited for beforehand:
+    # canopen's waiter forgets what came before it, #560)
+    booting = threading.Thread(target=slide.nmt.wait_for_bootup, args=(PATIENCE_S,))
+    booting.start()
+    time.sleep(0.05)
     station.command("reboot right/slide")
-    slide.nmt.wait_for_bootup(PATIENCE_S)
+    booting.join()
     # who are you?
     assert slide.sdo[0x1000].raw & 0xFFFF == 402
     assert slide.sdo[0x1018][1].raw == slide.object_dictionary[0x1018][1].default
