@@ -317,6 +317,25 @@ def test_canopen_s_copy_of_our_eds_says_what_ours_says(path, tmp_path):
         assert (found.mappable_in, found.mappable_out) == (entry.mappable_in, entry.mappable_out)
 
 
+@pytest.mark.parametrize("path", OURS, ids=lambda path: path.name)
+def test_our_eds_lists_what_it_describes_and_counts_it(path):
+    # CiA 306: three lists with SupportedObjects, and SubNumber members of each array and record.
+    parser = configparser.RawConfigParser()
+    parser.read_string(text_of(path))
+    listed = []
+    for name in ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects"):
+        rows = [parser[name][str(n)] for n in range(1, parser.getint(name, "SupportedObjects") + 1)]
+        assert len(parser[name]) == len(rows) + 1, name
+        listed += [int(row, 0) for row in rows]
+
+    described = [section for section in parser.sections() if re.fullmatch("[0-9A-F]{4}", section)]
+    assert sorted(listed) == sorted(int(section, 16) for section in described)
+    for section in described:
+        members = [name for name in parser.sections() if name.startswith(f"{section}sub")]
+        assert len(members) == int(parser.get(section, "SubNumber", fallback="0"), 0), section
+        assert all(parser.has_option(name, "DataType") for name in members or [section])
+
+
 class Nowhere(NetworkABC):
     """A network on which durand's node hears nothing."""
 
