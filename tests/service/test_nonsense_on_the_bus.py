@@ -1,6 +1,7 @@
 """CAN fuzz of the running service as processes: a station on the loopback bus that talks nonsense.
 
-`pytest --fuzz-minutes=N` lets it talk for N minutes each, from a seed of its own, which is printed.
+`pytest --fuzz-minutes=N` lets it talk for N minutes each, from a seed of its own, which is in the
+names of the tests.
 """
 
 import random
@@ -18,6 +19,7 @@ from drives.bus import Frame
 
 RATE_HZ = 500
 TALK_S = 4.0
+PATIENCE_S = 120.0
 REFUSED = 3
 ENABLE_BIT = 0x08
 GAIT = ("mode", "gait", "--cadence", "0.25", "--amplitude", "1", "--duration", "600")
@@ -35,18 +37,21 @@ def service():
             service.end()
 
 
-@pytest.fixture
-def talk(service, request):
-    minutes = request.config.option.fuzz_minutes
+def pytest_generate_tests(metafunc):
+    minutes = metafunc.config.option.fuzz_minutes
     seed = 1 if minutes is None else random.SystemRandom().randrange(1_000_000)
-    duration_s = TALK_S if minutes is None else minutes * 60
-    print(f"seed {seed}")
+    talk_s = TALK_S if minutes is None else minutes * 60
+    limit = pytest.mark.timeout(talk_s + PATIENCE_S)
+    metafunc.parametrize(("seed", "talk_s"), [pytest.param(seed, talk_s, marks=limit)])
 
+
+@pytest.fixture
+def talk(service, seed, talk_s):
     def run():
         """Talk; the RPDOs that the service sent meanwhile."""
         rng, commands = random.Random(seed), []
         with service.listener() as bus:
-            end_s = time.monotonic() + duration_s
+            end_s = time.monotonic() + talk_s
             while time.monotonic() < end_s and service.parts["core"].poll() is None:
                 frame = rng.choice(SPOKEN)(rng)
                 if not is_command(frame):
