@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from drives.dump import Address, Entry, Value
-from drives.plan import ALL_BITS, PDO_OFF, DrivePlan, Step, StepKind
+from drives.plan import DrivePlan
 from drives.profile import BASE_TOLERANCE_RATIO
+from drives.steps import ALL_BITS, PDO_OFF, Step, StepKind
 
 
 class Expectation(NamedTuple):

@@ -63,7 +63,6 @@ class Configurator:
         sdo_timeout_ns: int = SDO_TIMEOUT_NS,
         sync: SyncProducer | None = None,
         bus_state: BusMonitor | None = None,
-        sdo_timeout_ns: int = SDO_TIMEOUT_NS,
     ) -> None:
         """`sync` and `bus_state` are those of whoever owns the bus for longer than this lives."""
         self._bus = bus

@@ -18,10 +18,11 @@ from drives.cia402 import decode_statusword
 from drives.errors import BootFailure, DrivesError, DriveSilent, SdoAborted, SdoGarbled, SdoTimeout
 from drives.nmt import NmtCommand, nmt_frame
 from drives.objects import SdoTarget, examine, read
-from drives.plan import DrivePlan, Step, StepKind
+from drives.plan import DrivePlan
 from drives.port import DrivePort
 from drives.scanning import DEVICE_TYPE, VENDOR, Progress
 from drives.signals import PowerState
+from drives.steps import Step, StepKind
 from drives.witness import Witness
 
 SDO_TIMEOUT_NS: Final = 5_000_000_000

@@ -11,9 +11,10 @@ from drives.cia402 import decode_statusword
 from drives.comparison import expectations
 from drives.dump import Address
 from drives.emcy_codes import EmergencyTable, meaning
-from drives.plan import PDO_OFF, DrivePlan, StepKind
+from drives.plan import DrivePlan
 from drives.profile import DriveProfile, InputBit
 from drives.signals import OperationMode
+from drives.steps import PDO_OFF, StepKind
 
 _PDO_COUNT: Final = 512
 _PARAMETERS: Final = (0x1400, 0x1800)

@@ -139,7 +139,7 @@ def _act(
     action: Action, plan: "DrivePlan", options: Options, bus: "Bus", settings: "Settings"
 ) -> int:
     from daemon.clock import MonotonicClock
-    from drives.errors import DriveSilent, SdoTimeout
+    from drives.errors import BootFailure, DriveSilent, SdoTimeout
     from drives.scanning import listen
     from drives.witness import Witness, WitnessedBus
     from gaitd.drive_keeping import keep
@@ -156,7 +156,8 @@ def _act(
     try:
         return act(plan, options, heard, clock)
     except SdoTimeout as error:
-        raise DriveSilent(plan.description.name, _silence(plan, witness)) from error
+        name = plan.description.name
+        raise DriveSilent(name, BootFailure.NO_ANSWER, _silence(plan, witness)) from error
 
 
 def _silence(plan: "DrivePlan", witness: "Witness") -> str:

@@ -23,8 +23,9 @@ from drives import eds
 from drives.emcy_codes import EmergencyTable, meaning
 from drives.errors import DescriptionError
 from drives.pdo import layouts
-from drives.plan import StepKind, plan
+from drives.plan import plan
 from drives.profile import check_nodes
+from drives.steps import StepKind
 
 NAMES = [name for name in AXES if (FOLDER / table(f"{name}.toml")["eds"]).is_file()]
 

@@ -43,7 +43,8 @@ from drives.keeping import (
     reset_node,
 )
 from drives.object_words import ObjectWords
-from drives.plan import StepKind, plan
+from drives.plan import plan
+from drives.steps import StepKind
 from drives.witness import Witness
 from gaitd.lockstep import WorldBus, WorldClock
 
