@@ -44,6 +44,7 @@ WRONG: Final = frozenset(
         FindingKind.MISSING,
         FindingKind.OTHER_DEVICE,
         FindingKind.DUPLICATE_NODE,
+        FindingKind.FELL_SILENT,
         FindingKind.NO_ACKNOWLEDGE,
         FindingKind.BUS_OFF,
     )
@@ -144,7 +145,7 @@ def _of_station(station: Station, survey: Survey, expected: Expected) -> Iterato
     ):
         yield Finding(kind, text, node_id, name)
     drive = expected.drive(node_id)
-    if drive is not None and station.answers:
+    if drive is not None and station.answers and node_id not in survey.fell_silent:
         yield from _of_identity(station, drive)
 
 
@@ -152,13 +153,14 @@ def _of_presence(
     station: Station, survey: Survey, heard: Heard
 ) -> Iterator[tuple[FindingKind, str]]:
     if heard.answered_twice:
-        yield (
-            FindingKind.DUPLICATE_NODE,
-            "two answers to one request: two devices with this node id",
-        )
+        yield FindingKind.DUPLICATE_NODE, "two answers to one request: two devices with one id"
     if not heard.answered and not survey.unasked:
-        why = "no SDO in STOPPED" if heard.watch.state is NmtState.STOPPED else "a master?"
-        yield FindingKind.SILENT_NODE, f"heard ({station.nmt_state}), but does not answer: {why}"
+        text = f"heard ({station.nmt_state}), but does not answer"
+        if heard.watch.state is NmtState.STOPPED:
+            text += ": no SDO in STOPPED"
+        elif not station.drive:
+            text += ": a master?"
+        yield FindingKind.SILENT_NODE, text
     if station.node_id in survey.fell_silent:
         yield FindingKind.FELL_SILENT, "answered, and then did not any more"
     if heard.foreign_request_count:
@@ -251,10 +253,12 @@ def _unexplained(survey: Survey, nodes: Sequence[int], expected: Expected) -> It
         else:
             continue
         yield Finding(FindingKind.UNEXPLAINED, text)
+    for node_id, heard in sorted(survey.witness.nodes.items()):
+        if heard.foreign_request_count and node_id not in nodes:
+            text = f"somebody else asks node {node_id} by SDO, which is not there"
+            yield Finding(FindingKind.SDO_CLIENT, text)
     if survey.witness.odd_sync_count:
-        text = (
-            f"{survey.witness.odd_sync_count} SYNC with data: a counter (1019h), or somebody else"
-        )
+        text = f"{survey.witness.odd_sync_count} SYNC with data: with a counter (1019h)?"
         yield Finding(FindingKind.UNEXPLAINED, text)
 
 

@@ -337,7 +337,8 @@ def test_a_node_that_stops_answering_is_waited_for_once():
 
     found = desk.scan()
 
-    assert FindingKind.FELL_SILENT in kinds(found)
+    assert kinds(found) == [FindingKind.FELL_SILENT]
+    assert found.is_wrong
     assert [f.data[1:4] for f in desk.bus.sent if f.can_id == 0x605 and f.data[0] == 0x40][-1] == (
         b"\x18\x10\x01"
     )
@@ -351,6 +352,26 @@ def test_boot_ups_and_emergencies_while_we_listened_are_told():
 
     assert only(found, FindingKind.BOOTED).text == "booted 2 times while we listened"
     assert only(found, FindingKind.EMERGENCY).text.startswith("EMCY 8610h while we listened")
+
+
+def test_requests_to_a_node_that_is_not_there_are_told():
+    desk = Desk(*both()).at_ms((10, 0x609, bytes.fromhex("4000100000000000")))
+
+    assert "node 9" in only(desk.scan(), FindingKind.SDO_CLIENT).text
+
+
+def test_a_drive_of_the_file_that_beats_and_does_not_answer_is_missing():
+    hip, slide = both()
+    slide.dead = True
+    desk = Desk(hip, slide).at_ms((10, 0x706, b"\x7f"))
+
+    found = desk.scan()
+
+    texts = [finding.text for finding in found.findings]
+    assert texts == [
+        "heard (pre operational), but does not answer",
+        "nobody answers at node 6",
+    ]
 
 
 def test_what_is_no_heartbeat_under_a_heartbeat_s_identifier_is_told():
