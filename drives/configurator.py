@@ -126,7 +126,7 @@ class Configurator:
     ) -> bytes:
         client = self._client(node_id)
         client.timed_out = False
-        client.deadline_ns = self._clock.now_ns() + SDO_TRANSFER_NS
+        client.deadline_ns = self._clock.now_ns() + max(SDO_TRANSFER_NS, self._sdo_timeout_ns)
         try:
             return run(client)
         except SdoAbortedError as abort:

@@ -187,9 +187,14 @@ def test_an_object_that_the_eds_does_not_have_is_named():
         ("6077", "DataType=0x0003", "DataType=0x0006", "6077h:00 has no sign in the EDS (TPDO2"),
         ("6072", "AccessType=rw", "AccessType=ro", "6072h:00 cannot be written by the EDS"),
         ("6085", "DataType=0x0007", "DataType=0x0006", "6085h:00 has 16 bits in the EDS, not 32"),
-        ("6502", "DefaultValue=0x00000280", "DefaultValue=0x0011044B", "6502h:00 is 0011044Bh in"),
+        ("6502", "DefaultValue=0x00000380", "DefaultValue=0x0011044B", "6502h:00 is 0011044Bh in"),
         ("1018sub2", "0x00040201", "0x00040202", "1018h:02 is 00040202h in the EDS, expected 0004"),
-        ("605A", "HighLimit=8", "HighLimit=2", "605Ah:00 = 6 is outside 0 .. 2 of the EDS"),
+        (
+            "605A",
+            "DefaultValue=2",
+            "LowLimit=0\nHighLimit=2",
+            "605Ah:00 = 6 is outside 0 .. 2 of the EDS",
+        ),
     ],
 )
 def test_what_the_eds_says_against_a_plan_is_told(tmp_path, key, old, new, words):
