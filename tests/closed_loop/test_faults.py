@@ -20,7 +20,18 @@ FAULTS = [
     ("blocked_rotor {}", STUCK),
     ("hand_switch_open {}", {Cause.HAND_SWITCH_OPEN}),
     ("sto_open {}", {Cause.STO_ACTIVE}),
+    ("deaf {}", LOST),
+    ("wrong_identity {}", LOST),
+    ("brake_stuck {}", STUCK),
 ]
+MISWIRED = ("wrong_sign {}", "encoder_reversed {}")
+STOP_NOTHING_ALONE = (
+    "ignores_quick_stop",  # until somebody stops
+    "slow_state",
+    "refuses_object",  # at bring-up
+    "home_switch_stuck",  # at homing
+    "torque_offset",  # no drive and no master can tell it from a patient's effort
+)
 DRIVES = ("right/hip", "right/slide")
 NOT_PUSHING = {
     PowerState.QUICK_STOP_ACTIVE,
@@ -34,7 +45,8 @@ REACTION_S = 2.0
 def test_the_faults_tested_here_are_all_there_are():
     from sim_drives.settings import FaultKind
 
-    assert {text.split()[0] for text, _ in FAULTS} == {kind.value for kind in FaultKind}
+    stopping = {text.split()[0] for text in (*(text for text, _ in FAULTS), *MISWIRED)}
+    assert stopping | set(STOP_NOTHING_ALONE) == {kind.value for kind in FaultKind}
 
 
 @pytest.mark.parametrize("drive", DRIVES)
@@ -51,6 +63,39 @@ def test_a_fault_while_walking_stops_both_axes_and_says_why(fault, causes, drive
     assert record.verdict.cause in causes
     assert record.verdict.drive in {drive, "right"}
     truth = session.truth.rows[-1]
+    assert abs(truth.hip_velocity_rad_per_s) < 0.05
+    assert abs(truth.slide_velocity_m_per_s) < 0.05
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize("fault", MISWIRED)
+def test_a_drive_that_turns_out_to_be_wired_the_wrong_way_round_is_stopped_at_once(fault, drive):
+    session = Session().walking(warm_s=3.5)
+    begun_ns = session.lockstep.record.sync_mono_ns
+
+    session.machine.command(fault.format(drive))
+    stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=REACTION_S)
+    session.lockstep.run(3)
+
+    assert stopped.sync_mono_ns - begun_ns < 500_000_000
+    assert session.lockstep.record.mode == Mode.FAULT
+    truth = session.truth.rows[-1]
+    assert abs(truth.hip_velocity_rad_per_s) < 0.05
+    assert abs(truth.slide_velocity_m_per_s) < 0.05
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize("fault", ["ignores_quick_stop {}", "slow_state {} - 30"])
+def test_a_drive_that_stops_badly_stops_all_the_same(fault, drive):
+    session = Session().walking(warm_s=3.5)
+    session.machine.command(fault.format(drive))
+
+    session.machine.command(f"hand_switch_open {drive}")
+    session.lockstep.run_until(lambda record: not record.mode.active, within_s=REACTION_S)
+    session.lockstep.run(3)
+
+    truth = session.truth.rows[-1]
+    assert session.lockstep.record.mode == Mode.FAULT
     assert abs(truth.hip_velocity_rad_per_s) < 0.05
     assert abs(truth.slide_velocity_m_per_s) < 0.05
 
