@@ -100,7 +100,9 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         "support the leg, then reset: the drives will be switched off",
     ),
     Cause.BUS_OFF: CauseText(
-        "the CAN controller went bus-off", Blame.MACHINE, "check termination and bit rate; reset"
+        "the CAN controller went bus-off",
+        Blame.MACHINE,
+        "check termination and bit rate; set the interface down and up, then reset",
     ),
     Cause.TRANSMIT_QUEUE_FULL: CauseText(
         "frames could not be sent", Blame.MACHINE, "check that another node acknowledges; reset"

@@ -31,6 +31,7 @@ from contextlib import suppress
 from typing import Final, NamedTuple
 
 from drives.cia402 import decode_statusword
+from drives.emcy import decode_emergency
 from drives.emcy_codes import meaning
 from drives.errors import BootFailure, BringUpRefused, DrivePowered, DriveSilent
 from drives.nmt import NmtCommand, nmt_frame
@@ -40,7 +41,7 @@ from drives.plan import CycleSettings, DrivePlan
 from drives.port import DrivePort
 from drives.presence import OtherMaster, Texts, refuse_second_answer, refuse_second_node, until
 from drives.profile import DriveDescription
-from drives.signals import NmtState, PowerState
+from drives.signals import Emergency, NmtState, PowerState
 from drives.steps import SERIAL_NUMBER, Step, StepKind
 from drives.units import DriveBase, base_from_raw
 
@@ -94,8 +95,8 @@ class DriveReport(NamedTuple):
     error_register: int
     error_code: int
     error_text: str
-    emergencies: tuple[bytes, ...]
-    """EMCY data that came during bring-up."""
+    emergencies: tuple[Emergency, ...]
+    """That came during bring-up, oldest first."""
     reference_lost: bool
     """Error code or one of the EMCYs says that the encoder cannot be believed."""
 
@@ -338,8 +339,10 @@ def _report(drive: _Found, port: DrivePort) -> DriveReport:
     profile = drive.description.profile
     error_code = drive.values[0x603F, 0]
     homed_bit = profile.referenced_bit
-    codes = (error_code, *(int.from_bytes(data[:2], "little") for data in traffic.emergencies))
     table = profile.emergency_table
+    found = meaning(error_code, table)
+    came = [decode_emergency(data, drive.node_id, table, 0) for data in traffic.emergencies]
+    emergencies = tuple(one for one in came if one is not None and one.code)
     return DriveReport(
         name=drive.name,
         base=_base(drive),
@@ -352,9 +355,9 @@ def _report(drive: _Found, port: DrivePort) -> DriveReport:
         homed=homed_bit is not None and bool(statusword >> homed_bit & 1),
         error_register=drive.values[0x1001, 0],
         error_code=error_code,
-        error_text=meaning(error_code, table).text if error_code else "",
-        emergencies=tuple(traffic.emergencies),
-        reference_lost=any(meaning(code, table).loses_reference for code in codes),
+        error_text=found.text if error_code else "",
+        emergencies=emergencies,
+        reference_lost=found.loses_reference or any(one.loses_reference for one in emergencies),
     )
 
 

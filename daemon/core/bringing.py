@@ -1,6 +1,6 @@
 """From mode OFF to READY: the drives' bring-up, told to the core step by step."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 
 from daemon.core import modes
 from daemon.core.axis_notes import disagreement, proven
@@ -105,7 +105,18 @@ def _take_over(
     core.progress = ""
     unreferenced = [axis for axis in core.axes if not axis.referenced]
     names = ", ".join(f"{axis.name} ({axis.unreferenced_why})" for axis in unreferenced)
+    for report in reports:
+        core.events += _errors_found(report)
     core.events.append("drives are up" + (f", not referenced: {names}" if names else ""))
+
+
+def _errors_found(report: DriveReport) -> Iterator[str]:
+    """What a drive came with, in words: nothing of it is reset, and nothing of it stops later."""
+    if report.error_code:
+        yield f"{report.name}: found with error {report.error_code:04X}h: {report.error_text}"
+    for code, one in {one.code: one for one in report.emergencies}.items():
+        does = one.reaction.value
+        yield f"{report.name}: EMCY {code:04X}h during bring-up: {one.text}; the drive: {does}"
 
 
 def _begin(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> None:

@@ -86,3 +86,21 @@ def test_another_master_keeps_the_drives_down_until_it_has_gone():
 
     assert beside.mode in {Mode.OFF, Mode.BRINGING_UP}
     assert "another master on the bus: somebody else sends SYNC" in beside.verdict.detail
+
+
+def test_an_error_that_a_drive_came_with_is_told_and_stops_nothing_later():
+    session = Session()
+    code = 0x8130
+
+    def with_error(time_ns, advance=session.machine.world.advance_to):
+        sent = advance(time_ns)
+        booted = [frame for frame in sent if frame.can_id == 0x705 and frame.data == b"\0"]
+        data = code.to_bytes(2, "little") + bytes((0x11, 0, 0, 0, 0, 0))
+        return sent + [frame._replace(can_id=0x085, data=data) for frame in booted]
+
+    session.machine.world.advance_to = with_error
+    session.until_ready()
+
+    words = "right/hip: EMCY 8130h during bring-up: CAN heartbeat"
+    assert sum(words in event for event in told(session.lockstep)) == 1
+    assert session.lockstep.record.verdict.cause == Cause.NONE

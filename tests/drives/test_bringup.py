@@ -9,6 +9,7 @@ from memory_bus import MS
 from drives.bringup import bring_up
 from drives.bus import Frame
 from drives.bus_state import BusCondition
+from drives.emcy_codes import Reaction
 from drives.errors import BringUpRefused, BusError, DrivePowered, DriveSilent
 from drives.nmt import SyncProducer
 from drives.plan import plan
@@ -209,7 +210,9 @@ def test_an_emcy_that_comes_during_bring_up_is_in_the_report():
 
     hip, slide = bench.run()
 
-    assert hip.emergencies == (bytes.fromhex("3081110000000000"),)
+    (came,) = hip.emergencies
+    assert (came.code, came.error_register) == (0x8130, 0x11)
+    assert came.reaction is Reaction.ABORT_CONNECTION
     assert slide.emergencies == ()
 
 
