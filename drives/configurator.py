@@ -10,8 +10,7 @@ What is worked around, with where it was seen:
 - A timeout sends an abort for 0000h:00; ours names the object of the transfer.
 - A segmented upload may end before or after the announced length: then there is no value.
 - The default retry would send a request twice; a drive that does not answer once is silent.
-- A segmented transfer has no end while the server goes on: ours has a deadline as a whole. Nor is
-  its length compared with the announced one.
+- A segmented transfer has no end while the server goes on: ours has a deadline as a whole.
 
 A node has one SDO channel, and one transfer on it at a time. A reply that was given already, to the
 very same request, is counted apart from other strays: two nodes may be answering.
@@ -102,15 +101,7 @@ class Configurator:
 
     def read(self, node_id: int, index: int, sub: int) -> bytes:
         """As `DrivePort.read`."""
-
-        def upload(client: _Client) -> bytes:
-            stream = ReadableStream(client, index, sub)
-            data, size = bytes(stream.read()), stream.size
-            if size is not None and len(data) != size:
-                raise SdoCommunicationError(f"{len(data)} bytes came of {size} that were announced")
-            return data
-
-        return self._transfer(node_id, index, sub, upload)
+        return self._transfer(node_id, index, sub, lambda client: client.upload(index, sub))
 
     def write(self, node_id: int, index: int, sub: int, data: bytes) -> None:
         """As `DrivePort.write`."""
