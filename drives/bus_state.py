@@ -7,7 +7,9 @@ Rules:
 1.  Bus-off lasts until the controller reports a restart. Nobody here restarts it: that is the
     interface's matter (`restart-ms`, or the operator). What a node sends meanwhile is lost.
 2.  Error passive and warning are told and do not stop. They end when the controller says so.
-3.  A missing acknowledgement means that nobody else is on the bus; whatever is heard ends that.
+3.  A missing acknowledgement means that nobody else is on the bus; whatever is heard ends that. So
+    does a transmitter that is error passive before anything was heard: a lonely node gets no
+    farther than that (ISO 11898-1), and not every driver reports what was missing.
 4.  Everything is counted; a line for people comes with each change, and for what has no end
     (frames lost in the controller) with the first, the tenth, the hundredth.
 """
@@ -27,11 +29,13 @@ _CLASS_RESTARTED: Final = 0x100
 _DATA_OVERFLOW: Final = 0x03
 _DATA_WARNING: Final = 0x0C
 _DATA_PASSIVE: Final = 0x30
+_DATA_TRANSMITTER_PASSIVE: Final = 0x20
 _DATA_ACTIVE: Final = 0x40
 _ACK_SLOT: Final = 0x19
 """data[3] of a protocol error: some drivers report a missing acknowledgement by its place."""
 
-NOTICES_MAX: Final = 8
+NOTICES_MAX: Final = 4
+"""Of one cycle; what comes and goes faster is counted."""
 
 
 class BusCondition(Enum):
@@ -58,6 +62,7 @@ class BusMonitor:
     """Takes every error frame; holds the condition and what was counted."""
 
     __slots__ = (
+        "_has_heard",
         "_notices",
         "_overflow_told_count",
         "alone",
@@ -76,7 +81,8 @@ class BusMonitor:
         self.has_been_off = False
         """Since the drives were brought up: however short it was, they have heard nothing."""
         self.alone = False
-        """The last frame was not acknowledged, and nothing has been heard since."""
+        """Frames are not acknowledged, and nothing has been heard since."""
+        self._has_heard = False
         self.bus_off_count = 0
         self.passive_count = 0
         self.warning_count = 0
@@ -92,7 +98,8 @@ class BusMonitor:
         before = self.condition
         kinds = frame.can_id
         if kinds & _CLASS_NO_ACK or (kinds & _CLASS_PROTOCOL and _is_at(frame.data, _ACK_SLOT)):
-            self._miss_acknowledgement()
+            self.no_ack_count += 1
+            self._be_alone()
         if kinds & _CLASS_CONTROLLER and len(frame.data) > 1:
             self._controller(frame.data[1])
         if kinds & _CLASS_RESTARTED:
@@ -110,7 +117,7 @@ class BusMonitor:
     def begin(self) -> None:
         """The interface was opened: nothing is known of its controller."""
         self.condition = BusCondition.ACTIVE
-        self.alone = False
+        self.alone = self._has_heard = False
 
     def forgive(self) -> None:
         """A bring-up begins: what was before does not count against its drives."""
@@ -119,6 +126,7 @@ class BusMonitor:
     def hear(self) -> None:
         """A frame came from somebody else."""
         self.alone = False
+        self._has_heard = True
 
     def take_notices(self) -> list[str]:
         """What people should know and have not been told yet, oldest first."""
@@ -126,8 +134,7 @@ class BusMonitor:
         self._notices.clear()
         return notices
 
-    def _miss_acknowledgement(self) -> None:
-        self.no_ack_count += 1
+    def _be_alone(self) -> None:
         if not self.alone:
             self._notices.append(_ALONE)
         self.alone = True
@@ -140,6 +147,8 @@ class BusMonitor:
         if status & _DATA_PASSIVE:
             self.passive_count += 1
             self.condition = BusCondition.PASSIVE
+            if status & _DATA_TRANSMITTER_PASSIVE and not self._has_heard:
+                self._be_alone()
         elif status & _DATA_WARNING:
             self.warning_count += 1
             self.condition = BusCondition.WARNING

@@ -27,7 +27,7 @@ class Line:
         self._open_bus = open_bus
         self._clock = clock
         self._bus: Bus | None = None
-        self._masters_ids = {SYNC_ID, HEARTBEAT_ID + master_node_id}
+        self._master_ids = {SYNC_ID, HEARTBEAT_ID + master_node_id}
         self._foreign_told_count = 0
         self.sync = SyncProducer(sync_overflow)
         self.bus_state = BusMonitor()
@@ -133,7 +133,7 @@ class Line:
         for frame in frames:
             if not frame.is_error:
                 self.bus_state.hear()
-                self.foreign_count += frame.can_id in self._masters_ids
+                self.foreign_count += frame.can_id in self._master_ids
         return frames
 
     def _existing(self) -> Bus:

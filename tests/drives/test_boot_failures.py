@@ -184,8 +184,9 @@ def test_a_drive_that_falls_silent_over_a_setting_fails_its_configuration():
     [
         Frame(0x020, bytes(8), is_error=True),
         Frame(0x008, b"\0\0\0\x19\0\0\0\0", is_error=True),
+        Frame(0x004, b"\0\x20\0\0\0\0\0\0", is_error=True),
     ],
-    ids=["acknowledge error", "protocol error in the acknowledge slot"],
+    ids=["acknowledge error", "protocol error in the acknowledge slot", "transmitter passive"],
 )
 def test_without_any_acknowledgement_it_is_said_that_nobody_else_is_on_the_bus(frame):
     bench = Bench(hip={"dead": True}, slide={"dead": True})

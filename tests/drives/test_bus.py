@@ -345,6 +345,7 @@ def test_frames_lost_in_the_controller_are_counted():
 
 def test_every_change_of_the_controller_is_told_once_and_says_what_to_do():
     monitor = BusMonitor()
+    monitor.hear()
     for frame in (error(0x004, 0x08), error(0x004, 0x08), error(0x004, 0x20), error(0x040)):
         monitor.feed(frame)
 
@@ -364,7 +365,7 @@ def test_a_storm_of_changes_leaves_a_bounded_number_of_lines():
         monitor.feed(error(0x004, 0x40))
 
     assert monitor.warning_count == 1000
-    assert len(monitor.take_notices()) == 8
+    assert len(monitor.take_notices()) == 4
 
 
 def test_a_bus_off_that_is_over_before_anybody_looked_is_remembered_until_a_bring_up():
@@ -388,3 +389,14 @@ def test_a_missing_acknowledgement_is_over_when_anybody_is_heard():
     assert len(monitor.take_notices()) == 1
     monitor.hear()
     assert not monitor.alone
+
+
+def test_a_transmitter_that_is_passive_before_anything_was_heard_is_alone():
+    lonely, troubled = BusMonitor(), BusMonitor()
+    troubled.hear()
+
+    for monitor in (lonely, troubled):
+        monitor.feed(error(0x004, 0x20))
+
+    assert (lonely.alone, troubled.alone) == (True, False)
+    assert lonely.no_ack_count == 0
