@@ -105,6 +105,7 @@ class Node:
         self.name = name
         self.axis = axis
         self.disturbance = Disturbance()
+        self._tpdo_ids: set[int] = set()
         self.state = NmtState.INITIALISING
         self.timers = Timers()
         self._settings = settings
@@ -290,12 +291,18 @@ class Node:
         self.timers.run_due(now_ns)
         self.changed()
 
-    def heard_at(self, time_ns: int) -> bool:
-        """Whether a frame of the node's that leaves at this time reaches the bus."""
+    def is_heard(self, frame: Frame, time_ns: int) -> bool:
+        """Whether a frame of the node's that leaves at this time reaches the bus.
+
+        A TPDO that waited for its latency does not if the node has left operational meanwhile.
+        """
+        if frame.can_id in self._tpdo_ids and self.state is not NmtState.OPERATIONAL:
+            return False
         cut = self.disturbance.mute or self.disturbance.unplugged
         return self._powered and not cut and time_ns >= self._powered_since_ns
 
     def _send_tpdo(self, number: int, frame: Frame, delay_ns: int) -> None:
+        self._tpdo_ids.add(frame.can_id)
         if self.disturbance.lost_tpdo not in (number, EVERY_TPDO):
             self._line.send(frame, delay_ns=delay_ns)
 

@@ -143,7 +143,7 @@ class OneLeg:
         sent: list[TimedFrame] = []
         while self._outbox and self._outbox[0][0] <= self.now_ns:
             time_ns, _, drive, frame = heapq.heappop(self._outbox)
-            if self.nodes[drive].heard_at(time_ns):
+            if self.nodes[drive].is_heard(frame, time_ns):
                 sent.append(TimedFrame(time_ns, *frame))
         return sent
 
