@@ -137,6 +137,11 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         Blame.PERSON,
         "bend the knee by hand, reset",
     ),
+    Cause.LIMIT_SWITCH: CauseText(
+        "a joint ran on to its limit switch",
+        Blame.MACHINE,
+        "reset, enable, move away from it; check the reference of the axis",
+    ),
     Cause.OBSERVER_INVALID: CauseText(
         "the estimate cannot be trusted", Blame.SERVICE, "reset; look at robot.toml and the events"
     ),

@@ -93,6 +93,7 @@ class Cause(IntEnum):
     TRACKING_LIMIT = 64
     TEMPERATURE_LIMIT = 65
     SINGULARITY = 66
+    LIMIT_SWITCH = 67
     # the observer may add stops, never take one away
     OBSERVER_INVALID = 70
     STATIC_LOAD_WRONG = 71

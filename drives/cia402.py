@@ -4,9 +4,9 @@ Rules of this file, all in the two tables below:
 
 1.  One transition at a time. A word is chosen from the state that the drive last *showed*, never
     from what was sent before; while the drive has not moved yet, the same word goes out again.
-2.  Bit 3 (enable operation) is raised by ENABLE and HOME alone, and only from switched on onwards.
-    0Fh is never sent from switch on disabled or ready to switch on, so a drive without the
-    automatic transition 4 works the same as one with it.
+2.  Bit 3 (enable operation) is raised by ENABLE and HOME alone, and only from switched on onwards;
+    HALT keeps it where it is already. 0Fh is never sent from switch on disabled or ready to switch
+    on, so a drive without the automatic transition 4 works the same as one with it.
 3.  QUICK_STOP never energises: from ready to switch on and switched on it is transition 7 or 10
     (to switch on disabled), and only from operation enabled is it transition 11 (the ramp).
 4.  Nothing but FAULT_RESET raises bit 7, and one request raises it once: low for at least one
@@ -16,7 +16,12 @@ Rules of this file, all in the two tables below:
 6.  HOME raises bit 4 in operation enabled only, so a homing starts with an edge that the drive sees
     while it is enabled, and goes on for as long as it is asked for. Its progress is bits 10, 12
     and 13 of the statusword (HOMING_STATES), and means something in mode 6 only.
-7.  An unknown state (no statusword yet, or a bit pattern that the standard does not know) is
+7.  HALT raises bit 8 on top of 0Fh, in operation enabled alone: the drive brakes as 605Dh says and
+    holds, and goes on once the request is another one. It is a level, sent again every cycle, and
+    in every other state it asks for no transition. It is made for homing and profile modes: in the
+    cyclic ones a vendor may leave the bit unused (Beckhoff EL7411: bits 8 to 15 are reserved in
+    CST, CSV and CSP), so no stop of ours rests on it.
+8.  An unknown state (no statusword yet, or a bit pattern that the standard does not know) is
     answered with quick stop: it brakes a drive that should be on and energises none that is off.
 
                  +----------------------+  0,1 automatic
@@ -65,6 +70,7 @@ START_HOMING: Final = 0x001F
 """Enable operation with bit 4: in homing mode its rising edge starts, its fall interrupts."""
 DISABLE_VOLTAGE: Final = 0x0000
 QUICK_STOP: Final = 0x0002
+HALT: Final = 0x010F
 FAULT_RESET: Final = 0x0080
 
 STATUS_WARNING: Final = 0x0080
@@ -152,6 +158,18 @@ _WORDS: Final[dict[PowerRequest, dict[PowerState, int]]] = {
         _ON: ENABLE_OPERATION,
         _ENABLED: START_HOMING,
         _STOPPING: DISABLE_VOLTAGE,
+        _REACTING: DISABLE_VOLTAGE,
+        _FAULT: DISABLE_VOLTAGE,
+    },
+    # Bit 8 where the drive is enabled; elsewhere the word that keeps it where it is.
+    PowerRequest.HALT: {
+        PowerState.UNKNOWN: QUICK_STOP,
+        PowerState.NOT_READY_TO_SWITCH_ON: DISABLE_VOLTAGE,
+        _OFF: DISABLE_VOLTAGE,
+        _READY: SHUTDOWN,
+        _ON: SWITCH_ON,
+        _ENABLED: HALT,
+        _STOPPING: QUICK_STOP,
         _REACTING: DISABLE_VOLTAGE,
         _FAULT: DISABLE_VOLTAGE,
     },

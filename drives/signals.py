@@ -64,6 +64,8 @@ class PowerRequest(Enum):
     HOME = "home"
     """Enabled, and homing: only in mode HOMING, once that is shown."""
     QUICK_STOP = "quick_stop"
+    HALT = "halt"
+    """Brake as 605Dh says and hold, staying in operation enabled, for as long as it is asked."""
     FAULT_RESET = "fault_reset"
     """One rising edge of bit 7 for each request, which ends in switch on disabled."""
 

@@ -179,6 +179,7 @@ class LegObserver:
         effort: Pair,
         dt_s: float,
         *,
+        effort_std: tuple[float, float] = (0.0, 0.0),
         late: bool = False,
         unreferenced: bool = False,
         artificial: bool = False,
@@ -191,6 +192,8 @@ class LegObserver:
             position: hip angle rad and slide position m, measured now; None or NaN if missing.
             effort: hip torque N m and slide force N that acted since the cycle before.
             dt_s: time since the cycle before, s.
+            effort_std: of `effort` about what acted: the ripple of this step if it is more than the
+                tuning's, and unknown in patient and net, as it may lean to one side for long.
             late: the sample came after its cycle.
             unreferenced: an axis does not know its origin.
             artificial: an artificial disturbance is in `effort`.
@@ -202,8 +205,9 @@ class LegObserver:
         bits = self._always
         if late or unreferenced or artificial or input_saturated or near_limit:
             bits |= _caller_bits(late, unreferenced, artificial, input_saturated, near_limit)
+        setup = self.setup if effort_std == (0.0, 0.0) else _rippled(self.setup, effort_std)
         status, level_hip, level_slide = advance(
-            *self.setup,
+            *setup,
             self._memory,
             self._scratch,
             self._points,
@@ -215,6 +219,7 @@ class LegObserver:
             bits.value,
             self._out,
         )
+        _widen(self._out, effort_std)
         values = self._out.tolist()
         return LegEstimate(
             tuple(values[:OUT_STD]),
@@ -284,6 +289,28 @@ def setup_of(
         _locked(tuning.process_std),
         _locked(tuning.measurement_std),
     )
+
+
+def _rippled(setup: Setup, ripple: tuple[float, float]) -> Setup:
+    """The setup with the larger of its ripple and this one."""
+    options = Options(*setup.options)
+    options = options._replace(
+        ripple_hip=max(float(options.ripple_hip), ripple[0]),
+        ripple_slide=max(float(options.ripple_slide), ripple[1]),
+    )
+    return setup._replace(options=tuple(options))
+
+
+def _widen(out: Vector, effort_std: tuple[float, float]) -> None:
+    """Add an effort that nobody knows to the uncertainty of patient and net."""
+    for axis, std in enumerate(effort_std):
+        if std == 0.0:
+            continue
+        patient = 6 + axis
+        variance = OUT_COVARIANCE + patient * (patient + 1) // 2 + patient
+        out[variance] += std * std
+        out[OUT_STD + patient] = math.hypot(out[OUT_STD + patient], std)
+        out[OUT_NET_STD + axis] = math.hypot(out[OUT_NET_STD + axis], std)
 
 
 def check_tuning(

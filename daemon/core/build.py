@@ -227,4 +227,5 @@ def _axis(
         push=push,
         homing=homing
         and HomingRules(homing.effort_max_si, round(homing.timeout_s * 1000 / period_ms)),
+        torque_sampling=drive.profile.torque_source.sampling,
     )

@@ -57,10 +57,15 @@ def enable_wanted(core: Core, axis: Axis) -> bool:
 
 
 def mode_wanted(core: Core, axis: Axis) -> OperationMode:
-    """The mode of operation that this drive should be in, and show in 6061h."""
+    """The mode of operation that this drive should be in; a stop changes none on its way."""
+    if axis.stop is not None:
+        return axis.mode_sent
     if preparing.is_homing(core, axis):
         return OperationMode.HOMING
-    return OperationMode.CYCLIC_SYNC_TORQUE
+    by_torque = core.mode in {Mode.TORQUE, Mode.EXCITE} or core.preparation is not None
+    if by_torque or core.config.gait.guidance == "impedance":
+        return OperationMode.CYCLIC_SYNC_TORQUE
+    return OperationMode.CYCLIC_SYNC_POSITION
 
 
 def silenced(core: Core) -> bool:
@@ -140,7 +145,7 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
 
 def _first_step(core: Core, verdict: Verdict, axis: Axis) -> Step:
     """As the category says; an axis that is enabled alone is not held by the core."""
-    step = stopping.first_step(verdict, axis.name)
+    step = stopping.possible(stopping.first_step(verdict, axis.name), axis.feedback)
     return step if core.preparation is None else max(step, Step.QUICK_STOP)
 
 
@@ -216,12 +221,18 @@ def _advance_plan(core: Core, leg: Leg) -> None:
     plan = leg.plan
     if isinstance(plan, Hold):
         leg.plan = reference.advance_hold(plan, period_s)
-    elif isinstance(plan, GaitPlay):
+    elif isinstance(plan, GaitPlay) and not _awaits_mode(core, leg, plan):
         leg.plan = reference.advance_gait(plan, period_s)
     elif isinstance(plan, ExcitePlay):
         leg.plan = reference.advance_excite(plan, period_s, plans.measured(leg))
     if isinstance(plan, GaitPlay | ExcitePlay) and isinstance(leg.plan, GaitPlay | ExcitePlay):
         _tell_stage(core, leg.name, plan.stage, leg.plan.stage)
+
+
+def _awaits_mode(core: Core, leg: Leg, play: GaitPlay) -> bool:
+    """A gait stays announced until its drives could change to the mode in which it is played."""
+    changing = any(axis.mode_sent != mode_wanted(core, axis) for axis in leg.axes)
+    return play.stage == Stage.ANNOUNCE and changing
 
 
 def _tell_stage(core: Core, name: str, before: Stage, after: Stage) -> None:

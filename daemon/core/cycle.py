@@ -21,9 +21,11 @@ from daemon.core import (
     recording,
     requests,
     safety,
+    targets,
 )
 from daemon.core.friction_watch import watch
 from daemon.core.looking_back import look_back
+from daemon.core.sampling import effort_std
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.tick import Tick
 from daemon.record import Cause, CycleRecord, Level, Mode, Verdict
@@ -115,11 +117,10 @@ def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
     if not conduct.enable_wanted(core, axis):
         axis.reached_enabled, axis.unready_cycles = False, 0
         return
-    mode_wanted = conduct.mode_wanted(core, axis)
     ready = (
         feedback.power_state == PowerState.OPERATION_ENABLED
-        and feedback.mode_display == mode_wanted
-        and (feedback.following or mode_wanted == OperationMode.HOMING)
+        and feedback.mode_display == axis.mode_sent
+        and (feedback.following or axis.mode_sent == OperationMode.HOMING)
     )
     axis.reached_enabled = axis.reached_enabled or ready
     axis.unready_cycles = 0 if ready else axis.unready_cycles + 1
@@ -137,10 +138,11 @@ def _place(leg: Leg) -> None:
         load = gravity(leg.parameters, pose)
         hip.gravity_si, slide.gravity_si = float(load[0]), float(load[1])
     reference = leg.reference
-    tracked = reference is not None and reference.guided
     for index, axis in enumerate(leg.axes):
-        target_si = reference.position[index] if reference is not None and tracked else math.nan
-        axis.tracking_si = axis.joint.position_si - target_si if tracked else 0.0
+        axis.tracking_si = axis.wanted_velocity_si = 0.0
+        if reference is not None and reference.guided:
+            axis.tracking_si = axis.joint.position_si - reference.position[index]
+            axis.wanted_velocity_si = reference.velocity[index]
 
 
 def observe(core: Core, tick: Tick) -> None:
@@ -163,6 +165,7 @@ def observe(core: Core, tick: Tick) -> None:
             leg.measured,
             leg.effort_used,
             tick.dt_s,
+            effort_std=effort_std(leg),
             late=tick.late,
             unreferenced=not referenced,
             artificial=leg.artificial != (0.0, 0.0) or plans.is_artificial(leg),
@@ -223,9 +226,12 @@ def _situation(core: Core, axis: Axis) -> safety.AxisSituation:
         preparing=core.preparation is not None,
         homing=preparing.is_homing(core, axis),
         tracking_si=axis.tracking_si if core.mode != Mode.STOPPING else 0.0,
+        wanted_velocity_si=axis.wanted_velocity_si,
+        counts_sign=1 if axis.scaling.counts_per_si > 0 else -1,
+        loop_distance_si=targets.loop_distance(axis),
         enable_wanted=conduct.enable_wanted(core, axis),
         reached_enabled=axis.reached_enabled,
         unready_cycles=axis.unready_cycles,
-        mode_wanted=conduct.mode_wanted(core, axis),
+        mode_wanted=axis.mode_sent,
         new_emergency=feedback.alarm_count > axis.emergencies_seen,
     )

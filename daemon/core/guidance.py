@@ -1,54 +1,95 @@
-"""What is sent to each drive: the mode's wish as an effort, bounded, and the power request.
+"""What is sent to each drive: mode, bounded targets of what guidance wants, power request.
 
-Total effort = g(q) + feedforward + K (q_ref - q) + D (dq_ref - dq), bounded as a whole: zero effort
-is not rest, the mechanism's weight and springs are carried by the drives.
+Guided by impedance (torque mode), total effort = g(q) + feedforward + K (q_ref - q) +
+D (dq_ref - dq), bounded as a whole: zero effort is not rest, the mechanism's weight and springs
+are carried by the drives.
+
+Guided by position, the drives' own loops play the reference, gait and hold alike; only an
+open-loop excitation is in torque mode. Holding by the same loops that move leaves no hand-over at
+either end of a gait, no sag at the begin of one, and nothing to switch in a stop. A target that
+leaves in one cycle acts from the next SYNC and is reached one SYNC later (60C2h), so the leg
+follows its reference by two cycles; tracking is judged with that delay in it.
 """
 
+import math
 from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 from daemon.config.settings import Impedance
-from daemon.core import conduct, preparing, safety, stopping
+from daemon.core import conduct, preparing, safety, stopping, targets
 from daemon.core.reference import GaitPlay, Reference
 from daemon.core.state import Axis, Core, Leg
 from daemon.record import Cause, Verdict
-from drives.signals import DriveCommand, PowerRequest, PowerState
-from drives.units import effort_to_permille
+from drives.signals import DriveCommand, OperationMode, PowerRequest, PowerState
+from drives.units import effort_to_permille, position_to_counts
+
+STILL_CYCLES: Final = 5
+"""Without a new count for so long, a joint is at rest: a drive that begins to hold it where it was
+two cycles ago meets it there."""
+
+
+class Wish(NamedTuple):
+    """What the plan asks of one axis, before any bound: rad, rad/s and N·m, or m, m/s and N."""
+
+    effort_si: float
+    position_si: float
+    velocity_si: float
+
+
+class Target(NamedTuple):
+    """What one drive is sent: N·m and rad, or N and m."""
+
+    effort_si: float
+    position_si: float
 
 
 def command(core: Core, cycle: int) -> list[DriveCommand]:
     """The command to every drive, in the order of the axes."""
-    wanted = [effort for leg in core.legs for effort in _wanted(core, leg)]
-    sent = _bounded(core, wanted)
+    wishes = [wish for leg in core.legs for wish in _wishes(core, leg)]
+    modes = [_mode(core, axis) for axis in core.axes]
+    sent = _bounded(core, wishes, modes, cycle)
     if sent is None:
         verdict = Verdict(
             core.config.categories.of(Cause.COMMAND_NOT_FINITE),
             Cause.COMMAND_NOT_FINITE,
-            detail=f"wanted {wanted}",
+            detail=f"wanted {[tuple(wish) for wish in wishes]}",
         )
         conduct.stop(core, verdict, cycle)
-        sent = [0.0] * len(wanted)
-    commands: list[DriveCommand] = []
-    for axis, effort_si in zip(core.axes, sent, strict=True):
-        axis.effort_sent_si = effort_si
-        commands.append(_command(core, axis))
-    return commands
+        sent = [Target(0.0, axis.position_sent_si) for axis in core.axes]
+    for axis, mode, target in zip(core.axes, modes, sent, strict=True):
+        targets.note_motion(axis, target.position_si, core.config.period_s)
+        axis.mode_sent = mode
+        axis.effort_sent_si, axis.position_sent_si = target
+    return [_command(core, axis) for axis in core.axes]
 
 
-def _wanted(core: Core, leg: Leg) -> tuple[float, float]:
-    """Efforts that the leg's plan asks for; none where no drive is to push."""
+def _mode(core: Core, axis: Axis) -> OperationMode:
+    """The mode wanted; a drive that pushes changes it at rest alone."""
+    wanted = conduct.mode_wanted(core, axis)
+    pushing = axis.reached_enabled and conduct.enable_wanted(core, axis)
+    moving = axis.joint.still_cycles < STILL_CYCLES
+    return axis.mode_sent if pushing and moving else wanted
+
+
+def _wishes(core: Core, leg: Leg) -> tuple[Wish, Wish]:
+    """What the leg's plan asks for; nothing where no drive is to push."""
     hip, slide = leg.axes
     if preparing.in_work(core) is not None:
-        return preparing.target_effort_si(core, hip), preparing.target_effort_si(core, slide)
+        return _preparing_wish(core, hip), _preparing_wish(core, slide)
     reference = leg.reference
     if reference is None or not any(conduct.enable_wanted(core, axis) for axis in leg.axes):
-        return 0.0, 0.0
+        return Wish(0.0, hip.joint.position_si, 0.0), Wish(0.0, slide.joint.position_si, 0.0)
     config = core.config
     walking = isinstance(leg.plan, GaitPlay)
     (k0, d0), (k1, d1) = _gains(config.gait.impedance if walking else config.hold)
     return (
-        _effort(hip, reference, 0, k0, d0),
-        _effort(slide, reference, 1, k1, d1),
+        Wish(_effort(hip, reference, 0, k0, d0), reference.position[0], reference.velocity[0]),
+        Wish(_effort(slide, reference, 1, k1, d1), reference.position[1], reference.velocity[1]),
     )
+
+
+def _preparing_wish(core: Core, axis: Axis) -> Wish:
+    return Wish(preparing.target_effort_si(core, axis), axis.joint.position_si, 0.0)
 
 
 def _effort(
@@ -73,30 +114,54 @@ def _gains(impedance: Impedance) -> tuple[tuple[float, float], tuple[float, floa
     )
 
 
-def _bounded(core: Core, wanted: Sequence[float]) -> list[float] | None:
-    """Bounded efforts, or None as soon as one is not finite."""
-    period_s = core.config.period_s
-    bounded: list[float] = []
-    for axis, effort_si in zip(core.axes, wanted, strict=True):
+def _bounded(
+    core: Core, wishes: Sequence[Wish], modes: Sequence[OperationMode], cycle: int
+) -> list[Target] | None:
+    """Bounded targets, or None as soon as one is not finite, whether its mode needs it or not."""
+    if not all(math.isfinite(number) for wish in wishes for number in wish):
+        return None
+    bounded: list[Target] = []
+    for axis, wish, mode in zip(core.axes, wishes, modes, strict=True):
         pushing = conduct.enable_wanted(core, axis)
-        limits = preparing.limits_in_force(core, axis)
-        # Before a drive pushes, its target may go straight to what will hold the pose.
-        straight = not axis.reached_enabled and core.preparation is None
-        last_si = axis.gravity_si if straight else axis.effort_sent_si
-        sent_si = safety.bound(effort_si, last_si if pushing else 0.0, limits, period_s)
-        if sent_si is None:
+        if core.preparation is not None:
+            target = _prepared(core, axis, wish, pushing=pushing)
+        else:
+            target = _guided(core, axis, wish, mode, cycle, pushing=pushing)
+        if target is None:
             return None
-        bounded.append(sent_si if pushing else 0.0)
+        bounded.append(target)
     return bounded
 
 
+def _prepared(core: Core, axis: Axis, wish: Wish, *, pushing: bool) -> Target | None:
+    """While one axis is homed or its sign proven: its own small effort, no target position."""
+    limits = preparing.limits_in_force(core, axis)
+    last_si = axis.effort_sent_si if pushing else 0.0
+    effort_si = safety.bound(wish.effort_si, last_si, limits, core.config.period_s)
+    if effort_si is None:
+        return None
+    return Target(effort_si if pushing else 0.0, axis.joint.position_si)
+
+
+def _guided(
+    core: Core, axis: Axis, wish: Wish, mode: OperationMode, cycle: int, *, pushing: bool
+) -> Target | None:
+    period_s = core.config.period_s
+    if pushing and axis.stop is not None and axis.stop.since_cycle == cycle:
+        targets.brake_from_the_target(axis, wish.position_si, wish.velocity_si, period_s)
+    leaving = conduct.mode_wanted(core, axis) != OperationMode.CYCLIC_SYNC_TORQUE
+    effort_si = targets.effort(
+        axis, wish.effort_si, mode, period_s, pushing=pushing, leaving=leaving
+    )
+    position_si = targets.position(axis, wish.position_si, mode, period_s, pushing=pushing)
+    return None if effort_si is None or position_si is None else Target(effort_si, position_si)
+
+
 def _command(core: Core, axis: Axis) -> DriveCommand:
-    feedback = axis.feedback
     return DriveCommand(
         power=_power(core, axis),
-        mode=conduct.mode_wanted(core, axis),
-        # Seeded with the present position, so that a change of mode finds no distance to go.
-        target_position_counts=feedback.position_counts if feedback else 0,
+        mode=axis.mode_sent,
+        target_position_counts=position_to_counts(axis.position_sent_si, axis.scaling),
         target_torque_permille=effort_to_permille(axis.effort_sent_si, axis.scaling),
     )
 

@@ -161,6 +161,8 @@ def refusal(kind: RequestKind, wanted: ModeRequest, now: Circumstances) -> str:
         return _refuse_reset(now)
     if event in {Event.TO_REFERENCE, Event.TO_COMMISSION}:
         return "" if wanted.witnessed else _refuse_preparation(now)
+    if event == Event.TO_TORQUE and now.guidance == "position":
+        return "assist is refused: with guidance 'position' the drives give the torque"
     if event == Event.TO_TORQUE:
         return "mode torque needs a lease, and no lease can be acquired yet"
     if event in {Event.TO_GAIT, Event.TO_EXCITE} and not now.drives_powered:
@@ -214,8 +216,6 @@ def _refuse_reset(now: Circumstances) -> str:
 
 
 def _refuse_gait(wanted: ModeRequest, now: Circumstances) -> str:
-    if now.guidance != "impedance":
-        return f"guidance {now.guidance!r} cannot be played yet, only 'impedance'"
     if not 0 < wanted.cadence_hz <= now.cadence_max_hz:
         return f"cadence_hz = {wanted.cadence_hz:g}, allowed > 0 and <= {now.cadence_max_hz:g}"
     if not 0 < wanted.amplitude_ratio <= 1:

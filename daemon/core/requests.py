@@ -36,6 +36,8 @@ def answer(core: Core, orders: Orders, cycle: int, utc_ns: int) -> None:
     reason = modes.refusal(request.kind, request.mode, _circumstances(core, cycle))
     if cycle - request.for_cycle > STALE_REQUEST_CYCLES:
         reason = f"made for cycle {request.for_cycle}, it is {cycle} now"
+    if orders.stop and request.kind == RequestKind.ENABLE:
+        reason = "somebody asked to stop at the same time"
     if not reason and request.mode.mode in {Mode.GAIT, Mode.EXCITE}:
         reason = _refuse_way(core)
     if not reason and _prepares(request):

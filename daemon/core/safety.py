@@ -39,6 +39,13 @@ class AxisSituation:
     """The drive moves this axis by itself, up to a mechanical stop, and sets its origin anew."""
     tracking_si: float
     """Distance to the reference; 0 where nothing is tracked."""
+    wanted_velocity_si: float
+    """Of the reference; 0 where nothing is guided."""
+    counts_sign: int
+    """1 where the drive's own direction is the joint's, else -1."""
+    loop_distance_si: float
+    """Between the joint and where the drive's own loops hold it; infinite where they hold nothing
+    and effort is what we command."""
     enable_wanted: bool
     reached_enabled: bool
     """It has been enabled, in its mode and following, since it was asked to."""
@@ -84,6 +91,10 @@ FROZEN_PUSH_RATIO = 2.5
 """Friction hides a change of effort of twice the breakaway, from one sign to the other. More than
 that without a single count means that the count, or the joint, is stuck. A patient who leans
 steadily on a held leg changes nothing, and is not taken for a fault."""
+HELD_RATIO = 0.1
+"""Of the tracking limit. A drive whose own loops hold a joint closer to its target than this may
+change its effort without a count: it holds against a patient who leans. Where they leave it farther
+off, they push at their limit and nothing moves."""
 
 Finding = tuple[Cause, float, float, str]
 """Cause, value, limit, detail."""
@@ -189,6 +200,28 @@ def _inputs(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
         yield Cause.STO_ACTIVE, 0.0, 1.0, ""
 
 
+def _limit_switches(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
+    """On to a switch, never away from it: a joint that stands on one can be moved off.
+
+    A homing runs on to its switch on purpose.
+    """
+    if not axis.joint.known or axis.homing:
+        return
+    for switch, sign, name in _SWITCHES:
+        if switch not in axis.feedback.inputs:
+            continue
+        towards = sign * axis.counts_sign
+        speed_si = max(towards * axis.joint.velocity_si, towards * axis.wanted_velocity_si)
+        if speed_si > axis.limits.standstill_si_per_s:
+            yield Cause.LIMIT_SWITCH, speed_si, axis.limits.standstill_si_per_s, name
+
+
+_SWITCHES = (
+    (Input.NEGATIVE_LIMIT, -1, "towards the drive's negative limit switch"),
+    (Input.POSITIVE_LIMIT, 1, "towards the drive's positive limit switch"),
+)
+
+
 def _communication(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
     feedback = axis.feedback
     if feedback.rebooted:
@@ -262,6 +295,8 @@ def _encoder(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
     ):
         yield Cause.ENCODER_FROZEN, joint.speed_before_still_si, possible_si, "speed lost at once"
         return
+    if axis.loop_distance_si < HELD_RATIO * limits.tracking_max_si:
+        return
     change_si = abs(joint.effort_si - joint.effort_before_still_si)
     if change_si > FROZEN_PUSH_RATIO * limits.breakaway_si:
         yield (
@@ -299,7 +334,15 @@ EFFORT_MARGIN_RATIO = 1.1
 
 Check = Callable[[AxisSituation, Thresholds], Iterator[Finding]]
 RESTING_CHECKS: tuple[Check, ...] = (_communication, _fault)
-DRIVING_CHECKS: tuple[Check, ...] = (_inputs, _communication, _fault, _encoder, _limits, _power)
+DRIVING_CHECKS: tuple[Check, ...] = (
+    _inputs,
+    _limit_switches,
+    _communication,
+    _fault,
+    _encoder,
+    _limits,
+    _power,
+)
 
 
 def _judge_leg(leg: LegSituation, thresholds: Thresholds) -> Iterator[Finding]:
@@ -336,3 +379,21 @@ def bound(wanted_si: float, last_si: float, limits: AxisLimits, dt_s: float) -> 
     step_si = limits.effort_rate_max_si_per_s * dt_s
     slow_si = min(max(wanted_si, last_si - step_si), last_si + step_si)
     return min(max(slow_si, -limits.effort_max_si), limits.effort_max_si)
+
+
+def bound_position(
+    wanted_si: float, last_si: float, limits: AxisLimits, dt_s: float
+) -> float | None:
+    """The target position that may be sent: no faster than the axis may be, never out of its range.
+
+    Inside the soft margin before a limit a target may stay or go back, and go no further out. So a
+    drive never sees a target beyond its own software limits (607Dh), which for some is a fault.
+    Arguments and result as of `bound`, in rad or m.
+    """
+    if not (math.isfinite(wanted_si) and math.isfinite(last_si)):
+        return None
+    step_si = limits.velocity_max_si * dt_s
+    slow_si = min(max(wanted_si, last_si - step_si), last_si + step_si)
+    lowest_si = min(limits.position_min_si + limits.soft_margin_si, last_si)
+    highest_si = max(limits.position_max_si - limits.soft_margin_si, last_si)
+    return min(max(slow_si, lowest_si), highest_si)

@@ -11,7 +11,8 @@ from daemon.core.reference import ExcitePlay, GaitPlay, GaitShape, Hold, Referen
 from daemon.core.stopping import DriveStop, StopRules
 from daemon.record import Cause, Mode, Request, RequestResult, Verdict
 from drives.drive import DriveGroup
-from drives.signals import DriveFeedback
+from drives.signals import DriveFeedback, OperationMode
+from drives.torque import TorqueSampling
 from drives.units import AxisScaling
 from observer.drift import NO_DRIFT, Drift
 from observer.friction import FrictionParameters
@@ -57,6 +58,7 @@ class Axis:
     push: PushRules
     homing: HomingRules | None
     """None: this axis cannot be homed."""
+    torque_sampling: TorqueSampling
     serial_number: int = 0
     referenced: bool = False
     homed: bool = False
@@ -66,9 +68,22 @@ class Axis:
     joint: Joint = field(default_factory=Joint)
     feedback: DriveFeedback | None = None
     stop: DriveStop | None = None
+    mode_sent: OperationMode = OperationMode.CYCLIC_SYNC_TORQUE
+    """6060h of the last command: what 6061h is to show."""
     effort_sent_si: float = 0.0
+    position_sent_si: float = 0.0
+    """Target position of the last command, whatever the mode."""
+    speed_sent_si: float = 0.0
+    acceleration_sent_si: float = 0.0
+    """Of the target position, over the last two commands; 0 where the drive does not go by it."""
+    effort_mean_si: float = 0.0
+    """Of what was sent in torque mode lately: holds a joint without a loop of ours."""
+    effort_offset_si: float = 0.0
+    position_offset_si: float = 0.0
+    """What the target had beyond the plan's wish when guidance took it over; fades away."""
     gravity_si: float = 0.0
     tracking_si: float = 0.0
+    wanted_velocity_si: float = 0.0
     reached_enabled: bool = False
     unready_cycles: int = 0
     emergencies_seen: int = 0

@@ -10,7 +10,9 @@ Rules:
    that does not show the state in time, or whose speed does not fall along the ramp, is taken one
    step further: quick stop, disable voltage, NMT stop, silence of the master (no SYNC, no
    heartbeat), so that the drives' own detection acts.
-4. Nothing here ever goes back a step; only a reset begins anew.
+4. A drive that is not enabled yet is not enabled in order to hold: it gets a quick stop, which
+   takes it back to switch on disabled.
+5. Nothing here ever goes back a step; only a reset begins anew.
 """
 
 from enum import IntEnum
@@ -85,6 +87,12 @@ def first_step(verdict: Verdict, drive: str) -> Step:
     if verdict.cause in LOST_DRIVE and about_this:
         return Step.NMT_STOP
     return _BY_CATEGORY[verdict.category]
+
+
+def possible(step: Step, feedback: DriveFeedback | None) -> Step:
+    """The step, or a quick stop in place of a hold where the drive has no power to hold with."""
+    enabled = feedback is not None and feedback.power_state == PowerState.OPERATION_ENABLED
+    return Step.QUICK_STOP if step == Step.HOLD and not enabled else step
 
 
 def begin(step: Step, joint: Joint, cycle: int, *, disobeyed: bool = False) -> DriveStop:

@@ -28,6 +28,9 @@ STATUSWORDS = {
 }
 ENABLE_BIT = 0x0008
 RESET_BIT = 0x0080
+HALT_BIT = 0x0100
+VOLTAGE_BIT = 0x0002
+QUICK_STOP_BIT = 0x0004
 STATES = list(PowerState)
 REQUESTS = list(PowerRequest)
 ENABLING = (PowerRequest.ENABLE, PowerRequest.HOME)
@@ -143,7 +146,9 @@ def test_enable_operation_is_asked_for_only_by_enable_and_only_from_switched_on_
     ):
         word = next_word(state, request, sent, resume=resume).controlword
 
-        if word & ENABLE_BIT:
+        if word & ENABLE_BIT and request is PowerRequest.HALT:
+            assert state is S.OPERATION_ENABLED
+        elif word & ENABLE_BIT:
             assert request in ENABLING
             assert state in {S.SWITCHED_ON, S.OPERATION_ENABLED, S.QUICK_STOP_ACTIVE}
             assert resume or state is not S.QUICK_STOP_ACTIVE
@@ -155,7 +160,10 @@ def test_no_request_but_fault_reset_raises_the_reset_bit_and_none_uses_any_other
     ):
         word = next_word(state, request, sent, resume=resume).controlword
 
-        assert word & ~(0x009F if request is PowerRequest.HOME else 0x008F) == 0
+        assert word & ~(0x019F if request is PowerRequest.HOME else 0x018F) == 0
+        assert (word & HALT_BIT != 0) == (
+            request is PowerRequest.HALT and state is S.OPERATION_ENABLED
+        )
         if word & RESET_BIT:
             assert request is PowerRequest.FAULT_RESET
             assert state is S.FAULT
@@ -169,8 +177,107 @@ WORDS = {
     PowerRequest.READY: (0x02, 0x00, 0x06, 0x06, 0x06, 0x06, 0x00, 0x00, 0x00),
     PowerRequest.ENABLE: (0x02, 0x00, 0x06, 0x07, 0x0F, 0x0F, 0x00, 0x00, 0x00),
     PowerRequest.HOME: (0x02, 0x00, 0x06, 0x07, 0x0F, 0x1F, 0x00, 0x00, 0x00),
+    PowerRequest.HALT: (0x02, 0x00, 0x00, 0x06, 0x07, 0x10F, 0x02, 0x00, 0x00),
     PowerRequest.FAULT_RESET: (0x02, 0x00, 0x00, 0x00, 0x00, 0x02, 0x02, 0x00, 0x00),
 }
+COMMANDS = {
+    # The standard's table of commands: name, bits that count, their values (CiA 402-2).
+    "shutdown": (0x87, 0x06),
+    "switch on": (0x8F, 0x07),
+    "enable operation": (0x8F, 0x0F),
+    "disable voltage": (0x82, 0x00),
+    "quick stop": (0x86, 0x02),
+    "fault reset": (0x80, 0x80),
+}
+STEPS = {
+    # What the next transition towards each request is, by the standard's figure; a dash: none.
+    PowerRequest.DISABLE_VOLTAGE: dict.fromkeys(STATES, "disable voltage"),
+    PowerRequest.QUICK_STOP: dict.fromkeys(STATES, "quick stop"),
+    PowerRequest.READY: {
+        S.SWITCH_ON_DISABLED: "shutdown",
+        S.SWITCHED_ON: "shutdown",
+        S.OPERATION_ENABLED: "shutdown",
+        S.QUICK_STOP_ACTIVE: "disable voltage",
+    },
+    PowerRequest.ENABLE: {
+        S.SWITCH_ON_DISABLED: "shutdown",
+        S.READY_TO_SWITCH_ON: "switch on",
+        S.SWITCHED_ON: "enable operation",
+        S.OPERATION_ENABLED: "enable operation",
+        S.QUICK_STOP_ACTIVE: "disable voltage",
+    },
+    PowerRequest.HOME: {
+        S.SWITCH_ON_DISABLED: "shutdown",
+        S.READY_TO_SWITCH_ON: "switch on",
+        S.SWITCHED_ON: "enable operation",
+        S.OPERATION_ENABLED: "enable operation",
+        S.QUICK_STOP_ACTIVE: "disable voltage",
+    },
+    PowerRequest.HALT: {S.OPERATION_ENABLED: "enable operation"},
+    PowerRequest.FAULT_RESET: {S.FAULT: "disable voltage", S.OPERATION_ENABLED: "quick stop"},
+}
+
+
+def state_of(low_bits):
+    """By the standard's two masks, written again."""
+    for state, word in STATUSWORDS.items():
+        mask = 0x6F if word & 0x21 == 0x21 or word == 0x07 else 0x4F
+        if low_bits & mask == word:
+            return state
+    return S.UNKNOWN
+
+
+@pytest.mark.parametrize("request_", REQUESTS)
+def test_every_state_request_and_statusword_gives_the_word_of_the_standard(request_):
+    for low_bits, high_bits in itertools.product(range(0x100), (0x00, 0x16, 0x37, 0xFF)):
+        statusword = high_bits << 8 | low_bits
+        state = state_of(low_bits)
+        assert decode_statusword(statusword) is state
+
+        for resume in (False, True):
+            sent = next_word(state, request_, Sent(), resume=resume)
+            step = STEPS[request_].get(state)
+            if resume and request_ in ENABLING and state is S.QUICK_STOP_ACTIVE:
+                step = "enable operation"
+            if state is S.UNKNOWN and request_ is not PowerRequest.DISABLE_VOLTAGE:
+                step = "quick stop"
+            if step is not None:
+                mask, value = COMMANDS[step]
+                assert sent.controlword & mask == value, (state, request_)
+
+
+def test_every_transition_that_a_master_commands_is_asked_for_by_some_request():
+    reached = set()
+    for state, request, resume in itertools.product(STATUSWORDS, REQUESTS, (False, True)):
+        drive = ModelDrive()
+        drive.state = state
+        sent = Sent(0, ResetEdge.LOWERED)
+        drive.receive(next_word(state, request, sent, resume=resume).controlword)
+        reached.add((state, drive.state))
+
+    # Transition 5 (disable operation) leaves the power on without torque: no request of ours.
+    wanted = {t for t in TRANSITIONS if t.controlword is not None and t.number != 5}
+    assert {(t.source, t.target) for t in wanted} <= reached
+
+
+def test_quick_stop_from_every_state_never_sets_bit_3():
+    for state, sent, resume in itertools.product(STATES, EVERY_SENT, (False, True)):
+        word = next_word(state, PowerRequest.QUICK_STOP, sent, resume=resume).controlword
+
+        assert word & (ENABLE_BIT | QUICK_STOP_BIT) == 0
+        assert word & VOLTAGE_BIT
+
+
+@pytest.mark.parametrize("state", STATUSWORDS)
+def test_disable_voltage_beats_quick_stop(state):
+    word = next_word(state, PowerRequest.DISABLE_VOLTAGE, Sent(), resume=True).controlword
+    drive = ModelDrive()
+    drive.state = state
+
+    drive.receive(word)
+
+    assert word & (VOLTAGE_BIT | QUICK_STOP_BIT) == 0
+    assert drive.state is not S.QUICK_STOP_ACTIVE
 
 
 @pytest.mark.parametrize("request_", REQUESTS)
@@ -234,6 +341,19 @@ def test_leaving_quick_stop_goes_by_transition_16_or_12_as_the_profile_says(resu
 
     assert sent == words
     assert drive.state is S.OPERATION_ENABLED
+
+
+@pytest.mark.parametrize("state", STATUSWORDS)
+def test_halt_changes_no_state_and_is_sent_until_it_is_released(state):
+    drive = ModelDrive()
+    drive.state = state
+
+    words = drive_through(drive, PowerRequest.HALT)
+
+    assert drive.state is state
+    assert set(words) == ({0x010F} if state is S.OPERATION_ENABLED else {words[0] & ~HALT_BIT})
+    if state is S.OPERATION_ENABLED:
+        assert drive_through(drive, PowerRequest.ENABLE, 1) == [0x000F]
 
 
 @pytest.mark.parametrize("state", STATUSWORDS)

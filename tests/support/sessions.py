@@ -97,6 +97,15 @@ def empty_machine(folder: Path) -> Path:
     )
 
 
+POSITION_GUIDANCE = ("demo.toml", 'guidance = "impedance"', 'guidance = "position"')
+"""A change for `changed_configs`: the drives' own loops play the gait (CSP)."""
+
+
+def position_guidance(folder: Path, *changes: tuple[str, str, str]) -> Path:
+    """Configs with guidance = "position", and more changes."""
+    return changed_configs(folder, POSITION_GUIDANCE, *changes)
+
+
 def generic_drives(folder: Path) -> Path:
     """Configs with the CiA-standard drives in place of the EPOS4-like ones."""
     return changed_configs(

@@ -1,5 +1,7 @@
 """Situations in which nothing is wrong, for tests that make one thing wrong."""
 
+import math
+
 from daemon.causes import CHOSEN_CATEGORY
 from daemon.core.joints import Joint
 from daemon.core.limits import AxisLimits, Categories, Thresholds
@@ -91,6 +93,9 @@ AXIS = AxisSituation(
     preparing=False,
     homing=False,
     tracking_si=0.01,
+    wanted_velocity_si=0.0,
+    counts_sign=1,
+    loop_distance_si=math.inf,
     enable_wanted=True,
     reached_enabled=True,
     unready_cycles=0,

@@ -140,7 +140,8 @@ def test_an_artificial_disturbance_is_refused_with_a_patient():
     assert "empty machine" in refusal(RequestKind.MODE, PAPER, strapped_in)
 
 
-def test_position_guidance_is_refused_as_long_as_it_cannot_be_played():
+def test_with_position_guidance_a_gait_is_granted_and_assist_is_refused():
     position = replace(ALL_WELL, mode=Mode.HOLD, guidance="position")
 
-    assert "only 'impedance'" in refusal(RequestKind.MODE, GAIT, position)
+    assert refusal(RequestKind.MODE, GAIT, position) == ""
+    assert "assist is refused" in refusal(RequestKind.MODE, ModeRequest(Mode.TORQUE), position)

@@ -15,10 +15,12 @@ from daemon.core.safety import (
     ENABLE_CYCLES,
     FREEZE_DECELERATION_RATIO,
     FROZEN_PUSH_RATIO,
+    HELD_RATIO,
     NO_VERDICT,
     OBSERVER_BAD_MAX_CYCLES,
     TX_DROPPED_MAX,
     bound,
+    bound_position,
     judge,
     worse,
 )
@@ -191,6 +193,55 @@ def test_a_patient_who_leans_steadily_on_a_held_leg_is_not_a_frozen_encoder():
     assert verdict_of(axis=leaning) == NO_VERDICT
 
 
+SWITCHES = {-1: Input.NEGATIVE_LIMIT, 1: Input.POSITIVE_LIMIT}
+
+
+@pytest.mark.parametrize("counts_sign", [1, -1])
+@pytest.mark.parametrize("switch", [-1, 1])
+@pytest.mark.parametrize("moving", ["joint", "reference"])
+def test_a_joint_on_its_limit_switch_stops_towards_it_and_may_move_away(
+    switch, counts_sign, moving
+):
+    """The switch is in the drive's direction; the joint's may be the opposite one."""
+    feedback = replace(FEEDBACK, inputs=FEEDBACK.inputs | SWITCHES[switch])
+
+    def at(speed_si):
+        joint = JOINT._replace(velocity_si=speed_si if moving == "joint" else 0.0)
+        wanted_si = speed_si if moving == "reference" else 0.0
+        axis = replace(AXIS, feedback=feedback, joint=joint, counts_sign=counts_sign)
+        return verdict_of(axis=replace(axis, wanted_velocity_si=wanted_si))
+
+    towards_si = switch * counts_sign * LIMITS.standstill_si_per_s * 1.01
+    assert at(towards_si).cause == Cause.LIMIT_SWITCH
+    assert at(-towards_si) == NO_VERDICT
+    assert at(0.98 * towards_si) == NO_VERDICT
+    assert at(0.0) == NO_VERDICT
+
+
+def test_a_limit_switch_counts_while_driving_and_once_a_sample_has_come():
+    feedback = replace(FEEDBACK, inputs=FEEDBACK.inputs | Input.POSITIVE_LIMIT)
+    unknown = JOINT._replace(known=False)
+
+    assert verdict_of(axis=replace(AXIS, feedback=feedback), driving=False) == NO_VERDICT
+    assert verdict_of(axis=replace(AXIS, feedback=feedback, joint=unknown)) == NO_VERDICT
+
+
+def leaning(**change):
+    """A joint that stands still while its effort has changed by more than friction hides."""
+    effort_si = JOINT.effort_si + FROZEN_PUSH_RATIO * LIMITS.breakaway_si + 1.0
+    joint = JOINT._replace(still_cycles=9, effort_si=effort_si, velocity_si=0.0)
+    return replace(AXIS, joint=joint, **change)
+
+
+def test_a_patient_who_leans_on_a_leg_that_the_drive_itself_holds_is_not_a_frozen_encoder():
+    held_si = 0.9 * HELD_RATIO * LIMITS.tracking_max_si
+    off_si = 1.1 * HELD_RATIO * LIMITS.tracking_max_si
+
+    assert verdict_of(axis=leaning(loop_distance_si=held_si)) == NO_VERDICT
+    assert verdict_of(axis=leaning(loop_distance_si=off_si)).cause == Cause.ENCODER_FROZEN
+    assert verdict_of(axis=leaning()).cause == Cause.ENCODER_FROZEN
+
+
 def test_doubtful_feedback_is_s0():
     assert verdict_of(axis=with_joint(step_si=1.0)).category == StopCategory.S0
 
@@ -320,3 +371,39 @@ def test_what_is_bounded_is_inside_the_limit_and_never_faster_than_the_rate(wish
 
 def test_a_wish_inside_limit_and_rate_is_sent_as_it_is():
     assert bound(11.0, 10.0, LIMITS, 0.01) == 11.0
+
+
+positions_si = st.floats(-2.0, 2.0)
+inside_si = st.floats(LIMITS.position_min_si, LIMITS.position_max_si)
+
+
+@settings(derandomize=True, deadline=None)
+@given(start=inside_si, wishes=st.lists(positions_si, min_size=1, max_size=60))
+def test_a_target_position_never_leaves_the_range_nor_runs_faster_than_the_axis_may(start, wishes):
+    sent = [start]
+    for wish in wishes:
+        target_si = bound_position(wish, sent[-1], LIMITS, 0.01)
+        assert target_si is not None
+        sent.append(target_si)
+
+    step_si = LIMITS.velocity_max_si * 0.01
+    soft_min_si = LIMITS.position_min_si + LIMITS.soft_margin_si
+    soft_max_si = LIMITS.position_max_si - LIMITS.soft_margin_si
+    for before, after in pairwise(sent):
+        assert abs(after - before) <= step_si * (1 + 1e-9)
+        assert min(before, soft_min_si) <= after <= max(before, soft_max_si)
+    assert all(LIMITS.position_min_si <= one <= LIMITS.position_max_si for one in sent)
+
+
+def test_a_leg_that_stands_in_the_soft_margin_is_held_there_and_not_pulled_out_of_it():
+    edge_si = LIMITS.position_max_si - 0.1 * LIMITS.soft_margin_si
+
+    assert bound_position(edge_si, edge_si, LIMITS, 0.01) == edge_si
+    assert bound_position(edge_si + 0.001, edge_si, LIMITS, 0.01) == edge_si
+    assert bound_position(edge_si - 0.001, edge_si, LIMITS, 0.01) == edge_si - 0.001
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+def test_a_position_that_is_not_finite_is_never_sent(number):
+    assert bound_position(number, 0.0, LIMITS, 0.01) is None
+    assert bound_position(0.0, number, LIMITS, 0.01) is None

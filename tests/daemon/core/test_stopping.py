@@ -48,6 +48,16 @@ def test_a_stop_begins_for_each_axis_as_the_design_fixes_it(cause, category, thi
     assert stopping.first_step(verdict(cause, category), "right/slide") == other
 
 
+@pytest.mark.parametrize("state", [s for s in PowerState if s != PowerState.OPERATION_ENABLED])
+def test_a_stop_that_holds_does_not_enable_a_drive_that_is_not(state):
+    drive = replace(FEEDBACK, power_state=state)
+
+    assert stopping.possible(Step.HOLD, drive) == Step.QUICK_STOP
+    assert stopping.possible(Step.HOLD, None) == Step.QUICK_STOP
+    assert stopping.possible(Step.HOLD, FEEDBACK) == Step.HOLD
+    assert [stopping.possible(step, drive) for step in list(Step)[1:]] == list(Step)[1:]
+
+
 def test_only_a_stop_of_category_2_keeps_a_drive_enabled():
     assert stopping.request(Step.HOLD) == PowerRequest.ENABLE
     assert stopping.request(Step.QUICK_STOP) == PowerRequest.QUICK_STOP

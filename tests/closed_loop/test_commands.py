@@ -1,0 +1,187 @@
+"""What a drive is commanded when guidance, mode display or limits are not as they should be."""
+
+import math
+from unittest import mock
+
+import numpy as np
+import pytest
+from sessions import Session, changed_configs, position_guidance
+from wire import (
+    ENABLE_OPERATION,
+    ENABLED_WORD,
+    NODES,
+    QUICK_STOP_WORD,
+    change_what_drives_say,
+    rpdo1,
+    target_torques,
+    without_bit_12,
+    words_by_cycle,
+)
+
+from daemon.core import plans
+from daemon.core.safety import ENABLE_CYCLES
+from daemon.record import Cause, Mode, Outcome, RequestKind, StopCategory
+
+INT16_MAX = 0x7FFF
+
+
+def session_of(guidance, folder):
+    configs = position_guidance(folder) if guidance == "position" else changed_configs(folder)
+    return Session(configs).enabled()
+
+
+def guided_to(session, **change):
+    """From now on every reference says this."""
+    honest = plans.reference_of
+
+    def reference_of(core, leg):
+        return honest(core, leg)._replace(**change)
+
+    return mock.patch.object(plans, "reference_of", reference_of)
+
+
+@pytest.mark.parametrize("wild_nm", [1e4, -1e4, 1e300, -1e300])
+def test_a_torque_beyond_every_limit_is_clipped_and_never_wraps_into_its_opposite(
+    tmp_path, wild_nm
+):
+    """M34: far more than 16 bits hold."""
+    session = session_of("impedance", tmp_path)
+    sent = len(session.lockstep.bus.sent)
+
+    with guided_to(session, feedforward=(wild_nm, 0.0)):
+        session.lockstep.run(0.1)
+
+    axis = session.lockstep.core.axes[0]
+    asked = np.array(target_torques(session.lockstep.bus.sent[sent:], 5))
+    while_driving = asked[:5] * math.copysign(1, wild_nm)
+    most = axis.limits.effort_max_si * axis.scaling.permille_per_effort_si
+    assert np.all(np.diff(while_driving) >= 0)
+    assert while_driving[-1] > 0.9 * most
+    assert np.abs(asked).max() <= round(most) < INT16_MAX
+
+
+@pytest.mark.parametrize("guidance", ["impedance", "position"])
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("field", ["position", "velocity", "feedforward"])
+def test_a_number_that_is_not_finite_is_a_quick_stop_in_the_same_cycle(
+    tmp_path, guidance, field, number
+):
+    session = session_of(guidance, tmp_path)
+    sent = len(session.lockstep.bus.sent)
+
+    with guided_to(session, **{field: (number, 0.0)}):
+        session.lockstep.loop.turn()
+
+    record = session.lockstep.record
+    frames = session.lockstep.bus.sent[sent:]
+    assert record.verdict.cause == Cause.COMMAND_NOT_FINITE
+    assert [rpdo1(frames, node)[-1].controlword for node in NODES] == [QUICK_STOP_WORD] * 2
+    session.lockstep.run(1)
+    assert session.lockstep.record.mode == Mode.FAULT
+
+
+def targets_while_enabled(session, since):
+    """Target positions of the hip drive in counts, as long as it is told to be enabled."""
+    told = rpdo1(session.lockstep.bus.sent[since:], 5)
+    return [one.target_counts for one in told if one.controlword == ENABLED_WORD]
+
+
+@pytest.mark.parametrize("wild_rad", [1.0, -1.0, 1e9])
+def test_a_target_that_runs_away_is_no_faster_than_the_axis_may_be_and_stops(tmp_path, wild_rad):
+    session = session_of("position", tmp_path)
+    sent = len(session.lockstep.bus.sent)
+    axis = session.lockstep.core.axes[0]
+    begun_rad, slide_m = session.lockstep.record.legs[0].measured
+
+    with guided_to(session, position=(begun_rad + wild_rad, slide_m)):
+        session.lockstep.run(0.5)
+
+    counts = targets_while_enabled(session, sent)
+    step = axis.limits.velocity_max_si * 0.01 * axis.scaling.counts_per_si
+    assert np.abs(np.diff(counts)).max() <= step + 1
+    assert session.lockstep.record.verdict.category != StopCategory.NONE
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_target_beyond_the_range_stops_before_the_drive_faults(tmp_path, sign):
+    """M35: outside 607Dh this drive faults (8A82h), so no target may come near it."""
+    session = session_of("position", tmp_path)
+    sent = len(session.lockstep.bus.sent)
+    axis = session.lockstep.core.axes[0]
+    begun_rad, slide_m = session.lockstep.record.legs[0].measured
+
+    for cycle in range(300):
+        with guided_to(session, position=(begun_rad + sign * 0.003 * cycle, slide_m)):
+            session.lockstep.loop.turn()
+
+    counts = targets_while_enabled(session, sent)
+    limits, scaling = axis.limits, axis.scaling
+    lowest_rad = limits.position_min_si + limits.soft_margin_si
+    highest_rad = limits.position_max_si - limits.soft_margin_si
+    edge_rad = highest_rad if sign > 0 else lowest_rad
+    farthest = max(counts) if sign > 0 else min(counts)
+    assert farthest == pytest.approx(edge_rad * scaling.counts_per_si, abs=1)
+    told = [event for record in session.lockstep.records for event in record.events]
+    assert not any("8A82" in event for event in told)
+    assert session.lockstep.record.verdict.cause == Cause.TRACKING_LIMIT
+
+
+def test_a_drive_s_own_position_limit_stops_and_is_not_retried(tmp_path):
+    """M35: 8A82h from the drive, of which the cause is gone at once."""
+    session = session_of("position", tmp_path)
+    session.machine.command("emcy right/hip 0.1 0x8A82")
+
+    session.lockstep.run(2)
+
+    told = words_by_cycle(session.lockstep.bus.sent[-200:])
+    assert session.lockstep.record.mode == Mode.FAULT
+    assert session.lockstep.record.drives[0].emergency_code == 0x8A82
+    assert not any(word & (ENABLE_OPERATION | 0x80) for one in told for word in one.values())
+
+
+@pytest.mark.parametrize("guidance", ["impedance", "position"])
+def test_a_mode_that_never_shows_is_not_enabled_and_gets_no_torque(tmp_path, guidance):
+    """M14, at enabling."""
+    configs = position_guidance(tmp_path) if guidance == "position" else changed_configs(tmp_path)
+    session = Session(configs).until_ready()
+
+    def show_velocity_mode(frame):
+        if frame.can_id != 0x185:
+            return frame
+        return frame._replace(data=frame.data[:6] + bytes((9,)))
+
+    change_what_drives_say(session, show_velocity_mode)
+    sent = len(session.lockstep.bus.sent)
+    cycle = session.lockstep.record.cycle
+
+    answer = session.lockstep.request(RequestKind.ENABLE)
+
+    assert answer.outcome == Outcome.REFUSED
+    assert session.lockstep.record.verdict.cause == Cause.MODE_NOT_SHOWN
+    assert session.lockstep.record.cycle - cycle <= ENABLE_CYCLES + 4
+    scale = session.lockstep.core.axes[0].scaling.permille_per_effort_si
+    enabling = [r for r in session.lockstep.records if r.cycle > cycle and r.mode.active]
+    present = [record.drives[0].effort_si * scale for record in enabling]
+    sent_permille = target_torques(session.lockstep.bus.sent[sent:], 5)
+    start = len(sent_permille) - len(present) - 1
+    assert sent_permille[start:-1] == pytest.approx(present, abs=1)
+
+
+@pytest.mark.parametrize("guidance", ["impedance", "position"])
+@pytest.mark.parametrize("node", NODES)
+def test_a_drive_that_says_it_does_not_follow_stops_both_and_its_cause_is_named(
+    tmp_path, guidance, node
+):
+    """M15."""
+    session = session_of(guidance, tmp_path)
+    cycle = session.lockstep.record.cycle
+    change_what_drives_say(session, without_bit_12(node))
+
+    stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
+
+    allowed = session.settings.limits.communication.mode_switch_cycles
+    assert stopped.verdict.cause == Cause.NOT_FOLLOWING
+    assert stopped.cycle - cycle == allowed + 1
+    session.lockstep.run(0.1)
+    words = words_by_cycle(session.lockstep.bus.sent)[-1]
+    assert set(words.values()) == {QUICK_STOP_WORD}

@@ -1,0 +1,148 @@
+"""The inputs that the drives see (60FDh): hand switch, STO, limit switches; both kinds of drive."""
+
+import pytest
+from sessions import POSITION_GUIDANCE, Session, changed_configs, generic_drives
+from wire import change_what_drives_say
+
+from daemon.record import Cause, Mode, ModeRequest, RequestKind
+from drives.signals import PowerState
+
+HAND_SWITCH_BIT, STO_BIT = 16, 17
+
+
+def drives_of(kind, folder):
+    return generic_drives(folder) if kind == "generic" else changed_configs(folder)
+
+
+def wired_the_other_way(folder, name, bit):
+    """A session in which one input is low where it was high, in the profile and on the wire."""
+    configs = changed_configs(
+        folder,
+        (
+            "drives/profiles/epos4.toml",
+            f"{name} = {{ bit = {bit}, level = 1 }}",
+            f"{name} = {{ bit = {bit}, level = 0 }}",
+        ),
+    )
+    session = Session(configs)
+
+    def invert(frame):
+        if frame.can_id not in {0x285, 0x286}:
+            return frame
+        inputs = int.from_bytes(frame.data[4:], "little") ^ 1 << bit
+        return frame._replace(data=frame.data[:4] + inputs.to_bytes(4, "little"))
+
+    change_what_drives_say(session, invert)
+    return session
+
+
+@pytest.mark.parametrize("kind", ["epos4", "generic"])
+def test_an_open_hand_switch_is_a_quick_stop_of_both_drives(tmp_path, kind):
+    session = Session(drives_of(kind, tmp_path)).walking(warm_s=1)
+    session.machine.command("hand_switch_open right/slide")
+
+    session.lockstep.run(1.5)
+
+    record = session.lockstep.record
+    assert (record.mode, record.verdict.cause) == (Mode.FAULT, Cause.HAND_SWITCH_OPEN)
+    assert {drive.power_state for drive in record.drives} == {PowerState.QUICK_STOP_ACTIVE}
+    assert [drive.hand_switch_closed for drive in record.drives] == [True, False]
+
+
+@pytest.mark.parametrize("kind", ["epos4", "generic"])
+def test_sto_takes_the_power_from_both_drives(tmp_path, kind):
+    session = Session(drives_of(kind, tmp_path)).walking(warm_s=1)
+    session.machine.command("sto_open right/hip")
+
+    session.lockstep.run(1.5)
+
+    record = session.lockstep.record
+    powered = {PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE}
+    assert (record.mode, record.verdict.cause) == (Mode.FAULT, Cause.STO_ACTIVE)
+    assert not powered & {drive.power_state for drive in record.drives}
+    assert [drive.sto_released for drive in record.drives] == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("name", "bit", "fault", "cause"),
+    [
+        ("hand_switch_closed", HAND_SWITCH_BIT, "hand_switch_open", Cause.HAND_SWITCH_OPEN),
+        ("sto_released", STO_BIT, "sto_open", Cause.STO_ACTIVE),
+    ],
+)
+def test_an_input_of_the_other_level_means_the_same(tmp_path, name, bit, fault, cause):
+    session = wired_the_other_way(tmp_path, name, bit).walking(warm_s=1)
+    session.machine.command(f"{fault} right/hip")
+
+    stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
+    session.lockstep.run(0.05)
+
+    assert stopped.mode == Mode.STOPPING
+    assert session.lockstep.record.verdict.cause == cause
+
+
+SHORT_OF_THE_GAIT = [
+    # plant.toml's stops inside what the gait asks: where they are touched is a limit switch.
+    ("hip", "max_deg = 43.0", "max_deg = 24.0", "positive"),
+    ("hip", "min_deg = -23.0", "min_deg = 4.0", "negative"),
+    # The slide's drive counts the other way: the joint's upper end is the drive's negative one.
+    ("slide", "max_m = 0.97", "max_m = 0.75", "negative"),
+    ("slide", "min_m = -0.02", "min_m = 0.40", "positive"),
+]
+
+
+def on_its_switch(configs):
+    session = Session(configs).enabled()
+    gait = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=60.0)
+    session.lockstep.request(RequestKind.MODE, gait)
+    session.lockstep.run_until(lambda record: not record.mode.active, within_s=30)
+    return session
+
+
+@pytest.mark.parametrize("guidance", ["impedance", "position"])
+@pytest.mark.parametrize("kind", ["epos4", "generic"])
+@pytest.mark.parametrize(("axis", "old", "new", "switch"), SHORT_OF_THE_GAIT)
+def test_a_joint_that_runs_on_to_its_limit_switch_stops(
+    tmp_path, kind, guidance, axis, old, new, switch
+):
+    configs = drives_of(kind, tmp_path)
+    changes = [("plant.toml", old, new)]
+    if guidance == "position":
+        changes.append(POSITION_GUIDANCE)
+    for name, before, after in changes:
+        file = configs / name
+        file.write_text(file.read_text().replace(before, after))
+
+    session = on_its_switch(configs)
+
+    verdict = session.lockstep.record.verdict
+    assert (verdict.cause, verdict.drive) == (Cause.LIMIT_SWITCH, f"right/{axis}")
+    assert f"{switch} limit switch" in verdict.detail
+    session.lockstep.run(2)
+    assert session.lockstep.record.mode == Mode.FAULT
+
+
+def test_a_joint_that_stands_on_its_limit_switch_may_be_enabled_and_moves_away(tmp_path):
+    """It stands above mid pose with its upper switch pressed: downwards is free, upwards is not."""
+    session = Session(
+        changed_configs(tmp_path, ("plant.toml", "hip_deg = 13.98", "hip_deg = 20.0"))
+    )
+
+    def press(frame):
+        if frame.can_id != 0x285:
+            return frame
+        inputs = int.from_bytes(frame.data[4:], "little") | 0b10
+        return frame._replace(data=frame.data[:4] + inputs.to_bytes(4, "little"))
+
+    change_what_drives_say(session, press)
+    session.enabled()
+    begun_rad = session.lockstep.record.legs[0].measured[0]
+    gait = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=20.0)
+    session.lockstep.request(RequestKind.MODE, gait)
+    session.lockstep.run_until(lambda record: "playing" in record.progress, within_s=20)
+    away_rad = session.lockstep.record.legs[0].measured[0]
+
+    stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=10)
+
+    assert away_rad < begun_rad - 0.05
+    assert stopped.verdict.cause == Cause.LIMIT_SWITCH

@@ -1,0 +1,325 @@
+"""guidance = "position": the drives' own loops play the gait (CSP), from enable to every stop."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from sessions import AXES, Session, empty_machine, position_guidance
+from wire import (
+    change_what_drives_hear,
+    change_what_drives_say,
+    deaf_to_mode,
+    rpdo1,
+    target_torques,
+    without_bit_12,
+)
+
+from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind
+from drives.signals import OperationMode, PowerState
+from drives.units import position_si
+
+CSP = OperationMode.CYCLIC_SYNC_POSITION
+CST = OperationMode.CYCLIC_SYNC_TORQUE
+NODES = (5, 6)
+HOLD = ModeRequest(Mode.HOLD)
+CYCLES_BEHIND = 2
+"""A target acts from the next SYNC and is reached at the one after."""
+
+
+def csp(tmp_path, *changes):
+    return Session(position_guidance(tmp_path, *changes))
+
+
+def targets_si(session, since=0):
+    """Target positions of both axes in the order in which they were sent: one row per cycle."""
+    sent = session.lockstep.bus.sent[since:]
+    columns = [
+        [position_si(told.target_counts, axis.scaling) for told in rpdo1(sent, node)]
+        for axis, node in zip(session.lockstep.core.axes, NODES, strict=True)
+    ]
+    return np.array(columns).T
+
+
+def measured(records):
+    return np.array([record.legs[0].measured for record in records])
+
+
+@pytest.mark.parametrize("patient", ["passive", "active"])
+@pytest.mark.parametrize(("cadence_hz", "hip_nm", "slide_n"), [(0.25, 1.2, 12.0), (0.5, 2.5, 20.0)])
+def test_a_gait_is_played_by_the_drives_loops_and_the_estimate_says_how_sure_it_is(
+    tmp_path, patient, cadence_hz, hip_nm, slide_n
+):
+    session = csp(tmp_path).walking(cadence_hz=cadence_hz)
+    session.machine.command(f"patient {patient}")
+    session.lockstep.run(4)
+    begun = len(session.lockstep.records)
+
+    scores = session.scores(8)
+
+    records = session.lockstep.records[begun:]
+    assert {drive.mode_display for record in records for drive in record.drives} == {CSP}
+    assert all(record.verdict.cause == Cause.NONE for record in records)
+    wanted = np.array([record.legs[0].reference for record in records])
+    behind = np.abs(wanted[:-CYCLES_BEHIND] - measured(records)[CYCLES_BEHIND:]).max(axis=0)
+    assert behind[0] < 0.01
+    assert behind[1] < 0.01
+    assert scores["hip"].rms < hip_nm
+    assert scores["slide"].rms < slide_n
+    truth = {row.sync_mono_ns: row for row in session.truth.rows}
+    for axis, column in enumerate(("hip_patient_nm", "slide_patient_n")):
+        errors = [
+            (leg.state[6 + axis] - getattr(truth[record.sync_mono_ns], column)) / leg.std[6 + axis]
+            for record in records
+            for leg in record.legs
+            if leg.validity[axis] == 0
+        ]
+        assert len(errors) > 0.95 * len(records)
+        assert np.mean(np.abs(errors) < 3) > 0.97
+
+
+def test_a_whole_gait_moves_its_targets_without_a_step_and_ends_in_hold(tmp_path):
+    session = csp(tmp_path).enabled()
+    begun = len(session.lockstep.bus.sent)
+    gait = ModeRequest(Mode.GAIT, cadence_hz=0.5, amplitude_ratio=1.0, duration_s=5.0)
+
+    session.lockstep.request(RequestKind.MODE, gait)
+    session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=30)
+    session.lockstep.run(0.5)
+
+    speed = np.abs(np.diff(targets_si(session, begun), axis=0)).max(axis=0) / 0.01
+    change = np.abs(np.diff(targets_si(session, begun), n=2, axis=0)).max(axis=0) / 0.01**2
+    assert session.lockstep.record.verdict.cause == Cause.NONE
+    # The gait itself asks 2.45 rad/s and 2.38 m/s, 13.7 rad/s^2 and 19.5 m/s^2; two counts of
+    # rounding on top.
+    assert 1.0 < speed[0] < 2.45 * 1.05
+    assert 1.0 < speed[1] < 2.38 * 1.05
+    assert change[0] < 13.7 * 1.1 + 2 * 6.1e-5 / 0.01**2
+    assert change[1] < 19.5 * 1.1 + 2 * 4.9e-5 / 0.01**2
+
+
+def test_enabling_finds_no_distance_to_go(tmp_path):
+    session = csp(tmp_path).until_ready()
+    begun = len(session.lockstep.bus.sent)
+    before = session.lockstep.record.legs[0].measured
+
+    session.lockstep.request(RequestKind.ENABLE)
+    session.lockstep.run(0.5)
+
+    assert np.abs(targets_si(session, begun) - before).max() < 5e-4
+    assert session.lockstep.record.legs[0].measured == pytest.approx(before, abs=5e-4)
+
+
+def test_every_mode_that_guidance_plays_has_the_drives_in_position_mode_and_follows(tmp_path):
+    session = csp(tmp_path).walking(warm_s=2)
+    session.lockstep.request(RequestKind.MODE, HOLD)
+    session.lockstep.run(1)
+
+    modes = {told.mode for node in NODES for told in rpdo1(session.lockstep.bus.sent, node)}
+    active = [record for record in session.lockstep.records if record.mode.active]
+    words = {drive.statusword & 0x1000 for record in active[10:] for drive in record.drives}
+    assert modes == {CSP}
+    assert words == {0x1000}
+
+
+def test_assist_is_refused(tmp_path):
+    session = csp(tmp_path).enabled()
+
+    answer = session.lockstep.request(RequestKind.MODE, ModeRequest(Mode.TORQUE))
+
+    assert answer.outcome == Outcome.REFUSED
+    assert "assist is refused" in answer.reason
+
+
+# --- stops ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("at_s", [0.0, 0.9, 1.7, 2.6])
+def test_a_stop_in_the_middle_brakes_and_holds_by_the_drives_loops(tmp_path, at_s):
+    session = csp(tmp_path).walking(cadence_hz=0.5, warm_s=6 + at_s)
+    begun, told = len(session.lockstep.records), len(session.lockstep.bus.sent)
+
+    session.lockstep.gateway.stop()
+    session.lockstep.run(3)
+
+    record = session.lockstep.record
+    records = session.lockstep.records[begun:]
+    assert (record.mode, record.verdict.cause) == (Mode.FAULT, Cause.STOP_REQUESTED)
+    assert {drive.power_state for drive in record.drives} == {PowerState.OPERATION_ENABLED}
+    assert {drive.mode_display for one in records for drive in one.drives} == {CSP}
+    stood = measured(records[-50:])
+    assert np.ptp(stood, axis=0).max() < 5e-4
+    # No kick: the brakes' deceleration, and what it takes to come back to where the leg was.
+    change = np.abs(np.diff(targets_si(session, told), n=2, axis=0)).max(axis=0) / 0.01**2
+    assert change[0] < 2.5 * session.settings.limits.hip.quick_stop_deceleration_rad_per_s2
+    assert change[1] < 2.5 * session.settings.limits.slide.quick_stop_deceleration_m_per_s2
+
+
+def test_a_stop_lets_go_of_what_holds_the_leg_back(tmp_path):
+    """A blocked joint lags behind its target; a stop does not go on pulling it there."""
+    session = csp(tmp_path).walking(cadence_hz=0.25)
+    session.machine.command("blocked_rotor right/hip")
+    session.lockstep.run(0.05)
+    pushed_nm = abs(session.lockstep.record.drives[0].effort_si)
+
+    session.lockstep.gateway.stop()
+    session.lockstep.run(1.5)
+
+    axis = session.lockstep.core.axes[0]
+    assert session.lockstep.record.verdict.cause == Cause.STOP_REQUESTED
+    assert pushed_nm > 20
+    assert abs(axis.position_sent_si - axis.joint.position_si) < 1e-3
+
+
+def test_a_stop_of_category_1_leaves_braking_to_the_drives(tmp_path):
+    session = csp(tmp_path).walking(cadence_hz=0.5, warm_s=6)
+    session.machine.command("hand_switch_open right/hip")
+
+    session.lockstep.run(2)
+
+    record = session.lockstep.record
+    assert (record.mode, record.verdict.cause) == (Mode.FAULT, Cause.HAND_SWITCH_OPEN)
+    assert {drive.power_state for drive in record.drives} == {PowerState.QUICK_STOP_ACTIVE}
+    assert abs(session.truth.rows[-1].hip_velocity_rad_per_s) < 0.01
+
+
+# --- mode switches --------------------------------------------------------------------------
+
+
+def exciting_and_back(tmp_path):
+    """Hold in position mode, an excitation in torque mode, hold in position mode again."""
+    configs = empty_machine(tmp_path)
+    file = configs / "demo.toml"
+    file.write_text(file.read_text().replace('"impedance"', '"position"'))
+    session = Session(configs).exciting("open_loop", 25.0)
+    session.lockstep.run(4)
+    session.lockstep.request(RequestKind.MODE, HOLD)
+    session.lockstep.run_until(
+        lambda record: {drive.mode_display for drive in record.drives} == {CSP}, within_s=5
+    )
+    session.lockstep.run(1)
+    return session
+
+
+def test_a_switch_to_torque_and_back_makes_no_step_in_torque_or_position(tmp_path):
+    session = exciting_and_back(tmp_path)
+    active = [record for record in session.lockstep.records if record.mode.active][5:]
+
+    shown = np.array([[drive.mode_display for drive in record.drives] for record in active])
+    effort = np.array([[drive.effort_si for drive in record.drives] for record in active])
+    where = measured(active)
+    assert {(CSP, CST), (CST, CSP)} <= {
+        (int(a), int(b)) for column in shown.T for a, b in pairwise(column)
+    }
+    breakaway = [axis.limits.breakaway_si for axis in session.lockstep.core.axes]
+    still = [axis.limits.standstill_si_per_s * 0.01 for axis in session.lockstep.core.axes]
+    for axis in range(len(AXES)):
+        switched = np.flatnonzero(np.diff(shown[:, axis]))
+        for row in switched:
+            # Friction hides what is less than breakaway; three cycles on each side.
+            near = slice(max(row - 3, 0), row + 5)
+            assert np.abs(np.diff(effort[near, axis])).max() < breakaway[axis]
+            assert np.abs(np.diff(where[near, axis])).max() < still[axis]
+    assert session.lockstep.record.verdict.cause == Cause.NONE
+
+
+def test_a_drive_that_moves_stays_in_its_mode_until_it_stands(tmp_path):
+    session = exciting_and_back(tmp_path)
+    records = session.lockstep.records
+
+    switched = 0
+    for drive, node in enumerate(NODES):
+        told = rpdo1(session.lockstep.bus.sent, node)
+        limit = session.lockstep.core.axes[drive].limits.standstill_si_per_s
+        for (before, now), record in zip(pairwise(told), records[1 - len(told) :], strict=True):
+            if now.mode != before.mode and record.mode.active:
+                switched += 1
+                assert abs(record.drives[drive].velocity_si) < limit
+    assert switched == 2 * len(NODES)
+
+
+def test_a_mode_that_never_shows_stops_after_five_cycles_and_commands_no_torque(tmp_path):
+    """M14: 6060h says 10, 6061h stays 8."""
+    configs = empty_machine(tmp_path)
+    file = configs / "demo.toml"
+    file.write_text(file.read_text().replace('"impedance"', '"position"'))
+    session = Session(configs).enabled()
+    change_what_drives_hear(session, deaf_to_mode(5, CSP))
+    held = session.lockstep.record.legs[0].measured
+    told = len(session.lockstep.bus.sent)
+    cycle = session.lockstep.record.cycle
+
+    session.lockstep.request(
+        RequestKind.MODE, ModeRequest(Mode.EXCITE, duration_s=25.0, scenario="open_loop")
+    )
+    stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
+
+    assert stopped.verdict.cause == Cause.MODE_NOT_SHOWN
+    assert (stopped.verdict.value, stopped.verdict.limit) == (CSP, CST)
+    assert stopped.cycle - cycle <= 1 + 1 + 5 + 1
+    sent = session.lockstep.bus.sent[told:]
+    assert np.ptp(target_torques(sent, 5)) <= 10
+    assert len({one.target_counts for one in rpdo1(sent, 5)}) == 1
+    session.lockstep.run(1)
+    assert session.lockstep.record.legs[0].measured[0] == pytest.approx(held[0], abs=1e-3)
+
+
+def test_a_drive_that_does_not_follow_stops_after_its_cycles(tmp_path):
+    """M15: operation enabled, 6061h right, bit 12 is 0."""
+    session = csp(tmp_path).walking(warm_s=2)
+    cycle = session.lockstep.record.cycle
+    change_what_drives_say(session, without_bit_12(6))
+
+    stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
+
+    assert stopped.verdict.cause == Cause.NOT_FOLLOWING
+    assert stopped.verdict.drive == "right/slide"
+    assert stopped.cycle - cycle <= session.settings.limits.communication.mode_switch_cycles + 2
+
+
+# --- what the drives' loops meet ------------------------------------------------------------
+
+
+def test_a_following_error_stops_both_axes_once_and_says_so(tmp_path):
+    """M36: the drive's own window, 8611h, fault reaction, fault."""
+    session = csp(tmp_path).walking(cadence_hz=0.5, warm_s=5)
+    session.machine.command("blocked_rotor right/hip")
+
+    session.lockstep.run(2)
+
+    record = session.lockstep.record
+    told = [event for one in session.lockstep.records for event in one.events]
+    assert record.mode == Mode.FAULT
+    assert record.drives[0].emergency_code == 0x8611
+    assert any("8611h" in event for event in told)
+    assert record.drives[0].power_state == PowerState.FAULT
+    assert record.drives[1].power_state == PowerState.QUICK_STOP_ACTIVE
+    for cause in ("a drive is in fault", "a drive sent an emergency message"):
+        assert sum(cause in event for event in told) <= 1
+
+
+def test_a_patient_who_leans_on_a_leg_that_the_drives_hold_is_no_fault(tmp_path):
+    """A stiff loop holds against 30 N m within a count or two: no encoder is frozen."""
+    session = csp(tmp_path, ("plant.toml", "hip_nm = 10.0", "hip_nm = 30.0")).enabled()
+    session.machine.command("patient pushes")
+
+    session.lockstep.run(8)
+
+    assert session.lockstep.record.mode == Mode.HOLD
+    efforts = [record.drives[0].effort_si for record in session.lockstep.records[-800:]]
+    assert max(map(abs, efforts)) > 20
+
+
+@pytest.mark.parametrize("fault", ["frozen_encoder right/hip", "encoder_glitch right/slide - 2000"])
+def test_doubtful_feedback_while_walking_is_found_as_in_torque_mode(tmp_path, fault):
+    session = csp(tmp_path).walking(cadence_hz=0.25)
+    session.machine.command(fault)
+
+    stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=2)
+
+    assert stopped.verdict.cause in {
+        Cause.ENCODER_FROZEN,
+        Cause.ENCODER_JUMP,
+        Cause.DRIVE_FAULT,
+        Cause.EMERGENCY,
+        Cause.TRACKING_LIMIT,
+    }

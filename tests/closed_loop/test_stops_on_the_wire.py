@@ -1,0 +1,218 @@
+"""Stops as the drives get them: from every state, and both axes between the same two SYNCs."""
+
+import pytest
+from sessions import Session, changed_configs, position_guidance
+from wire import (
+    DISABLE_VOLTAGE_WORD,
+    ENABLE_OPERATION,
+    ENABLED_WORD,
+    NODES,
+    QUICK_STOP_WORD,
+    cycles,
+    rpdo1,
+    words_by_cycle,
+)
+
+from daemon.record import Mode, Outcome, RequestKind, StopCategory
+from drives.bus import Frame
+from drives.signals import PowerState
+
+QS, OFF = QUICK_STOP_WORD, DISABLE_VOLTAGE_WORD
+ENABLED = (ENABLED_WORD, ENABLED_WORD)
+
+
+# --- both axes between the same two SYNCs -----------------------------------------------------
+
+
+@pytest.fixture(scope="module", params=["impedance", "position"])
+def configs(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp(request.param)
+    return position_guidance(folder) if request.param == "position" else changed_configs(folder)
+
+
+def told(interval, node):
+    """What one drive gets in an interval, stripped of when."""
+    ids = {0x200 + node, 0x300 + node}
+    return [(frame.can_id, frame.data) for frame in interval if frame.can_id in ids]
+
+
+def first_change(stopped, free, node):
+    """The first interval in which a drive is told something else than without the stop."""
+    for number, (one, other) in enumerate(zip(stopped, free, strict=False)):
+        if told(one, node) != told(other, node):
+            return number
+    return None
+
+
+def moving(configs):
+    """In the middle of a gait, both axes on their way."""
+    session = Session(configs).walking(cadence_hz=0.25, warm_s=1.5)
+    session.lockstep.run_until(
+        lambda record: min(abs(drive.velocity_si or 0.0) for drive in record.drives) > 0.15,
+        within_s=8,
+    )
+    return session
+
+
+def test_a_stop_that_holds_begins_for_both_drives_between_the_same_two_syncs(configs):
+    """Compared with the very same session that nobody stops."""
+    free, stopped = moving(configs), moving(configs)
+
+    stopped.lockstep.gateway.stop()
+    intervals: list[list[list[Frame]]] = []
+    for session in (free, stopped):
+        session.lockstep.run(0.3)
+        intervals.append(list(cycles(session.lockstep.bus.sent)))
+
+    hip, slide = (first_change(*intervals, node) for node in NODES)
+    words = words_by_cycle(stopped.lockstep.bus.sent)
+    assert stopped.lockstep.record.verdict.category == StopCategory.S2
+    assert hip == slide is not None
+    assert all(set(one.values()) == {ENABLED_WORD} for one in words[hip:])
+
+
+@pytest.mark.parametrize(
+    ("cause", "words"),
+    [
+        ("hand_switch_open right/slide", (QS, QS)),
+        ("hand_switch_open right/hip", (QS, QS)),
+        ("sto_open right/slide", (OFF, OFF)),
+        ("sto_open right/hip", (OFF, OFF)),
+        ("encoder_glitch right/hip - 3000", (OFF, QS)),
+        ("encoder_glitch right/slide - 3000", (QS, OFF)),
+        ("silent right/hip", (OFF, QS)),
+        ("silent right/slide", (QS, OFF)),
+        ("emcy right/slide - 0x2310", (QS, QS)),
+        ("emcy right/hip - 0x2310", (QS, QS)),
+    ],
+)
+def test_a_stop_reaches_both_drives_between_the_same_two_syncs(configs, cause, words):
+    session = Session(configs).walking(cadence_hz=0.25, warm_s=1.5)
+    begun = len(list(cycles(session.lockstep.bus.sent))) - 1
+
+    session.machine.command(cause)
+    session.lockstep.run(0.3)
+
+    told = words_by_cycle(session.lockstep.bus.sent)[begun:]
+    pairs = [tuple(one[node] for node in NODES) for one in told]
+    left = next(number for number, pair in enumerate(pairs) if pair != ENABLED)
+    assert pairs[:left] == [ENABLED] * left
+    assert 0x0F not in pairs[left]
+    # STO is told by an EMCY before it is seen in the inputs: first the one stop, then the other.
+    reached = pairs.index(words)
+    assert reached - left <= (1 if "sto" in cause else 0)
+    assert set(pairs[reached:]) == {words}
+
+
+def test_an_emcy_between_two_windows_is_answered_to_both_drives_before_the_next_sync(configs):
+    session = Session(configs).walking(cadence_hz=0.25, warm_s=1.5)
+    running = len(list(cycles(session.lockstep.bus.sent))) - 1
+
+    session.machine.command("emcy right/hip - 0x2310")
+    session.lockstep.run(0.05)
+
+    words = words_by_cycle(session.lockstep.bus.sent)
+    assert words[running - 1] == {5: 0x0F, 6: 0x0F}
+    assert words[running] == {5: QS, 6: QS}
+    assert all(set(one.values()) == {QS} for one in words[running:])
+
+
+# --- from every state -------------------------------------------------------------------------
+
+
+def in_flight(word):
+    """Enabling, with this controlword on its way to the hip drive."""
+
+    def reach(session):
+        session.until_ready()
+        session.lockstep.gateway.ask(RequestKind.ENABLE)
+        for _ in range(20):
+            session.lockstep.loop.turn()
+            if rpdo1(session.lockstep.bus.sent, 5)[-1].controlword == word:
+                return
+        raise AssertionError(f"{word:#x} never left")
+
+    return reach
+
+
+def bringing_up(session):
+    """Stopped in the middle already: a whole bring-up is one turn of the loop."""
+    gateway = session.lockstep.gateway
+    publish = gateway.publish
+
+    def publish_and_stop(record):
+        publish(record)
+        if record.mode == Mode.BRINGING_UP:
+            gateway.stop()
+
+    gateway.publish = publish_and_stop
+    session.until_ready()
+    assert session.lockstep.record.stop_count > 1
+
+
+def stopping(session):
+    session.walking(cadence_hz=0.5, warm_s=2.5)
+    session.lockstep.gateway.stop()
+    session.lockstep.run_until(lambda record: record.mode == Mode.STOPPING, within_s=1)
+
+
+def fault(session):
+    session.enabled()
+    session.machine.command("hand_switch_open right/hip 0.5")
+    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+    session.lockstep.run(1)
+
+
+STATES = {
+    "bringing up": bringing_up,
+    "ready": lambda session: session.until_ready(),
+    "transition 2 in flight": in_flight(0x06),
+    "transition 3 in flight": in_flight(0x07),
+    "transition 4 in flight": in_flight(0x0F),
+    "hold": lambda session: session.enabled(),
+    "gait": lambda session: session.walking(warm_s=2),
+    "stopping": stopping,
+    "fault": fault,
+}
+
+
+@pytest.mark.parametrize("category", ["S2", "S1", "S0"])
+@pytest.mark.parametrize("state", STATES)
+def test_a_stop_from_every_state_energises_nothing(tmp_path, state, category):
+    """M08, on the wire: bit 3 only ever goes on to a drive that shows operation enabled."""
+    chosen = ("limits.toml", 'stop_requested = "S2"', f'stop_requested = "{category}"')
+    change = () if category == "S2" else (chosen,)
+    session = Session(changed_configs(tmp_path, *change))
+    STATES[state](session)
+    enabled = {
+        5 + number
+        for number, drive in enumerate(session.lockstep.record.drives)
+        if drive.power_state == PowerState.OPERATION_ENABLED
+    }
+    sent = len(session.lockstep.bus.sent)
+
+    session.lockstep.gateway.stop()
+    session.lockstep.run(1.5)
+
+    frames = session.lockstep.bus.sent[sent:]
+    for node in NODES:
+        raised = [one for one in rpdo1(frames, node) if one.controlword & ENABLE_OPERATION]
+        assert not raised or (node in enabled and category == "S2")
+    powered = {
+        5 + number
+        for number, drive in enumerate(session.lockstep.record.drives)
+        if drive.power_state == PowerState.OPERATION_ENABLED
+    }
+    assert powered <= (enabled if category == "S2" else set())
+    quiet = {"bringing up", "ready"}
+    assert session.lockstep.record.mode == (Mode.READY if state in quiet else Mode.FAULT)
+
+
+def test_an_enable_that_comes_together_with_a_stop_is_refused():
+    session = Session().until_ready()
+    session.lockstep.gateway.stop()
+
+    answer = session.lockstep.request(RequestKind.ENABLE)
+
+    assert answer.outcome == Outcome.REFUSED
+    assert "asked to stop" in answer.reason
