@@ -63,6 +63,19 @@ def command(core: Core, cycle: int) -> list[DriveCommand]:
     return [_command(core, axis) for axis in core.axes]
 
 
+def blind_stop(core: Core) -> list[DriveCommand]:
+    """Quick stop of every drive in the mode it is in, from nothing that could fail again."""
+    return [
+        DriveCommand(
+            power=PowerRequest.QUICK_STOP,
+            mode=axis.mode_sent,
+            target_position_counts=axis.feedback.position_counts if axis.feedback else 0,
+            target_torque_permille=0,
+        )
+        for axis in core.axes
+    ]
+
+
 def _mode(core: Core, axis: Axis) -> OperationMode:
     """The mode wanted; a drive that pushes changes it at rest alone."""
     wanted = conduct.mode_wanted(core, axis)

@@ -28,7 +28,7 @@ from typing import Final, Protocol
 from msgspec.structs import replace
 
 from daemon.clock import Clock
-from daemon.core import conduct, cycle, poses
+from daemon.core import conduct, cycle, guidance, poses
 from daemon.core.bringing import bring_up_core, fail
 from daemon.core.build import Plans
 from daemon.core.grid import Grid
@@ -42,7 +42,7 @@ from drives.bus import Bus, Frame
 from drives.errors import BringUpRefused, BusError
 from drives.nmt import NmtCommand, heartbeat_frame, nmt_frame
 from drives.plan import CycleSettings
-from drives.signals import DriveCommand, PowerRequest, PowerState
+from drives.signals import PowerState
 
 RETRY_NS: Final = 1_000_000_000
 """Between two tries to bring up drives that do not answer."""
@@ -373,10 +373,7 @@ class Loop:
         line, drives, period_ns = self._line, self._core.drives, self._settings.period_ns
         if not line.is_open or drives is None:
             return
-        stops = [
-            DriveCommand(PowerRequest.QUICK_STOP, conduct.mode_wanted(self._core, axis), 0, 0)
-            for axis in self._core.axes
-        ]
+        stops = guidance.blind_stop(self._core)
         own = heartbeat_frame(self._settings.master_node_id)
         # A bus that is gone as well leaves the drives to their own detection.
         with suppress(BusError):
