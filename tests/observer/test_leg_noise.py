@@ -282,6 +282,57 @@ def test_ripple_of_the_current_that_is_told_keeps_the_filter_consistent():
     assert np.all(activity_error(truth, told, rows) < activity_error(truth, trusting, rows))
 
 
+def stepped(columns, effort_std, tuning=SHIPPED):
+    """All estimates of one observer, each step with its own standard deviation of the efforts."""
+    observer = LegObserver(PATIENT, HIP, SLIDE_FRICTION, tuning)
+    observer.reset(columns.position[0])
+    return [
+        observer.step(position, effort, 0.01, effort_std=std)
+        for position, effort, std in zip(
+            columns.position, columns.effort, map(tuple, effort_std), strict=True
+        )
+    ]
+
+
+def test_an_effort_that_leans_to_one_side_is_covered_where_it_is_told_of():
+    """As in position mode: what a sample misses follows the acceleration for a long time."""
+    truth, rows = walking(0.25, size=(0.0, 0.0))
+    recorded = encoded(truth)
+    missed = np.gradient(truth.state[:, 2:4], 0.01, axis=0) * (0.4, 6.0)
+    columns = dataclasses.replace(recorded, effort=recorded.effort - missed)
+
+    trusting = stepped(columns, np.zeros_like(missed))
+    told = stepped(columns, np.abs(missed))
+
+    for axis in (0, 1):
+        inside = [
+            np.mean([abs(one.state[6 + axis]) < 3 * one.std[6 + axis] for one in estimates[rows]])
+            for estimates in (trusting, told)
+        ]
+        assert inside[0] < 0.95
+        assert inside[1] > 0.98
+
+
+def test_what_is_not_known_of_an_effort_is_in_patient_and_net_and_in_nothing_else():
+    """Against the same ripple told as tuning: one number more in two variances."""
+    truth, _ = walking(0.25)
+    columns = encoded(truth)
+    size = (0.5, 12.0)
+    rippled = SHIPPED._replace(ripple_hip_nm=size[0], ripple_slide_n=size[1])
+
+    told = stepped(columns, np.tile(size, (len(columns.time_s), 1)))
+    tuned = stepped(columns, np.zeros((len(columns.time_s), 2)), rippled)
+
+    for one, other in zip(told[100::50], tuned[100::50], strict=True):
+        assert one.state == other.state
+        assert one.std[:6] == other.std[:6]
+        for axis in (0, 1):
+            assert one.std[6 + axis] == pytest.approx(np.hypot(other.std[6 + axis], size[axis]))
+            assert one.net_std[axis] == pytest.approx(np.hypot(other.net_std[axis], size[axis]))
+            variance = one.covariance[(6 + axis) * (7 + axis) // 2 + 6 + axis]
+            assert variance == pytest.approx(one.std[6 + axis] ** 2)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
