@@ -163,10 +163,9 @@ def _guided(
     if pushing and axis.stop is not None and axis.stop.since_cycle == cycle:
         targets.brake_from_the_target(axis, wish.position_si, wish.velocity_si, period_s)
     leaving = conduct.mode_wanted(core, axis) != OperationMode.CYCLIC_SYNC_TORQUE
-    effort_si = targets.effort(
-        axis, wish.effort_si, mode, period_s, pushing=pushing, leaving=leaving
-    )
-    position_si = targets.position(axis, wish.position_si, mode, period_s, pushing=pushing)
+    ask = targets.Ask(mode, pushing, leaving, period_s)
+    effort_si = targets.effort(axis, wish.effort_si, ask)
+    position_si = targets.position(axis, wish.position_si, ask)
     return None if effort_si is None or position_si is None else Target(effort_si, position_si)
 
 

