@@ -6,8 +6,12 @@ with `drives/`, so that a mistake on one side does not cancel out on the other. 
     settings, plant_settings    what plant.toml may say
     actuation, plant_port       what passes between protocol and mechanics
     dictionary, aborts          the object dictionary from an EDS, its rules
-    sdo_server, pdo_rules, pdo  access by SDO; PDOs: what may be mapped, what happens at a SYNC
+    sdo_server                  access by SDO: at once, in sdo_segments, in blocks (sdo_block)
+    cob_id, sync                identifiers that can be set; SYNC, its counter, its window
+    pdo_rules, pdo_channel      PDOs: what may be mapped, what is
+    pdo_transmit, pdo_receive   ... and what happens at a SYNC, in time, with a wrong length
     nmt, heartbeat, emergency   network states, silence, errors
+    connection                  what a lost connection does
     power_state, drive          CiA 402's tables, and the machine that runs them
     statusword, supervision     6041h as the bus sees it; what a drive takes amiss of a motion
     motion, homing              modes, targets, limits; the ways to a reference

@@ -8,8 +8,12 @@ class AbortCode(IntEnum):
 
     TOGGLE_BIT = 0x0503_0000
     """Toggle bit not alternated."""
+    TIMEOUT = 0x0504_0000
     COMMAND_SPECIFIER = 0x0504_0001
     """Client/server command specifier not valid or unknown."""
+    BLOCK_SIZE = 0x0504_0002
+    SEQUENCE_NUMBER = 0x0504_0003
+    CRC = 0x0504_0004
     OUT_OF_MEMORY = 0x0504_0005
     UNSUPPORTED_ACCESS = 0x0601_0000
     WRITE_ONLY = 0x0601_0001
@@ -31,6 +35,8 @@ class AbortCode(IntEnum):
     """Data cannot be transferred or stored to the application."""
     DEVICE_STATE = 0x0800_0022
     """... because of the present device state."""
+    NO_DATA = 0x0800_0024
+    """No data available."""
 
 
 class SdoAbortError(Exception):

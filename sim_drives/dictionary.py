@@ -4,10 +4,11 @@ Rules, from CiA 301 7.4 (numbers are SDO abort codes):
 1. Unknown index 06020000, known index with unknown sub-index 06090011.
 2. Reading a write-only object 06010001, writing a read-only one 06010002.
 3. A number must come with exactly its length: longer 06070012, shorter 06070013. A string may be
-   up to `STRING_MAX_BYTES` long, longer 05040005.
+   up to `STRING_MAX_BYTES` long, a domain up to `DOMAIN_MAX_BYTES`, longer is 05040005.
 4. Above its HighLimit 06090031, below its LowLimit 06090032.
 5. Then the object's own guard, if it has one, may refuse with a code of its own; nothing has been
-   stored yet. Then the value is stored and the object's watchers are told.
+   stored yet. Then the value is stored and the object's watchers are told. Reading may have a
+   guard, too.
 The drive itself reads and writes with `value` and `put`, without any of these rules.
 
 The description comes from an EDS, imported by python-canopen; nothing else of that library is used.
@@ -41,7 +42,9 @@ type_codes: Final[Mapping[int, str]] = {
 """CiA 301 data type -> struct code; all others are byte strings here."""
 STRING_MAX_BYTES: Final = 256
 UNICODE_STRING: Final = 0x0B
-"""CiA 301 data type."""
+DOMAIN: Final = 0x0F
+"""CiA 301 data types."""
+DOMAIN_MAX_BYTES: Final = 32_768
 COMMUNICATION_AREA: Final = range(0x1000, 0x2000)
 
 Address = tuple[int, int]
@@ -60,6 +63,7 @@ class Entry:
     address: Address
     type_code: str
     """Of struct; empty for a byte string."""
+    max_bytes: int
     readable: bool
     writable: bool
     mappable_out: bool
@@ -81,19 +85,17 @@ class Entry:
 
     def decode(self, data: bytes) -> Value:
         """Undo `encode`; a wrong length aborts (rule 3)."""
+        self.check_length(len(data))
         if not self.type_code:
-            return _checked_string(data)
-        if len(data) != self.size_bytes:
-            raise SdoAbortError(
-                AbortCode.TOO_LONG if len(data) > self.size_bytes else AbortCode.TOO_SHORT
-            )
+            return bytes(data)
         return int(struct.unpack("<" + self.type_code, data)[0])
 
-
-def _checked_string(data: bytes) -> bytes:
-    if len(data) > STRING_MAX_BYTES:
-        raise SdoAbortError(AbortCode.OUT_OF_MEMORY)
-    return bytes(data)
+    def check_length(self, length_bytes: int) -> None:
+        """Abort if no value of this entry is that long (rule 3)."""
+        if length_bytes > self.max_bytes:
+            raise SdoAbortError(AbortCode.TOO_LONG if self.type_code else AbortCode.OUT_OF_MEMORY)
+        if length_bytes < self.size_bytes:
+            raise SdoAbortError(AbortCode.TOO_SHORT)
 
 
 def read_eds(path: Path, node_id: int) -> tuple[Entry, ...]:
@@ -153,6 +155,7 @@ def _entry(variable: ODVariable) -> Entry:
     return Entry(
         address=(variable.index, variable.subindex),
         type_code=code,
+        max_bytes=_max_bytes(variable.data_type, code),
         readable=readable,
         writable=writable,
         mappable_out=variable.pdo_mappable and readable and access != "rww",
@@ -161,6 +164,12 @@ def _entry(variable: ODVariable) -> Entry:
         high=variable.max,
         default=_default(variable, code),
     )
+
+
+def _max_bytes(data_type: int | None, code: str) -> int:
+    if code:
+        return struct.calcsize("<" + code)
+    return DOMAIN_MAX_BYTES if data_type == DOMAIN else STRING_MAX_BYTES
 
 
 def _default(variable: ODVariable, code: str) -> Value:
@@ -184,6 +193,7 @@ class ObjectDictionary:
         self._indices = {index for index, _ in self._entries}
         self._values: dict[Address, Value] = {e.address: e.default for e in entries}
         self._guards: dict[int, Guard] = {}
+        self._reading_guards: dict[int, Callable[[int], None]] = {}
         self._watchers: defaultdict[int, list[Watcher]] = defaultdict(list)
         self.revision = 0
         """Rises when a parameter may have changed: an SDO write, a restore. Not with PDOs."""
@@ -199,6 +209,10 @@ class ObjectDictionary:
             known = index in self._indices
             raise SdoAbortError(AbortCode.NO_SUBINDEX if known else AbortCode.NO_OBJECT)
         return entry
+
+    def subindices(self, index: int) -> list[int]:
+        """Those that there are, in order."""
+        return sorted(subindex for known, subindex in self._entries if known == index)
 
     def __contains__(self, address: Address) -> bool:
         return address in self._entries
@@ -225,6 +239,8 @@ class ObjectDictionary:
         entry = self.entry(index, subindex)
         if not entry.readable:
             raise SdoAbortError(AbortCode.WRITE_ONLY)
+        if index in self._reading_guards:
+            self._reading_guards[index](subindex)
         if index not in COMMUNICATION_AREA:
             self.before_upload()
         return entry.encode(self._values[index, subindex])
@@ -267,6 +283,10 @@ class ObjectDictionary:
     def guard(self, index: int, guard: Guard) -> None:
         """Let `guard` judge every write to an index; one guard each."""
         self._guards[index] = guard
+
+    def guard_reading(self, index: int, guard: Callable[[int], None]) -> None:
+        """Let `guard` judge every SDO read of an index by its sub-index."""
+        self._reading_guards[index] = guard
 
     def watch(self, index: int, watcher: Watcher) -> None:
         """Tell `watcher` of every write to an index."""

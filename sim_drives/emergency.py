@@ -7,14 +7,18 @@ Rules:
    fault reset, which is refused while any latched cause is present. One that did not stop it
    (short PDO, lost connection on some drives) ends when its cause is gone.
 3. Each ending sends EMCY 0000h with what is left in 1001h; 603Fh is then the newest error left.
-4. 1003h:0 may be written with 0 only, which empties the list: others 06090030.
-5. Two EMCY of a node are at least 1015h (in 100 µs) apart; later ones wait.
+4. 1003h:0 may be written with 0 only, which empties the list: others 06090030. Reading an entry
+   that there is not is 08000024.
+5. 1014h: bits 11 to 30 are 0, the identifier is not restricted, and it does not change while EMCY
+   is valid: 06090030.
+6. Two EMCY of a node are at least 1015h (in 100 µs) apart; later ones wait.
 """
 
 from dataclasses import dataclass
 from typing import Final
 
 from sim_drives.aborts import AbortCode, SdoAbortError
+from sim_drives.cob_id import EXTENDED_BITS, FLAG_30, INVALID, can_id_of, is_restricted
 from sim_drives.dictionary import ObjectDictionary
 from sim_drives.frame import Frame
 from sim_drives.line import Line
@@ -25,8 +29,6 @@ HISTORY: Final = 0x1003
 ERROR_REGISTER: Final = 0x1001
 ERROR_CODE: Final = 0x603F
 NO_ERROR: Final = 0x0000
-COB_ID_INVALID: Final = 1 << 31
-CAN_ID_MASK: Final = 0x7FF
 _INHIBIT_STEP_NS: Final = 100_000
 
 GENERIC_BIT: Final = 0x01
@@ -63,14 +65,22 @@ class Errors:
         self._generic_bit = generic_bit
         self._active: dict[int, _Active] = {}
         self._free_at_ns = 0
-        self._history_max = dictionary.entry(HISTORY, 0).high or 1
+        self._history_max = dictionary.subindices(HISTORY)[-1]
         dictionary.guard(HISTORY, self._judge_history)
+        dictionary.guard_reading(HISTORY, self._judge_reading)
+        dictionary.guard(EMERGENCY_COB_ID, self._judge_cob_id)
         dictionary.watch(HISTORY, lambda _: self._empty_history())
 
     @property
     def warning(self) -> bool:
         """Whether an error is active that did not stop the drive."""
         return any(not error.latched for error in self._active.values())
+
+    @property
+    def can_id(self) -> int | None:
+        """EMCY's own; None if 1014h says that there is none."""
+        cob_id = self._dictionary.value(EMERGENCY_COB_ID)
+        return None if cob_id & INVALID else can_id_of(cob_id)
 
     def active(self, code: int) -> bool:
         """Whether this error has begun and not ended."""
@@ -87,6 +97,11 @@ class Errors:
         self._remember(code)
         self._show()
         self._send(code)
+
+    def repeat(self, code: int) -> None:
+        """Say once more what is active: the first time nobody could hear it."""
+        if code in self._active:
+            self._send(code)
 
     def cause_gone(self, code: int) -> None:
         """Rule 2; a code that is not active is none of our business."""
@@ -128,14 +143,13 @@ class Errors:
         self._dictionary.put(ERROR_CODE, 0, newest)
 
     def _send(self, code: int) -> None:
-        cob_id = self._dictionary.value(EMERGENCY_COB_ID)
-        if cob_id & COB_ID_INVALID:
+        if self.can_id is None:
             return
         register = self._dictionary.value(ERROR_REGISTER)
         data = code.to_bytes(2, "little") + bytes((register,)) + bytes(5)
         at_ns = max(self._line.now_ns, self._free_at_ns)
         self._free_at_ns = at_ns + self._dictionary.value_or(INHIBIT_TIME, 0, 0) * _INHIBIT_STEP_NS
-        self._line.send(Frame(cob_id & CAN_ID_MASK, data), delay_ns=at_ns - self._line.now_ns)
+        self._line.send(Frame(self.can_id, data), delay_ns=at_ns - self._line.now_ns)
 
     def _remember(self, code: int) -> None:
         count = min(self._dictionary.value(HISTORY, 0) + 1, self._history_max)
@@ -150,4 +164,14 @@ class Errors:
 
     def _judge_history(self, subindex: int, value: int) -> None:
         if subindex == 0 and value != 0:
+            raise SdoAbortError(AbortCode.RANGE)
+
+    def _judge_reading(self, subindex: int) -> None:
+        if subindex > self._dictionary.value(HISTORY, 0):
+            raise SdoAbortError(AbortCode.NO_DATA)
+
+    def _judge_cob_id(self, _: int, value: int) -> None:
+        now = self._dictionary.value(EMERGENCY_COB_ID)
+        moves = not now & INVALID and can_id_of(value) != can_id_of(now)
+        if moves or value & (EXTENDED_BITS | FLAG_30) or is_restricted(can_id_of(value)):
             raise SdoAbortError(AbortCode.RANGE)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
+from sim_drives.connection import PASSIVE_CODE
 from sim_drives.node import PRODUCT_CODE, SERIAL_NUMBER, Node
 from sim_drives.settings import FaultKind
 from sim_drives.timers import MILLISECOND
@@ -54,6 +55,17 @@ def _unplug(node: Node, _: float, on: bool) -> None:
 
 def _deafen(node: Node, _: float, on: bool) -> None:
     node.disturbance.deaf = on
+
+
+def _leave_bus(node: Node, _: float, on: bool) -> None:
+    if on:
+        node.bus_off()
+    else:
+        node.bus_back()
+
+
+def _be_passive(node: Node, _: float, on: bool) -> None:
+    _emergency(node, PASSIVE_CODE, on)
 
 
 def _refuse_object(node: Node, value: float, on: bool) -> None:
@@ -169,6 +181,8 @@ RULES: Final[Mapping[FaultKind, FaultRule]] = MappingProxyType(
         ),
         FaultKind.SILENT: FaultRule("nothing of the node reaches the bus", _mute),
         FaultKind.UNPLUGGED: FaultRule("cut off from the bus, both ways", _unplug),
+        FaultKind.BUS_OFF: FaultRule("its CAN controller is off the bus, and it knows", _leave_bus),
+        FaultKind.BUS_PASSIVE: FaultRule("its CAN controller is error-passive", _be_passive),
         FaultKind.DEAF: FaultRule("hears nothing of the bus, and still sends", _deafen),
         FaultKind.REFUSES_OBJECT: FaultRule(
             "writing one object by SDO is aborted with 08000020",

@@ -1,11 +1,11 @@
 """Error control of a slave: heartbeat producer 1017h and consumer 1016h (CiA 301 7.2.8.2.2).
 
 Rules:
-1. The producer sends its NMT state every 1017h milliseconds; 0 is off.
+1. The producer sends its NMT state every 1017h milliseconds, from the boot-up message on; 0 is off.
 2. 1016h: bits 16 to 22 name a node, bits 0 to 15 the time in ms; either 0 switches the entry off.
    Two entries of the same node: 06040043.
-3. A node is watched from its first heartbeat, not from boot-up. A time without one is one loss;
-   the next heartbeat ends it and starts the watch again.
+3. A node is watched from its first heartbeat; a boot-up message is none. A time without one is one
+   loss; the next heartbeat ends it and starts the watch again, and so does writing the entry anew.
 """
 
 from collections.abc import Callable
@@ -46,6 +46,10 @@ class HeartbeatProducer:
         self._line.send(Frame(self._can_id, bytes((NmtState.INITIALISING,))))
         self.restart()
 
+    def stop(self) -> None:
+        """Silent until the next boot-up."""
+        self._timers.cancel(PRODUCER)
+
     def restart(self) -> None:
         """Begin a new period of 1017h, or none."""
         period_ms = self._dictionary.value(PRODUCER)
@@ -79,26 +83,34 @@ class HeartbeatConsumer:
         self._lost: set[int] = set()
         self._slots = range(1, dictionary.value(CONSUMER, 0) + 1)
         dictionary.guard(CONSUMER, self._judge)
-        dictionary.watch(CONSUMER, lambda _: self.restart())
+        dictionary.watch(CONSUMER, self._forget)
 
     def restart(self) -> None:
         """Forget all nodes: each is watched anew from its first heartbeat."""
         for slot in self._slots:
-            self._timers.cancel((CONSUMER, slot))
-        self._lost.clear()
+            self._forget(slot)
 
-    def heard(self, node_id: int) -> None:
-        """A heartbeat of another node has come."""
+    def heard(self, node_id: int, state: int) -> None:
+        """A heartbeat or a boot-up message of another node has come."""
+        if state == NmtState.INITIALISING:
+            return
         for slot in self._slots:
             watched_id, timeout_ns = self._slot(slot)
             if watched_id == node_id and timeout_ns:
                 self._watch(slot, timeout_ns)
 
-    def _watch(self, slot: int, timeout_ns: int) -> None:
+    def _forget(self, slot: int) -> None:
+        self._timers.cancel((CONSUMER, slot))
+        self._found(slot)
+
+    def _found(self, slot: int) -> None:
         if slot in self._lost:
             self._lost.remove(slot)
             if not self._lost:
                 self._on_back()
+
+    def _watch(self, slot: int, timeout_ns: int) -> None:
+        self._found(slot)
         at_ns = self._line.now_ns + timeout_ns
         self._timers.start((CONSUMER, slot), at_ns, lambda: self._lose(slot))
 

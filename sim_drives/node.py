@@ -7,17 +7,18 @@ sampled at SYNC k is the one that acted up to k.
 """
 
 import random
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
 from sim_drives.aborts import AbortCode, SdoAbortError
+from sim_drives.connection import FAILURES, HEARTBEAT_LOST_CODE, PDO_TIMEOUT_CODE, Connection
 from sim_drives.dictionary import Entry, ObjectDictionary
 from sim_drives.drive import Drive
-from sim_drives.emergency import CAN_ID_MASK, Errors
+from sim_drives.emergency import Errors
 from sim_drives.frame import Frame
 from sim_drives.heartbeat import HEARTBEAT_ID, HeartbeatConsumer, HeartbeatProducer
-from sim_drives.line import Line
+from sim_drives.line import GatedLine, Line
 from sim_drives.nmt import (
     NEXT_STATE,
     NMT_ID,
@@ -27,32 +28,22 @@ from sim_drives.nmt import (
     Service,
     command_for,
 )
-from sim_drives.pdo import ReceivePdos, TransmitPdos, Values
+from sim_drives.pdo_channel import Values
+from sim_drives.pdo_receive import ReceivePdos
+from sim_drives.pdo_transmit import TransmitPdos
 from sim_drives.personality import PERSONALITIES, Personality, commissioned
 from sim_drives.plant_port import Axis
 from sim_drives.power_state import POWER_STAGE_ON
-from sim_drives.sdo_server import SdoServer
+from sim_drives.sdo_server import SDO_ANSWER_ID, SDO_REQUEST_ID, SdoServer
 from sim_drives.settings import DriveSettings, FaultKind, PersonalityName
 from sim_drives.storage import Storage
+from sim_drives.sync import SyncConsumer
 from sim_drives.timers import MILLISECOND, Timers
 
-SDO_REQUEST_ID: Final = 0x600
-SDO_ANSWER_ID: Final = 0x580
-COB_ID_SYNC: Final = 0x1005
-SYNC_PRODUCER_BITS: Final = 0x6000_0000
 RESET_COMMUNICATION_NS: Final = 5 * MILLISECOND
-HEARTBEAT_LOST_CODE: Final = 0x8130
-PDO_TIMEOUT_CODE: Final = 0x8250
-PASSIVE_CODE: Final = 0x8120
-CONNECTION_CODES: Final = (HEARTBEAT_LOST_CODE, PDO_TIMEOUT_CODE, PASSIVE_CODE)
-SYNC_LENGTH_CODE: Final = 0x8240
-SYNC_MAX_BYTES: Final = 1
 MOTOR_DATA: Final = (0x3001, 0x6075, 0x6076)
 CURRENT_LIMIT_SUB: Final = 2
 """3001h:02 may change at any time; the motor behind it may not."""
-PRE_OPERATIONAL_ON_ERROR: Final = 0
-STOPPED_ON_ERROR: Final = 2
-"""1029h:1; 1 changes nothing."""
 EVERY_TPDO: Final = 0
 PRODUCT_CODE: Final = 2
 SERIAL_NUMBER: Final = 4
@@ -73,11 +64,23 @@ class Disturbance:
     """Neither way."""
     deaf: bool = False
     """Nothing of the bus reaches the node."""
+    bus_off: bool = False
+    """Neither way, and the node knows."""
     motor_sense: int = 1
     encoder_sense: int = 1
     """-1: connected the wrong way round."""
     held_by: set[FaultKind] = field(default_factory=set)
     """What keeps the axis from moving."""
+
+    @property
+    def hears(self) -> bool:
+        """Whether frames of the bus reach the node."""
+        return not (self.unplugged or self.bus_off or self.deaf)
+
+    @property
+    def heard(self) -> bool:
+        """Whether the node's frames reach the bus."""
+        return not (self.unplugged or self.bus_off or self.mute)
 
 
 class Node:
@@ -121,7 +124,7 @@ class Node:
             dictionary.put(*address, value)
         self.errors = Errors(
             dictionary,
-            _Gate(line, lambda: self._allows(Service.EMERGENCY)),
+            GatedLine(line, lambda: self._allows(Service.EMERGENCY)),
             generic_bit=personality.generic_error_bit,
         )
         self.drive = Drive(settings, dictionary, axis, line, self.timers, self.errors)
@@ -129,30 +132,37 @@ class Node:
             sub: dictionary.value(0x1018, sub) for sub in (PRODUCT_CODE, SERIAL_NUMBER)
         }
         """As delivered: 1018h by sub-index."""
-        self.drive.on_target_missed = lambda: self._rpdo_timeout(True)
         self._storage = Storage(dictionary, commissioned(settings), lambda: self._power_stage_on)
-        self._server = SdoServer(dictionary)
-        self._producer = HeartbeatProducer(
-            settings.node_id, dictionary, line, self.timers, lambda: self.state
+        self._server = SdoServer(settings.node_id, dictionary, line, self.timers)
+        self.connection = Connection(
+            personality, dictionary, self.drive, self.errors, lambda: self.state, self._enter
         )
-        self._consumer = HeartbeatConsumer(
-            dictionary, line, self.timers, self._master_lost, self._master_back
-        )
+        self.drive.on_target_missed = self.connection.target_missed
+        self._producer, self._consumer = self._build_heartbeats()
+        self._sync = SyncConsumer(dictionary, line, self.timers, self._report)
         self._tpdos, self._rpdos = self._build_pdos()
         dictionary.before_upload = self.drive.latch
         self._guard_objects()
 
-    def _build_pdos(self) -> tuple[TransmitPdos, ReceivePdos]:
+    def _build_heartbeats(self) -> tuple[HeartbeatProducer, HeartbeatConsumer]:
         parts = self.dictionary, self._line, self.timers
+        return (
+            HeartbeatProducer(self._settings.node_id, *parts, lambda: self.state),
+            HeartbeatConsumer(
+                *parts,
+                lambda: self.connection.lost(HEARTBEAT_LOST_CODE),
+                lambda: self.connection.back(HEARTBEAT_LOST_CODE),
+            ),
+        )
+
+    def _build_pdos(self) -> tuple[TransmitPdos, ReceivePdos]:
+        parts = self.dictionary, self._line, self.timers, self._sync
         locked = self._personality.cob_id_locked_while_valid
         transmit = TransmitPdos(*parts, self._send_tpdo, self._tpdo_delays_ns, locked=locked)
-        receive = ReceivePdos(
-            *parts, self._apply, self._length_error, self._rpdo_timeout, locked=locked
-        )
+        receive = ReceivePdos(*parts, self._apply, self._report, self._rpdo_timeout, locked=locked)
         return transmit, receive
 
     def _guard_objects(self) -> None:
-        self.dictionary.guard(COB_ID_SYNC, self._judge_sync_cob_id)
         for index in MOTOR_DATA:
             self.dictionary.guard(index, self._judge_motor_data)
         self.dictionary.watch(0x3001, lambda _: self._derive_rated_torque())
@@ -185,10 +195,11 @@ class Node:
         self._storage.restore(communication_only=communication_only)
         self._derive_rated_torque()
         self._server.reset()
+        self._sync.reset()
         self._tpdos.reset()
         self._rpdos.reset()
         self._consumer.restart()
-        self._producer.restart()
+        self._producer.stop()
         self.timers.cancel(Node)
         if communication_only:
             boot_ns = RESET_COMMUNICATION_NS
@@ -208,12 +219,15 @@ class Node:
         self._enter(NEXT_STATE[command])
         if command is NmtCommand.RESET_COMMUNICATION:
             self._restart(communication_only=True)
-            for code in CONNECTION_CODES:
-                self.errors.cause_gone(code)
+            self.connection.reset()
             self.drive.update()
 
     def _enter(self, state: NmtState) -> None:
         before, self.state = self.state, state
+        if not self._allows(Service.SDO):
+            self._server.reset()
+        if not self._allows(Service.SYNC):
+            self._sync.reset()
         if before is NmtState.OPERATIONAL and state is not NmtState.OPERATIONAL:
             self._tpdos.leave_operational()
             self._rpdos.leave_operational()
@@ -229,20 +243,33 @@ class Node:
 
     def receive(self, frame: Frame) -> None:
         """Take any frame of the bus."""
-        if not self._powered or self.disturbance.unplugged or self.disturbance.deaf:
+        if not self._powered or not self.disturbance.hears:
             return
         node_id = self._settings.node_id
         can_id, data = frame
         if can_id == NMT_ID:
             self._network_command(data)
-        elif can_id == self.dictionary.value(COB_ID_SYNC) & CAN_ID_MASK:
-            self._sync(data)
+        elif can_id == self._sync.can_id:
+            self._synchronise(data)
         elif can_id == SDO_REQUEST_ID + node_id:
             self._request(data)
+        elif self._is_ours(can_id):
+            self.connection.collision(of_pdo=False)
         elif HEARTBEAT_ID < can_id < HEARTBEAT_ID + 0x80 and len(data) == 1:
-            self._consumer.heard(can_id - HEARTBEAT_ID)
+            self._consumer.heard(can_id - HEARTBEAT_ID, data[0])
         elif self._allows(Service.PDO):
+            if self._tpdos.sends(can_id):
+                self.connection.collision(of_pdo=True)
             self._rpdos.receive(frame)
+
+    def _is_ours(self, can_id: int) -> bool:
+        """Whether only this node sends with it, beside its TPDOs."""
+        node_id = self._settings.node_id
+        return can_id in (
+            SDO_ANSWER_ID + node_id,
+            HEARTBEAT_ID + node_id,
+            self.errors.can_id,
+        )
 
     def _network_command(self, data: bytes) -> None:
         command = command_for(self._settings.node_id, data)
@@ -252,29 +279,25 @@ class Node:
     def _request(self, data: bytes) -> None:
         if not self._allows(Service.SDO):
             return
-        answer = self._server.feed(data)
-        if answer is not None:
-            self._line.send(Frame(SDO_ANSWER_ID + self._settings.node_id, answer))
+        self._server.receive(data)
         self.changed()
 
-    def _sync(self, data: bytes) -> None:
-        if not self._allows(Service.SYNC):
+    def _synchronise(self, data: bytes) -> None:
+        if not self._allows(Service.SYNC) or not self._sync.receive(data):
             return
-        self._length_error(SYNC_LENGTH_CODE, len(data) > SYNC_MAX_BYTES)
         self.drive.latch()
         if self._allows(Service.PDO):
             self._tpdos.sync()
             self._rpdos.sync()
 
     def _apply(self, values: Values) -> None:
-        """Store what RPDOs carried (pdo.py rules 4 and 6), then act on all of it at once."""
+        """Store what RPDOs carried (rules 2 and 5 of pdo_receive.py), then act on it at once."""
         accepts = self.dictionary.accepts
         accepted = [(address, value) for address, value in values if accepts(*address, value)]
         for address, value in accepted:
             self.dictionary.put(*address, value)
         for address, _ in accepted:
             self.dictionary.notify(*address)
-        self.errors.cause_gone(PDO_TIMEOUT_CODE)
         self.drive.pdo_came()
         self.changed()
 
@@ -298,8 +321,7 @@ class Node:
         """
         if frame.can_id in self._tpdo_ids and self.state is not NmtState.OPERATIONAL:
             return False
-        cut = self.disturbance.mute or self.disturbance.unplugged
-        return self._powered and not cut and time_ns >= self._powered_since_ns
+        return self._powered and self.disturbance.heard and time_ns >= self._powered_since_ns
 
     def _send_tpdo(self, number: int, frame: Frame, delay_ns: int) -> None:
         self._tpdo_ids.add(frame.can_id)
@@ -316,54 +338,48 @@ class Node:
 
     # --- errors of communication --------------------------------------------------------------
 
-    def _length_error(self, code: int, wrong: bool) -> None:
+    def _report(self, code: int, wrong: bool) -> None:
         if wrong:
             self.errors.begin(code, latched=False)
         else:
             self.errors.cause_gone(code)
 
     def _rpdo_timeout(self, missing: bool) -> None:
-        self._connection(PDO_TIMEOUT_CODE, lost=missing)
-
-    def _master_lost(self) -> None:
-        self._connection(HEARTBEAT_LOST_CODE, lost=True)
-
-    def _master_back(self) -> None:
-        if not self._personality.connection_loss_is_fault:
-            self._connection(HEARTBEAT_LOST_CODE, lost=False)
-
-    def _connection(self, code: int, *, lost: bool) -> None:
-        if not lost:
-            self.errors.cause_gone(code)
-            return
-        self.drive.connection_lost(code)
-        behaviour = self.dictionary.value(0x1029, 1)
-        if behaviour == STOPPED_ON_ERROR:
-            self._enter(NmtState.STOPPED)
-        elif behaviour == PRE_OPERATIONAL_ON_ERROR and self.state is NmtState.OPERATIONAL:
-            self._enter(NmtState.PRE_OPERATIONAL)
+        if missing:
+            self.connection.lost(PDO_TIMEOUT_CODE)
+        else:
+            self.connection.back(PDO_TIMEOUT_CODE)
 
     def begin_error(self, code: int) -> None:
         """An error from outside: a lost connection acts as one, all others are faults."""
-        if code in CONNECTION_CODES:
-            self._connection(code, lost=True)
+        if code in FAILURES:
+            self.connection.lost(code)
         else:
             self.drive.fault(code)
 
     def end_error(self, code: int) -> None:
-        """Its cause has gone; some drives end a lost connection at reset communication alone."""
-        if code not in CONNECTION_CODES or not self._personality.connection_loss_is_fault:
+        """Its cause has gone."""
+        if code in FAILURES:
+            self.connection.back(code)
+        else:
             self.errors.cause_gone(code)
+
+    def bus_off(self) -> None:
+        """The CAN controller leaves the bus, and the drive notices."""
+        self.disturbance.bus_off = True
+        self._rpdos.forget_waiting()
+        self.connection.bus_off()
+
+    def bus_back(self) -> None:
+        """The controller has recovered."""
+        self.disturbance.bus_off = False
+        self.connection.bus_back()
 
     # --- objects of the node's own ------------------------------------------------------------
 
     @property
     def _power_stage_on(self) -> bool:
         return self.drive.state in POWER_STAGE_ON
-
-    def _judge_sync_cob_id(self, _: int, value: int) -> None:
-        if value & SYNC_PRODUCER_BITS:  # a producer, or a 29-bit identifier: this slave is neither
-            raise SdoAbortError(AbortCode.RANGE)
 
     def _judge_motor_data(self, subindex: int, _: int) -> None:
         if self._power_stage_on and subindex != CURRENT_LIMIT_SUB:
@@ -374,19 +390,3 @@ class Node:
             return
         nominal_ma, constant = (self.dictionary.value(0x3001, sub) for sub in (1, 5))
         self.dictionary.put(0x6076, 0, nominal_ma * constant // 1000)
-
-
-class _Gate:
-    """A line that only carries what the present NMT state allows."""
-
-    def __init__(self, line: Line, is_open: Callable[[], bool]) -> None:
-        self._line = line
-        self._is_open = is_open
-
-    @property
-    def now_ns(self) -> int:
-        return self._line.now_ns
-
-    def send(self, frame: Frame, *, delay_ns: int = 0) -> None:
-        if self._is_open():
-            self._line.send(frame, delay_ns=delay_ns)

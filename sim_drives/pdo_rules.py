@@ -10,8 +10,8 @@ Rules (numbers are SDO abort codes):
    needs at least one mapped object (06090030). It does not change while the PDO is valid: 06090030
    if it stays valid. A drive that locks it answers 06010000 also when the same write makes it
    invalid; then the old COB-ID has to be written with bit 31 first.
-5. Transmission types 241 to 253 are not supported; the inhibit time does not change while the PDO
-   is valid (06090030).
+5. Transmission types 241 to 253 are not supported, nor a SYNC start value above 240; inhibit time
+   and SYNC start value do not change while the PDO is valid (06090030).
 """
 
 import struct
@@ -20,26 +20,20 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 from sim_drives.aborts import AbortCode, SdoAbortError
+from sim_drives.cob_id import EXTENDED_BITS, INVALID, can_id_of, is_restricted
 from sim_drives.dictionary import Address, ObjectDictionary
 
 PDO_COUNT: Final = 4
-INVALID: Final = 1 << 31
-CAN_ID_MASK: Final = 0x7FF
-UNUSED_COB_ID_BITS: Final = 0x3FFF_F800
 UNSUPPORTED_TYPES: Final = range(241, 254)
 PDO_MAX_BITS: Final = 64
 SUB_COB_ID: Final = 1
 SUB_TYPE: Final = 2
 SUB_INHIBIT: Final = 3
 SUB_EVENT_TIMER: Final = 5
-RESERVED_IDS: Final = (
-    range(0x000, 0x081),
-    range(0x101, 0x181),
-    range(0x581, 0x600),
-    range(0x601, 0x680),
-    range(0x6E0, 0x800),
-)
-"""NMT, SYNC and the reserved ones, TIME, SDO, heartbeat, LSS (CiA 301 table 93)."""
+SUB_SYNC_START: Final = 6
+SYNC_START_MAX: Final = 240
+NOT_FOR_PDOS: Final = (0x080, 0x100, 0x700)
+"""SYNC and TIME; the last belongs to no node."""
 
 
 class Direction(Enum):
@@ -85,6 +79,11 @@ class PdoObjects:
         return self.dictionary.value(self.parameters, SUB_COB_ID)
 
     @property
+    def can_id(self) -> int:
+        """Without its flag bits."""
+        return can_id_of(self.cob_id)
+
+    @property
     def valid(self) -> bool:
         """Whether the PDO exists."""
         return not self.cob_id & INVALID
@@ -106,26 +105,29 @@ class PdoObjects:
     def _judge_parameter(self, subindex: int, value: int) -> None:
         if subindex == SUB_COB_ID:
             self._judge_cob_id(value)
-        unsupported = subindex == SUB_TYPE and value in UNSUPPORTED_TYPES
-        if unsupported or (subindex == SUB_INHIBIT and self._inhibit_time_locked(value)):
+        if subindex in (SUB_INHIBIT, SUB_SYNC_START) and self._is_locked(subindex, value):
+            raise SdoAbortError(AbortCode.RANGE)
+        if (subindex == SUB_TYPE and value in UNSUPPORTED_TYPES) or (
+            subindex == SUB_SYNC_START and value > SYNC_START_MAX
+        ):
             raise SdoAbortError(AbortCode.RANGE)
 
-    def _inhibit_time_locked(self, value: int) -> bool:
-        return self.valid and value != self.dictionary.value(self.parameters, SUB_INHIBIT)
+    def _is_locked(self, subindex: int, value: int) -> bool:
+        return self.valid and value != self.dictionary.value(self.parameters, subindex)
 
     def _judge_cob_id(self, value: int) -> None:
         stays_valid = not value & INVALID
-        can_id = value & CAN_ID_MASK
-        if self.valid and can_id != self.cob_id & CAN_ID_MASK:
+        can_id = can_id_of(value)
+        if self.valid and can_id != self.can_id:
             if self.locked_while_valid:
                 raise SdoAbortError(AbortCode.UNSUPPORTED_ACCESS)
             if stays_valid:
                 raise SdoAbortError(AbortCode.RANGE)
-        if value & UNUSED_COB_ID_BITS or (stays_valid and not self._may_be_valid(can_id)):
+        if value & EXTENDED_BITS or (stays_valid and not self._may_be_valid(can_id)):
             raise SdoAbortError(AbortCode.RANGE)
 
     def _may_be_valid(self, can_id: int) -> bool:
-        reserved = any(can_id in ids for ids in RESERVED_IDS)
+        reserved = can_id in NOT_FOR_PDOS or is_restricted(can_id)
         return not reserved and self.dictionary.value(self.mapping, 0) > 0
 
     def _judge_mapping(self, subindex: int, value: int) -> None:

@@ -1,28 +1,48 @@
-"""The SDO server of one node: a request of eight bytes in, at most one answer out (CiA 301 7.2.4).
+"""The SDO server of one node (CiA 301 7.2.4): requests of eight bytes in, answers out.
 
 Rules:
-1. Up to four bytes travel expedited, more in segments of seven with an alternating toggle bit.
-2. A new initiate of either kind replaces a transfer that has not ended.
-3. Block transfer is not supported: 05040001.
-4. Every abort carries the index and sub-index of the transfer that it ends; when a segment comes
+1. Up to four bytes travel expedited, more in segments (`sdo_segments.py`), many in blocks
+   (`sdo_block.py`).
+2. A new initiate of either kind replaces a transfer that has not ended; not while the sub-block of
+   a block download is coming, when everything is one of its segments.
+3. Every abort carries the index and sub-index of the transfer that it ends; when a segment comes
    that belongs to none, those of the last transfer.
-5. After any abort, of either side, the server is free.
-6. A toggle bit out of turn is 05030000. Data of another length than announced is 06070010.
+4. After any abort, of either side, the server is free. A client's abort is not answered.
+5. A transfer whose client says nothing for TIMEOUT_NS is aborted: 05040000.
+6. What is not eight bytes long is not answered.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from enum import IntEnum
+from functools import partial
+from types import MappingProxyType
 from typing import Final
 
 from sim_drives.aborts import AbortCode, SdoAbortError
-from sim_drives.dictionary import STRING_MAX_BYTES, Address, ObjectDictionary
+from sim_drives.dictionary import Address, Entry, ObjectDictionary
+from sim_drives.frame import Frame
+from sim_drives.line import Line
+from sim_drives.sdo_block import (
+    BLOCK_SEGMENTS_MAX,
+    BLOCK_STEP_MASK,
+    SEGMENT_SPACING_NS,
+    BlockDownload,
+    BlockStep,
+    BlockUpload,
+    checked_block_size,
+)
+from sim_drives.sdo_segments import REQUEST_BYTES, Incoming, SegmentedDownload, SegmentedUpload
+from sim_drives.timers import MILLISECOND, Timers
 
-REQUEST_BYTES: Final = 8
-SEGMENT_BYTES: Final = 7
-_TOGGLE: Final = 0x10
+SDO_REQUEST_ID: Final = 0x600
+SDO_ANSWER_ID: Final = 0x580
+TIMEOUT_NS: Final = 1000 * MILLISECOND
+ABORT: Final = 0x80
 _EXPEDITED: Final = 0x02
 _SIZE_INDICATED: Final = 0x01
-_LAST_SEGMENT: Final = 0x01
+_BLOCK_SIZE_INDICATED: Final = 0x02
+_BLOCK_CRC: Final = 0x04
+_BLOCK_DOWNLOAD_END: Final = 0x01
 
 
 class _Command(IntEnum):
@@ -38,131 +58,160 @@ class _Command(IntEnum):
     RESERVED = 7
 
 
-@dataclass(slots=True)
-class _Transfer:
-    """A segmented transfer under way."""
-
-    download: bool
-    data: bytearray = field(default_factory=bytearray)
-    """Received so far, or still to be sent."""
-    announced_bytes: int | None = None
-    toggle: int = 0
+Transfer = SegmentedDownload | SegmentedUpload | BlockDownload | BlockUpload
+TRANSFER_OF: Final[Mapping[_Command, type[Transfer]]] = MappingProxyType(
+    {
+        _Command.DOWNLOAD_SEGMENT: SegmentedDownload,
+        _Command.UPLOAD_SEGMENT: SegmentedUpload,
+        _Command.BLOCK_DOWNLOAD: BlockDownload,
+        _Command.BLOCK_UPLOAD: BlockUpload,
+    }
+)
+"""Which transfer a request goes on with, if it does not begin one."""
 
 
 class SdoServer:
     """Serves one dictionary to one client at a time."""
 
-    def __init__(self, dictionary: ObjectDictionary) -> None:
+    def __init__(
+        self, node_id: int, dictionary: ObjectDictionary, line: Line, timers: Timers
+    ) -> None:
+        self._answer_id = SDO_ANSWER_ID + node_id
         self._dictionary = dictionary
+        self._line = line
+        self._timers = timers
         self._address: Address = (0, 0)
-        self._transfer: _Transfer | None = None
+        self._transfer: Transfer | None = None
 
     def reset(self) -> None:
-        """Forget a transfer: the node has been reset."""
+        """Forget a transfer: the service is not there any more."""
         self._transfer = None
+        self._timers.cancel(SdoServer)
 
-    def feed(self, request: bytes) -> bytes | None:
-        """Answer one request; None for a client's abort and for what is not eight bytes long."""
+    def receive(self, request: bytes) -> None:
+        """Take one request, and answer it if it has an answer."""
         if len(request) != REQUEST_BYTES:
-            return None
-        command = _Command(request[0] >> 5)
-        if command is _Command.ABORT:
-            self._transfer = None
-            return None
+            return
+        if self._is_abort(request[0]):
+            self.reset()
+            return
         try:
-            return self._serve(command, request)
+            answer = self._serve(request)
         except SdoAbortError as abort:
-            self._transfer = None
-            return self._abort(abort.code)
+            self._abort(abort.code)
+            return
+        if answer is not None:
+            self._send(answer)
+        self._go_on()
 
-    def _serve(self, command: _Command, request: bytes) -> bytes:
+    def _is_abort(self, head: int) -> bool:
+        everything_is_a_segment = self._transfer is not None and self._transfer.takes_every_request
+        return head == ABORT if everything_is_a_segment else head >> 5 == _Command.ABORT
+
+    def _serve(self, request: bytes) -> bytes | None:
+        transfer = self._transfer
+        if transfer is not None and transfer.takes_every_request:
+            return transfer.feed(request)
+        command = _Command(request[0] >> 5)
         match command:
             case _Command.DOWNLOAD_INITIATE:
                 return self._initiate_download(request)
             case _Command.UPLOAD_INITIATE:
                 return self._initiate_upload(request)
-            case _Command.DOWNLOAD_SEGMENT:
-                return self._download_segment(request)
-            case _Command.UPLOAD_SEGMENT:
-                return self._upload_segment(request)
-            case _:
+            case _Command.BLOCK_DOWNLOAD if not request[0] & _BLOCK_DOWNLOAD_END:
+                return self._initiate_block_download(request)
+            case _Command.BLOCK_UPLOAD if request[0] & BLOCK_STEP_MASK == BlockStep.INITIATE:
+                return self._initiate_block_upload(request)
+            case _Command.RESERVED:
                 self._address = _address(request)
                 raise SdoAbortError(AbortCode.COMMAND_SPECIFIER)
+            case _:
+                if transfer is None or not isinstance(transfer, TRANSFER_OF[command]):
+                    raise SdoAbortError(AbortCode.COMMAND_SPECIFIER)
+                return transfer.feed(request)
 
-    def _abort(self, code: AbortCode) -> bytes:
-        return self._response(0x80, code.to_bytes(4, "little"))
+    # --- what follows a request -------------------------------------------------------------------
 
-    def _response(self, command: int, payload: bytes = b"") -> bytes:
+    def _go_on(self) -> None:
+        """Send the next segment of a block, or wait for the client (rule 5)."""
+        transfer, now_ns = self._transfer, self._line.now_ns
+        if transfer is None or transfer.done:
+            self.reset()
+        elif isinstance(transfer, BlockUpload) and transfer.sending:
+            self._send(transfer.next_segment())
+            self._timers.start(SdoServer, now_ns + SEGMENT_SPACING_NS, self._go_on)
+        else:
+            self._timers.start(
+                SdoServer, now_ns + TIMEOUT_NS, lambda: self._abort(AbortCode.TIMEOUT)
+            )
+
+    def _abort(self, code: AbortCode) -> None:
+        self.reset()
+        self._send(self._initiated(ABORT, code.to_bytes(4, "little")))
+
+    def _send(self, answer: bytes) -> None:
+        self._line.send(Frame(self._answer_id, answer))
+
+    def _initiated(self, command: int, payload: bytes = b"") -> bytes:
         index, subindex = self._address
         head = bytes((command, index & 0xFF, index >> 8, subindex))
         return head + payload.ljust(4, b"\0")
 
-    def _initiate_upload(self, request: bytes) -> bytes:
-        self._address, self._transfer = _address(request), None
-        data = self._dictionary.upload(*self._address)
-        if 0 < len(data) <= 4:
-            return self._response(0x43 | (4 - len(data)) << 2, data)
-        self._transfer = _Transfer(download=False, data=bytearray(data))
-        return self._response(0x41, len(data).to_bytes(4, "little"))
+    # --- initiates --------------------------------------------------------------------------------
 
-    def _upload_segment(self, request: bytes) -> bytes:
-        transfer = self._segment_of(request, download=False)
-        part = bytes(transfer.data[:SEGMENT_BYTES])
-        del transfer.data[:SEGMENT_BYTES]
-        last = not transfer.data
-        if last:
-            self._transfer = None
-        command = transfer.toggle | (SEGMENT_BYTES - len(part)) << 1 | (_LAST_SEGMENT * last)
-        transfer.toggle ^= _TOGGLE
-        return bytes((command,)) + part.ljust(SEGMENT_BYTES, b"\0")
+    def _begin(self, request: bytes) -> None:
+        self._address, self._transfer = _address(request), None
+
+    def _initiate_upload(self, request: bytes) -> bytes:
+        self._begin(request)
+        return self._upload(self._dictionary.upload(*self._address))
+
+    def _upload(self, data: bytes) -> bytes:
+        if 0 < len(data) <= 4:
+            return self._initiated(0x43 | (4 - len(data)) << 2, data)
+        self._transfer = SegmentedUpload(data)
+        return self._initiated(0x41, len(data).to_bytes(4, "little"))
+
+    def _initiate_block_upload(self, request: bytes) -> bytes:
+        self._begin(request)
+        block_size, threshold_bytes = checked_block_size(request[4]), request[5]
+        data = self._dictionary.upload(*self._address)
+        if threshold_bytes and len(data) <= threshold_bytes:
+            return self._upload(data)
+        self._transfer = BlockUpload(data, block_size, with_crc=bool(request[0] & _BLOCK_CRC))
+        return self._initiated(
+            0xC0 | _BLOCK_CRC | _BLOCK_SIZE_INDICATED, len(data).to_bytes(4, "little")
+        )
 
     def _initiate_download(self, request: bytes) -> bytes:
-        self._address, self._transfer = _address(request), None
+        self._begin(request)
         if request[0] & _EXPEDITED:
             self._dictionary.download(*self._address, self._expedited_data(request))
-            return self._response(0x60)
-        entry = self._dictionary.entry(*self._address)
-        if not entry.writable:
-            raise SdoAbortError(AbortCode.READ_ONLY)
-        announced = int.from_bytes(request[4:8], "little")
-        self._transfer = _Transfer(
-            download=True, announced_bytes=announced if request[0] & _SIZE_INDICATED else None
+        else:
+            incoming = self._incoming(request, indicated=bool(request[0] & _SIZE_INDICATED))
+            self._transfer = SegmentedDownload(incoming)
+        return self._initiated(0x60)
+
+    def _initiate_block_download(self, request: bytes) -> bytes:
+        self._begin(request)
+        incoming = self._incoming(request, indicated=bool(request[0] & _BLOCK_SIZE_INDICATED))
+        self._transfer = BlockDownload(incoming, with_crc=bool(request[0] & _BLOCK_CRC))
+        return self._initiated(0xA0 | _BLOCK_CRC, bytes((BLOCK_SEGMENTS_MAX,)))
+
+    def _incoming(self, request: bytes, *, indicated: bool) -> Incoming:
+        return Incoming(
+            self._entry(),
+            int.from_bytes(request[4:8], "little") if indicated else None,
+            partial(self._dictionary.download, *self._address),
         )
-        if announced > STRING_MAX_BYTES and self._transfer.announced_bytes is not None:
-            raise SdoAbortError(AbortCode.OUT_OF_MEMORY)
-        return self._response(0x60)
 
     def _expedited_data(self, request: bytes) -> bytes:
         if request[0] & _SIZE_INDICATED:
             return request[4 : 8 - (request[0] >> 2 & 3)]
-        size = self._dictionary.entry(*self._address).size_bytes  # not said: the object's own
-        return request[4 : 4 + (size or 4)]
+        return request[4 : 4 + (self._entry().size_bytes or 4)]  # not said: the object's own
 
-    def _download_segment(self, request: bytes) -> bytes:
-        transfer = self._segment_of(request, download=True)
-        unused = request[0] >> 1 & 7
-        transfer.data += request[1 : REQUEST_BYTES - unused]
-        if len(transfer.data) > STRING_MAX_BYTES:
-            raise SdoAbortError(AbortCode.OUT_OF_MEMORY)
-        answer = bytes((0x20 | transfer.toggle,)) + bytes(SEGMENT_BYTES)
-        transfer.toggle ^= _TOGGLE
-        if request[0] & _LAST_SEGMENT:
-            self._finish_download(transfer)
-        return answer
-
-    def _finish_download(self, transfer: _Transfer) -> None:
-        self._transfer = None
-        if transfer.announced_bytes not in (None, len(transfer.data)):
-            raise SdoAbortError(AbortCode.LENGTH)
-        self._dictionary.download(*self._address, bytes(transfer.data))
-
-    def _segment_of(self, request: bytes, *, download: bool) -> _Transfer:
-        transfer = self._transfer
-        if transfer is None or transfer.download != download:
-            raise SdoAbortError(AbortCode.COMMAND_SPECIFIER)
-        if request[0] & _TOGGLE != transfer.toggle:
-            raise SdoAbortError(AbortCode.TOGGLE_BIT)
-        return transfer
+    def _entry(self) -> Entry:
+        return self._dictionary.entry(*self._address)
 
 
 def _address(request: bytes) -> Address:

@@ -60,6 +60,8 @@ class FaultKind(Enum):
     LATE_TPDO = "late_tpdo"
     SILENT = "silent"
     UNPLUGGED = "unplugged"
+    BUS_OFF = "bus_off"
+    BUS_PASSIVE = "bus_passive"
     EMCY = "emcy"
     FROZEN_ENCODER = "frozen_encoder"
     ENCODER_GLITCH = "encoder_glitch"

@@ -23,7 +23,7 @@ MISSED_RATIO: Final = 0.5
 def effort_std(leg: Leg) -> tuple[float, float]:
     """Standard deviation of this cycle's efforts about their means over the cycle: N·m, N."""
     acceleration = [
-        axis.acceleration_sent_si if axis.torque_sampling is TorqueSampling.INSTANT else 0.0
+        axis.acceleration_sent_si if axis.torque_sampling is not TorqueSampling.FILTERED else 0.0
         for axis in leg.axes
     ]
     if not any(acceleration):

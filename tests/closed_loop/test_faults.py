@@ -13,6 +13,8 @@ FAULTS = [
     ("late_tpdo {} - 6", LOST),
     ("silent {}", LOST),
     ("unplugged {}", LOST),
+    ("bus_off {}", LOST),
+    ("bus_passive {}", {Cause.EMERGENCY, Cause.DRIVE_FAULT}),
     ("reboot {}", LOST),
     ("emcy {} - 0x2310", {Cause.EMERGENCY, Cause.DRIVE_FAULT}),
     ("frozen_encoder {}", STUCK),

@@ -29,6 +29,18 @@ def test_power_on_gives_one_boot_up_message_and_then_the_state_of_pre_operationa
     assert bench.times_ms(0x705)[1:] == [150, 200, 250, 300]
 
 
+def test_a_saved_heartbeat_begins_with_the_one_boot_up_message(bench):
+    bench.write(0x1017, 0, 30, 2)
+    bench.write(0x1010, 1, SAVE, 4)
+    for command in (0x81, 0x82):
+        bench.forget()
+        bench.nmt(command)
+        bench.run_ms(250)
+
+        assert bench.frames(0x705)[0] == b"\x00"
+        assert set(bench.frames(0x705)[1:]) == {b"\x7f"}
+
+
 def test_a_drive_reaches_switch_on_disabled_within_half_a_second(bench):
     assert bench.statusword() & 0x0F7F == 0x0240
 
@@ -150,6 +162,41 @@ def test_a_master_that_was_never_heard_is_not_missed(bench):
     bench.run_ms(1000)
 
     assert bench.frames(0x085) == []
+
+
+def test_the_boot_up_message_of_a_master_is_no_heartbeat(bench):
+    watch_master(bench)
+    bench.send(0x701, b"\x00")
+    bench.run_ms(1000)
+    assert bench.frames(0x085) == []
+
+    beat(bench)
+    bench.run_ms(60)
+    bench.send(0x701, b"\x00")
+    bench.run_ms(60)
+    assert len(bench.frames(0x085)) == 1
+
+
+def test_one_watch_that_is_changed_leaves_the_other_as_it_is(bench):
+    watch_master(bench)
+    beat(bench)
+    assert bench.write(0x1016, 2, 2 << 16 | 500, 4) == 0
+    bench.run_ms(150)
+
+    assert bench.frames(0x085) == [bytes.fromhex("3081100000000000")]
+
+
+def test_a_plain_drive_forgets_a_loss_when_its_watch_is_written_anew(generic):
+    generic.write(0x6007, 0, 3, 2)
+    watch_master(generic)
+    beat(generic)
+    generic.run_ms(150)
+    assert generic.read(0x1001) == 0x11
+
+    watch_master(generic, timeout_ms=0)
+    assert generic.read(0x1001) == 0
+    generic.run_ms(1000)
+    assert generic.frames(0x085) == [bytes.fromhex("3081110000000000"), bytes(8)]
 
 
 def test_a_master_that_falls_silent_is_missed_after_its_time_and_once(bench):

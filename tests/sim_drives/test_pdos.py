@@ -309,6 +309,64 @@ def test_a_sync_that_is_too_long_is_reported(mapped):
     assert mapped.frames(0x085) == [bytes.fromhex("4082100000000000")]
 
 
+def test_a_good_rpdo_does_not_end_the_report_of_another_that_is_short(mapped):
+    for _ in range(3):
+        mapped.send(0x205, b"\x06")
+        mapped.send(0x305, struct.pack("<h", 0))
+        mapped.cycle()
+    assert mapped.frames(0x085) == [bytes.fromhex("1082100000000000")]
+
+    mapped.cycles(1, 0x06)
+    assert mapped.frames(0x085)[1:] == [bytes(8)]
+
+
+def test_a_report_ends_with_the_pdo_that_it_was_about(mapped):
+    mapped.send(0x205, b"\x06")
+    mapped.write(0x1400, 1, 0x205 | INVALID, 4)
+    mapped.run_ms(1)
+
+    assert mapped.frames(0x085) == [bytes.fromhex("1082100000000000"), bytes(8)]
+
+
+def test_what_waits_for_a_sync_is_void_once_its_pdo_is_mapped_anew(mapped):
+    mapped.send(0x305, struct.pack("<h", 123))
+    freed(mapped, 0x1401)
+    mapped.write(0x1601, 1, 0x607A_0020, 4)
+    mapped.write(0x1601, 0, 1, 1)
+    mapped.write(0x1401, 1, 0x305, 4)
+    position = mapped.read(0x607A)
+
+    mapped.cycle()
+
+    assert (mapped.read(0x6071), mapped.read(0x607A)) == (0, position)
+
+
+def test_an_rpdo_that_is_there_no_more_is_not_missed(generic):
+    generic.go_operational(torque=0x6077_0010)
+    generic.write(0x1400, 5, 30, 2)
+    generic.cycles(3, 0x00)
+    generic.write(0x1400, 1, 0x205 | INVALID, 4)
+    generic.run_ms(200)
+
+    assert generic.frames(0x085) == []
+
+
+def test_an_event_timer_that_is_written_in_operational_begins_then(bench):
+    bench.nmt(0x01)
+    bench.run_ms(100)
+    bench.forget()
+    start_ms = bench.now_ms
+
+    bench.write(0x1800, 5, 20, 2)
+    bench.run_ms(65)
+    assert [at - start_ms for at in bench.times_ms(0x185)] == [20, 40, 60]
+
+    bench.write(0x1800, 2, 1, 1)
+    bench.forget()
+    bench.run_ms(100)
+    assert bench.frames(0x185) == []
+
+
 def test_missing_rpdos_are_reported_after_their_time(generic):
     generic.go_operational(torque=0x6077_0010)
     generic.write(0x6007, 0, 3, 2)

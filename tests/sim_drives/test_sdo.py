@@ -149,12 +149,42 @@ def test_a_segment_that_belongs_to_no_transfer_is_aborted(bench):
     assert abort_code(bench.sdo(bytes((0x60,))), 0x6064, 0) == 0x05040001
 
 
-@pytest.mark.parametrize("command", [0xA0, 0xC2, 0xC6, 0xE0])
-def test_block_transfer_is_refused_with_the_address_that_was_asked_for(bench, command):
-    answer = bench.sdo(struct.pack("<BHBI", command, 0x1008, 0, 100))
+def test_an_unknown_command_is_aborted_with_the_address_that_was_asked_for(bench):
+    answer = bench.sdo(struct.pack("<BHBI", 0xE0, 0x1008, 0, 100))
 
     assert abort_code(answer, 0x1008, 0) == 0x05040001
     assert bench.read(0x1018, 1) == 0xFB
+
+
+def test_a_length_that_a_number_cannot_have_is_refused_when_it_is_announced(bench):
+    too_long = bench.sdo(struct.pack("<BHBI", 0x21, 0x6065, 0, 5))
+    too_short = bench.sdo(struct.pack("<BHBI", 0x21, 0x6065, 0, 3))
+
+    assert abort_code(too_long, 0x6065, 0) == 0x06070012
+    assert abort_code(too_short, 0x6065, 0) == 0x06070013
+
+
+def test_a_client_that_falls_silent_in_a_transfer_is_given_up_after_a_second(bench):
+    bench.sdo(struct.pack("<BHB", 0x40, 0x1008, 0))
+    bench.forget()
+    bench.run_ms(999)
+    assert bench.frames(0x585) == []
+
+    bench.run_ms(2000)
+
+    assert bench.frames(0x585) == [bytes.fromhex("8008100000000405")]
+    assert segments(bench, 0x1008, 0)[0] == b"Virtual EPOS4"
+
+
+def test_a_stopped_node_forgets_a_transfer_without_a_word(bench):
+    bench.sdo(struct.pack("<BHB", 0x40, 0x1008, 0))
+    bench.nmt(0x02)
+    bench.forget()
+    bench.run_ms(2000)
+    assert bench.frames(0x585) == []
+
+    bench.nmt(0x80)
+    assert abort_code(bench.sdo(bytes((0x60,))), 0x1008, 0) == 0x05040001
 
 
 def test_a_clients_abort_is_not_answered_and_frees_the_server(bench):

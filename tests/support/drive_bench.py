@@ -3,13 +3,14 @@
 import math
 import struct
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from sim_drives.actuation import Actuation, AxisActuation, AxisFlag, AxisSample
-from sim_drives.dictionary import read_eds
+from sim_drives.dictionary import Entry, read_eds
 from sim_drives.frame import Frame, TimedFrame
 from sim_drives.one_leg import Leg
 from sim_drives.settings import DriveSettings, FaultSettings
@@ -164,6 +165,11 @@ def settings(table: dict[str, object], **changes: object) -> DriveSettings:
     return msgspec.convert(table | changes, DriveSettings)
 
 
+@cache
+def entries_of(eds: str, node_id: int) -> tuple[Entry, ...]:
+    return read_eds(CONFIGS / eds, node_id)
+
+
 class Bench:
     """A world on a fake plant, and the hand of a master that writes every byte itself."""
 
@@ -177,7 +183,7 @@ class Bench:
         plant: Any = None,
     ) -> None:
         drives = settings(HIP, **(hip or {})), settings(SLIDE, **(slide or {}))
-        entries = [read_eds(CONFIGS / drive.eds, drive.node_id) for drive in drives]
+        entries = [entries_of(drive.eds, drive.node_id) for drive in drives]
         self.plant = FakePlant(start_ns) if plant is None else plant
         leg = Leg("right", self.plant, drives[0], entries[0], drives[1], entries[1])
         self.world = World([leg], faults, seed=seed, start_ns=start_ns)
