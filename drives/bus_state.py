@@ -5,7 +5,9 @@ unseen without this file. Source of the numbers: include/uapi/linux/can/error.h.
 
 Rules:
 1.  Bus-off lasts until the controller reports a restart. Nobody here restarts it: that is the
-    interface's matter (`restart-ms`, or the operator). What a node sends meanwhile is lost.
+    interface's matter (`restart-ms`, or the operator). What a node sends meanwhile is lost. A
+    report can be lost, too: a bring-up takes the controller for restarted when it hears anybody,
+    or when somebody has asked for it.
 2.  Error passive and warning are told and do not stop. They end when the controller says so.
 3.  A missing acknowledgement means that nobody else is on the bus; whatever is heard ends that. So
     does a transmitter that is error passive before anything was heard: a lonely node gets no
@@ -122,6 +124,12 @@ class BusMonitor:
     def forgive(self) -> None:
         """A bring-up begins: what was before does not count against its drives."""
         self.has_been_off = False
+
+    def revive(self) -> None:
+        """Take a controller that was bus-off for restarted."""
+        if self.condition is BusCondition.OFF:
+            self.condition = BusCondition.ACTIVE
+            self._notices.append(_NOTICE[BusCondition.ACTIVE])
 
     def hear(self) -> None:
         """A frame came from somebody else."""

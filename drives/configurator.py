@@ -150,6 +150,7 @@ class Configurator:
             self.bus_state.feed(frame)
             return
         self.bus_state.hear()
+        self.bus_state.revive()
         service, node_id = frame.can_id & _SERVICE, frame.can_id & _NODE
         if service == _SDO_REPLY_ID:
             self._network.notify(frame.can_id, bytearray(frame.data), 0.0)

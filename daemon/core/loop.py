@@ -48,8 +48,6 @@ RETRY_NS: Final = 1_000_000_000
 """Between two tries to bring up drives that do not answer."""
 SEND_MARGIN_NS: Final = 500_000
 """Commands go out at the latest this long before the next SYNC."""
-ANSWERS_MAX: Final = 3
-"""Between two windows: a drive that babbles must not make us babble, too."""
 POWER_OFF_CYCLES: Final = 50
 """At the end, drives may take this long to show that they are without power."""
 SETTLE_CYCLES: Final = 150
@@ -183,19 +181,10 @@ class Loop:
         if not self._has_drives():
             self._clock.sleep_until(self._grid.due_ns)
             return
-        answers_left = ANSWERS_MAX
         while frames := self._line.receive_until(self._grid.due_ns):
-            if answers_left == 0:
-                self._feed_between(frames, self._clock.now_ns())
-                continue
             answer = cycle.react(self._core, frames, self._tick(self._clock.now_ns()))
             if answer:
                 self._line.send_urgent(answer, self._grid.due_ns)
-                answers_left -= 1
-
-    def _feed_between(self, frames: Sequence[Frame], now_ns: int) -> None:
-        if self._core.drives is not None:
-            self._core.drives.feed_between(frames, now_ns)
 
     def _cycle_once(self, levels: Sequence[Level]) -> CycleRecord:
         begun_ns = self._clock.now_ns()
@@ -280,7 +269,8 @@ class Loop:
             fail(core, Cause.BUS_DOWN, "", error.what)
             return
         plans = settings.plans.of(core.preparation)
-        for _ in bring_up_core(core, plans, self._line.port(), settings.cycle):
+        port = self._line.port(requested=core.reset_cycles_left > 0)
+        for _ in bring_up_core(core, plans, port, settings.cycle):
             if self._clock.now_ns() >= self._grid.due_ns:
                 self._tell(cycle.rest(core, self._seam.levels(), self._tick(self._grid.due_ns)))
                 self._grid.jump()

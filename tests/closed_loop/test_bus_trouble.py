@@ -80,6 +80,17 @@ def test_a_controller_that_comes_back_enables_nothing_until_somebody_resets(rest
     assert session.lockstep.record.mode == Mode.READY
 
 
+def test_a_reset_is_tried_also_when_the_report_of_the_restart_was_lost():
+    session = Session().walking(warm_s=2)
+    put(session, BUS_OFF)
+    session.lockstep.run(1)
+
+    answer = session.lockstep.request(RequestKind.RESET)
+
+    assert answer.outcome == Outcome.DONE, answer.reason
+    assert session.lockstep.record.bus.condition == "active"
+
+
 def test_bus_off_at_rest_is_not_brought_up_again_without_a_request():
     session = Session().until_ready()
 

@@ -94,8 +94,8 @@ def test_a_flood_of_emergencies_is_counted_exactly_and_answered_a_bounded_number
     assert record.drives[0].emergency_count == expected
     assert all(len(r.drives[0].emergencies) <= 2 for r in session.lockstep.records)
     assert syncs == 100
-    # SYNC, heartbeat and four commands in a cycle; three more answers of four at most.
-    assert len(sent) <= 100 * (6 + 3 * 4)
+    # SYNC, heartbeat and four commands in a cycle; each step of a stop is answered at once, too.
+    assert len(sent) <= 100 * 6 + 4 * 4
     stops = [event for event in events(session) if event.startswith("stop")]
     assert len(stops) == 1
 
