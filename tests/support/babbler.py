@@ -84,6 +84,7 @@ def is_command(frame: Frame) -> bool:
     return not frame.is_error and mapped is not None and len(frame.data) >= mapped
 
 
+RESTARTED: Final = 0x100
 Kind = Callable[[random.Random], Frame]
 KINDS: Final[tuple[Kind, ...]] = (
     anything,
@@ -124,6 +125,9 @@ class Babbler:
         self._plan()
 
     def stop(self) -> None:
+        """Silence; a controller that went bus-off comes back, as `restart-ms` would have it."""
+        if self._next_ns is not None:
+            self._bus._waiting.append(Frame(RESTARTED, bytes(8), self._world.now_ns, is_error=True))
         self._next_ns = None
 
     def _plan(self) -> None:
