@@ -4,11 +4,14 @@ import time
 
 import pytest
 from drive_bench import Bench
-from outside_master import EPOS4, GENERIC, PatientNode, added, on_a_bus
+from outside_master import PatientNode, added, eds_of, on_a_bus
 
 from sim_drives.realtime import now_ns
 
 PLAIN = {"personality": "generic", "eds": "drives/generic402.eds"}
+ELMO = {"personality": "elmo_gold", "eds": "drives/elmo_gold.eds"}
+MAKES = {"generic": PLAIN, "elmo_gold": ELMO}
+"""Of node 6, a slide."""
 
 
 @pytest.fixture
@@ -17,10 +20,16 @@ def encoder():
 
 
 @pytest.fixture
-def _on_a_bus(encoder):
-    """Node 5 is like an EPOS4, node 6 a plain CiA 402 drive; no mechanics to speak of."""
+def make(request):
+    return getattr(request, "param", "generic")
+
+
+@pytest.fixture
+def _on_a_bus(encoder, make):
+    """Node 5 is like an EPOS4, node 6 of another make; no mechanics to speak of."""
     hip = {"encoder": encoder}
-    with on_a_bus(Bench(hip=hip, slide=PLAIN | hip, start_ns=now_ns())) as parts:
+    slide = MAKES.get(make, PLAIN) | hip
+    with on_a_bus(Bench(hip=hip, slide=slide, start_ns=now_ns())) as parts:
         time.sleep(0.35)  # real time: boot-up and self-test
         yield parts
 
@@ -37,9 +46,10 @@ def station(_on_a_bus):
 
 @pytest.fixture
 def hip(network):
-    return added(network, PatientNode(5, EPOS4))
+    return added(network, PatientNode(5, eds_of("epos4")))
 
 
 @pytest.fixture
-def slide(network):
-    return added(network, PatientNode(6, GENERIC))
+def slide(network, make):
+    name = "elmo_gold" if make == "elmo_gold" else "generic402"
+    return added(network, PatientNode(6, eds_of(name)))

@@ -17,6 +17,7 @@ NOT_OPERATIONAL = {
 KINDS = {
     "epos4": ({}, 0x30D1_0220),
     "generic": ({"personality": "generic", "eds": "drives/generic402.eds"}, 0x6078_0010),
+    "elmo": ({"personality": "elmo_gold", "eds": "drives/elmo_gold.eds"}, 0x6078_0010),
 }
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import canopen
 import pytest
-from outside_master import GENERIC, PatientNode, added
+from outside_master import PatientNode, added, eds_of
 
 
 def test_canopen_reads_identity_and_names(hip, slide):
@@ -228,7 +228,7 @@ def test_canopen_loads_a_whole_configuration_from_a_dcf(network, tmp_path):
     values |= {"1800sub1": 0x4000_0186, "1800sub2": 1, "1A00sub0": 2}
     values |= {"1A00sub1": 0x6041_0010, "1A00sub2": 0x6064_0020}
     values |= {f"180{number}sub1": 0xC000_0086 + 0x100 * (number + 1) for number in (1, 2, 3)}
-    node = added(network, PatientNode(6, dcf(GENERIC, tmp_path, values)))
+    node = added(network, PatientNode(6, dcf(eds_of("generic402"), tmp_path, values)))
 
     node.load_configuration()
 

@@ -54,10 +54,14 @@ def encoder():
     return "incremental"  # one that there is something to home for
 
 
-@pytest.fixture(params=["like an EPOS4", "plain CiA 402"])
-def drive(request):
-    kind = "hip" if request.param == "like an EPOS4" else "slide"
-    return mapped(request.getfixturevalue(kind))
+def pytest_generate_tests(metafunc):
+    if "drive" in metafunc.fixturenames:
+        metafunc.parametrize("make", ["epos4", "generic", "elmo_gold"], indirect=True)
+
+
+@pytest.fixture
+def drive(request, make):
+    return mapped(request.getfixturevalue("hip" if make == "epos4" else "slide"))
 
 
 def target(node, *, position=None, torque=0):

@@ -28,6 +28,7 @@ def test_the_table_itself_has_one_command_for_each_word_whose_bit_7_is_low():
 KINDS = {
     "epos4": ({}, 0x30D1_0220, True),
     "generic": ({"personality": "generic", "eds": "drives/generic402.eds"}, 0x6078_0010, False),
+    "elmo": ({"personality": "elmo_gold", "eds": "drives/elmo_gold.eds"}, 0x6078_0010, False),
 }
 WAY = {
     "switch on disabled": (),

@@ -13,10 +13,12 @@ from drive_bench import CONFIGS, Bench
 
 from sim_drives.realtime import RealTime
 
-EPOS4 = str(CONFIGS / "drives/epos4.eds")
-GENERIC = str(CONFIGS / "drives/generic402.eds")
 PATIENCE_S = 10.0
 """How long an outside master waits for an answer: a busy machine is no fault of the drives."""
+
+
+def eds_of(name: str) -> str:
+    return str(CONFIGS / f"drives/{name}.eds")
 
 
 class Station:
