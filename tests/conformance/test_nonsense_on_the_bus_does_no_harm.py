@@ -12,7 +12,7 @@ import struct
 
 import pytest
 from babbler import Babbler, heartbeat, network, process_data
-from sessions import Session
+from sessions import CONFIGS, Session, elmo_drives, generic_drives
 
 from daemon.config.axes import drive_limits
 from daemon.record import Mode, RequestKind
@@ -23,6 +23,8 @@ from sim_drives.frame import Frame as WorldFrame
 
 ENABLE_BIT = 0x08
 RATES_HZ = (20, 200, 2000)
+MAKES = (lambda _: CONFIGS, generic_drives, elmo_drives)
+"""Drives like an EPOS4, plain CiA 402 drives, drives like an Elmo."""
 TALK_S = 3.0
 PAUSE_S = 2.0
 
@@ -30,9 +32,9 @@ PAUSE_S = 2.0
 class Fuzz:
     """A session with a babbler on its bus, and what must hold whatever it says."""
 
-    def __init__(self, seed):
+    def __init__(self, seed, configs=CONFIGS):
         self.seed = seed
-        self.session = Session()
+        self.session = Session(configs)
         lockstep = self.session.lockstep
         self.lockstep, self.bus = lockstep, lockstep.bus
         self.babbler = Babbler(self.session.machine.world, lockstep.bus, seed)
@@ -101,19 +103,25 @@ def pytest_generate_tests(metafunc):
     if "seed" not in metafunc.fixturenames:
         return
     minutes = metafunc.config.option.fuzz_minutes
-    first, count = 0, 2 * len(RATES_HZ)
+    first, count = 0, len(RATES_HZ) * len(MAKES)
     if minutes is not None:
         first = random.SystemRandom().randrange(1_000_000)
         count = int(minutes * 60 / (TALK_S + PAUSE_S))
     metafunc.parametrize("seed", range(first, first + count))
 
 
-def test_in_ready_nothing_is_energised_and_nothing_moves(seed):
-    fuzz = Fuzz(seed)
+@pytest.fixture
+def fuzz(seed, tmp_path):
+    """Its seed says what the drives are, and how fast the babbler talks."""
+    configs = MAKES[seed // len(RATES_HZ) % len(MAKES)](tmp_path)
+    return Fuzz(seed, configs)
+
+
+def test_in_ready_nothing_is_energised_and_nothing_moves(fuzz):
     fuzz.session.until_ready()
     before = fuzz.session.truth.rows[-1]
 
-    fuzz.babbler.start(RATES_HZ[seed % len(RATES_HZ)])
+    fuzz.babbler.start(RATES_HZ[fuzz.seed % len(RATES_HZ)])
     fuzz.run(TALK_S)
 
     after = fuzz.session.truth.rows[-1]
@@ -124,21 +132,19 @@ def test_in_ready_nothing_is_energised_and_nothing_moves(seed):
     assert not fuzz.enables(), fuzz.story()
 
 
-def test_while_holding_a_stop_is_latched_and_no_torque_exceeds_its_limit(seed):
-    fuzz = Fuzz(seed)
+def test_while_holding_a_stop_is_latched_and_no_torque_exceeds_its_limit(fuzz):
     fuzz.session.enabled()
 
-    fuzz.babbler.start(RATES_HZ[seed % len(RATES_HZ)])
+    fuzz.babbler.start(RATES_HZ[fuzz.seed % len(RATES_HZ)])
     fuzz.run(TALK_S)
 
     assert fuzz.is_brought_back(), fuzz.story()
 
 
-def test_while_walking_a_stop_is_latched_and_both_axes_come_to_rest(seed):
-    fuzz = Fuzz(seed)
+def test_while_walking_a_stop_is_latched_and_both_axes_come_to_rest(fuzz):
     fuzz.session.walking(warm_s=1.0)
 
-    fuzz.babbler.start(RATES_HZ[seed % len(RATES_HZ)])
+    fuzz.babbler.start(RATES_HZ[fuzz.seed % len(RATES_HZ)])
     fuzz.run(TALK_S)
     fuzz.babbler.stop()
     fuzz.run(PAUSE_S)
