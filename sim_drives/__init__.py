@@ -14,7 +14,8 @@ with `drives/`, so that a mistake on one side does not cancel out on the other. 
     connection                  what a lost connection does
     power_state, drive          CiA 402's tables, and the machine that runs them
     statusword, supervision     6041h as the bus sees it; what a drive takes amiss of a motion
-    motion, homing              modes, targets, limits; the ways to a reference
+    motion, target_watch        modes, targets, limits; targets that stay away
+    homing                      the ways to a reference
     measurement                 process values
     personality, scaling        what two makes of drive do differently; units
     storage, node               saved parameters; all of it as one station on the bus

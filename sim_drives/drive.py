@@ -16,7 +16,6 @@ Rules beside the tables':
 7. 607Eh, 608Fh, 6091h, 6092h, where the drive has them, are locked while the power stage is on.
 """
 
-from collections.abc import Callable
 from typing import Final
 
 from sim_drives.aborts import AbortCode, SdoAbortError
@@ -55,6 +54,7 @@ from sim_drives.scaling import (
 from sim_drives.settings import DriveSettings
 from sim_drives.statusword import Statusword
 from sim_drives.supervision import FOLLOWING_ERROR_CODE, Supervision
+from sim_drives.target_watch import TargetWatch
 from sim_drives.timers import MILLISECOND, Timers
 
 SELF_TEST_NS: Final = 200 * MILLISECOND
@@ -90,15 +90,13 @@ class Drive:
         self.measurement = Measurement(settings, dictionary, scaling, axis)
         self._motion = Motion(settings, dictionary, scaling, self.measurement, line, timers)
         self._supervision = Supervision(settings, self._motion, self.measurement)
-        self._motion.on_target_missed = self._target_missed
+        self.targets = TargetWatch(line, timers, self._wants_targets)
         self.state = PowerState.NOT_READY_TO_SWITCH_ON
         self._stopping: Stopping | None = None
         self._after_stop: Transition | None = None
         self._at_rest = False
         self.ignores_quick_stop = False
         self.slower_by_ns = 0
-        self.on_target_missed: Callable[[], None] = lambda: None
-        """Cyclic position has had no new target: a lost connection."""
         self._waiting_for: Command | None = None
         self._controlword_prev = 0
         self._ordered: AxisActuation | None = None
@@ -170,12 +168,11 @@ class Drive:
 
     def pdo_came(self) -> None:
         """RPDOs have been applied."""
-        if self.state is PowerState.OPERATION_ENABLED:
-            self._motion.pdo_came()
+        if self._personality.misses_targets:
+            self.targets.pdo_came(self._motion.interpolation_s)
 
-    def _target_missed(self) -> None:
-        if self.state is PowerState.OPERATION_ENABLED:
-            self.on_target_missed()
+    def _wants_targets(self) -> bool:
+        return self.state is PowerState.OPERATION_ENABLED and self._motion.follows_positions
 
     def _abort_connection(self, reaction: AbortConnection) -> None:
         if reaction is AbortConnection.DISABLE_VOLTAGE:
@@ -360,12 +357,7 @@ class Drive:
 
     def _show_demand(self) -> None:
         actual = self.measurement.position_counts
-        tracking = (
-            self.state is PowerState.OPERATION_ENABLED
-            and self._motion.mode is Mode.CYCLIC_SYNC_POSITION
-            and self._motion.follows
-        )
-        demand = self._dictionary.value(0x607A) if tracking else actual
+        demand = self._dictionary.value(0x607A) if self._wants_targets() else actual
         self._dictionary.put(0x6062, 0, demand)
         self._dictionary.put(0x60F4, 0, max(-(2**31), min(2**31 - 1, demand - actual)))
 

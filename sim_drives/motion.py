@@ -10,12 +10,11 @@ Rules:
    in "operation enabled", and goes on when the bit falls.
 4. Homing begins at the rising edge of controlword bit 4; `homing.py` has its rules.
 5. Every order carries the limits in force: torque, 6080h, 6065h/6066h, and 607Dh where it clips.
-6. Cyclic position reaches each target on a line that takes 60C2h. Some drives miss a target that
-   does not come by PDO within TARGET_PATIENCE of that, so 60C2h must be the SYNC period there.
+6. Cyclic position reaches each target on a line that takes 60C2h; some drives watch over the
+   targets by it (`target_watch.py`).
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from enum import IntEnum
 from typing import Final
@@ -26,7 +25,6 @@ from sim_drives.dictionary import ObjectDictionary
 from sim_drives.homing import Homing, Progress
 from sim_drives.line import Line
 from sim_drives.measurement import Measurement
-from sim_drives.personality import PERSONALITIES
 from sim_drives.power_state import HALT_BIT, HALT_OPTION, OPERATION_BIT_4, Ramp
 from sim_drives.scaling import Scaling
 from sim_drives.settings import DriveSettings, PositionLimit
@@ -43,9 +41,6 @@ TARGET_POSITION: Final = 0x607A
 TARGET_VELOCITY: Final = 0x60FF
 VELOCITY_OFFSET: Final = 0x60B1
 TORQUE_OFFSET: Final = 0x60B2
-INTERPOLATION: Final = 0x60C2
-TARGET_PATIENCE: Final = 1.5
-"""Interpolation periods between two targets before the second is missed."""
 
 
 class Mode(IntEnum):
@@ -91,9 +86,6 @@ class Motion:
         dictionary.guard(MODES_OF_OPERATION, self._judge_mode)
         dictionary.watch(MODES_OF_OPERATION, lambda _: self._request_mode())
         dictionary.guard(0x6098, self._judge_homing_method)
-        self._misses_targets = PERSONALITIES[settings.personality].misses_targets
-        self.on_target_missed: Callable[[], None] = lambda: None
-        """Rule 6."""
         for target in TARGETS.values():
             dictionary.watch(target, lambda _, target=target: self._written.add(target))
 
@@ -107,17 +99,15 @@ class Motion:
         """The node has left operational: what was commanded there is over (rule 2)."""
         self._written.clear()
 
-    def pdo_came(self) -> None:
-        """RPDOs have been applied: rule 6 counts from here."""
-        period_s = self._scaling.factors.interpolation_s
-        timed = self._misses_targets and self._dictionary.value(INTERPOLATION, 1)
-        if timed and self.mode is Mode.CYCLIC_SYNC_POSITION:
-            at_ns = self._line.now_ns + round(TARGET_PATIENCE * period_s * 1e9)
-            self._timers.start(INTERPOLATION, at_ns, self._target_missed)
+    @property
+    def interpolation_s(self) -> float:
+        """60C2h; 0 where it has not been set."""
+        return self._scaling.factors.interpolation_s if self._dictionary.value(0x60C2, 1) else 0.0
 
-    def _target_missed(self) -> None:
-        if self.mode is Mode.CYCLIC_SYNC_POSITION and self.follows:
-            self.on_target_missed()
+    @property
+    def follows_positions(self) -> bool:
+        """Whether cyclic position has a target, and no halt."""
+        return self.mode is Mode.CYCLIC_SYNC_POSITION and self.follows
 
     # --- modes --------------------------------------------------------------------------------
 
@@ -174,7 +164,7 @@ class Motion:
             return self.ramp(HALT_OPTION[self._dictionary.value_or(0x605D, 0, 1)].ramp)
         if self.mode is Mode.CYCLIC_SYNC_TORQUE:
             return self._actuation(Actuation.TORQUE)
-        if self.mode is Mode.CYCLIC_SYNC_POSITION and self.follows:
+        if self.follows_positions:
             return self._position_order()
         if self.mode is Mode.CYCLIC_SYNC_VELOCITY and self.follows:
             return self._velocity_order()
@@ -288,6 +278,6 @@ class Motion:
         """Whether the position, or in cyclic position mode its target, lies outside 607Dh."""
         lower, upper = (self._dictionary.value(0x607D, sub) for sub in (1, 2))
         positions = [self._measurement.position_counts]
-        if self.mode is Mode.CYCLIC_SYNC_POSITION and self.follows:
+        if self.follows_positions:
             positions.append(self._dictionary.value(TARGET_POSITION))
         return not all(lower <= position <= upper for position in positions)

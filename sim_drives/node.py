@@ -137,7 +137,7 @@ class Node:
         self.connection = Connection(
             personality, dictionary, self.drive, self.errors, lambda: self.state, self._enter
         )
-        self.drive.on_target_missed = self.connection.target_missed
+        self.drive.targets.on_missed = self.connection.target_missed
         self._producer, self._consumer = self._build_heartbeats()
         self._sync = SyncConsumer(dictionary, line, self.timers, self._report)
         self._tpdos, self._rpdos = self._build_pdos()

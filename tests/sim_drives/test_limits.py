@@ -1,6 +1,7 @@
 """Limits, offsets and set points of the cyclic modes, on the real mechanics where they move."""
 
 import math
+import struct
 
 import pytest
 from drive_bench import Bench
@@ -277,7 +278,7 @@ def test_an_epos4_whose_interpolation_time_is_shorter_than_the_sync_period_misse
     assert bench.read(0x603F) == 0x8250
 
 
-def test_an_epos4_misses_one_skipped_target():
+def test_an_epos4_misses_one_skipped_target_until_a_fault_reset():
     bench, here = in_cyclic_position(10)
     bench.cycles(10, 0x0F, 8, here)
     assert bench.frames(0x085) == []
@@ -287,6 +288,9 @@ def test_an_epos4_misses_one_skipped_target():
     assert [data[:2] for data in bench.frames(0x085)] == [b"\x50\x82"]
     bench.run_ms(100)
     assert bench.state() == 0x08
+    bench.cycles(2, 0x00, 8, here)
+    bench.cycles(2, 0x80, 8, here)
+    assert bench.state() == 0x40
 
 
 def test_an_epos4_without_an_interpolation_time_misses_nothing():
@@ -303,3 +307,19 @@ def test_a_plain_drive_goes_on_to_its_last_target():
     bench.run_ms(500)
 
     assert bench.state() == 0x27
+
+
+def test_a_missing_pdo_of_one_number_is_not_ended_by_another():
+    bench = Bench(hip=GENERIC)
+    bench.boot()
+    bench.map_pdos(torque=0x6077_0010)
+    bench.write(0x1401, 5, 30, 2)
+    bench.nmt(0x01)
+    bench.cycles(2, 0x06)
+    bench.forget()
+    for _ in range(10):
+        bench.send(0x080)
+        bench.send(0x205, struct.pack("<Hbi", 0x06, 10, 0))
+        bench.run_ms(10)
+
+    assert [data[:2] for data in bench.frames(0x085)] == [b"\x50\x82"]
