@@ -339,6 +339,8 @@ class BusRecord(msgspec.Struct, frozen=True, array_like=True):
     """SYNCs of somebody else, and heartbeats under our own number."""
     stray_count: int = 0
     """Frames that belong to none of our drives, since bring-up."""
+    load_ratio: float = 0.0
+    """Measured in the last whole second, from all frames sent and heard, with their stuffing."""
 
 
 class CycleRecord(msgspec.Struct, frozen=True, array_like=True):

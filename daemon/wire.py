@@ -167,6 +167,9 @@ class BusHealth(msgspec.Struct, frozen=True, kw_only=True):
         int, Meta(description="SYNCs of somebody else, and heartbeats under our number.")
     ]
     stray_count: Annotated[int, Meta(description="Frames of none of our drives, since bring-up.")]
+    load_ratio: Annotated[
+        float, Meta(description="Measured in the last second, 0..1; bus_load_ratio is the worst.")
+    ]
 
 
 class Health(Stated, frozen=True, kw_only=True):

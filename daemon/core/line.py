@@ -11,6 +11,7 @@ Rules:
 from collections.abc import Callable, Sequence
 
 from daemon.clock import Clock
+from daemon.core.load_meter import LoadMeter
 from daemon.record import BusRecord
 from drives.bus import Bus, Frame
 from drives.bus_state import BusCondition, BusMonitor
@@ -22,7 +23,12 @@ class Line:
     """A bus that can be opened and closed, its counters, its SYNC and its controller's state."""
 
     def __init__(
-        self, open_bus: Callable[[], Bus], clock: Clock, sync_overflow: int, master_node_id: int
+        self,
+        open_bus: Callable[[], Bus],
+        clock: Clock,
+        sync_overflow: int,
+        master_node_id: int,
+        bitrate_bit_per_s: int,
     ) -> None:
         self._open_bus = open_bus
         self._clock = clock
@@ -31,6 +37,7 @@ class Line:
         self._foreign_told_count = 0
         self.sync = SyncProducer(sync_overflow)
         self.bus_state = BusMonitor()
+        self.load = LoadMeter(bitrate_bit_per_s)
         self.dropped_count = 0
         """Frames that never left because the transmit queue was full, or too late."""
         self.foreign_count = 0
@@ -78,7 +85,8 @@ class Line:
             BusError: the bus is down.
         """
         if not self.is_off:
-            self.dropped_count += self._existing().send(frames)
+            dropped = self._existing().send(frames)
+            self._count_sent(frames, dropped)
 
     def send_urgent(self, frames: Sequence[Frame], deadline_ns: int) -> bool:
         """Send what must arrive, trying again until the deadline; whether all of it left.
@@ -89,12 +97,16 @@ class Line:
         if self.is_off:
             return False
         left = self._existing().send_urgent(frames, deadline_ns, self._clock)
-        self.dropped_count += left
+        self._count_sent(frames, left)
         return left == 0
 
     def drop(self, frames: Sequence[Frame]) -> None:
         """Do not send what would come too late."""
         self.dropped_count += len(frames)
+
+    def _count_sent(self, frames: Sequence[Frame], dropped: int) -> None:
+        self.dropped_count += dropped
+        self.load.note(frames[: len(frames) - dropped])
 
     # --- in ---------------------------------------------------------------------------------
 
@@ -129,9 +141,11 @@ class Line:
             overflow_count=state.overflow_count,
             foreign_master_count=self.foreign_count,
             stray_count=stray_count,
+            load_ratio=self.load.busy_ratio,
         )
 
     def _heard(self, frames: list[Frame]) -> list[Frame]:
+        self.load.note(frames)
         for frame in frames:
             if not frame.is_error:
                 self.bus_state.hear()

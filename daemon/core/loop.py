@@ -97,6 +97,8 @@ class LoopSettings:
     """Our heartbeat goes out with every so many SYNCs."""
     master_node_id: int
     bus_load_ratio: float
+    """The worst that can be, as computed."""
+    bitrate_bit_per_s: int
     open_bus: Callable[[], Bus]
     notebook: NoteKeeper
 
@@ -113,7 +115,11 @@ class Loop:
         self._clock = clock
         self._supervisor = supervisor
         self._line = Line(
-            settings.open_bus, clock, settings.cycle.sync_counter, settings.master_node_id
+            open_bus=settings.open_bus,
+            clock=clock,
+            sync_overflow=settings.cycle.sync_counter,
+            master_node_id=settings.master_node_id,
+            bitrate_bit_per_s=settings.bitrate_bit_per_s,
         )
         self._grid = Grid(clock, settings.period_ns)
         self._sync_ns = 0
@@ -174,6 +180,7 @@ class Loop:
             self._lose_bus(error)
             record = cycle.rest(self._core, levels, self._tick(self._clock.now_ns()))
         self._tell(record)
+        self._line.load.count(self._clock.now_ns())
         self._advance_grid()
 
     def _await_grid_point(self) -> None:

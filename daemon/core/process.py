@@ -106,6 +106,7 @@ def loop_settings(settings: Settings, built: Built, notebook: NoteKeeper) -> Loo
         heartbeat_cycles=max(cycle.master_heartbeat_ms // cycle.period_ms, 1),
         master_node_id=cycle.master_node_id,
         bus_load_ratio=_bus_load(settings, built).busy_ratio,
+        bitrate_bit_per_s=bus.bitrate_bit_per_s,
         open_bus=lambda: CanBus.open(bus.interface, bus.channel, bus.bitrate_bit_per_s),
         notebook=notebook,
     )

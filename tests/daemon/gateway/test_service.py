@@ -291,7 +291,7 @@ def test_what_the_core_does_not_know_is_null_in_every_message(bench, make_drive,
 
 
 def test_health_tells_what_the_can_controller_counted(bench):
-    bus = BusRecord("error passive", 1, 2, 3, 4, 5, 6, 7, 8)
+    bus = BusRecord("error passive", 1, 2, 3, 4, 5, 6, 7, 8, 0.25)
     bench.cycle(bus=bus)
     bench.turn(after_ms=1000)
 
