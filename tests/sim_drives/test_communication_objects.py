@@ -1,10 +1,11 @@
-"""1000h to 1FFFh of both kinds of drive: access, lengths, ranges, saving (CiA 301 7.5.2)."""
+"""1000h to 1FFFh of each kind of drive: access, lengths, ranges, saving (CiA 301 7.5.2)."""
 
 import struct
 
 import pytest
 from drive_bench import GENERIC, HIP, Bench, entries_of
 
+ELMO = {"personality": "elmo_gold", "eds": "drives/elmo_gold.eds"}
 SAVE = int.from_bytes(b"save", "little")
 LOAD = int.from_bytes(b"load", "little")
 NO_HIGHEST_SUBINDEX = {0x1003, *range(0x1600, 0x1604), *range(0x1A00, 0x1A04)}
@@ -23,8 +24,14 @@ def objects(kind):
     return [entry for entry in entries_of(eds, 5) if entry.address[0] < 0x2000]
 
 
-@pytest.fixture(params=[{}, GENERIC], ids=["epos4", "generic"])
+@pytest.fixture(params=[{}, GENERIC, ELMO], ids=["epos4", "generic", "elmo"])
 def kind(request):
+    return request.param
+
+
+@pytest.fixture(params=[{}, GENERIC], ids=["epos4", "generic"])
+def movable(request):
+    """Those whose EMCY may be moved; Elmo's 1014h is read-only."""
     return request.param
 
 
@@ -97,12 +104,12 @@ def test_what_was_read_may_be_written_back(kind):
         (0x1A00, 9, 0, 4, 0x06090011),
     ],
 )
-def test_each_object_refuses_what_it_cannot_be(kind, index, sub, value, size, code):
-    assert booted(kind).write(index, sub, value, size) == code
+def test_each_object_refuses_what_it_cannot_be(movable, index, sub, value, size, code):
+    assert booted(movable).write(index, sub, value, size) == code
 
 
-def test_an_emergency_that_was_moved_comes_under_its_new_identifier(kind):
-    bench = booted(kind)
+def test_an_emergency_that_was_moved_comes_under_its_new_identifier(movable):
+    bench = booted(movable)
     bench.write(0x1014, 0, 0x8000_0085, 4)
     bench.world.command("emcy right/hip 0.01 0x2310")
     bench.run_ms(20)
