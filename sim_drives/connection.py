@@ -1,6 +1,6 @@
 """What a drive does when its connection to the master fails: 1029h, 6007h, and how it ends.
 
-| code | cause | 1029h | EPOS4-like: fault | plain CiA 402: error |
+| code | cause | 1029h | EPOS4-like: fault | Elmo-like, plain CiA 402: error |
 |---|---|---|---|---|
 | 8120h | controller error-passive | | until NMT reset communication | while it lasts |
 | 8130h | heartbeat of a watched node lost | yes | until NMT reset communication | while it lasts |
@@ -10,7 +10,7 @@
 | 8250h | no target in time: 60C2h | | over at once | |
 
 A fault that is over still waits for its fault reset. What 6007h makes of a lost connection is
-rule 5 of `drive.py`; a collision is none on a plain drive. 1029h moves the NMT state: 0 from
+rule 5 of `drive.py`; only an EPOS4 takes a collision for one. 1029h moves the NMT state: 0 from
 operational to pre-operational, 1 not at all, 2 to stopped. An EMCY of a bus-off leaves when the bus
 is back.
 

@@ -12,6 +12,7 @@ Rules (numbers are SDO abort codes):
    invalid; then the old COB-ID has to be written with bit 31 first.
 5. Transmission types 241 to 253 are not supported, nor a SYNC start value above 240; inhibit time
    and SYNC start value do not change while the PDO is valid (06090030).
+6. There are no multiplexed PDOs (a count of 254 or 255 is 06090031), so no drive here says 8230h.
 """
 
 import struct
