@@ -165,8 +165,8 @@ def _tell_end(core: Core, axis: Axis, run: Preparation) -> None:
     else:
         axis.homed = axis.referenced = True
         axis.unreferenced_why = ""
-        # What was measured before has another origin.
-        axis.joint = Joint()
+        # What was measured before has another origin; where it is stays the target meanwhile.
+        axis.joint = Joint(position_si=axis.joint.position_si)
         core.events.append(f"{axis.name}: homed")
 
 
