@@ -108,6 +108,19 @@ def test_a_blocked_axis_proves_nothing(session):
     assert asked(session, HIP, witnessed=True).outcome == Outcome.REFUSED
 
 
+@pytest.mark.parametrize("fault", ["wrong_sign", "encoder_reversed"])
+def test_a_motor_or_an_encoder_the_wrong_way_round_is_found_after_a_little_motion(session, fault):
+    session.machine.command(f"{fault} right/hip")
+    before = session.truth.rows[-1].hip_angle_rad
+
+    records = sign_test(session, HIP)
+
+    assert any("against its torque" in event for event in events(records))
+    assert max(abs(row.hip_angle_rad - before) for row in session.truth.rows) < 0.15
+    assert asked(session, HIP, witnessed=True).outcome == Outcome.REFUSED
+    assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
+
+
 @pytest.mark.parametrize("fault", ["hand_switch_open right/hip", "sto_open right/hip"])
 def test_a_sign_test_stops_like_everything_else_and_proves_nothing(session, fault):
     asked(session, HIP)
