@@ -1,6 +1,7 @@
 """The service: two processes, the seam between them, configuration and the wire contract.
 
 Reading order: `record.py` (the words for everything), `core/` (the cycle), `seam.py` (ring and
-sockets), `gateway/` (Zenoh), `wire.py` with `words.py` (what programs outside rely on), `config/`,
+sockets), `gateway/` (Zenoh), `wire.py` with `words.py` and
+`leg_messages.py` (what programs outside rely on), `config/`,
 `causes.py` (each stop in words, and its category), `clock.py` and `sd_notify.py`.
 """

@@ -171,7 +171,7 @@ FIXED_CATEGORY: Final[dict[Cause, StopCategory]] = {
     Cause.COMMAND_NOT_FINITE: StopCategory.S1,
     Cause.STOP_NOT_OBEYED: StopCategory.S0,
 }
-"""Fixed by the design, section 5: a file cannot choose them."""
+"""Fixed by the design: a file cannot choose them."""
 
 DOUBTFUL_FEEDBACK: Final = frozenset({Cause.ENCODER_FROZEN, Cause.ENCODER_JUMP, Cause.UNREFERENCED})
 """S0 for the axis of the cause, S1 for all others."""

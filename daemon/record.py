@@ -18,7 +18,7 @@ STATE_COUNT: Final = 8
 
 
 class Mode(IntEnum):
-    """The service's modes (design 4.5). Everything from HOLD on drives the legs."""
+    """The service's modes. Everything from HOLD on drives the legs."""
 
     OFF = 0
     BRINGING_UP = 1
@@ -41,7 +41,7 @@ class Mode(IntEnum):
 
 
 class StopCategory(IntEnum):
-    """How to stop, milder first (design 5)."""
+    """How to stop, milder first."""
 
     NONE = 0
     S2 = 1

@@ -10,7 +10,7 @@ In the cycle, in reading order:
     nmt, emcy    SYNC, heartbeats, boot-up, emergencies (texts: emcy_codes); bus_state: bus-off
 Before the cycle:
     profile      what configs/drives/ may say: axis_file (one drive), torque (units and bases),
-                 option_codes (what a drive does by itself)
+                 option_codes (what a drive does by itself), homing
     plan         bring-up as a list of steps that can be printed (steps: one of them)
     bringup      runs the plan: objects (one object each), presence (who else is on the bus), port
                  (what it needs of the world), configurator (that, over a bus, with canopen's SDO

@@ -20,9 +20,6 @@ HEARTBEAT_ID: Final = 0x700
 
 SYNC_FRAME: Final = Frame(SYNC_ID, b"")
 """Without counter (1019h = 0)."""
-SYNC_COUNTER_MIN: Final = 2
-SYNC_COUNTER_MAX: Final = 240
-"""1019h: the last value before the counter begins again; 0 is no counter, all else is reserved."""
 
 _KNOWN: Final = {state.value: state for state in NmtState if state is not NmtState.UNKNOWN}
 

@@ -9,7 +9,6 @@ What CiA leaves to the maker must be stated, with `true` or `false`: an object t
 of must not be one that is silently not written.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Annotated, Final, Literal, NamedTuple
@@ -233,20 +232,6 @@ def describe(name: str, profile: DriveProfile, axis: AxisFile, eds: str) -> Driv
     _check_motor(profile, axis)
     check_homing(profile.homing, axis.homing)
     return DriveDescription(name, profile, axis, eds)
-
-
-def check_nodes(descriptions: Sequence[DriveDescription], master_node_id: int) -> None:
-    """Every node on the bus has a number of its own.
-
-    Raises:
-        DescriptionError: naming the second drive of a pair.
-    """
-    taken = {master_node_id: "the master"}
-    for description in descriptions:
-        owner = taken.setdefault(description.node_id, description.name)
-        if owner != description.name:
-            free = f"a node id of its own; this one belongs to {owner}"
-            raise DescriptionError("axis", "node_id", description.node_id, free)
 
 
 def _check_torque_objects(profile: DriveProfile) -> None:

@@ -95,7 +95,7 @@ def print_tables(tables: tuple[Section, ...]) -> None:
 
 
 def _axes(report: "Report") -> Section:
-    columns = ("axis", "node", "drive", "one count", "one per mille", "one mA", "torque limit")
+    columns = ("axis", "node", "drive", "one count", "one of 6071h", "one mA", "torque limit")
     rows = tuple(_axis(axis) for axis in report.axes)
     return Section(f"At the joint, with {report.patient} in the machine", columns, rows)
 

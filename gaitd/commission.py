@@ -27,7 +27,11 @@ MOTIONS: Final = {
 def command(
     axis: Annotated[str, typer.Argument(help="LEG/AXIS, for example right/hip")],
     witnessed: Annotated[
-        bool, typer.Option("--witnessed", help="I watch, and will see it as described: do not ask.")
+        bool,
+        typer.Option(
+            "--witnessed",
+            help="I watch, and will see it as described: do not ask. Needed with --json.",
+        ),
     ] = False,
     config: ConfigOption = None,
     endpoint: EndpointOption = None,
@@ -48,7 +52,10 @@ def command(
         raise typer.Exit(ending)
     if not as_json:
         print(ending.text)
-    seen = ending.good and (witnessed or typer.confirm(f"Did you see that {described}?"))
+    asked = not (witnessed or as_json) and ending.good
+    seen = ending.good and (
+        witnessed or (asked and typer.confirm(f"Did you see that {described}?"))
+    )
     if as_json:
         print(json.dumps({"axis": axis, "moves_with_its_torque": ending.good, "witnessed": seen}))
     if not seen:

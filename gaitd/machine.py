@@ -264,7 +264,7 @@ def systemd(root: Path) -> Finding:
     ).stdout.split()
     version = int(said[1]) if len(said) > 1 and said[1].isdigit() else 0
     if _read(root / "proc/1/comm") != "systemd":
-        remedy = "the units of systemd/ need it as the first process; `gaitd run` does not"
+        remedy = "not needed: `gaitd run` starts both halves"
         return Finding("systemd", f"{version}, not the first process", Grade.MISSING, remedy)
     grade = Grade.GOOD if version >= SYSTEMD_MIN else Grade.LIMITED
     return Finding("systemd", str(version), grade, "" if grade is Grade.GOOD else "252 or newer")

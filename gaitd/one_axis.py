@@ -36,7 +36,7 @@ def prepare(target: Target, mode: str, axis: str, good: str, *, as_json: bool) -
         mode: `reference` or `commission`.
         axis: LEG/AXIS.
         good: what the service says of the axis when all went well.
-        as_json: nothing but the last line is printed then.
+        as_json: one JSON object a line, and nothing else, is printed then.
     """
     before = _status(target)
     if before is None:
@@ -61,6 +61,7 @@ def _follow(target: Target, axis: str, good: str, last_id: str, *, quiet: bool) 
         calm = calm + 1 if safety.mode in OVER_MODES else 0
         if calm > CALM_POLLS:
             return _ending(status, axis, good, last_id)
+    print(f"{axis}: it did not end within {PATIENCE_S:g} s", file=sys.stderr)
     return EXIT_NO_ANSWER
 
 

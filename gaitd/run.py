@@ -1,4 +1,4 @@
-"""`gaitd run`: core and gateway for a desk or a demo; on a trainer systemd runs the two units."""
+"""`gaitd run`: core and gateway for a desk or a demo."""
 
 import ctypes
 import signal

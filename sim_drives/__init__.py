@@ -4,6 +4,7 @@ The slave's side of CANopen, written from the standard on raw frames; it shares 
 with `drives/`, so that a mistake on one side does not cancel out on the other. Reading order:
 
     settings, plant_settings    what plant.toml may say
+    frame, line, timers         a frame, a station's way to the bus, time in ns
     actuation, plant_port       what passes between protocol and mechanics
     dictionary, aborts          the object dictionary from an EDS, its rules
     sdo_server                  access by SDO: at once, in sdo_segments, in blocks (sdo_block)
@@ -17,7 +18,7 @@ with `drives/`, so that a mistake on one side does not cancel out on the other. 
     motion, target_watch        modes, targets, limits; targets that stay away
     homing                      the ways to a reference
     measurement                 process values
-    personality, scaling        what two makes of drive do differently; units
+    personality, scaling        what makes of drive do differently; units
     storage, node               saved parameters; all of it as one station on the bus
     one_leg, world              nodes and plant from event to event, in lock-step
     fault_rules, faults         what goes wrong, by script and command

@@ -1,6 +1,6 @@
 """What really happens in the plant, for comparison only: the service never sees it.
 
-`TruthLog` writes one row per SYNC. The first columns are those of a recording (design 4.3), with
+`TruthLog` writes one row per SYNC. The first columns are those of a recording, with
 the mean torque and force since the row before, so `gaitd replay` reads the file as it is; the
 columns behind them are what the observer estimates, and what no observer can know.
 """

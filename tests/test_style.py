@@ -197,6 +197,19 @@ def test_the_only_broad_catch_is_the_one_that_stops_the_machine():
     assert found <= {"daemon/core/loop.py"}
 
 
+GUIDED = ("daemon", "daemon/config", "daemon/core", "daemon/gateway", "drives", "sim_drives")
+
+
+@pytest.mark.parametrize("folder", GUIDED)
+def test_a_package_tells_where_each_of_its_files_is_read(folder):
+    guide = ast.get_docstring(ast.parse(text_of(PROJECT / folder / "__init__.py"))) or ""
+    words = set(re.findall(r"\w+", guide))
+
+    untold = {file.stem for file in (PROJECT / folder).glob("*.py")} - words - {"__init__"}
+
+    assert not untold
+
+
 @pytest.mark.parametrize("package", PACKAGES)
 def test_an_init_file_holds_only_its_docstring(package):
     for file in (PROJECT / package).rglob("__init__.py"):

@@ -75,7 +75,7 @@ class Communication(Table, frozen=True):
 
 
 class Stop(Table, frozen=True):
-    """How stopping is judged (escalation, design 5)."""
+    """How stopping is judged (escalation: daemon/core/stopping.py)."""
 
     obey_cycles: Annotated[int, Meta(ge=1, le=20)]
     """Cycles until a drive must show the state that it was sent into."""

@@ -250,7 +250,7 @@ class Excite(Table, frozen=True):
 
 
 class Reference(Table, frozen=True):
-    """When an absolute encoder is believed after a start (design 4.5)."""
+    """When an absolute encoder is believed after a start (docs/first_start.md)."""
 
     pose_tolerance_deg: Annotated[float, Meta(gt=0, le=360)]
     """How far the hip may be from where it was left."""

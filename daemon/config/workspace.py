@@ -26,7 +26,7 @@ Pair = tuple[float, float]
 """Hip and slide."""
 
 REACTION_S: Final = 0.03
-"""Fault frame to the ramp's begin in both drives: 20 ms and a window (design, budgets)."""
+"""Fault frame to the ramp's begin in both drives: 20 ms and a window."""
 RAMP_STEP_S: Final = 0.005
 COAST_STEP_S: Final = 0.005
 """Half a cycle: with eq. (11) solved exponentially this is the filter's own, stable step."""

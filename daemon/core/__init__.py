@@ -1,7 +1,20 @@
 """The core: everything between the CAN frames of one cycle and the frames of the next.
 
-Reading order: `cycle.py` (one cycle, the whole story), then in its order `joints.py`, `safety.py`,
-`modes.py`, `stopping.py`, `guidance.py` with `reference.py` and `targets.py`; `loop.py` turns them
-on the 10 ms grid (`grid.py`) and the bus (`line.py`, `load_meter.py`), and `process.py` puts a core
-together from its configuration. All but these are pure.
+Reading order:
+    cycle                            one cycle, the whole story
+    state, tick, limits              what it has: the core, the moment, the limits
+    joints, sampling                 what the drives say, in SI
+    friction_watch, looking_back     what the observer adds: drift, smoother, strides
+    inbox                            what the gateway asks
+    safety                           reasons to stop
+    conduct, modes, requests, transition, stopping    what becomes of reasons and requests
+    plans, reference, guidance, targets               where a leg is wanted, what its drives get
+    preparation, preparing           one axis at a time: homing, proof of its sign
+    axis_notes, poses                what outlives a restart
+    recording                        the record of it all
+    bringing                         before: from off to ready
+Around it, and not pure:
+    loop, grid, line, load_meter     the 10 ms grid and the bus
+    notebook                         the file of the axis notes
+    build, warm, realtime, process   a core from its configuration, in its process
 """

@@ -1,6 +1,6 @@
 """What is kept of each axis across restarts: where it was left, and that its sign is proven.
 
-Pure: `notebook.py` reads and writes the file. Rules (design 4.5):
+Pure: `notebook.py` reads and writes the file. Rules:
 
 1.  The pose is noted while nothing is driven: at rest, referenced, with a sample of this cycle. So
     what is stored is the last orderly stop, and where the leg was moved to by hand afterwards.

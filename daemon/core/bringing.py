@@ -32,7 +32,11 @@ def bring_up_core(
         steps = bring_up(plans, port, cycle, may_switch_off=core.reset_cycles_left > 0)
         reports = yield from _told(core, steps)
     except BringUpRefused as refused:
+        # Without a homing a drive may still be what the files describe: brought up as usual.
+        preparing = core.preparation is not None
         fail(core, Cause.BRING_UP_FAILED, refused.drive, str(refused))
+        if preparing:
+            return False
         raise
     except DrivePowered as powered:
         _wait_for_reset(core, powered)
@@ -55,6 +59,8 @@ def _wait_for_reset(core: Core, powered: DrivePowered) -> None:
         core.config.categories.of(cause), cause, powered.drive, detail=powered.state
     )
     core.mode = modes.next_mode(core.mode, Event.DRIVE_FAULTY)
+    core.preparation = None
+    core.reset_cycles_left = 0
     core.events.append(str(powered))
     core.progress = ""
 
@@ -68,10 +74,11 @@ def fail(core: Core, cause: Cause, drive: str, detail: str) -> None:
         core.events.append(f"bring-up failed: {detail}")
     core.verdict = verdict
     core.preparation = None
+    core.reset_cycles_left = 0
     core.progress = ""
     for axis in core.axes:
-        # What was not there may have been without power, and with it its home.
-        axis.homed = axis.homed and bool(drive) and axis.name != drive
+        # Nobody has looked at the others either: each may have been without power, and its home.
+        axis.homed = False
 
 
 def _told(
@@ -121,10 +128,12 @@ def _errors_found(report: DriveReport) -> Iterator[str]:
 
 def _begin(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> None:
     axis.scaling = axis_scaling(plan.description, report.base)
+    if axis.serial_number != report.serial_number:
+        core.evidence.pop(axis.name, None)  # of another drive
     axis.serial_number = report.serial_number
     axis.sign_proven = proven(core.notes, axis.name, axis.wiring, report.serial_number)
     axis.homed = axis.homed and not report.reference_lost
-    axis.unreferenced_why = _why_unreferenced(core, axis, report)
+    axis.unreferenced_why = _why_unreferenced(core, axis, plan, report)
     axis.referenced = not axis.unreferenced_why
     axis.joint = Joint()
     axis.feedback = None
@@ -134,11 +143,12 @@ def _begin(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> None
     axis.emergencies_seen = 0
 
 
-def _why_unreferenced(core: Core, axis: Axis, report: DriveReport) -> str:
+def _why_unreferenced(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> str:
     """Empty for an axis that knows its position: homed, or where an absolute encoder was left."""
     if report.reference_lost:
         return "its encoder is in error"
-    if axis.homed:
+    says_so = plan.description.profile.referenced_bit is not None
+    if axis.homed and (report.homed or not says_so):
         return ""
     if not report.absolute:
         return "" if report.homed else "home it"

@@ -109,6 +109,8 @@ def _take_resting_verdict(core: Core, found: Verdict) -> None:
     if found.cause in LOST_DRIVE or found.cause in _BUS_CAUSES:
         core.verdict = found
         core.drives = None
+        core.preparation = None
+        core.reset_cycles_left = 0
         enter(core, Event.DRIVES_LOST)
     elif core.reset_cycles_left == 0:
         core.verdict = found
@@ -165,6 +167,7 @@ def lose_bus(core: Core, what: str) -> None:
     core.drives = None
     core.disabling = False
     core.preparation = None
+    core.reset_cycles_left = 0
     for axis in core.axes:
         axis.feedback, axis.stop, axis.joint = None, None, Joint()
         axis.homed = False

@@ -59,6 +59,7 @@ def rest(core: Core, levels: Sequence[Level], tick: Tick) -> CycleRecord:
     """One cycle without drives: nothing to sense and nothing to send, but heard and told."""
     orders = inbox.hear(core, levels, tick.cycle)
     requests.answer(core, orders, tick.cycle, tick.sync_utc_ns)
+    requests.finish_request(core)
     return recording.record(core, tick)
 
 
@@ -101,16 +102,9 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
 
 
 def _measured(core: Core, axis: Axis, feedback: DriveFeedback, tick: Tick) -> joints.Joint:
-    joint = joints.measure(axis.joint, feedback, axis.scaling, tick.sync_ns)
-    if not preparing.is_homing(core, axis) or not joint.elapsed_s:
-        return joint
-    reach_si = (
-        core.config.thresholds.encoder_jump_ratio * axis.limits.velocity_max_si * joint.elapsed_s
-    )
-    if abs(joint.step_si) <= reach_si:
-        return joint
-    # Home has been found: positions count from another origin now.
-    return joints.measure(joints.Joint(), feedback, axis.scaling, tick.sync_ns)
+    # Once home is found positions count from another origin: no motion leads there.
+    before = joints.Joint() if preparing.finds_home(core, axis, feedback) else axis.joint
+    return joints.measure(before, feedback, axis.scaling, tick.sync_ns)
 
 
 def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:

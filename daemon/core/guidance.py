@@ -20,7 +20,7 @@ from daemon.core import conduct, preparing, safety, stopping, targets
 from daemon.core.reference import GaitPlay, Reference
 from daemon.core.state import Axis, Core, Leg
 from daemon.record import Cause, Verdict
-from drives.signals import DriveCommand, OperationMode, PowerRequest, PowerState
+from drives.signals import DriveCommand, OperationMode, PowerRequest
 from drives.units import effort_to_permille, position_to_counts
 
 STILL_CYCLES: Final = 5
@@ -184,7 +184,7 @@ def _power(core: Core, axis: Axis) -> PowerRequest:
     if conduct.enable_wanted(core, axis):
         run = core.preparation
         return PowerRequest.HOME if run is not None and run.searching else PowerRequest.ENABLE
-    faulty = axis.feedback is not None and axis.feedback.power_state == PowerState.FAULT
-    if core.reset_cycles_left > 0 and faulty:
+    if core.reset_cycles_left > 0:
+        # Whatever it shows meanwhile: one request is one edge (`cia402.py`).
         return PowerRequest.FAULT_RESET
     return PowerRequest.DISABLE_VOLTAGE

@@ -57,7 +57,7 @@ STATUS_CYCLES: Final = 100
 
 
 class ExitCode(IntEnum):
-    """How the process ends (design 4.1)."""
+    """How the process ends."""
 
     ENDED = 0
     CONFIGURATION = 2
@@ -192,6 +192,8 @@ class Loop:
             answer = cycle.react(self._core, frames, self._tick(self._clock.now_ns()))
             if answer:
                 self._line.send_urgent(answer, self._grid.due_ns)
+            if self._clock.now_ns() >= self._grid.due_ns:
+                return  # somebody babbles: SYNC does not wait for silence
 
     def _cycle_once(self, levels: Sequence[Level]) -> CycleRecord:
         begun_ns = self._clock.now_ns()
@@ -236,14 +238,15 @@ class Loop:
         line.send(outgoing)
         missing = set(drives.cyclic_ids)
         frames: list[Frame] = []
+        window_end_ns = sync_ns + settings.window_ns
         # After an incomplete window the whole of this one is waited for: what comes first may be
         # the answer that was late.
         while missing or not self._was_complete:
-            came = line.receive_until(sync_ns + settings.window_ns)
-            if not came:
-                break
+            came = line.receive_until(window_end_ns)
             frames += came
             missing -= {frame.can_id for frame in came}
+            if not came or self._clock.now_ns() >= window_end_ns:
+                break
         self._was_complete = not missing
         return frames
 

@@ -39,6 +39,7 @@ class Stage(Enum):
     FAILED = "failed"
 
 
+HOME_FOUND: Final = frozenset({HomingState.ATTAINED, HomingState.DONE})
 OVER: Final = frozenset({Stage.DONE, Stage.FAILED})
 
 HOMING_BEGIN_CYCLES: Final = 20
@@ -84,6 +85,8 @@ class Homing:
     stage: Stage = Stage.WAITING
     cycles: int = 0
     """In this stage."""
+    found: HomingState | None = None
+    """ATTAINED or DONE, whichever has been shown last: with either, positions may count anew."""
     begun: bool = False
     """What the drive shows of home is of this homing."""
     why: str = ""
@@ -145,7 +148,7 @@ def advance(preparation: Preparation, seen: Seen) -> Preparation:
 def _advance_homing(run: Homing, seen: Seen) -> Preparation:
     if run.stage is Stage.ENABLING and seen.ready:
         # A home of earlier times may still be shown: then only what follows motion is news.
-        begun = seen.homing is not HomingState.DONE
+        begun = seen.homing in {HomingState.NOT_STARTED, HomingState.IN_PROGRESS}
         return replace(run, stage=Stage.SEARCHING, cycles=0, begun=begun)
     if run.stage is not Stage.SEARCHING:
         return run
@@ -153,10 +156,11 @@ def _advance_homing(run: Homing, seen: Seen) -> Preparation:
         return _failed(run, "the drive reports a homing error")
     if run.cycles > run.rules.timeout_cycles:
         return _failed(run, f"home was not found in time; the drive says: {seen.homing.value}")
-    if seen.homing in {HomingState.IN_PROGRESS, HomingState.ATTAINED}:
+    if seen.homing is HomingState.IN_PROGRESS:
         return replace(run, begun=True)
-    if seen.homing is HomingState.DONE and run.begun:
-        return replace(run, stage=Stage.DONE)
+    if run.begun and seen.homing in HOME_FOUND:
+        stage = Stage.DONE if seen.homing is HomingState.DONE else run.stage
+        return replace(run, stage=stage, found=seen.homing)
     if run.cycles > HOMING_BEGIN_CYCLES:
         return _failed(run, f"the drive does not home; it says: {seen.homing.value}")
     return run

@@ -9,19 +9,19 @@ the reset after it brings the drives up with their usual limits.
 """
 
 import math
+from dataclasses import replace
 
 from daemon.core import preparation, stopping
 from daemon.core.axis_notes import prove, with_proof
-from daemon.core.joints import Joint
 from daemon.core.limits import AxisLimits
 from daemon.core.modes import Event
-from daemon.core.preparation import OVER, Homing, Preparation, Seen, SignTest, Stage
+from daemon.core.preparation import HOME_FOUND, OVER, Homing, Preparation, Seen, SignTest, Stage
 from daemon.core.state import Axis, Core
 from daemon.core.stopping import Step
 from daemon.core.transition import enter
 from daemon.record import Mode, ModeRequest
 from drives.cia402 import homing_state
-from drives.signals import HomingState, OperationMode
+from drives.signals import DriveFeedback, HomingState, OperationMode
 
 MODES = frozenset({Mode.REFERENCE, Mode.COMMISSION})
 
@@ -35,6 +35,17 @@ def is_homing(core: Core, axis: Axis) -> bool:
     """Whether this axis is moved by its drive's own homing."""
     run = core.preparation
     return isinstance(run, Homing) and run.axis == axis.name
+
+
+def finds_home(core: Core, axis: Axis, feedback: DriveFeedback) -> bool:
+    """Whether this sample is the first that says that home is attained, or reached."""
+    run = core.preparation
+    if not isinstance(run, Homing) or run.axis != axis.name or not run.begun:
+        return False
+    if feedback.mode_display != OperationMode.HOMING:
+        return False
+    shown = homing_state(feedback.statusword)
+    return shown in HOME_FOUND and shown is not run.found
 
 
 def limits_in_force(core: Core, axis: Axis) -> AxisLimits:
@@ -97,6 +108,14 @@ def _believe(core: Core, axis: Axis, utc_ns: int) -> None:
     core.notes = with_proof(core.notes, axis.name, proof)
     axis.sign_proven = True
     core.events.append(f"{axis.name}: its sign is proven, {preparation.evidence(test)}")
+
+
+def cancel(core: Core, why: str) -> None:
+    """Do not go on with it: what has not begun does not begin, and the usual limits come back."""
+    run = core.preparation
+    if run is not None and run.stage not in OVER:
+        core.preparation = replace(run, stage=Stage.FAILED, why=why)
+        core.events.append(f"{run.axis}: failed: {why}")
 
 
 def bring_up_anew(core: Core) -> None:
@@ -165,8 +184,6 @@ def _tell_end(core: Core, axis: Axis, run: Preparation) -> None:
     else:
         axis.homed = axis.referenced = True
         axis.unreferenced_why = ""
-        # What was measured before has another origin; where it is stays the target meanwhile.
-        axis.joint = Joint(position_si=axis.joint.position_si)
         core.events.append(f"{axis.name}: homed")
 
 

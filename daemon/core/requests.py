@@ -3,6 +3,7 @@
 from daemon.core import modes, plans, preparing, reference, stopping
 from daemon.core.inbox import Orders
 from daemon.core.modes import Event
+from daemon.core.preparation import OVER
 from daemon.core.reference import ExcitePlay, GaitPlay
 from daemon.core.state import Core, Leg
 from daemon.core.stopping import Step
@@ -28,6 +29,8 @@ RESET_CYCLES = 100
 def answer(core: Core, orders: Orders, cycle: int, utc_ns: int) -> None:
     """Judge a new request and act on it; its outcome may come now or later."""
     request = orders.request
+    if orders.stop:
+        preparing.cancel(core, "somebody asked to stop")
     if request is None:
         return
     if core.request is not None:
@@ -36,7 +39,7 @@ def answer(core: Core, orders: Orders, cycle: int, utc_ns: int) -> None:
     reason = modes.refusal(request.kind, request.mode, _circumstances(core, cycle))
     if cycle - request.for_cycle > STALE_REQUEST_CYCLES:
         reason = f"made for cycle {request.for_cycle}, it is {cycle} now"
-    if orders.stop and request.kind == RequestKind.ENABLE:
+    if orders.stop and (request.kind == RequestKind.ENABLE or _prepares(request)):
         reason = "somebody asked to stop at the same time"
     if not reason and request.mode.mode in {Mode.GAIT, Mode.EXCITE}:
         reason = _refuse_way(core)
@@ -89,7 +92,7 @@ def _act(core: Core, kind: RequestKind, wanted: ModeRequest, cycle: int) -> None
             leg.plan = plans.brake(leg)
             for axis in leg.axes:
                 axis.stop = stopping.begin(_milder_end(core), axis.joint, cycle)
-        core.preparation = None
+        preparing.cancel(core, "somebody asked to disable")
     elif kind == RequestKind.RESET:
         enter(core, Event.RESET)
         core.drives = None
@@ -155,7 +158,8 @@ def _excite(core: Core, leg: Leg, wanted: ModeRequest) -> ExcitePlay:
 def _circumstances(core: Core, cycle: int) -> modes.Circumstances:
     config = core.config
     fresh = [axis for axis in core.axes if axis.feedback is not None and axis.joint.fresh]
-    inputs = [axis.feedback.inputs for axis in fresh if axis.feedback is not None]
+    # The newest that each drive has said: one sample that is lost opens no switch and closes none.
+    inputs = [axis.feedback.inputs for axis in core.axes if axis.feedback is not None]
     return modes.Circumstances(
         mode=core.mode,
         gateway_alive=cycle - core.level_cycle <= config.thresholds.gateway_silence_cycles,
@@ -200,13 +204,21 @@ def finish_request(core: Core) -> None:
     core.request = None
 
 
+def _begun(core: Core, mode: Mode) -> tuple[Outcome, str]:
+    run = core.preparation
+    if core.mode == mode:
+        return Outcome.DONE, ""
+    if run is None or run.stage in OVER:
+        return Outcome.REFUSED, run.why if run is not None else "the drives could not be prepared"
+    return Outcome.PENDING, ""
+
+
 def _outcome(core: Core, request: Request) -> tuple[Outcome, str]:
     kind = request.kind
     if core.verdict.cause != Cause.NONE:
         return Outcome.REFUSED, describe(core.verdict)
     if _prepares(request) and not request.mode.witnessed:
-        begun = core.mode == request.mode.mode
-        return (Outcome.DONE if begun else Outcome.PENDING), ""
+        return _begun(core, request.mode.mode)
     done = {
         RequestKind.ENABLE: core.load_checked,
         RequestKind.DISABLE: core.mode == Mode.READY,

@@ -1,4 +1,4 @@
-"""The mutable part of the core: what one cycle leaves for the next. Only `cycle.py` changes it."""
+"""The mutable part of the core: what one cycle leaves for the next."""
 
 from dataclasses import dataclass, field
 

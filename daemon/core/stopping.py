@@ -1,7 +1,7 @@
 """How a latched verdict becomes what each drive is told, and what happens if it does not obey.
 
 Rules:
-1. The verdict's category says how (design 5): S2 keeps the drives enabled and the core brakes and
+1. The verdict's category says how: S2 keeps the drives enabled and the core brakes and
    holds; S1 is a quick stop of every drive, held there, or off after standstill where the axis
    has a brake; S0 is disable voltage.
 2. Doubtful feedback of an axis is S0 for it and S1 for all others: no axis is asked to hold by an

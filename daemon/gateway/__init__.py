@@ -1,6 +1,7 @@
 """The gateway: everything that a network can reach, and nothing that can reach the CAN bus.
 
 Reading order: `service.py` (one turn of the loop), `translate.py` (what may be shown), `control.py`
-(requests), `alive.py`, `events.py` and `health.py` (what is made from many records), then the
+(requests), `alive.py`, `events.py`, `emergencies.py`, `strides.py` and `health.py` (what is made
+from many records), then the
 outside: `endpoints.py`, `session.py` and `publish.py` (Zenoh), `process.py` (the loop itself).
 """

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Final
 
 SILENCE_NS: Final = 200_000_000
-"""Without a record for longer than this, nothing of the core is valid any more (design 4.4)."""
+"""Without a record for longer than this, nothing of the core is valid any more."""
 
 
 @dataclass(slots=True)

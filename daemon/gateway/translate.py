@@ -1,6 +1,6 @@
 """Records into messages: what may be shown is decided here, and only here.
 
-Rules of validity, per axis of a leg (design section 3):
+Rules of validity, per axis of a leg:
 
     ok                   everything is given
     split_unobservable   pose, speed and net value are given; patient and friction are null

@@ -216,3 +216,78 @@ def test_the_configuration_of_a_real_trainer_asks_for_proven_signs_and_a_stored_
 
     assert 'signs = "proven"' in text
     assert 'without_stored_pose = "home"' in text
+
+
+# --- what may come between the request and the motion ---------------------------------------------
+
+
+def begun_and_not_moving(session):
+    """Asked for, and the drives are not up again yet."""
+    session.lockstep.gateway.ask(RequestKind.MODE, ModeRequest(Mode.COMMISSION, axis=HIP))
+    session.lockstep.run_until(lambda record: record.mode == Mode.OFF, within_s=5)
+
+
+def never_enabled(session, since, within_s=8.0):
+    session.lockstep.run(within_s)
+    states = {d.power_state for r in session.lockstep.records[since:] for d in r.drives}
+    assert PowerState.OPERATION_ENABLED not in states
+    assert session.lockstep.gateway.outcome().outcome == Outcome.REFUSED
+
+
+def torque_limits_ma(session):
+    return [
+        struct.unpack_from("<I", frame.data, 4)[0]
+        for frame in session.lockstep.bus.sent
+        if frame.can_id == 0x605 and frame.data[:4] == bytes.fromhex("23013002")
+    ]
+
+
+def test_a_stop_between_the_request_and_the_motion_is_not_lost(session):
+    since = len(session.lockstep.records)
+    begun_and_not_moving(session)
+
+    session.lockstep.gateway.stop()
+    never_enabled(session, since)
+
+    assert session.lockstep.record.mode == Mode.READY
+    assert torque_limits_ma(session)[-1] == torque_limits_ma(session)[0]
+
+
+def test_a_stop_together_with_the_request_refuses_it(session):
+    since = len(session.lockstep.records)
+    session.lockstep.gateway.stop()
+
+    session.lockstep.gateway.ask(RequestKind.MODE, ModeRequest(Mode.COMMISSION, axis=HIP))
+    never_enabled(session, since, within_s=3.0)
+
+
+def test_a_drive_that_is_lost_before_the_motion_ends_the_request_for_good(session):
+    since = len(session.lockstep.records)
+    begun_and_not_moving(session)
+
+    session.machine.command("unplugged right/slide 3.0")
+    never_enabled(session, since, within_s=10.0)
+
+    assert session.lockstep.record.mode == Mode.READY
+    assert session.lockstep.request(RequestKind.RESET).outcome == Outcome.DONE
+
+
+def test_a_sign_test_that_is_disabled_leaves_the_usual_limits(session):
+    asked(session, HIP)
+    session.lockstep.run_until(lambda record: record.mode == Mode.COMMISSION, within_s=10)
+    session.lockstep.run(0.3)
+
+    assert session.lockstep.request(RequestKind.DISABLE).outcome == Outcome.DONE
+    session.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
+
+    full_ma, gentle_ma, again_ma = torque_limits_ma(session)
+    assert full_ma == again_ma > gentle_ma
+
+
+def test_a_drive_that_is_swapped_after_its_test_is_not_proven_by_it(session):
+    sign_test(session, HIP)
+    session.machine.command("wrong_identity right/hip")
+    session.lockstep.run(6.0)
+    session.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
+
+    assert asked(session, HIP, witnessed=True).outcome == Outcome.REFUSED

@@ -1,5 +1,7 @@
 """Every fault of the virtual machine ends in a stop of both axes with its cause named."""
 
+from itertools import pairwise
+
 import pytest
 from sessions import Session
 
@@ -220,3 +222,21 @@ def test_a_shutdown_stops_first_and_leaves_the_drives_without_power():
     record = session.lockstep.record
     assert record.verdict.cause == Cause.SHUTDOWN
     assert {drive.power_state for drive in record.drives} == {PowerState.SWITCH_ON_DISABLED}
+
+
+def test_one_reset_is_one_edge_also_of_a_drive_whose_cause_lasts():
+    session = Session().enabled()
+    session.machine.command("emcy right/hip - 0x2310")
+    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+    begun = len(session.lockstep.bus.sent)
+
+    session.lockstep.request(RequestKind.RESET)
+    session.lockstep.run(2.0)
+
+    words = [
+        int.from_bytes(frame.data[:2], "little")
+        for frame in session.lockstep.bus.sent[begun:]
+        if frame.can_id == 0x205
+    ]
+    rises = sum(new & ~old & 0x80 != 0 for old, new in pairwise(words))
+    assert rises == 1

@@ -1,4 +1,4 @@
-"""Where an axis is after a start: homed, or where it was left (design: modes, `ready`)."""
+"""Where an axis is after a start: homed, or where it was left."""
 
 import math
 from itertools import pairwise
@@ -227,3 +227,27 @@ def test_a_service_that_is_asked_to_end_waits_for_the_leg_to_rest_and_stores_whe
     assert abs(last.slide_velocity_m_per_s) < 0.06
     assert notes.of(HIP).position_si == pytest.approx(last.hip_angle_rad, abs=0.002)
     assert notes.of(SLIDE).position_si == pytest.approx(last.slide_position_m, abs=0.002)
+
+
+def test_a_drive_that_cannot_home_is_brought_up_as_before_and_the_request_refused(tmp_path):
+    configs = changed_configs(tmp_path, *EMPTY, ("plant.toml", "homes = true", "homes = false"))
+    session = Session(configs).until_ready()
+
+    answer = asked(session, HIP)
+    session.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
+
+    assert answer.outcome == Outcome.REFUSED
+    assert "it knows homing" in answer.reason
+    session.lockstep.run(0.2)
+    assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.DONE
+
+
+def test_an_absolute_encoder_can_be_homed_too(tmp_path):
+    session = Session(changed_configs(tmp_path, *EMPTY)).until_ready()
+
+    home(session, HIP)
+
+    truth = session.truth.rows[-1]
+    assert session.lockstep.record.drives[0].position_si == pytest.approx(
+        truth.hip_angle_rad, abs=3e-4
+    )

@@ -1,6 +1,5 @@
 import copy
 import re
-from dataclasses import replace
 from typing import get_args
 
 import msgspec
@@ -24,7 +23,6 @@ from drives.emcy_codes import EmergencyTable, meaning
 from drives.errors import DescriptionError
 from drives.pdo import layouts
 from drives.plan import plan
-from drives.profile import check_nodes
 from drives.steps import StepKind
 
 NAMES = [name for name in AXES if (FOLDER / table(f"{name}.toml")["eds"]).is_file()]
@@ -364,16 +362,6 @@ def test_a_slow_pdo_without_anything_in_it_is_refused():
 
     with pytest.raises(DescriptionError, match="TPDO3 would be empty"):
         join(axis, profile, "hip_generic")
-
-
-def test_a_node_number_belongs_to_one_drive_and_not_to_the_master():
-    hip, slide = drive("hip_epos4"), drive("slide_epos4")
-
-    check_nodes((hip, slide), master_node_id=1)
-    with pytest.raises(DescriptionError, match="the master"):
-        check_nodes((hip, slide), master_node_id=6)
-    with pytest.raises(DescriptionError, match="right/hip"):
-        check_nodes((hip, slide, replace(hip, name="left/hip")), master_node_id=1)
 
 
 @pytest.mark.parametrize("profile", PROFILES)

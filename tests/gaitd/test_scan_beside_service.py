@@ -4,9 +4,10 @@ from contextlib import closing
 
 import pytest
 from drive_files import CYCLE, HIP_LIMITS
+from msgspec.structs import replace
 from sessions import Session, changed_configs
 
-from daemon.record import Mode, ModeRequest, RequestKind
+from daemon.record import BusRecord, Mode, ModeRequest, RequestKind
 from drives.bus import Frame
 from drives.configurator import Configurator
 from drives.dump import read_objects, readable
@@ -21,6 +22,11 @@ from gaitd.lockstep import WorldClock
 from sim_drives.frame import Frame as WorldFrame
 
 MBIT = 1_000_000
+
+
+def what_it_did(session):
+    """Its records but for what they count of the bus, on which there is more now."""
+    return [replace(record, bus=BusRecord()) for record in session.lockstep.records]
 
 
 class SecondStation:
@@ -112,7 +118,7 @@ def test_a_scan_of_a_walking_machine_finds_it_and_changes_no_record(configs):
     assert [s.nmt_state for s in found.stations] == ["operational"] * 2
     assert [f.kind for f in found.findings] == [FindingKind.SERVICE]
     assert scanned.lockstep.record.mode == Mode.GAIT
-    assert scanned.lockstep.records == alone.lockstep.records
+    assert what_it_did(scanned) == what_it_did(alone)
     assert scanned.lockstep.bus.sent == alone.lockstep.bus.sent
 
 
@@ -129,7 +135,7 @@ def test_a_dump_of_a_walking_drive_changes_no_record(configs):
 
     values = {(entry.index, entry.sub): entry.value for entry in entries}
     assert values[0x6061, 0] == 10
-    assert read.lockstep.records == alone.lockstep.records
+    assert what_it_did(read) == what_it_did(alone)
 
 
 def test_nothing_is_stored_or_restored_while_a_service_works():

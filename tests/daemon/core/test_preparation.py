@@ -149,3 +149,10 @@ def test_an_axis_that_never_rests_fails():
 
     assert test.stage is Stage.FAILED
     assert "rest" in test.why
+
+
+def test_a_home_that_was_attained_at_another_time_is_not_believed_either():
+    stale = [S.ATTAINED, S.ATTAINED, *[S.DONE] * (HOMING_BEGIN_CYCLES + 2)]
+
+    assert homing(*stale).stage is Stage.FAILED
+    assert homing(S.ATTAINED, S.IN_PROGRESS, S.ATTAINED, S.DONE).stage is Stage.DONE
