@@ -158,8 +158,13 @@ def _excite(core: Core, leg: Leg, wanted: ModeRequest) -> ExcitePlay:
 def _circumstances(core: Core, cycle: int) -> modes.Circumstances:
     config = core.config
     fresh = [axis for axis in core.axes if axis.feedback is not None and axis.joint.fresh]
-    # The newest that each drive has said: one sample that is lost opens no switch and closes none.
-    inputs = [axis.feedback.inputs for axis in core.axes if axis.feedback is not None]
+    age_max_cycles = config.thresholds.sample_age_max_cycles
+    # One sample that is lost closes no switch; a drive that is lost holds none open for ever.
+    inputs = [
+        axis.feedback.inputs
+        for axis in core.axes
+        if axis.feedback is not None and axis.feedback.sample_age_cycles <= age_max_cycles
+    ]
     return modes.Circumstances(
         mode=core.mode,
         gateway_alive=cycle - core.level_cycle <= config.thresholds.gateway_silence_cycles,
