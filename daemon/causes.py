@@ -99,6 +99,11 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         Blame.DRIVE,
         "support the leg, then reset: the drives will be switched off",
     ),
+    Cause.DRIVE_ENABLED_UNASKED: CauseText(
+        "a drive is enabled, and not by this service",
+        Blame.MACHINE,
+        "press the emergency stop; find the other master on the bus, then reset",
+    ),
     Cause.BUS_OFF: CauseText(
         "the CAN controller went bus-off",
         Blame.MACHINE,
@@ -168,6 +173,7 @@ FIXED_CATEGORY: Final[dict[Cause, StopCategory]] = {
     Cause.STO_ACTIVE: StopCategory.S0,
     Cause.BUS_DOWN: StopCategory.S1,
     Cause.BUS_OFF: StopCategory.S1,
+    Cause.DRIVE_ENABLED_UNASKED: StopCategory.S0,
     Cause.COMMAND_NOT_FINITE: StopCategory.S1,
     Cause.STOP_NOT_OBEYED: StopCategory.S0,
 }

@@ -81,6 +81,7 @@ class Cause(IntEnum):
     BUS_OFF = 41
     TRANSMIT_QUEUE_FULL = 42
     DRIVE_POWERED = 43
+    DRIVE_ENABLED_UNASKED = 44
     # what the drive reports of the joint
     ENCODER_FROZEN = 50
     ENCODER_JUMP = 51

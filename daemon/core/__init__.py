@@ -6,7 +6,7 @@ Reading order:
     joints, sampling                 what the drives say, in SI
     friction_watch, looking_back     what the observer adds: drift, smoother, strides
     inbox                            what the gateway asks
-    safety                           reasons to stop
+    situation, safety                what is known, and the reasons to stop in it
     conduct, modes, requests, transition, stopping    what becomes of reasons and requests
     plans, reference, guidance, targets               where a leg is wanted, what its drives get
     preparation, preparing           one axis at a time: homing, proof of its sign
@@ -14,7 +14,7 @@ Reading order:
     recording                        the record of it all
     bringing                         before: from off to ready
 Around it, and not pure:
-    loop, grid, line, load_meter     the 10 ms grid and the bus
+    loop, loop_settings, grid, line, load_meter      the 10 ms grid and the bus
     notebook                         the file of the axis notes
     build, warm, realtime, process   a core from its configuration, in its process
 """

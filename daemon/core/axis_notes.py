@@ -59,7 +59,7 @@ class Notes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     axes: dict[str, AxisNote] = {}
     format: str = FORMAT
     damaged: bool = False
-    """The file was there and could not be read."""
+    """The file was there once and could not be read: what it does not hold is lost, not new."""
 
     def of(self, name: str) -> AxisNote:
         """What is noted of an axis."""
@@ -67,7 +67,7 @@ class Notes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def noted(self, name: str, note: AxisNote) -> "Notes":
         """The same with another note of one axis."""
-        return replace(self, axes={**self.axes, name: note}, damaged=False)
+        return replace(self, axes={**self.axes, name: note})
 
 
 class PoseRules(NamedTuple):
@@ -79,9 +79,9 @@ class PoseRules(NamedTuple):
 
 def disagreement(notes: Notes, name: str, position_si: float, rules: PoseRules) -> str:
     """Why an absolute encoder is not believed; empty if it is (rules 2 and 3)."""
-    if notes.damaged:
-        return "the stored pose cannot be read"
     stored_si = notes.of(name).position_si
+    if stored_si is None and notes.damaged:
+        return "the stored pose cannot be read"
     if stored_si is None:
         return "" if rules.believed_without_pose else "no pose has been stored yet"
     if abs(position_si - stored_si) <= rules.tolerance_si:
@@ -92,7 +92,7 @@ def disagreement(notes: Notes, name: str, position_si: float, rules: PoseRules) 
 def proven(notes: Notes, name: str, wiring: Wiring, serial_number: int) -> bool:
     """Whether the sign of this axis, as it is wired and described now, has been proven (rule 4)."""
     proof = notes.of(name).proof
-    if proof is None or notes.damaged:
+    if proof is None:
         return False
     now = (*wiring, serial_number)
     return now == (

@@ -139,7 +139,7 @@ def _begin(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> None
     axis.feedback = None
     axis.stop = None
     axis.effort_sent_si = 0.0
-    axis.reached_enabled, axis.unready_cycles = False, 0
+    axis.reached_enabled, axis.unready_cycles, axis.unasked_cycles = False, 0, 0
     axis.emergencies_seen = 0
 
 

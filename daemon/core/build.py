@@ -26,6 +26,8 @@ from observer.leg_smoother import LegSmoother
 from observer.strides import StrideCounter
 
 NS_PER_MS = 1_000_000
+HOMING_SPEED_RATIO = 3.0
+"""A homing that is so many times faster than its search has run away."""
 SECOND_LEG_PHASE = 0.5
 """The second leg walks half a stride behind the first."""
 
@@ -226,6 +228,10 @@ def _axis(
         poses=poses,
         push=push,
         homing=homing
-        and HomingRules(homing.effort_max_si, round(homing.timeout_s * 1000 / period_ms)),
+        and HomingRules(
+            homing.effort_max_si,
+            HOMING_SPEED_RATIO * homing.search_speed_si_per_s,
+            round(homing.timeout_s * 1000 / period_ms),
+        ),
         torque_sampling=drive.profile.torque_source.sampling,
     )

@@ -24,8 +24,10 @@ from daemon.core import (
     targets,
 )
 from daemon.core.friction_watch import watch
+from daemon.core.joints import jump_reach_si
 from daemon.core.looking_back import look_back
 from daemon.core.sampling import effort_std
+from daemon.core.situation import AxisSituation, LegSituation, ServiceSituation
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.tick import Tick
 from daemon.record import Cause, CycleRecord, Level, Mode, Verdict
@@ -91,8 +93,10 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
     for axis, feedback in zip(core.axes, feedbacks, strict=True):
         axis.feedback = feedback
         axis.joint = _measured(core, axis, feedback, tick)
-        lost = feedback.rebooted or feedback.reference_lost
-        axis.referenced = axis.referenced and not lost
+        lost = _reference_lost(core, axis, feedback)
+        if lost and axis.referenced:
+            axis.referenced, axis.unreferenced_why = False, lost
+            core.events.append(f"{axis.name}: not referenced any more, {lost}")
         # A drive that is not heard may have lost its power, and with it its home.
         silent = feedback.sample_age_cycles > core.config.thresholds.sample_age_max_cycles
         axis.homed = axis.homed and axis.referenced and not silent
@@ -107,8 +111,22 @@ def _measured(core: Core, axis: Axis, feedback: DriveFeedback, tick: Tick) -> jo
     return joints.measure(before, feedback, axis.scaling, tick.sync_ns)
 
 
+def _reference_lost(core: Core, axis: Axis, feedback: DriveFeedback) -> str:
+    """Why the axis does not know its position any more; empty while it does."""
+    if feedback.rebooted:
+        return "its drive has rebooted"
+    if feedback.reference_lost:
+        return "its encoder is in error"
+    reach_si = jump_reach_si(axis.joint, axis.limits, core.config.thresholds)
+    jumped = axis.joint.elapsed_s > 0 and abs(axis.joint.step_si) > reach_si
+    return "its encoder jumped" if jumped else ""
+
+
 def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
+    enabled = feedback.fresh and feedback.power_state == PowerState.OPERATION_ENABLED
     if not conduct.enable_wanted(core, axis):
+        asked = axis.stop is not None
+        axis.unasked_cycles = axis.unasked_cycles + 1 if enabled and not asked else 0
         axis.reached_enabled, axis.unready_cycles = False, 0
         return
     ready = (
@@ -187,7 +205,7 @@ def _sampled_si(axis: Axis) -> float:
 def judge(core: Core, orders: inbox.Orders, tick: Tick) -> Verdict:
     """Gather what safety looks at, and let it judge."""
     drives = core.drives
-    service = safety.ServiceSituation(
+    service = ServiceSituation(
         stop_requested=orders.stop,
         shutdown_requested=tick.shutdown,
         level_age_cycles=tick.cycle - core.level_cycle,
@@ -198,8 +216,7 @@ def judge(core: Core, orders: inbox.Orders, tick: Tick) -> Verdict:
     )
     axes = [_situation(core, axis) for axis in core.axes]
     legs = [
-        safety.LegSituation(leg.name, leg.singularity_ratio, leg.observer_bad_cycles)
-        for leg in core.legs
+        LegSituation(leg.name, leg.singularity_ratio, leg.observer_bad_cycles) for leg in core.legs
     ]
     config = core.config
     return safety.judge(
@@ -207,11 +224,11 @@ def judge(core: Core, orders: inbox.Orders, tick: Tick) -> Verdict:
     )
 
 
-def _situation(core: Core, axis: Axis) -> safety.AxisSituation:
+def _situation(core: Core, axis: Axis) -> AxisSituation:
     feedback = axis.feedback
     if feedback is None:
         raise RuntimeError(f"{axis.name} is judged before it was sensed")
-    return safety.AxisSituation(
+    return AxisSituation(
         name=axis.name,
         feedback=feedback,
         joint=axis.joint,
@@ -226,6 +243,7 @@ def _situation(core: Core, axis: Axis) -> safety.AxisSituation:
         enable_wanted=conduct.enable_wanted(core, axis),
         reached_enabled=axis.reached_enabled,
         unready_cycles=axis.unready_cycles,
+        unasked_cycles=axis.unasked_cycles,
         mode_wanted=axis.mode_sent,
         new_emergency=feedback.alarm_count > axis.emergencies_seen,
     )

@@ -5,6 +5,7 @@ Safety reads this and never the observer's estimate.
 
 from typing import NamedTuple
 
+from daemon.core.limits import AxisLimits, Thresholds
 from drives.signals import DriveFeedback
 from drives.units import AxisScaling, to_joint
 
@@ -34,6 +35,11 @@ class Joint(NamedTuple):
     """How fast it was before it stood still: what no joint can lose in one cycle is a fault."""
     effort_before_still_si: float = 0.0
     """Effort when it began to stand still: friction can hide a change of so much and no more."""
+
+
+def jump_reach_si(joint: Joint, limits: AxisLimits, thresholds: Thresholds) -> float:
+    """How far the joint can have come between its last two samples; farther is an encoder fault."""
+    return thresholds.encoder_jump_ratio * limits.velocity_max_si * joint.elapsed_s
 
 
 STILL_COUNTS = 3

@@ -11,7 +11,8 @@ One turn, on absolute grid points:
 Rules:
 1. Grid points that were missed are skipped and counted, never caught up in a burst (`grid.py`).
 2. A command whose cycle is over is not sent late; it counts as dropped. One that finds a full
-   queue is dropped too, but for those that stop a drive, which are tried again within the cycle.
+   queue is dropped too. Those that stop a drive leave however late it is, and are tried again
+   within the cycle.
 3. The watchdog is fed in every mode, whatever the drives do. A silent drive is a verdict.
 4. SYNC and heartbeat leave only from here and from bring-up's steps, never from a timer.
 5. While the controller is bus-off nothing is sent (`line.py`).
@@ -21,86 +22,37 @@ Rules:
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from enum import IntEnum
-from typing import Final, Protocol
+from typing import Final
 
 from msgspec.structs import replace
 
 from daemon.clock import Clock
 from daemon.core import conduct, cycle, guidance, poses
 from daemon.core.bringing import bring_up_core, fail
-from daemon.core.build import Plans
 from daemon.core.grid import Grid
 from daemon.core.line import Line
-from daemon.core.notebook import NoteKeeper
+from daemon.core.loop_settings import ExitCode, LoopSettings, Seam, Supervisor
 from daemon.core.state import Core
 from daemon.core.stopping import Step
 from daemon.core.tick import Tick
 from daemon.record import Cause, CycleRecord, CycleTiming, Level, Mode
-from drives.bus import Bus, Frame
+from drives.bus import Frame
 from drives.errors import BringUpRefused, BusError
 from drives.nmt import NmtCommand, heartbeat_frame, nmt_frame
-from drives.plan import CycleSettings
 from drives.signals import PowerState
 
 RETRY_NS: Final = 1_000_000_000
 """Between two tries to bring up drives that do not answer."""
 SEND_MARGIN_NS: Final = 500_000
 """Commands go out at the latest this long before the next SYNC."""
+LEFT_OUT_MAX: Final = 3
+"""Late awakenings in a row; then the cycle runs all the same, so that it is judged."""
 POWER_OFF_CYCLES: Final = 50
 """At the end, drives may take this long to show that they are without power."""
 SETTLE_CYCLES: Final = 150
 """And the leg so long, with that, to find its rest: the pose that the next start compares with."""
 BLIND_STOP_CYCLES: Final = 50
 STATUS_CYCLES: Final = 100
-
-
-class ExitCode(IntEnum):
-    """How the process ends."""
-
-    ENDED = 0
-    CONFIGURATION = 2
-    REFUSED = 3
-    BUG = 4
-
-
-class Seam(Protocol):
-    """What the loop needs of the seam: `daemon.seam.CoreSeam`, or a list in a test."""
-
-    def publish(self, record: CycleRecord) -> None:
-        """Hand a record over."""
-        ...
-
-    def levels(self) -> list[Level]:
-        """All levels that wait."""
-        ...
-
-
-class Supervisor(Protocol):
-    """What the loop needs of systemd: `daemon.sd_notify.Notifier`."""
-
-    def send(self, *lines: str) -> None:
-        """Tell it."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class LoopSettings:
-    """What the loop needs beside the core."""
-
-    plans: Plans
-    cycle: CycleSettings
-    period_ns: int
-    window_ns: int
-    heartbeat_cycles: int
-    """Our heartbeat goes out with every so many SYNCs."""
-    master_node_id: int
-    bus_load_ratio: float
-    """The worst that can be, as computed."""
-    bitrate_bit_per_s: int
-    open_bus: Callable[[], Bus]
-    notebook: NoteKeeper
 
 
 class Loop:
@@ -171,9 +123,7 @@ class Loop:
         levels: list[Level] = []
         try:
             self._await_grid_point()
-            while missed := self._grid.skip_missed():
-                self._tell_missed(missed)
-                self._await_grid_point()
+            self._leave_out_missed()
             levels = self._seam.levels()
             record = self._cycle_once(levels)
         except BusError as error:
@@ -182,6 +132,15 @@ class Loop:
         self._tell(record)
         self._line.load.count(self._clock.now_ns())
         self._advance_grid()
+
+    def _leave_out_missed(self) -> None:
+        """A late SYNC waits for the next grid point; not for ever, if every one comes late."""
+        for _ in range(LEFT_OUT_MAX):
+            missed = self._grid.skip_missed()
+            if not missed:
+                return
+            self._tell_missed(missed)
+            self._await_grid_point()
 
     def _await_grid_point(self) -> None:
         """Poll the bus until the grid point; answer what cannot wait."""
@@ -256,10 +215,11 @@ class Loop:
         if conduct.silenced(core):
             return
         deadline_ns = self._grid.end_ns - SEND_MARGIN_NS
-        if self._clock.now_ns() > deadline_ns:
-            line.drop(outgoing)
-        elif any(axis.stop is not None and axis.stop.step > Step.HOLD for axis in core.axes):
+        if any(axis.stop is not None and axis.stop.step > Step.HOLD for axis in core.axes):
+            # Never too late: nothing newer can be on its way, and the drives wait for it.
             line.send_urgent(outgoing, deadline_ns)
+        elif self._clock.now_ns() > deadline_ns:
+            line.drop(outgoing)
         else:
             line.send(outgoing)
         stopped = conduct.nmt_stopped(core)

@@ -63,6 +63,8 @@ class HomingRules(NamedTuple):
     """[homing] of an axis file, in the terms of the core."""
 
     effort_max_si: float
+    speed_max_si_per_s: float
+    """Faster is no search."""
     timeout_cycles: int
 
 
@@ -81,6 +83,7 @@ class Homing:
     """The homing of one axis."""
 
     axis: str
+    asked_cycle: int
     rules: HomingRules
     stage: Stage = Stage.WAITING
     cycles: int = 0
@@ -108,6 +111,7 @@ class SignTest:
     """Two pushes of one axis, and what they moved."""
 
     axis: str
+    asked_cycle: int
     rules: PushRules
     period_s: float
     stage: Stage = Stage.WAITING

@@ -8,7 +8,6 @@
 the reset after it brings the drives up with their usual limits.
 """
 
-import math
 from dataclasses import replace
 
 from daemon.core import preparation, stopping
@@ -23,6 +22,8 @@ from daemon.record import Mode, ModeRequest
 from drives.cia402 import homing_state
 from drives.signals import DriveFeedback, HomingState, OperationMode
 
+BEGIN_CYCLES = 500
+"""A motion that begins later than this after its request surprises whoever asked for it."""
 MODES = frozenset({Mode.REFERENCE, Mode.COMMISSION})
 
 
@@ -39,7 +40,7 @@ def is_homing(core: Core, axis: Axis) -> bool:
 
 def finds_home(core: Core, axis: Axis, feedback: DriveFeedback) -> bool:
     """Whether this sample is the first that says that home is attained, or reached."""
-    run = core.preparation
+    run = in_work(core)
     if not isinstance(run, Homing) or run.axis != axis.name or not run.begun:
         return False
     if feedback.mode_display != OperationMode.HOMING:
@@ -49,11 +50,14 @@ def finds_home(core: Core, axis: Axis, feedback: DriveFeedback) -> bool:
 
 
 def limits_in_force(core: Core, axis: Axis) -> AxisLimits:
-    """The limits of an axis; while it is prepared, with the effort of that."""
+    """The limits of an axis; while it is prepared, with the effort and the speed of that."""
     run = core.preparation
     if run is None or run.axis != axis.name:
         return axis.limits
-    return axis.limits._replace(effort_max_si=run.rules.effort_max_si)
+    limits = axis.limits._replace(effort_max_si=run.rules.effort_max_si)
+    if isinstance(run, Homing) and in_work(core) is not None:
+        return limits._replace(velocity_max_si=run.rules.speed_max_si_per_s)
+    return limits
 
 
 def axis_named(core: Core, name: str) -> Axis | None:
@@ -80,7 +84,7 @@ def refusal(core: Core, wanted: ModeRequest) -> str:
     return ""
 
 
-def ask(core: Core, wanted: ModeRequest, utc_ns: int) -> None:
+def ask(core: Core, wanted: ModeRequest, cycle: int, utc_ns: int) -> None:
     """Take an accepted request: bring the drives up for it, or believe the witness."""
     axis = axis_named(core, wanted.axis)
     if axis is None:
@@ -89,16 +93,16 @@ def ask(core: Core, wanted: ModeRequest, utc_ns: int) -> None:
         _believe(core, axis, utc_ns)
         return
     core.evidence.pop(axis.name, None)
-    core.preparation = _of(core, axis, wanted.mode)
+    core.preparation = _of(core, axis, wanted.mode, cycle)
     bring_up_anew(core)
 
 
-def _of(core: Core, axis: Axis, mode: Mode) -> Preparation:
+def _of(core: Core, axis: Axis, mode: Mode, cycle: int) -> Preparation:
     if mode == Mode.COMMISSION:
-        return SignTest(axis.name, axis.push, core.config.period_s)
+        return SignTest(axis.name, cycle, axis.push, core.config.period_s)
     if axis.homing is None:
         raise RuntimeError(f"{axis.name} cannot be homed: the request was not refused")
-    return Homing(axis.name, axis.homing)
+    return Homing(axis.name, cycle, axis.homing)
 
 
 def _believe(core: Core, axis: Axis, utc_ns: int) -> None:
@@ -136,18 +140,20 @@ def move_on(core: Core, cycle: int) -> None:
     if axis is None:
         return
     if core.mode == Mode.READY:
-        _begin_or_leave(core, axis, run)
+        _begin_or_leave(core, axis, run, cycle)
     elif core.mode in MODES:
         core.preparation = run = preparation.advance(run, _seen(axis))
         if run.stage in OVER:
             _end(core, axis, run, cycle)
 
 
-def _begin_or_leave(core: Core, axis: Axis, run: Preparation) -> None:
+def _begin_or_leave(core: Core, axis: Axis, run: Preparation, cycle: int) -> None:
     if run.stage in OVER:
         core.preparation = None
         bring_up_anew(core)
-    elif run.stage is Stage.WAITING and all(one.joint.known for one in core.axes):
+    elif cycle - run.asked_cycle > BEGIN_CYCLES:
+        cancel(core, "the drives and the leg were not ready in time: ask again")
+    elif all(one.joint.known and _rests(one) for one in core.axes):
         core.preparation = preparation.begin(run)
         homing = isinstance(run, Homing)
         enter(core, Event.TO_REFERENCE if homing else Event.TO_COMMISSION)
@@ -155,16 +161,19 @@ def _begin_or_leave(core: Core, axis: Axis, run: Preparation) -> None:
 
 
 def _seen(axis: Axis) -> Seen:
-    feedback, joint = axis.feedback, axis.joint
-    homing = feedback is not None and feedback.mode_display == OperationMode.HOMING
+    feedback, homing = axis.feedback, HomingState.NOT_STARTED
+    if feedback is not None and feedback.mode_display == OperationMode.HOMING:
+        homing = homing_state(feedback.statusword)
     return Seen(
         ready=axis.reached_enabled and axis.unready_cycles == 0,
-        homing=homing_state(feedback.statusword)
-        if homing and feedback
-        else HomingState.NOT_STARTED,
-        position_si=joint.position_si,
-        at_rest=abs(joint.velocity_si) < axis.limits.standstill_si_per_s,
+        homing=homing,
+        position_si=axis.joint.position_si,
+        at_rest=_rests(axis),
     )
+
+
+def _rests(axis: Axis) -> bool:
+    return abs(axis.joint.velocity_si) < axis.limits.standstill_si_per_s
 
 
 def _end(core: Core, axis: Axis, run: Preparation, cycle: int) -> None:
@@ -188,8 +197,6 @@ def _tell_end(core: Core, axis: Axis, run: Preparation) -> None:
 
 
 def target_effort_si(core: Core, axis: Axis) -> float:
-    """What is asked of an axis while it, or another one, is prepared; NaN never."""
+    """What is asked of an axis while it, or another one, is prepared."""
     run = in_work(core)
-    if run is None or run.axis != axis.name or not math.isfinite(run.effort_si):
-        return 0.0
-    return run.effort_si
+    return run.effort_si if run is not None and run.axis == axis.name else 0.0

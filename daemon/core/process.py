@@ -16,7 +16,8 @@ from daemon.config.bundle import Settings
 from daemon.config.strict import ConfigError
 from daemon.core import realtime
 from daemon.core.build import NS_PER_MS, Built, build, ring_header
-from daemon.core.loop import ExitCode, Loop, LoopSettings
+from daemon.core.loop import Loop
+from daemon.core.loop_settings import ExitCode, LoopSettings
 from daemon.core.notebook import Notebook, NoteKeeper
 from daemon.core.warm import warm_up
 from daemon.sd_notify import Notifier

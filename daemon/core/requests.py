@@ -53,7 +53,7 @@ def answer(core: Core, orders: Orders, cycle: int, utc_ns: int) -> None:
     core.result = RequestResult(request.id)
     core.events.append(_requested(request.kind, request.mode))
     if _prepares(request):
-        preparing.ask(core, request.mode, utc_ns)
+        preparing.ask(core, request.mode, cycle, utc_ns)
     else:
         _act(core, request.kind, request.mode, cycle)
 

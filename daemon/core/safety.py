@@ -14,70 +14,14 @@ Nothing here knows whether the drives are real.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
-from daemon.core.joints import Joint
+from daemon.core.joints import jump_reach_si
 from daemon.core.limits import AxisLimits, Categories, Thresholds
+from daemon.core.situation import AxisSituation, LegSituation, ServiceSituation
 from daemon.record import Cause, Verdict
-from drives.signals import DriveFeedback, Input, NmtState, PowerState
+from drives.signals import Input, NmtState, PowerState
 
 NO_VERDICT = Verdict()
-
-
-@dataclass(frozen=True, slots=True)
-class AxisSituation:
-    """All that is known of one axis when it is judged."""
-
-    name: str
-    feedback: DriveFeedback
-    joint: Joint
-    limits: AxisLimits
-    referenced: bool
-    preparing: bool
-    """One axis of the empty machine is homed or tested: none needs to be referenced for that."""
-    homing: bool
-    """The drive moves this axis by itself, up to a mechanical stop, and sets its origin anew."""
-    tracking_si: float
-    """Distance to the reference; 0 where nothing is tracked."""
-    wanted_velocity_si: float
-    """Of the reference; 0 where nothing is guided."""
-    counts_sign: int
-    """1 where the drive's own direction is the joint's, else -1."""
-    loop_distance_si: float
-    """Between the joint and where the drive's own loops hold it; infinite where they hold nothing
-    and effort is what we command."""
-    enable_wanted: bool
-    reached_enabled: bool
-    """It has been enabled, in its mode and following, since it was asked to."""
-    unready_cycles: int
-    """Cycles in a row in which it should be that and was not."""
-    mode_wanted: int
-    new_emergency: bool
-    """An EMCY that asks for a stop has come since the last reset."""
-
-
-@dataclass(frozen=True, slots=True)
-class LegSituation:
-    """All that is known of one leg when it is judged."""
-
-    name: str
-    singularity_ratio: float
-    """|sin| of the angle between shank and shoe; 0 where the mechanism does not close."""
-    observer_bad_cycles: int
-    """Cycles in a row for which the observer has been of no use while it should be."""
-
-
-@dataclass(frozen=True, slots=True)
-class ServiceSituation:
-    """All that is known of the bus, the gateway and ourselves when a cycle is judged."""
-
-    stop_requested: bool
-    shutdown_requested: bool
-    level_age_cycles: int
-    overruns_in_a_row: int
-    bus_off: bool
-    bus_error: str
-    tx_dropped_in_a_row: int
 
 
 OBSERVER_BAD_MAX_CYCLES = 50
@@ -253,6 +197,17 @@ def _fault(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
         yield Cause.EMERGENCY, 0.0, 0.0, f"{emergency.code:04X}h {emergency.text}"
 
 
+def _unasked(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
+    """A drive that somebody else has enabled: it moves by what that one says."""
+    if axis.unasked_cycles > ENABLE_CYCLES:
+        yield (
+            Cause.DRIVE_ENABLED_UNASKED,
+            float(axis.unasked_cycles),
+            float(ENABLE_CYCLES),
+            "cycles",
+        )
+
+
 def _power(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
     """A drive that should be enabled, in its mode and following, and is not."""
     if not axis.enable_wanted or not axis.joint.fresh:
@@ -278,13 +233,14 @@ def _power(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
 
 def _encoder(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
     joint, limits = axis.joint, axis.limits
+    sampled = joint.fresh and joint.elapsed_s > 0
+    reach_si = jump_reach_si(joint, limits, thresholds)
+    if sampled and abs(joint.step_si) > reach_si:
+        yield Cause.ENCODER_JUMP, abs(joint.step_si), reach_si, "between two samples"
     if not axis.referenced and not axis.preparing and not axis.feedback.rebooted:
         yield Cause.UNREFERENCED, 0.0, 1.0, ""
-    if not joint.fresh or joint.elapsed_s <= 0:
+    if not sampled:
         return
-    reach_si = thresholds.encoder_jump_ratio * limits.velocity_max_si * joint.elapsed_s
-    if abs(joint.step_si) > reach_si:
-        yield Cause.ENCODER_JUMP, abs(joint.step_si), reach_si, "between two samples"
     if axis.homing or joint.still_cycles < thresholds.encoder_frozen_cycles:
         return
     possible_si = (
@@ -333,12 +289,13 @@ EFFORT_MARGIN_RATIO = 1.1
 """The command is bounded at the limit; the current loop may ring a little beyond it."""
 
 Check = Callable[[AxisSituation, Thresholds], Iterator[Finding]]
-RESTING_CHECKS: tuple[Check, ...] = (_communication, _fault)
+RESTING_CHECKS: tuple[Check, ...] = (_communication, _fault, _unasked)
 DRIVING_CHECKS: tuple[Check, ...] = (
     _inputs,
     _limit_switches,
     _communication,
     _fault,
+    _unasked,
     _encoder,
     _limits,
     _power,

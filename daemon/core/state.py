@@ -86,6 +86,7 @@ class Axis:
     wanted_velocity_si: float = 0.0
     reached_enabled: bool = False
     unready_cycles: int = 0
+    unasked_cycles: int = 0
     emergencies_seen: int = 0
     """Alarms by EMCY at the last reset: only later ones stop."""
     drift: Drift = NO_DRIFT

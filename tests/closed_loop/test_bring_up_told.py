@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from sessions import Session
 
-from daemon.core.loop import ExitCode
+from daemon.core.loop_settings import ExitCode
 from daemon.record import Cause, Mode
 from drives.bus import Frame
 from gaitd.lockstep import Lockstep

@@ -23,19 +23,11 @@ def session(tmp_path):
 
 
 def asked(session, axis, *, witnessed=False):
-    wanted = ModeRequest(Mode.COMMISSION, axis=axis, witnessed=witnessed)
-    return session.lockstep.request(RequestKind.MODE, wanted)
+    return session.prepare(Mode.COMMISSION, axis, witnessed=witnessed)
 
 
 def sign_test(session, axis):
-    """Run a sign test to its end; its records."""
-    begun = len(session.lockstep.records)
-    answer = asked(session, axis)
-    assert answer.outcome == Outcome.DONE, answer.reason
-    session.lockstep.run_until(lambda record: record.mode == Mode.OFF, within_s=60)
-    session.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
-    session.lockstep.run(0.2)
-    return session.lockstep.records[begun:]
+    return session.prepared(Mode.COMMISSION, axis)
 
 
 def events(records):
@@ -291,3 +283,14 @@ def test_a_drive_that_is_swapped_after_its_test_is_not_proven_by_it(session):
     session.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
 
     assert asked(session, HIP, witnessed=True).outcome == Outcome.REFUSED
+
+
+def test_a_leg_that_does_not_rest_in_time_is_not_moved_later(session):
+    since = len(session.lockstep.records)
+    begun_and_not_moving(session)
+    session.lockstep.core.axes[1].limits = session.lockstep.core.axes[1].limits._replace(
+        standstill_si_per_s=-1.0
+    )
+    never_enabled(session, since, within_s=10.0)
+
+    assert any("ask again" in event for event in events(session.lockstep.records[since:]))

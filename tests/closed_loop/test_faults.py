@@ -7,6 +7,7 @@ from sessions import Session
 
 from daemon.record import Cause, Mode, Outcome, RequestKind
 from drives.signals import PowerState
+from sim_drives.frame import Frame
 
 LOST = {Cause.DRIVE_SILENT, Cause.HEARTBEAT_LOST, Cause.DRIVE_REBOOTED}
 STUCK = {Cause.ENCODER_FROZEN, Cause.TRACKING_LIMIT, Cause.OBSERVER_INVALID}
@@ -240,3 +241,29 @@ def test_one_reset_is_one_edge_also_of_a_drive_whose_cause_lasts():
     ]
     rises = sum(new & ~old & 0x80 != 0 for old, new in pairwise(words))
     assert rises == 1
+
+
+class OtherMaster:
+    """Enables node 5 behind our master: whatever it says last before a SYNC counts."""
+
+    def __init__(self, world):
+        self.world, self.words = world, iter((0x06, 0x07))
+        self.receive, world.receive = world.receive, self.hear
+
+    def hear(self, frame):
+        self.receive(frame)
+        if frame.can_id == 0x205:
+            word = next(self.words, 0x0F)
+            self.receive(Frame(0x205, word.to_bytes(2, "little") + frame.data[2:]))
+
+
+def test_a_drive_that_somebody_else_enables_is_told_and_latched():
+    session = Session().until_ready()
+    OtherMaster(session.machine.world)
+
+    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)
+
+    record = session.lockstep.record
+    assert record.verdict.cause == Cause.DRIVE_ENABLED_UNASKED
+    assert record.verdict.drive == "right/hip"
+    assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.REFUSED

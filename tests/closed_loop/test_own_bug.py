@@ -7,7 +7,8 @@ from sessions import Session, changed_configs, position_guidance
 from wire import rpdo1
 
 from daemon.core import cycle
-from daemon.core.loop import BLIND_STOP_CYCLES, ExitCode
+from daemon.core.loop import BLIND_STOP_CYCLES
+from daemon.core.loop_settings import ExitCode
 
 ENABLE = 0x0F
 QUICK_STOP = 0x02

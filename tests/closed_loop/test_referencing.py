@@ -1,14 +1,17 @@
 """Where an axis is after a start: homed, or where it was left."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
 from sessions import Session, changed_configs
 
 from daemon.core.axis_notes import AxisNote, Notes
-from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind
+from daemon.core.preparing import finds_home
+from daemon.record import Cause, Mode, Outcome, RequestKind
 from drives.signals import OperationMode, PowerState
+from sim_drives.frame import Frame
 
 HIP, SLIDE = "right/hip", "right/slide"
 EMPTY = (
@@ -33,18 +36,11 @@ def incremental(tmp_path):
 
 
 def asked(session, axis):
-    return session.lockstep.request(RequestKind.MODE, ModeRequest(Mode.REFERENCE, axis=axis))
+    return session.prepare(Mode.REFERENCE, axis)
 
 
 def home(session, axis):
-    """Home one axis; the records of it."""
-    begun = len(session.lockstep.records)
-    answer = asked(session, axis)
-    assert answer.outcome == Outcome.DONE, answer.reason
-    session.lockstep.run_until(lambda record: record.mode == Mode.OFF, within_s=60)
-    session.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
-    session.lockstep.run(0.2)
-    return session.lockstep.records[begun:]
+    return session.prepared(Mode.REFERENCE, axis)
 
 
 def referenced(session):
@@ -251,3 +247,56 @@ def test_an_absolute_encoder_can_be_homed_too(tmp_path):
     assert session.lockstep.record.drives[0].position_si == pytest.approx(
         truth.hip_angle_rad, abs=3e-4
     )
+
+
+def test_an_encoder_that_jumps_at_rest_is_not_believed_and_its_pose_not_stored(tmp_path):
+    session = Session(changed_configs(tmp_path, *STRICT[:2])).until_ready()
+    session.lockstep.run(1.5)
+    before = session.lockstep.notebook.notes.of(HIP).position_si
+
+    session.machine.command("encoder_glitch right/hip 60 5000")
+    session.lockstep.run(3.0)
+
+    assert referenced(session) == [False, True]
+    assert session.lockstep.notebook.notes.of(HIP).position_si == before
+    told = [event for record in session.lockstep.records for event in record.events]
+    assert told.count("right/hip: not referenced any more, its encoder jumped") == 1
+    assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
+
+
+def test_of_a_damaged_file_nothing_is_believed_until_it_is_found_anew(tmp_path):
+    lenient = changed_configs(tmp_path, *EMPTY, *STRICT[:2])
+    session = Session(lenient, Notes(damaged=True)).until_ready()
+    home(session, HIP)
+    session.lockstep.run(1.5)
+
+    assert referenced(session) == [True, False]
+    notes = session.lockstep.notebook.notes
+    assert notes.of(HIP).position_si is not None
+    assert referenced(Session(lenient, notes).until_ready())[1] is False
+
+
+def test_a_homing_faster_than_its_search_has_run_away_and_is_stopped(tmp_path):
+    slow = ("drives/hip_epos4.toml", "search_speed_si_per_s = 0.1", "search_speed_si_per_s = 0.01")
+    session = Session(changed_configs(tmp_path, *EMPTY, *INCREMENTAL, slow)).until_ready()
+    node = session.machine.world
+    asked(session, HIP)
+    session.lockstep.run_until(lambda record: record.mode == Mode.REFERENCE, within_s=10)
+    session.lockstep.run(0.3)
+    fast = Frame(0x605, bytes.fromhex("23996001") + (60).to_bytes(4, "little"))
+    node.receive(fast)  # somebody else writes 6099h:01: 60 rpm, 0.06 rad/s
+    session.lockstep.run_until(lambda record: record.mode != Mode.REFERENCE, within_s=60)
+
+    assert session.lockstep.record.verdict.cause == Cause.VELOCITY_LIMIT
+
+
+def test_a_home_that_is_shown_during_a_stop_hides_no_motion(incremental):
+    asked(incremental, HIP)
+    incremental.lockstep.run_until(lambda record: record.mode == Mode.REFERENCE, within_s=10)
+    incremental.lockstep.run(1.0)
+    incremental.lockstep.gateway.stop()
+    incremental.lockstep.run(0.02)
+    axis = incremental.lockstep.core.axes[0]
+    shown = replace(axis.feedback, statusword=axis.feedback.statusword | 0x1000)
+
+    assert not finds_home(incremental.lockstep.core, axis, shown)

@@ -120,10 +120,10 @@ class FakePlant:
         self.blocked[axis] = blocked
 
     def wire(self, axis: int, motor_sense: int, encoder_sense: int) -> None:
-        raise NotImplementedError("wiring is the real plant's")
+        raise AssertionError("wiring is the real plant's")
 
     def offset_current(self, axis: int, offset_a: float) -> None:
-        raise NotImplementedError("the current sensor is the real plant's")
+        raise AssertionError("the current sensor is the real plant's")
 
 
 HIP = {

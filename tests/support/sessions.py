@@ -9,7 +9,7 @@ import numpy as np
 from analysis.accuracy import Score, score
 from daemon.config.load import load
 from daemon.core.axis_notes import Notes
-from daemon.record import Mode, ModeRequest, Outcome, RequestKind
+from daemon.record import CycleRecord, Mode, ModeRequest, Outcome, RequestKind, RequestResult
 from gaitd.lockstep import Lockstep
 from gaitd.virtual_machine import virtual_machine
 from sim_drives.build import Machine
@@ -48,6 +48,21 @@ class Session:
         self.lockstep.run_until(lambda record: record.gait_phase >= 0, within_s=30)
         self.lockstep.run(warm_s)
         return self
+
+    def prepare(self, mode: Mode, axis: str, *, witnessed: bool = False) -> RequestResult:
+        """Ask for a homing or a sign test of one axis."""
+        wanted = ModeRequest(mode, axis=axis, witnessed=witnessed)
+        return self.lockstep.request(RequestKind.MODE, wanted)
+
+    def prepared(self, mode: Mode, axis: str) -> list[CycleRecord]:
+        """A homing or a sign test from its request to the drives' usual limits; its records."""
+        begun = len(self.lockstep.records)
+        answer = self.prepare(mode, axis)
+        assert answer.outcome == Outcome.DONE, answer.reason
+        self.lockstep.run_until(lambda record: record.mode == Mode.OFF, within_s=60)
+        self.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
+        self.lockstep.run(0.2)
+        return self.lockstep.records[begun:]
 
     def exciting(self, scenario: str, duration_s: float) -> "Session":
         self.enabled()

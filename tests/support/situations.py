@@ -5,7 +5,7 @@ import math
 from daemon.causes import CHOSEN_CATEGORY
 from daemon.core.joints import Joint
 from daemon.core.limits import AxisLimits, Categories, Thresholds
-from daemon.core.safety import AxisSituation, LegSituation, ServiceSituation
+from daemon.core.situation import AxisSituation, LegSituation, ServiceSituation
 from drives.signals import (
     DriveFeedback,
     Input,
@@ -99,6 +99,7 @@ AXIS = AxisSituation(
     enable_wanted=True,
     reached_enabled=True,
     unready_cycles=0,
+    unasked_cycles=0,
     mode_wanted=OperationMode.CYCLIC_SYNC_TORQUE,
     new_emergency=False,
 )

@@ -26,7 +26,7 @@ RESTS = Seen(ready=True, homing=HomingState.NOT_STARTED, position_si=0.2, at_res
 
 def homing(*states, timeout_cycles=1000):
     """Play a homing through states that the drive shows, one a cycle."""
-    run = begin(Homing("right/hip", HomingRules(30.0, timeout_cycles)))
+    run = begin(Homing("right/hip", 0, HomingRules(30.0, 0.3, timeout_cycles)))
     for state in states:
         run = advance(run, RESTS._replace(homing=state))
         if run.stage in OVER:
@@ -72,7 +72,7 @@ def test_a_homing_that_takes_too_long_fails():
 
 
 def test_nothing_begins_before_the_axis_is_enabled_in_its_mode():
-    run = begin(Homing("right/hip", HomingRules(30.0, 100)))
+    run = begin(Homing("right/hip", 0, HomingRules(30.0, 0.3, 100)))
 
     waiting = advance(run, RESTS._replace(ready=False, homing=S.DONE))
 
@@ -82,7 +82,7 @@ def test_nothing_begins_before_the_axis_is_enabled_in_its_mode():
 
 def played(mobility_si_per_n, breakaway_si=7.0):
     """A joint that moves by so much per effort above its friction, each cycle; the ended test."""
-    test, position_si, efforts = begin(SignTest("right/hip", RULES, 0.01)), 0.2, []
+    test, position_si, efforts = begin(SignTest("right/hip", 0, RULES, 0.01)), 0.2, []
     for _ in range(LIMIT_CYCLES):
         beyond_si = max(abs(test.effort_si) - breakaway_si, 0.0)
         step_si = mobility_si_per_n * beyond_si * (1 if test.effort_si > 0 else -1)
@@ -128,7 +128,7 @@ def test_effort_rises_by_its_rate_and_is_nothing_between_the_pushes():
 
 
 def test_an_axis_at_its_end_stop_that_moves_the_other_way_passes():
-    test = begin(SignTest("right/hip", RULES, 0.01))
+    test = begin(SignTest("right/hip", 0, RULES, 0.01))
     position_si = 0.2
     for _ in range(LIMIT_CYCLES):
         if test.effort_si < -8.0:
@@ -141,7 +141,7 @@ def test_an_axis_at_its_end_stop_that_moves_the_other_way_passes():
 
 
 def test_an_axis_that_never_rests_fails():
-    test = replace(begin(SignTest("right/hip", RULES, 0.01)), stage=Stage.RESTING)
+    test = replace(begin(SignTest("right/hip", 0, RULES, 0.01)), stage=Stage.RESTING)
     for _ in range(LIMIT_CYCLES):
         test = advance(test, RESTS._replace(at_rest=False))
         if test.stage in OVER:

@@ -1,0 +1,59 @@
+"""What the loop is given, and how it ends: grid and bus, the seam, whoever watches it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Protocol
+
+from daemon.core.build import Plans
+from daemon.core.notebook import NoteKeeper
+from daemon.record import CycleRecord, Level
+from drives.bus import Bus
+from drives.plan import CycleSettings
+
+
+class ExitCode(IntEnum):
+    """How the process ends."""
+
+    ENDED = 0
+    CONFIGURATION = 2
+    REFUSED = 3
+    BUG = 4
+
+
+class Seam(Protocol):
+    """What the loop needs of the seam: `daemon.seam.CoreSeam`, or a list in a test."""
+
+    def publish(self, record: CycleRecord) -> None:
+        """Hand a record over."""
+        ...
+
+    def levels(self) -> list[Level]:
+        """All levels that wait."""
+        ...
+
+
+class Supervisor(Protocol):
+    """What the loop needs of systemd: `daemon.sd_notify.Notifier`."""
+
+    def send(self, *lines: str) -> None:
+        """Tell it."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class LoopSettings:
+    """What the loop needs beside the core."""
+
+    plans: Plans
+    cycle: CycleSettings
+    period_ns: int
+    window_ns: int
+    heartbeat_cycles: int
+    """Our heartbeat goes out with every so many SYNCs."""
+    master_node_id: int
+    bus_load_ratio: float
+    """The worst that can be, as computed."""
+    bitrate_bit_per_s: int
+    open_bus: Callable[[], Bus]
+    notebook: NoteKeeper

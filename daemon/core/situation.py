@@ -1,0 +1,65 @@
+"""What safety looks at in one cycle: all that is known of each axis, each leg, and the service."""
+
+from dataclasses import dataclass
+
+from daemon.core.joints import Joint
+from daemon.core.limits import AxisLimits
+from drives.signals import DriveFeedback
+
+
+@dataclass(frozen=True, slots=True)
+class AxisSituation:
+    """All that is known of one axis when it is judged."""
+
+    name: str
+    feedback: DriveFeedback
+    joint: Joint
+    limits: AxisLimits
+    referenced: bool
+    preparing: bool
+    """One axis of the empty machine is homed or tested: none needs to be referenced for that."""
+    homing: bool
+    """The drive moves this axis by itself, up to a mechanical stop, and sets its origin anew."""
+    tracking_si: float
+    """Distance to the reference; 0 where nothing is tracked."""
+    wanted_velocity_si: float
+    """Of the reference; 0 where nothing is guided."""
+    counts_sign: int
+    """1 where the drive's own direction is the joint's, else -1."""
+    loop_distance_si: float
+    """Between the joint and where the drive's own loops hold it; infinite where they hold nothing
+    and effort is what we command."""
+    enable_wanted: bool
+    reached_enabled: bool
+    """It has been enabled, in its mode and following, since it was asked to."""
+    unready_cycles: int
+    """Cycles in a row in which it should be that and was not."""
+    unasked_cycles: int
+    """Cycles in a row in which it was enabled, and nobody here had asked for it."""
+    mode_wanted: int
+    new_emergency: bool
+    """An EMCY that asks for a stop has come since the last reset."""
+
+
+@dataclass(frozen=True, slots=True)
+class LegSituation:
+    """All that is known of one leg when it is judged."""
+
+    name: str
+    singularity_ratio: float
+    """|sin| of the angle between shank and shoe; 0 where the mechanism does not close."""
+    observer_bad_cycles: int
+    """Cycles in a row for which the observer has been of no use while it should be."""
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceSituation:
+    """All that is known of the bus, the gateway and ourselves when a cycle is judged."""
+
+    stop_requested: bool
+    shutdown_requested: bool
+    level_age_cycles: int
+    overruns_in_a_row: int
+    bus_off: bool
+    bus_error: str
+    tx_dropped_in_a_row: int
