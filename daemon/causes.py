@@ -123,6 +123,16 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
     Cause.UNREFERENCED: CauseText(
         "an axis does not know its position", Blame.OPERATOR, "reference the axis"
     ),
+    Cause.SIGN_WRONG: CauseText(
+        "a joint moves against its drive's torque",
+        Blame.MACHINE,
+        "check motor and encoder wiring, then commission the axis",
+    ),
+    Cause.EFFORT_DEVIATION: CauseText(
+        "a drive does not give the torque it was asked for, or measures it wrongly",
+        Blame.DRIVE,
+        "reset; if it comes back, have the drive's current measurement checked",
+    ),
     Cause.POSITION_LIMIT: CauseText(
         "a joint left its range", Blame.PERSON, "release the leg, move it back by hand, reset"
     ),
@@ -147,6 +157,16 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         Blame.MACHINE,
         "reset, enable, move away from it; check the reference of the axis",
     ),
+    Cause.ENERGY_LIMIT: CauseText(
+        "the drives put more energy into the leg in one stride than allowed",
+        Blame.PERSON,
+        "reset; look for resistance; walk with less assist",
+    ),
+    Cause.STOPPING_PATH: CauseText(
+        "the leg was so fast that it could not have stopped inside its range",
+        Blame.PERSON,
+        "reset; slow down",
+    ),
     Cause.OBSERVER_INVALID: CauseText(
         "the estimate cannot be trusted", Blame.SERVICE, "reset; look at robot.toml and the events"
     ),
@@ -154,6 +174,16 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         "the load at rest is not that of the configured leg",
         Blame.OPERATOR,
         "check patient data, straps and springs",
+    ),
+    Cause.SPASM: CauseText(
+        "the patient suddenly worked hard against the motion",
+        Blame.PERSON,
+        "wait until the leg is relaxed; reset, then enable",
+    ),
+    Cause.SELF_TEST_FAILED: CauseText(
+        "the self-test found something that is not as configured",
+        Blame.MACHINE,
+        "do what its line in the events says, then test again",
     ),
     Cause.STOP_NOT_OBEYED: CauseText(
         "a drive did not obey a stop", Blame.DRIVE, "press the emergency stop; service the drive"
@@ -164,6 +194,7 @@ FIXED_CATEGORY: Final[dict[Cause, StopCategory]] = {
     Cause.ENCODER_FROZEN: StopCategory.S0,
     Cause.ENCODER_JUMP: StopCategory.S0,
     Cause.UNREFERENCED: StopCategory.S0,
+    Cause.SIGN_WRONG: StopCategory.S0,
     Cause.DRIVE_SILENT: StopCategory.S1,
     Cause.HEARTBEAT_LOST: StopCategory.S1,
     Cause.DRIVE_REBOOTED: StopCategory.S1,
@@ -179,7 +210,9 @@ FIXED_CATEGORY: Final[dict[Cause, StopCategory]] = {
 }
 """Fixed by the design: a file cannot choose them."""
 
-DOUBTFUL_FEEDBACK: Final = frozenset({Cause.ENCODER_FROZEN, Cause.ENCODER_JUMP, Cause.UNREFERENCED})
+DOUBTFUL_FEEDBACK: Final = frozenset(
+    {Cause.ENCODER_FROZEN, Cause.ENCODER_JUMP, Cause.UNREFERENCED, Cause.SIGN_WRONG}
+)
 """S0 for the axis of the cause, S1 for all others."""
 
 LOST_DRIVE: Final = frozenset(
@@ -192,6 +225,12 @@ CHOSEN_CATEGORY: Final = tuple(
     for cause in Cause
     if cause not in FIXED_CATEGORY
     and cause
-    not in {Cause.NONE, Cause.BRING_UP_FAILED, Cause.DRIVE_POWERED, Cause.STATIC_LOAD_WRONG}
+    not in {
+        Cause.NONE,
+        Cause.BRING_UP_FAILED,
+        Cause.DRIVE_POWERED,
+        Cause.STATIC_LOAD_WRONG,
+        Cause.SELF_TEST_FAILED,
+    }
 )
 """`limits.toml` must give each of these a category; the rest is fixed or never stops a motion."""

@@ -33,6 +33,10 @@ class Mode(IntEnum):
     """One axis homes; the others have no power."""
     COMMISSION = 15
     """The sign of one axis is being proven; the others have no power."""
+    RELEASE = 16
+    """Hand guiding: no stiffness, the drives carry the load and slow whoever moves the leg."""
+    SELF_TEST = 17
+    """Each axis in turn moves a little and back: signs, load and friction of the day."""
 
     @property
     def active(self) -> bool:
@@ -86,6 +90,8 @@ class Cause(IntEnum):
     ENCODER_FROZEN = 50
     ENCODER_JUMP = 51
     UNREFERENCED = 52
+    SIGN_WRONG = 53
+    EFFORT_DEVIATION = 54
     # limits at the joint, from raw drive values
     POSITION_LIMIT = 60
     VELOCITY_LIMIT = 61
@@ -95,9 +101,13 @@ class Cause(IntEnum):
     TEMPERATURE_LIMIT = 65
     SINGULARITY = 66
     LIMIT_SWITCH = 67
+    ENERGY_LIMIT = 68
+    STOPPING_PATH = 69
     # the observer may add stops, never take one away
     OBSERVER_INVALID = 70
     STATIC_LOAD_WRONG = 71
+    SPASM = 72
+    SELF_TEST_FAILED = 73
     # escalation
     STOP_NOT_OBEYED = 80
 
@@ -161,13 +171,16 @@ class Request(msgspec.Struct, frozen=True, array_like=True):
 
 
 class Setpoint(msgspec.Struct, frozen=True, array_like=True):
-    """A controller's assist, for mode TORQUE (a later issue gives it its lease)."""
+    """A controller's assist on top of g(q) for one leg, under the lease of its sender."""
 
     lease: int = 0
     seq: int = 0
     for_cycle: int = 0
     hip_assist_nm: float = 0.0
     slide_assist_n: float = 0.0
+    leg: str = ""
+    stiffness_ratio: float = 1.0
+    """0..1 of the configured stiffness of impedance guidance, for GAIT."""
 
 
 class Level(msgspec.Struct, frozen=True, array_like=True):
@@ -181,6 +194,9 @@ class Level(msgspec.Struct, frozen=True, array_like=True):
     """Any increase stops, whatever else is in the datagram."""
     request: Request = Request()
     setpoints: tuple[Setpoint, ...] = ()
+    """The newest of each leg."""
+    lease: int = 0
+    """The lease that is held now; 0: nobody holds one."""
 
 
 class RequestResult(msgspec.Struct, frozen=True, array_like=True):

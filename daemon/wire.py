@@ -261,7 +261,9 @@ class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Payload of a query to control/mode."""
 
     mode: Annotated[
-        Literal["hold", "gait", "torque", "excite", "reference", "commission"],
+        Literal[
+            "hold", "gait", "torque", "excite", "release", "self_test", "reference", "commission"
+        ],
         Meta(description="The mode to go to."),
     ]
     cadence_hz: Annotated[float, Meta(ge=0, le=2, description="Strides per second, gait.")] = 0.0

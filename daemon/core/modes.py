@@ -34,6 +34,8 @@ class Event(Enum):
     TO_GAIT = "mode gait"
     TO_TORQUE = "mode torque"
     TO_EXCITE = "mode excite"
+    TO_RELEASE = "mode release"
+    TO_SELF_TEST = "mode self_test"
     TO_REFERENCE = "mode reference"
     TO_COMMISSION = "mode commission"
     BRING_UP_ANEW = "other limits for the drives"
@@ -58,6 +60,8 @@ TRANSITIONS: Mapping[tuple[Mode, Event], Mode] = {
     (Mode.HOLD, Event.TO_GAIT): Mode.GAIT,
     (Mode.HOLD, Event.TO_TORQUE): Mode.TORQUE,
     (Mode.HOLD, Event.TO_EXCITE): Mode.EXCITE,
+    (Mode.HOLD, Event.TO_RELEASE): Mode.RELEASE,
+    (Mode.HOLD, Event.TO_SELF_TEST): Mode.SELF_TEST,
     (Mode.HOLD, Event.DISABLE): Mode.STOPPING,
     (Mode.HOLD, Event.STOP): Mode.STOPPING,
     (Mode.GAIT, Event.TO_HOLD): Mode.HOLD,
@@ -72,6 +76,14 @@ TRANSITIONS: Mapping[tuple[Mode, Event], Mode] = {
     (Mode.EXCITE, Event.EXERCISE_OVER): Mode.HOLD,
     (Mode.EXCITE, Event.DISABLE): Mode.STOPPING,
     (Mode.EXCITE, Event.STOP): Mode.STOPPING,
+    (Mode.RELEASE, Event.TO_HOLD): Mode.HOLD,
+    (Mode.RELEASE, Event.EXERCISE_OVER): Mode.HOLD,
+    (Mode.RELEASE, Event.DISABLE): Mode.STOPPING,
+    (Mode.RELEASE, Event.STOP): Mode.STOPPING,
+    (Mode.SELF_TEST, Event.TO_HOLD): Mode.HOLD,
+    (Mode.SELF_TEST, Event.EXERCISE_OVER): Mode.HOLD,
+    (Mode.SELF_TEST, Event.DISABLE): Mode.STOPPING,
+    (Mode.SELF_TEST, Event.STOP): Mode.STOPPING,
     (Mode.REFERENCE, Event.EXERCISE_OVER): Mode.STOPPING,
     (Mode.REFERENCE, Event.DISABLE): Mode.STOPPING,
     (Mode.REFERENCE, Event.STOP): Mode.STOPPING,
@@ -94,6 +106,8 @@ _EVENT_OF_MODE = {
     Mode.GAIT: Event.TO_GAIT,
     Mode.TORQUE: Event.TO_TORQUE,
     Mode.EXCITE: Event.TO_EXCITE,
+    Mode.RELEASE: Event.TO_RELEASE,
+    Mode.SELF_TEST: Event.TO_SELF_TEST,
     Mode.REFERENCE: Event.TO_REFERENCE,
     Mode.COMMISSION: Event.TO_COMMISSION,
 }
@@ -165,6 +179,8 @@ def refusal(kind: RequestKind, wanted: ModeRequest, now: Circumstances) -> str:
         return "assist is refused: with guidance 'position' the drives give the torque"
     if event == Event.TO_TORQUE:
         return "mode torque needs a lease, and no lease can be acquired yet"
+    if event in {Event.TO_RELEASE, Event.TO_SELF_TEST}:
+        return f"mode {wanted.mode.name.lower()} is not offered yet"
     if event in {Event.TO_GAIT, Event.TO_EXCITE} and not now.drives_powered:
         return "the drives are not holding yet"
     if event == Event.TO_GAIT:

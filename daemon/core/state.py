@@ -113,6 +113,10 @@ class Leg:
     measured: tuple[float, float] = (float("nan"), float("nan"))
     effort_used: tuple[float, float] = (0.0, 0.0)
     artificial: tuple[float, float] = (0.0, 0.0)
+    assist_si: tuple[float, float] = (0.0, 0.0)
+    """A controller's assist in force in this cycle, bounded: N·m, N."""
+    stiffness_ratio: float = 1.0
+    """Of the configured stiffness of guidance: what a controller, or a spasm, leaves of it."""
     singularity_ratio: float = 1.0
     stride: Stride | None = None
     """Completed in this cycle."""
