@@ -24,6 +24,14 @@ class HipLimits(Table, frozen=True):
     torque_max_nm: Annotated[float, Meta(gt=0, le=120)]
     torque_rate_max_nm_per_s: Annotated[float, Meta(gt=0, le=5000)]
     power_max_w: Annotated[float, Meta(gt=0, le=500)]
+    stride_energy_max_j: Annotated[float, Meta(gt=0, le=500)]
+    """Net energy into the leg over one stride, or `watch.energy_window_ms`."""
+    torque_deviation_max_nm: Annotated[float, Meta(gt=0, le=30)]
+    """Between what was sent in torque mode and what the drive measures."""
+    load_deviation_max_nm: Annotated[float, Meta(gt=0, le=60)]
+    """Of the drive's torque from what motion, load and friction ask for, mean of a stride."""
+    opposed_torque_min_nm: Annotated[float, Meta(gt=0, le=60)]
+    """Beyond the load, in one direction while the joint accelerates in the other: a wrong sign."""
     tracking_max_deg: Annotated[float, Meta(gt=0, le=45)]
     following_error_deg: Annotated[float, Meta(gt=0, le=45)]
     """Of the drive's position loop; written into the drive (6065h)."""
@@ -45,6 +53,10 @@ class SlideLimits(Table, frozen=True):
     force_max_n: Annotated[float, Meta(gt=0, le=1500)]
     force_rate_max_n_per_s: Annotated[float, Meta(gt=0, le=50000)]
     power_max_w: Annotated[float, Meta(gt=0, le=2000)]
+    stride_energy_max_j: Annotated[float, Meta(gt=0, le=2000)]
+    force_deviation_max_n: Annotated[float, Meta(gt=0, le=300)]
+    load_deviation_max_n: Annotated[float, Meta(gt=0, le=600)]
+    opposed_force_min_n: Annotated[float, Meta(gt=0, le=600)]
     tracking_max_m: Annotated[float, Meta(gt=0, le=0.5)]
     following_error_m: Annotated[float, Meta(gt=0, le=0.5)]
     temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
@@ -58,6 +70,36 @@ class Singularity(Table, frozen=True):
 
     soft_ratio: Annotated[float, Meta(gt=0, lt=1)]
     stop_ratio: Annotated[float, Meta(gt=0, lt=1)]
+
+
+class SoftLimit(Table, frozen=True):
+    """Damping of what leads out, from 0 where a soft margin begins to this at the hard limit."""
+
+    hip_damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=200)]
+    slide_damping_n_s_per_m: Annotated[float, Meta(ge=0, le=3000)]
+
+
+class Watch(Table, frozen=True):
+    """How long a doubt must last, and over which time energy counts where there is no stride."""
+
+    deviation_cycles: Annotated[int, Meta(ge=1, le=20)]
+    opposed_cycles: Annotated[int, Meta(ge=1, le=20)]
+    energy_window_ms: Annotated[int, Meta(ge=500, le=10000)]
+
+
+class Spasm(Table, frozen=True):
+    """A fast rise of the patient's estimated effort against the motion: yield, then stop."""
+
+    hip_rise_nm: Annotated[float, Meta(gt=0, le=60)]
+    slide_rise_n: Annotated[float, Meta(gt=0, le=600)]
+    rise_window_ms: Annotated[int, Meta(ge=20, le=500)]
+    stiffness_ratio: Annotated[float, Meta(ge=0, lt=1)]
+    softening_ms: Annotated[int, Meta(ge=20, le=2000)]
+    """From full stiffness to none."""
+    recovery_ms: Annotated[int, Meta(ge=100, le=10000)]
+    """From none to full, once the effort is gone."""
+    patience_ms: Annotated[int, Meta(ge=20, le=5000)]
+    """How long it may last before the machine stops."""
 
 
 class Communication(Table, frozen=True):
@@ -93,6 +135,9 @@ class Limits(Table, frozen=True):
     hip: HipLimits
     slide: SlideLimits
     singularity: Singularity
+    soft_limit: SoftLimit
+    watch: Watch
+    spasm: Spasm
     communication: Communication
     stop: Stop
     stop_category: dict[str, Category]

@@ -6,6 +6,8 @@ Reading order:
     joints, sampling                 what the drives say, in SI
     friction_watch, looking_back     what the observer adds: drift, smoother, strides
     inbox                            what the gateway asks
+    balance, effort_watch, energy, stopping_path, soft_limits, spasm, watching
+                                     what is looked at over more than one cycle
     situation, safety                what is known, and the reasons to stop in it
     conduct, modes, requests, transition, stopping    what becomes of reasons and requests
     plans, reference, guidance, targets               where a leg is wanted, what its drives get

@@ -15,6 +15,7 @@ from daemon.core.axis_notes import Notes, PoseRules, Wiring
 from daemon.core.limits import AxisLimits, Categories, Thresholds, hip_limits, slide_limits
 from daemon.core.preparation import OVER, Homing, HomingRules, Preparation, PushRules
 from daemon.core.reference import gait_shape
+from daemon.core.spasm import SpasmRules, SpasmWatch
 from daemon.core.state import Axis, Core, CoreConfig, Leg
 from daemon.core.stopping import StopRules
 from daemon.seam import RingHeader
@@ -163,6 +164,11 @@ def _core_config(trainer: Trainer, limits: Limits, patient_configured: bool) -> 
             encoder_frozen_cycles=communication.encoder_frozen_cycles,
             encoder_jump_ratio=communication.encoder_jump_ratio,
             singularity_stop_ratio=limits.singularity.stop_ratio,
+            singularity_soft_ratio=limits.singularity.soft_ratio,
+            deviation_cycles=limits.watch.deviation_cycles,
+            opposed_cycles=limits.watch.opposed_cycles,
+            energy_window_cycles=limits.watch.energy_window_ms // period_ms,
+            spasm_patience_cycles=limits.spasm.patience_ms // period_ms,
             mode_switch_cycles=communication.mode_switch_cycles,
         ),
         categories=Categories(limits.stop_category),
@@ -171,6 +177,12 @@ def _core_config(trainer: Trainer, limits: Limits, patient_configured: bool) -> 
             standstill_cycles=stop.standstill_cycles,
             ramp_margin_ratio=stop.ramp_margin_ratio,
             period_s=period_ms * 1e-3,
+        ),
+        spasm=SpasmRules(
+            window_cycles=limits.spasm.rise_window_ms // period_ms,
+            stiffness_ratio=limits.spasm.stiffness_ratio,
+            softening_ratio=period_ms / limits.spasm.softening_ms,
+            recovery_ratio=period_ms / limits.spasm.recovery_ms,
         ),
         hold=trainer.hold,
         gait=trainer.gait,
@@ -189,6 +201,7 @@ def _leg(
         parameters, hip_friction, slide_friction, observer_tuning(settings.robot)
     )
     trainer = settings.trainer
+    spasm_cycles = settings.limits.spasm.rise_window_ms // trainer.cycle.period_ms
     rules = tuple(
         zip(bounds, _poses(trainer.reference), _pushes(trainer.commissioning), strict=True)
     )
@@ -197,8 +210,8 @@ def _leg(
         parameters=parameters,
         shape=gait_shape(settings.trainer.gait),
         axes=(
-            _axis(drives.hip, *rules[0], trainer.cycle.period_ms),
-            _axis(drives.slide, *rules[1], trainer.cycle.period_ms),
+            _axis(drives.hip, *rules[0], trainer.cycle.period_ms, spasm_cycles),
+            _axis(drives.slide, *rules[1], trainer.cycle.period_ms, spasm_cycles),
         ),
         observer=observer,
         smoother=LegSmoother(observer),
@@ -209,7 +222,12 @@ def _leg(
 
 
 def _axis(
-    drive: DriveDescription, bounds: AxisLimits, poses: PoseRules, push: PushRules, period_ms: int
+    drive: DriveDescription,
+    bounds: AxisLimits,
+    poses: PoseRules,
+    push: PushRules,
+    period_ms: int,
+    spasm_cycles: int,
 ) -> Axis:
     homing, transmission = drive.axis.homing, drive.axis.transmission
     return Axis(
@@ -234,4 +252,5 @@ def _axis(
             round(homing.timeout_s * 1000 / period_ms),
         ),
         torque_sampling=drive.profile.torque_source.sampling,
+        spasm=SpasmWatch(spasm_cycles),
     )

@@ -22,6 +22,7 @@ from daemon.core import (
     requests,
     safety,
     targets,
+    watching,
 )
 from daemon.core.friction_watch import watch
 from daemon.core.joints import jump_reach_si
@@ -53,6 +54,7 @@ def step(
     conduct.change_mode(core, found, orders, tick.cycle, tick.sync_utc_ns)
     poses.follow(core, tick.cycle, tick.sync_utc_ns)
     commands = guidance.command(core, tick.cycle)
+    watching.note_commands(core)
     outgoing = drives.frames(commands)
     return outgoing, recording.record(core, tick)
 
@@ -103,6 +105,7 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
         _count_readiness(core, axis, feedback)
     for leg in core.legs:
         _place(leg)
+        watching.watch_raw(core, leg)
 
 
 def _measured(core: Core, axis: Axis, feedback: DriveFeedback, tick: Tick) -> joints.Joint:
@@ -181,9 +184,12 @@ def observe(core: Core, tick: Tick) -> None:
             late=tick.late,
             unreferenced=not referenced,
             artificial=leg.artificial != (0.0, 0.0) or plans.is_artificial(leg),
+            input_saturated=watching.is_saturated(leg),
+            near_limit=leg.zone.entered,
         )
         watch(core, leg, estimate, tick.dt_s)
         look_back(leg, estimate, tick.dt_s)
+        watching.watch_patient(core, leg, estimate)
         bad = Validity.BAD in estimate.validity
         leg.observer_bad_cycles = leg.observer_bad_cycles + 1 if bad else 0
 
@@ -214,9 +220,10 @@ def judge(core: Core, orders: inbox.Orders, tick: Tick) -> Verdict:
         bus_error=tick.bus_error,
         tx_dropped_in_a_row=tick.tx_dropped_in_a_row,
     )
-    axes = [_situation(core, axis) for axis in core.axes]
+    axes = [_situation(core, leg, index) for leg in core.legs for index in range(len(leg.axes))]
     legs = [
-        LegSituation(leg.name, leg.singularity_ratio, leg.observer_bad_cycles) for leg in core.legs
+        LegSituation(leg.name, leg.singularity_ratio, leg.stopping_ratio, leg.observer_bad_cycles)
+        for leg in core.legs
     ]
     config = core.config
     return safety.judge(
@@ -224,7 +231,8 @@ def judge(core: Core, orders: inbox.Orders, tick: Tick) -> Verdict:
     )
 
 
-def _situation(core: Core, axis: Axis) -> AxisSituation:
+def _situation(core: Core, leg: Leg, index: int) -> AxisSituation:
+    axis = leg.axes[index]
     feedback = axis.feedback
     if feedback is None:
         raise RuntimeError(f"{axis.name} is judged before it was sensed")
@@ -246,4 +254,11 @@ def _situation(core: Core, axis: Axis) -> AxisSituation:
         unasked_cycles=axis.unasked_cycles,
         mode_wanted=axis.mode_sent,
         new_emergency=feedback.alarm_count > axis.emergencies_seen,
+        watch=axis.watch,
+        held_si=leg.balance.held(index),
+        stride_energy_j=watching.stride_energy(core, leg, axis),
+        stride_drift_si=watching.stride_drift(core, leg, axis),
+        stopping_end_si=axis.stopping_end_si,
+        spasm_cycles=axis.spasm.cycles,
+        spasm_rise_si=axis.spasm.rise_si,
     )

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from daemon.config.settings import Impedance
-from daemon.core import conduct, preparing, safety, stopping, targets
+from daemon.core import conduct, preparing, safety, stopping, targets, watching
 from daemon.core.reference import GaitPlay, Reference
 from daemon.core.state import Axis, Core, Leg
 from daemon.record import Cause, Verdict
@@ -95,9 +95,11 @@ def _wishes(core: Core, leg: Leg) -> tuple[Wish, Wish]:
     config = core.config
     walking = isinstance(leg.plan, GaitPlay)
     (k0, d0), (k1, d1) = _gains(config.gait.impedance if walking else config.hold)
+    efforts = _effort(hip, reference, 0, k0, d0), _effort(slide, reference, 1, k1, d1)
+    efforts = watching.slowed(leg, efforts)
     return (
-        Wish(_effort(hip, reference, 0, k0, d0), reference.position[0], reference.velocity[0]),
-        Wish(_effort(slide, reference, 1, k1, d1), reference.position[1], reference.velocity[1]),
+        Wish(efforts[0], reference.position[0], reference.velocity[0]),
+        Wish(efforts[1], reference.position[1], reference.velocity[1]),
     )
 
 

@@ -19,6 +19,13 @@ class AxisLimits(NamedTuple):
     effort_max_si: float
     effort_rate_max_si_per_s: float
     power_max_w: float
+    stride_energy_max_j: float
+    effort_deviation_max_si: float
+    load_deviation_max_si: float
+    opposed_effort_min_si: float
+    soft_damping_si: float
+    """N·m·s/rad or N·s/m at the hard limit, for what leads out."""
+    spasm_rise_si: float
     tracking_max_si: float
     temperature_max_degc: float
     quick_stop_deceleration_si_per_s2: float
@@ -40,6 +47,12 @@ def hip_limits(limits: Limits, breakaway_nm: float) -> AxisLimits:
         effort_max_si=hip.torque_max_nm,
         effort_rate_max_si_per_s=hip.torque_rate_max_nm_per_s,
         power_max_w=hip.power_max_w,
+        stride_energy_max_j=hip.stride_energy_max_j,
+        effort_deviation_max_si=hip.torque_deviation_max_nm,
+        load_deviation_max_si=hip.load_deviation_max_nm,
+        opposed_effort_min_si=hip.opposed_torque_min_nm,
+        soft_damping_si=limits.soft_limit.hip_damping_nm_s_per_rad,
+        spasm_rise_si=limits.spasm.hip_rise_nm,
         tracking_max_si=math.radians(hip.tracking_max_deg),
         temperature_max_degc=hip.temperature_max_degc,
         quick_stop_deceleration_si_per_s2=hip.quick_stop_deceleration_rad_per_s2,
@@ -61,6 +74,12 @@ def slide_limits(limits: Limits, breakaway_n: float) -> AxisLimits:
         effort_max_si=slide.force_max_n,
         effort_rate_max_si_per_s=slide.force_rate_max_n_per_s,
         power_max_w=slide.power_max_w,
+        stride_energy_max_j=slide.stride_energy_max_j,
+        effort_deviation_max_si=slide.force_deviation_max_n,
+        load_deviation_max_si=slide.load_deviation_max_n,
+        opposed_effort_min_si=slide.opposed_force_min_n,
+        soft_damping_si=limits.soft_limit.slide_damping_n_s_per_m,
+        spasm_rise_si=limits.spasm.slide_rise_n,
         tracking_max_si=slide.tracking_max_m,
         temperature_max_degc=slide.temperature_max_degc,
         quick_stop_deceleration_si_per_s2=slide.quick_stop_deceleration_m_per_s2,
@@ -94,5 +113,10 @@ class Thresholds(NamedTuple):
     encoder_frozen_cycles: int
     encoder_jump_ratio: float
     singularity_stop_ratio: float
+    singularity_soft_ratio: float
+    deviation_cycles: int
+    opposed_cycles: int
+    energy_window_cycles: int
+    spasm_patience_cycles: int
     mode_switch_cycles: int
     """How long a drive may take to show a mode and to follow in it."""

@@ -253,7 +253,7 @@ def _encoder(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
         return
     if axis.loop_distance_si < HELD_RATIO * limits.tracking_max_si:
         return
-    change_si = abs(joint.effort_si - joint.effort_before_still_si)
+    change_si = abs(axis.held_si - axis.watch.held_before_still_si)
     if change_si > FROZEN_PUSH_RATIO * limits.breakaway_si:
         yield (
             Cause.ENCODER_FROZEN,
@@ -263,15 +263,64 @@ def _encoder(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
         )
 
 
+def _efforts(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
+    """Whether the drive gives what it is asked for (`effort_watch.py`), with power or without."""
+    watch, limits = axis.watch, axis.limits
+    if watch.gap_cycles >= thresholds.deviation_cycles:
+        yield (
+            Cause.EFFORT_DEVIATION,
+            watch.gap_si,
+            limits.effort_deviation_max_si,
+            "measured without power" if watch.unpowered_cycles else "measured from sent",
+        )
+
+
+def _directions(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
+    watch, limits = axis.watch, axis.limits
+    if watch.opposed_cycles >= thresholds.opposed_cycles:
+        yield (
+            Cause.SIGN_WRONG,
+            watch.opposed_si,
+            limits.opposed_effort_min_si,
+            "effort one way, motion the other",
+        )
+
+
+def _strides(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
+    """What is summed over the last stride, and what the patient did in it."""
+    limits = axis.limits
+    if abs(axis.stride_drift_si) > limits.load_deviation_max_si:
+        yield (
+            Cause.EFFORT_DEVIATION,
+            abs(axis.stride_drift_si),
+            limits.load_deviation_max_si,
+            "mean of a stride from what motion and load ask for",
+        )
+    if axis.stride_energy_j > limits.stride_energy_max_j:
+        yield Cause.ENERGY_LIMIT, axis.stride_energy_j, limits.stride_energy_max_j, "J in a stride"
+    if axis.spasm_cycles > thresholds.spasm_patience_cycles:
+        yield Cause.SPASM, abs(axis.spasm_rise_si), limits.spasm_rise_si, "rise against the motion"
+
+
+def _positions(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
+    joint, limits = axis.joint, axis.limits
+    if not joint.known or not axis.referenced or axis.homing:
+        return
+    lowest_si, highest_si = limits.position_min_si, limits.position_max_si
+    if joint.position_si < lowest_si:
+        yield Cause.POSITION_LIMIT, joint.position_si, lowest_si, "below"
+    elif axis.stopping_end_si < lowest_si:
+        yield Cause.STOPPING_PATH, axis.stopping_end_si, lowest_si, "comes to rest below"
+    if joint.position_si > highest_si:
+        yield Cause.POSITION_LIMIT, joint.position_si, highest_si, "above"
+    elif axis.stopping_end_si > highest_si:
+        yield Cause.STOPPING_PATH, axis.stopping_end_si, highest_si, "comes to rest above"
+
+
 def _limits(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
     joint, limits = axis.joint, axis.limits
     if not joint.known:
         return
-    placed = axis.referenced and not axis.homing
-    if placed and joint.position_si < limits.position_min_si:
-        yield Cause.POSITION_LIMIT, joint.position_si, limits.position_min_si, "below"
-    if placed and joint.position_si > limits.position_max_si:
-        yield Cause.POSITION_LIMIT, joint.position_si, limits.position_max_si, "above"
     temperature_degc = axis.feedback.temperature_degc
     if temperature_degc is not None and temperature_degc > limits.temperature_max_degc:
         yield Cause.TEMPERATURE_LIMIT, temperature_degc, limits.temperature_max_degc, "degC"
@@ -289,7 +338,7 @@ EFFORT_MARGIN_RATIO = 1.1
 """The command is bounded at the limit; the current loop may ring a little beyond it."""
 
 Check = Callable[[AxisSituation, Thresholds], Iterator[Finding]]
-RESTING_CHECKS: tuple[Check, ...] = (_communication, _fault, _unasked)
+RESTING_CHECKS: tuple[Check, ...] = (_communication, _fault, _unasked, _efforts)
 DRIVING_CHECKS: tuple[Check, ...] = (
     _inputs,
     _limit_switches,
@@ -297,7 +346,11 @@ DRIVING_CHECKS: tuple[Check, ...] = (
     _fault,
     _unasked,
     _encoder,
+    _directions,
+    _efforts,
+    _positions,
     _limits,
+    _strides,
     _power,
 )
 
@@ -309,6 +362,13 @@ def _judge_leg(leg: LegSituation, thresholds: Thresholds) -> Iterator[Finding]:
             leg.singularity_ratio,
             thresholds.singularity_stop_ratio,
             "|sin| between shank and shoe",
+        )
+    elif leg.stopping_ratio < thresholds.singularity_stop_ratio:
+        yield (
+            Cause.STOPPING_PATH,
+            leg.stopping_ratio,
+            thresholds.singularity_stop_ratio,
+            "|sin| between shank and shoe on the way to rest",
         )
     if leg.observer_bad_cycles > OBSERVER_BAD_MAX_CYCLES:
         yield (

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from daemon.core.effort_watch import EffortWatch
 from daemon.core.joints import Joint
 from daemon.core.limits import AxisLimits
 from drives.signals import DriveFeedback
@@ -38,6 +39,20 @@ class AxisSituation:
     """Cycles in a row in which it was enabled, and nobody here had asked for it."""
     mode_wanted: int
     new_emergency: bool
+    watch: EffortWatch
+    """Whether its drive gives the effort that it is asked for."""
+    held_si: float
+    """Effort that friction and patient hold together, if the joint stands still."""
+    stride_energy_j: float
+    """Net, into the leg, over the last stride."""
+    stride_drift_si: float
+    """Mean effort over the last stride that nothing explains; 0 while no whole stride is known."""
+    stopping_end_si: float
+    """Where the axis comes to rest if it brakes now."""
+    spasm_cycles: int
+    """How long the patient has been working against the motion; 0: not at all."""
+    spasm_rise_si: float
+
     """An EMCY that asks for a stop has come since the last reset."""
 
 
@@ -48,6 +63,8 @@ class LegSituation:
     name: str
     singularity_ratio: float
     """|sin| of the angle between shank and shoe; 0 where the mechanism does not close."""
+    stopping_ratio: float
+    """The smallest singularity ratio on the way to rest of both axes."""
     observer_bad_cycles: int
     """Cycles in a row for which the observer has been of no use while it should be."""
 

@@ -4,10 +4,15 @@ from dataclasses import dataclass, field
 
 from daemon.config.settings import Excite, Gait, Impedance
 from daemon.core.axis_notes import Notes, PoseRules, Wiring
+from daemon.core.balance import Balance
+from daemon.core.effort_watch import EffortWatch
+from daemon.core.energy import StrideSum
 from daemon.core.joints import Joint
 from daemon.core.limits import AxisLimits, Categories, Thresholds
 from daemon.core.preparation import HomingRules, Preparation, PushRules, SignTest
 from daemon.core.reference import ExcitePlay, GaitPlay, GaitShape, Hold, Reference
+from daemon.core.soft_limits import SoftZone
+from daemon.core.spasm import SpasmRules, SpasmWatch
 from daemon.core.stopping import DriveStop, StopRules
 from daemon.record import Cause, Mode, Request, RequestResult, Verdict
 from drives.drive import DriveGroup
@@ -32,6 +37,7 @@ class CoreConfig:
     thresholds: Thresholds
     categories: Categories
     stop_rules: StopRules
+    spasm: SpasmRules
     hold: Impedance
     gait: Gait
     excite: dict[str, Excite]
@@ -59,6 +65,7 @@ class Axis:
     homing: HomingRules | None
     """None: this axis cannot be homed."""
     torque_sampling: TorqueSampling
+    spasm: SpasmWatch
     serial_number: int = 0
     referenced: bool = False
     homed: bool = False
@@ -82,6 +89,12 @@ class Axis:
     position_offset_si: float = 0.0
     """What the target had beyond the plan's wish when guidance took it over; fades away."""
     gravity_si: float = 0.0
+    watch: EffortWatch = field(default_factory=EffortWatch)
+    energy: StrideSum = field(default_factory=StrideSum)
+    """Into the leg, J."""
+    unexplained: StrideSum = field(default_factory=StrideSum)
+    """Effort times cycles of a gait that plays."""
+    stopping_end_si: float = 0.0
     tracking_si: float = 0.0
     wanted_velocity_si: float = 0.0
     reached_enabled: bool = False
@@ -117,7 +130,12 @@ class Leg:
     """A controller's assist in force in this cycle, bounded: N·m, N."""
     stiffness_ratio: float = 1.0
     """Of the configured stiffness of guidance: what a controller, or a spasm, leaves of it."""
+    spasm_ratio: float = 1.0
+    """Of the stiffness of guidance: what a spasm leaves of it."""
     singularity_ratio: float = 1.0
+    stopping_ratio: float = 1.0
+    balance: Balance = field(default_factory=Balance)
+    zone: SoftZone = field(default_factory=SoftZone)
     stride: Stride | None = None
     """Completed in this cycle."""
     stride_count: int = 0

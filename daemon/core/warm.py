@@ -5,7 +5,7 @@ A first call costs up to seconds, so it must never happen between two SYNCs.
 
 import numpy as np
 
-from daemon.core import reference
+from daemon.core import balance, reference, stopping_path
 from daemon.core.build import Built
 from observer.mechanism import singularity_ratio
 
@@ -21,6 +21,9 @@ def warm_up(built: Built) -> None:
         reference.angles_of_joints(leg.parameters, pose)
         load = reference.load_at(leg.parameters, pose)
         singularity_ratio(leg.parameters, np.array(pose))
+        stopping_path.least_ratio(leg.parameters, pose, (0.0, 0.0), (1.0, 1.0))
+        stopping_path.gradient(leg.parameters, pose)
+        balance.warm_up(leg.parameters, leg.friction)
         leg.observer.reset(np.array(pose))
         for _ in range(STEPS):
             estimate = leg.observer.step(

@@ -1,0 +1,106 @@
+"""Whether a drive gives the effort that it is asked for, in the direction it is asked for.
+
+Three questions, each of raw values alone, each asked of one axis in every cycle:
+
+`gap`        In torque mode, is the effort that the drive measures the one that was sent? A target
+             leaves in one cycle, acts from the next SYNC and is sampled at the one after, so it is
+             compared with all that was sent lately. Finds a drive that does not give its torque.
+`opposed`    Beyond the load, does the drive push one way while the joint accelerates, against its
+             friction, the other way? Then motor or encoder are the wrong way round, or a patient is
+             twice as strong as the limit.
+`drift`      Over a whole stride of gait, is the mean effort what motion, load and friction ask for?
+             A current sensor that shows too much closes its drive's own loop on a wrong value: the
+             gap is nil, the leg gets too little, and only this mean can tell. A patient who pushes
+             steadily through a whole stride looks the same, and nobody could tell the two apart: a
+             drive that seems to give that much too little is not to be trusted with a leg.
+
+Without power a drive's effort is nil, whatever its target: there `gap` is what its sensor shows.
+"""
+
+from typing import NamedTuple
+
+from daemon.core.balance import Balance
+from daemon.core.joints import Joint
+from daemon.core.limits import AxisLimits
+
+SENT_COUNT = 3
+"""A measured effort may be that of so many commands: two cycles of delay, and one late sample."""
+SETTLE_CYCLES = 10
+"""After a drive has lost its power its current is gone; before that it is no fault."""
+
+
+class EffortWatch(NamedTuple):
+    """What one axis's efforts have been like lately; N·m or N."""
+
+    sent_si: tuple[float, ...] = ()
+    """The newest last, in torque mode without a break."""
+    unpowered_cycles: int = 0
+    gap_si: float = 0.0
+    gap_cycles: int = 0
+    """In a row beyond the limit."""
+    opposed_si: float = 0.0
+    """The smaller one of push and motion, where they are opposed."""
+    opposed_cycles: int = 0
+    held_before_still_si: float = 0.0
+    """What friction and patient held when the joint began to stand still."""
+
+
+def note_sent(watch: EffortWatch, effort_si: float, *, in_force: bool) -> EffortWatch:
+    """The watch after a command; `in_force`: the drive is enabled and shows torque mode."""
+    if not in_force:
+        return watch._replace(sent_si=())
+    return watch._replace(sent_si=(*watch.sent_si, effort_si)[-SENT_COUNT:])
+
+
+def look(
+    watch: EffortWatch,
+    joint: Joint,
+    balance: Balance,
+    axis: int,
+    limits: AxisLimits,
+    *,
+    powered: bool,
+) -> EffortWatch:
+    """The watch after this cycle's sample; without a sample nothing is known, and nothing counts.
+
+    Args:
+        watch: of the cycle before.
+        joint: of this cycle.
+        balance: of its leg.
+        axis: 0 hip, 1 slide.
+        limits: of this axis.
+        powered: the drive's power stage is on, or was until a moment ago.
+    """
+    if not joint.fresh:
+        return watch
+    unpowered_cycles = 0 if powered else watch.unpowered_cycles + 1
+    gap_si = _gap(watch, joint.effort_si, unpowered_cycles)
+    opposed_si = _opposed(balance, axis) if powered else 0.0
+    return watch._replace(
+        unpowered_cycles=unpowered_cycles,
+        gap_si=gap_si,
+        gap_cycles=watch.gap_cycles + 1 if gap_si > limits.effort_deviation_max_si else 0,
+        opposed_si=opposed_si,
+        opposed_cycles=(
+            watch.opposed_cycles + 1 if opposed_si > limits.opposed_effort_min_si else 0
+        ),
+        held_before_still_si=(
+            watch.held_before_still_si if joint.still_cycles > 1 else balance.held(axis)
+        ),
+    )
+
+
+def _gap(watch: EffortWatch, measured_si: float, unpowered_cycles: int) -> float:
+    if unpowered_cycles > SETTLE_CYCLES:
+        return abs(measured_si)
+    if len(watch.sent_si) < SENT_COUNT:
+        return 0.0
+    return max(min(watch.sent_si) - measured_si, measured_si - max(watch.sent_si), 0.0)
+
+
+def _opposed(balance: Balance, axis: int) -> float:
+    if not balance.known:
+        return 0.0
+    push_si = balance.effort[axis] - balance.load[axis]
+    motion_si = balance.inertia[axis] + balance.friction[axis]
+    return min(abs(push_si), abs(motion_si)) if push_si * motion_si < 0 else 0.0

@@ -1,0 +1,67 @@
+"""A spasm: the patient's estimated effort rises fast against the motion. Guidance yields, then stops.
+
+The estimate is the observer's, so this may only add: less stiffness, and a stop. Voluntary effort
+rises slower than the window asks, and with the motion as often as against it. Once begun, a spasm
+lasts until half of its rise is gone, whichever way the leg moves meanwhile.
+"""
+
+from collections import deque
+from typing import NamedTuple
+
+END_RATIO = 0.5
+"""Of the rise that counts as a spasm: below, it is over."""
+
+
+class SpasmRules(NamedTuple):
+    """[spasm] of limits.toml in cycles."""
+
+    window_cycles: int
+    stiffness_ratio: float
+    softening_ratio: float
+    """Of full stiffness, in one cycle."""
+    recovery_ratio: float
+
+
+class SpasmWatch:
+    """One axis."""
+
+    def __init__(self, window_cycles: int) -> None:
+        self._efforts: deque[float] = deque(maxlen=window_cycles + 1)
+        self._before_si = 0.0
+        self.rise_si = 0.0
+        """Signed: of the newest window, or since the begin of the spasm."""
+        self.cycles = 0
+        """How long it has lasted; 0: there is none."""
+
+    def forget(self) -> None:
+        """Nothing is known of the patient: no estimate to be used, or nothing is driven."""
+        self._efforts.clear()
+        self.rise_si, self.cycles = 0.0, 0
+
+    def take(self, effort_si: float, speed_si: float, rise_max_si: float, rest_si: float) -> None:
+        """One cycle.
+
+        Args:
+            effort_si: of the patient, as the observer has it: N·m or N.
+            speed_si: raw; rad/s or m/s.
+            rise_max_si: from where it is a spasm.
+            rest_si: speed below which there is no motion to work against.
+        """
+        self._efforts.append(effort_si)
+        if self.cycles > 0:
+            risen_si = effort_si - self._before_si
+            lasting = risen_si * self.rise_si > 0 and abs(risen_si) > END_RATIO * rise_max_si
+            self.cycles = self.cycles + 1 if lasting else 0
+            return
+        self.rise_si = effort_si - self._efforts[0]
+        against = self.rise_si * speed_si < 0 and effort_si * speed_si < 0
+        if against and abs(speed_si) > rest_si and abs(self.rise_si) > rise_max_si:
+            self._before_si = self._efforts[0]
+            self.cycles = 1
+
+
+def softened(ratio: float, rules: SpasmRules, *, in_spasm: bool) -> float:
+    """The share of stiffness after one cycle: down fast, up slowly, never in a step."""
+    if in_spasm:
+        return min(ratio, max(ratio - rules.softening_ratio, rules.stiffness_ratio))
+    return min(ratio + rules.recovery_ratio, 1.0)

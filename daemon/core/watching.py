@@ -1,0 +1,149 @@
+"""What safety looks at over more than one cycle, renewed in each: raw values into sums and counts.
+
+Here the parts meet: `balance.py` (what motion asks for), `effort_watch.py` (what the drive gives),
+`energy.py` (sums over a stride), `stopping_path.py` and `soft_limits.py` (where the leg would come
+to rest, and how deep it is in its margins), `spasm.py` (the only one that reads the estimate).
+`safety.py` judges what is found.
+"""
+
+from daemon.core import balance, conduct, effort_watch, preparing, soft_limits, stopping_path
+from daemon.core.energy import stride_cycles
+from daemon.core.reference import GaitPlay, Stage
+from daemon.core.spasm import softened
+from daemon.core.state import Axis, Core, Leg
+from drives.signals import OperationMode, PowerState
+from observer.leg_observer import LegEstimate
+from observer.status import Validity
+
+POWERED = frozenset(
+    {
+        PowerState.OPERATION_ENABLED,
+        PowerState.QUICK_STOP_ACTIVE,
+        PowerState.FAULT_REACTION_ACTIVE,
+        PowerState.UNKNOWN,
+    }
+)
+"""A power stage that may be on."""
+
+
+def watch_raw(core: Core, leg: Leg) -> None:
+    """Renew all that is found from the encoders and the measured efforts of one leg."""
+    hip, slide = leg.axes
+    leg.balance = balance.follow(
+        leg.balance, leg.parameters, leg.friction, (hip.joint, slide.joint)
+    )
+    for index, axis in enumerate(leg.axes):
+        axis.watch = effort_watch.look(
+            axis.watch,
+            axis.joint,
+            leg.balance,
+            index,
+            preparing.limits_in_force(core, axis),
+            powered=axis.feedback is not None and axis.feedback.power_state in POWERED,
+        )
+        _sum_up(leg, axis, index)
+    _look_ahead(core, leg)
+
+
+def _sum_up(leg: Leg, axis: Axis, index: int) -> None:
+    joint = axis.joint
+    axis.energy.take(joint.effort_si * joint.step_si if joint.fresh else 0.0)
+    if not _strides(leg):
+        axis.unexplained.clear()
+    else:
+        axis.unexplained.take(leg.balance.unexplained(index))
+
+
+def _strides(leg: Leg) -> bool:
+    plan = leg.plan
+    return isinstance(plan, GaitPlay) and plan.stage == Stage.PLAY
+
+
+def _look_ahead(core: Core, leg: Leg) -> None:
+    """Where both axes come to rest if they brake now; only where both know where they are."""
+    hip, slide = leg.axes
+    if not all(axis.joint.known and axis.referenced for axis in leg.axes):
+        hip.stopping_end_si, slide.stopping_end_si = hip.joint.position_si, slide.joint.position_si
+        leg.stopping_ratio, leg.zone = 1.0, soft_limits.SoftZone()
+        return
+    position = hip.joint.position_si, slide.joint.position_si
+    velocity = hip.joint.velocity_si, slide.joint.velocity_si
+    ramps = (
+        hip.limits.quick_stop_deceleration_si_per_s2,
+        slide.limits.quick_stop_deceleration_si_per_s2,
+    )
+    for axis, at, speed, ramp in zip(leg.axes, position, velocity, ramps, strict=True):
+        axis.stopping_end_si = stopping_path.end_of(at, speed, ramp)
+    leg.stopping_ratio = stopping_path.least_ratio(leg.parameters, position, velocity, ramps)
+    leg.zone = soft_limits.zone_at(
+        (hip.limits, slide.limits), core.config.thresholds, position, leg.singularity_ratio
+    )
+
+
+def slowed(leg: Leg, efforts: tuple[float, float]) -> tuple[float, float]:
+    """The efforts that guidance wants, less what would lead further out of a soft margin."""
+    hip, slide = leg.axes
+    return soft_limits.slowed(
+        leg.zone,
+        leg.parameters,
+        (hip.limits, slide.limits),
+        (hip.joint.position_si, slide.joint.position_si),
+        (hip.joint.velocity_si, slide.joint.velocity_si),
+        (hip.gravity_si, slide.gravity_si),
+        efforts,
+    )
+
+
+def watch_patient(core: Core, leg: Leg, estimate: LegEstimate) -> None:
+    """Look for a spasm in the estimate, and let guidance yield to it."""
+    for index, axis in enumerate(leg.axes):
+        if estimate.validity[index] is Validity.BAD or not core.mode.active:
+            axis.spasm.forget()
+            continue
+        limits = axis.limits
+        axis.spasm.take(
+            estimate.state[6 + index],
+            axis.joint.velocity_si,
+            limits.spasm_rise_si,
+            limits.standstill_si_per_s,
+        )
+    in_spasm = any(axis.spasm.cycles > 0 for axis in leg.axes)
+    leg.spasm_ratio = softened(leg.spasm_ratio, core.config.spasm, in_spasm=in_spasm)
+
+
+def is_saturated(leg: Leg) -> bool:
+    """Whether a drive was given less than was wanted, because of a limit of ours."""
+    return any(abs(axis.effort_sent_si) >= axis.limits.effort_max_si for axis in leg.axes)
+
+
+def stride_energy(core: Core, leg: Leg, axis: Axis) -> float:
+    """Net energy that this axis's drive put into the leg over the last stride, or window: J."""
+    return axis.energy.so_far(_window(core, leg))
+
+
+def stride_drift(core: Core, leg: Leg, axis: Axis) -> float:
+    """Mean effort over the last stride of a gait that nothing explains; 0 before a whole one."""
+    cycles = _window(core, leg)
+    total = axis.unexplained.over(cycles)
+    return 0.0 if total is None else total / cycles
+
+
+def _window(core: Core, leg: Leg) -> int:
+    plan = leg.plan
+    if isinstance(plan, GaitPlay) and plan.stage in {Stage.PLAY, Stage.END}:
+        return stride_cycles(plan.cadence_hz, core.config.period_s)
+    return core.config.thresholds.energy_window_cycles
+
+
+def note_commands(core: Core) -> None:
+    """Remember what was sent, to compare it with what will be measured."""
+    for axis in core.axes:
+        feedback = axis.feedback
+        in_force = (
+            feedback is not None
+            and feedback.power_state == PowerState.OPERATION_ENABLED
+            and feedback.mode_display == OperationMode.CYCLIC_SYNC_TORQUE
+            and axis.mode_sent == OperationMode.CYCLIC_SYNC_TORQUE
+            and conduct.enable_wanted(core, axis)
+        )
+        axis.watch = effort_watch.note_sent(axis.watch, axis.effort_sent_si, in_force=in_force)
