@@ -109,7 +109,7 @@ def _pushed_together(
     velocity: Pair,
     push: Pair,
 ) -> Pair:
-    """Along the gradient, in the measure of both dampings: with one axis alone this is `_pushed`."""
+    """Along the gradient, in the measure of both dampings; with one axis alone as `_pushed`."""
     yield_hip = inwards[0] / max(limits[0].soft_damping_si, LEAST_DAMPING_SI)
     yield_slide = inwards[1] / max(limits[1].soft_damping_si, LEAST_DAMPING_SI)
     stiff = 1.0 / (inwards[0] * yield_hip + inwards[1] * yield_slide)

@@ -1,8 +1,10 @@
-"""A spasm: the patient's estimated effort rises fast against the motion. Guidance yields, then stops.
+"""A spasm: the patient's estimated effort rises fast against the motion; guidance yields, or stops.
 
 The estimate is the observer's, so this may only add: less stiffness, and a stop. Voluntary effort
-rises slower than the window asks, and with the motion as often as against it. Once begun, a spasm
-lasts until half of its rise is gone, whichever way the leg moves meanwhile.
+rises slower than the window asks. The motion is that of the joint when the window began, and the one
+that guidance wants: a hard contraction has turned a slow leg around before it is seen. Where there is
+no motion, as at a turn of the gait, no effort is with it. Once begun, a spasm lasts until half of its
+rise is gone, whichever way the leg moves meanwhile.
 """
 
 from collections import deque
@@ -26,7 +28,8 @@ class SpasmWatch:
     """One axis."""
 
     def __init__(self, window_cycles: int) -> None:
-        self._efforts: deque[float] = deque(maxlen=window_cycles + 1)
+        self._lately: deque[tuple[float, float]] = deque(maxlen=window_cycles + 1)
+        """Effort and speed, the oldest first."""
         self._before_si = 0.0
         self.rise_si = 0.0
         """Signed: of the newest window, or since the begin of the spasm."""
@@ -35,28 +38,41 @@ class SpasmWatch:
 
     def forget(self) -> None:
         """Nothing is known of the patient: no estimate to be used, or nothing is driven."""
-        self._efforts.clear()
+        self._lately.clear()
         self.rise_si, self.cycles = 0.0, 0
 
-    def take(self, effort_si: float, speed_si: float, rise_max_si: float, rest_si: float) -> None:
+    def take(
+        self,
+        effort_si: float,
+        speed_si: float,
+        wanted_speed_si: float,
+        rise_max_si: float,
+        rest_si: float,
+    ) -> None:
         """One cycle.
 
         Args:
             effort_si: of the patient, as the observer has it: N·m or N.
             speed_si: raw; rad/s or m/s.
+            wanted_speed_si: of guidance; 0 where nothing is guided.
             rise_max_si: from where it is a spasm.
-            rest_si: speed below which there is no motion to work against.
+            rest_si: speed below which there is no motion to work with.
         """
-        self._efforts.append(effort_si)
+        self._lately.append((effort_si, speed_si))
+        before_si, speed_before_si = self._lately[0]
         if self.cycles > 0:
             risen_si = effort_si - self._before_si
             lasting = risen_si * self.rise_si > 0 and abs(risen_si) > END_RATIO * rise_max_si
             self.cycles = self.cycles + 1 if lasting else 0
             return
-        self.rise_si = effort_si - self._efforts[0]
-        against = self.rise_si * speed_si < 0 and effort_si * speed_si < 0
-        if against and abs(speed_si) > rest_si and abs(self.rise_si) > rise_max_si:
-            self._before_si = self._efforts[0]
+        self.rise_si = effort_si - before_si
+        grows = self.rise_si * effort_si > 0 and abs(self.rise_si) > rise_max_si
+        with_motion = any(
+            abs(speed) > rest_si and self.rise_si * speed > 0
+            for speed in (speed_before_si, wanted_speed_si)
+        )
+        if grows and not with_motion:
+            self._before_si = before_si
             self.cycles = 1
 
 

@@ -134,6 +134,8 @@ class Leg:
     """Of the stiffness of guidance: what a spasm leaves of it."""
     singularity_ratio: float = 1.0
     stopping_ratio: float = 1.0
+    window_cycles: int = 1
+    """Of a stride, or what stands in for it: energy is counted over it."""
     balance: Balance = field(default_factory=Balance)
     zone: SoftZone = field(default_factory=SoftZone)
     stride: Stride | None = None

@@ -41,12 +41,16 @@ def watch_raw(core: Core, leg: Leg) -> None:
             preparing.limits_in_force(core, axis),
             powered=axis.feedback is not None and axis.feedback.power_state in POWERED,
         )
-        _sum_up(leg, axis, index)
+        _sum_up(core, leg, index)
+    leg.window_cycles = _window(core, leg)
     _look_ahead(core, leg)
 
 
-def _sum_up(leg: Leg, axis: Axis, index: int) -> None:
+def _sum_up(core: Core, leg: Leg, index: int) -> None:
+    axis = leg.axes[index]
     joint = axis.joint
+    if leg.window_cycles != _window(core, leg):
+        axis.energy.clear()
     axis.energy.take(joint.effort_si * joint.step_si if joint.fresh else 0.0)
     if not _strides(leg):
         axis.unexplained.clear()
@@ -104,6 +108,7 @@ def watch_patient(core: Core, leg: Leg, estimate: LegEstimate) -> None:
         axis.spasm.take(
             estimate.state[6 + index],
             axis.joint.velocity_si,
+            axis.wanted_velocity_si,
             limits.spasm_rise_si,
             limits.standstill_si_per_s,
         )
@@ -116,16 +121,15 @@ def is_saturated(leg: Leg) -> bool:
     return any(abs(axis.effort_sent_si) >= axis.limits.effort_max_si for axis in leg.axes)
 
 
-def stride_energy(core: Core, leg: Leg, axis: Axis) -> float:
+def stride_energy(leg: Leg, axis: Axis) -> float:
     """Net energy that this axis's drive put into the leg over the last stride, or window: J."""
-    return axis.energy.so_far(_window(core, leg))
+    return axis.energy.so_far(leg.window_cycles)
 
 
-def stride_drift(core: Core, leg: Leg, axis: Axis) -> float:
+def stride_drift(leg: Leg, axis: Axis) -> float:
     """Mean effort over the last stride of a gait that nothing explains; 0 before a whole one."""
-    cycles = _window(core, leg)
-    total = axis.unexplained.over(cycles)
-    return 0.0 if total is None else total / cycles
+    total = axis.unexplained.over(leg.window_cycles)
+    return 0.0 if total is None else total / leg.window_cycles
 
 
 def _window(core: Core, leg: Leg) -> int:
