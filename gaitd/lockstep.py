@@ -22,6 +22,7 @@ from daemon.record import (
     Request,
     RequestKind,
     RequestResult,
+    Setpoint,
 )
 from drives.bus import Clock, Frame
 from sim_drives.frame import Frame as WorldFrame
@@ -103,6 +104,10 @@ class WorldBus:
             self._waiting.append(Frame(timed.can_id, timed.data, timed.time_ns))
 
 
+Controller = Callable[[CycleRecord], tuple[Setpoint, ...]]
+"""A controller in the script's hand: a record in, the setpoints that the gateway forwards out."""
+
+
 class Gateway:
     """The other end of the seam: hears every record, and asks when a script tells it to."""
 
@@ -110,7 +115,13 @@ class Gateway:
         self.records: list[CycleRecord] = []
         self.silent = False
         """A gateway that hangs: no levels any more."""
+        self.lease = 0
+        """That is held, as the gateway tells it; 0: none."""
+        self.controller: Controller | None = None
+        """Answers each record with the newest setpoint of each leg."""
+        self._setpoints: tuple[Setpoint, ...] = ()
         self._on_record = on_record
+        self._lease_count = 0
         self._seq = 0
         self._stop_count = 0
         self._request = Request()
@@ -122,6 +133,8 @@ class Gateway:
         self.records.append(record)
         if self._on_record is not None:
             self._on_record(record)
+        if self.controller is not None:
+            self._setpoints = self.controller(record)
 
     def levels(self) -> list[Level]:
         """One level for each turn, made when the newest record had been read."""
@@ -129,9 +142,23 @@ class Gateway:
             return []
         self._seq += 1
         cycle = self.records[-1].cycle
-        return [Level(BOOT_ID, self._seq, cycle, self._stop_count, self._request)]
+        stop_count, request = self._stop_count, self._request
+        return [Level(BOOT_ID, self._seq, cycle, stop_count, request, self._setpoints, self.lease)]
 
     # --- the script's side ------------------------------------------------------------------
+
+    def lend(self, controller: Controller) -> int:
+        """Give a new lease to a controller that answers each record from now on.
+
+        Returns: the lease, which its setpoints must carry.
+        """
+        self.lease = self._lease_count = self._lease_count + 1
+        self.controller = controller
+        return self.lease
+
+    def end_lease(self) -> None:
+        """Nobody holds it any more; whoever sends setpoints goes on doing so."""
+        self.lease = 0
 
     def ask(self, kind: RequestKind, wanted: ModeRequest | None = None) -> None:
         """Ask for something once; the answer comes in the records."""

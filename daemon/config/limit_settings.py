@@ -41,6 +41,11 @@ class HipLimits(Table, frozen=True):
     static_load_tolerance_nm: Annotated[float, Meta(gt=0, le=60)]
     """Enable refuses when the load at hold differs from g(q) by more."""
     brake: bool
+    assist_max_nm: Annotated[float, Meta(gt=0, le=60)]
+    """Of a controller's setpoint, on top of g(q) and guidance; one beyond it is refused."""
+    assist_rate_max_nm_per_s: Annotated[float, Meta(gt=0, le=2000)]
+    assist_power_max_w: Annotated[float, Meta(gt=0, le=250)]
+    """Of the assist alone, along the motion."""
 
 
 class SlideLimits(Table, frozen=True):
@@ -63,6 +68,9 @@ class SlideLimits(Table, frozen=True):
     quick_stop_deceleration_m_per_s2: Annotated[float, Meta(gt=0, le=200)]
     static_load_tolerance_n: Annotated[float, Meta(gt=0, le=600)]
     brake: bool
+    assist_max_n: Annotated[float, Meta(gt=0, le=700)]
+    assist_rate_max_n_per_s: Annotated[float, Meta(gt=0, le=20000)]
+    assist_power_max_w: Annotated[float, Meta(gt=0, le=1000)]
 
 
 class Singularity(Table, frozen=True):
@@ -129,6 +137,16 @@ class Stop(Table, frozen=True):
     assist_fade_ms: Annotated[int, Meta(ge=20, le=2000)]
 
 
+class Assist(Table, frozen=True):
+    """A controller's setpoints in the core (daemon/core/assist.py)."""
+
+    setpoint_age_max_cycles: Annotated[int, Meta(ge=2, le=50)]
+    """From the cycle that a setpoint answers; then it is stale, and assist lapses."""
+    first_setpoint_cycles: Annotated[int, Meta(ge=5, le=500)]
+    """Mode torque waits so long for its first setpoint."""
+    stiffness_rate_max_ratio_per_s: Annotated[float, Meta(gt=0, le=10)]
+
+
 class Limits(Table, frozen=True):
     """limits.toml. `stop_category` names every cause that a category may be chosen for."""
 
@@ -140,6 +158,7 @@ class Limits(Table, frozen=True):
     spasm: Spasm
     communication: Communication
     stop: Stop
+    assist: Assist
     stop_category: dict[str, Category]
 
 

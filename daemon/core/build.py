@@ -11,6 +11,7 @@ from daemon.config.bundle import LegDrives, Settings
 from daemon.config.limit_settings import Limits
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Commissioning, Reference, Trainer
+from daemon.core.assist import AssistRules
 from daemon.core.axis_notes import Notes, PoseRules, Wiring
 from daemon.core.limits import AxisLimits, Categories, Thresholds, hip_limits, slide_limits
 from daemon.core.preparation import OVER, Homing, HomingRules, Preparation, PushRules
@@ -183,6 +184,12 @@ def _core_config(trainer: Trainer, limits: Limits, patient_configured: bool) -> 
             stiffness_ratio=limits.spasm.stiffness_ratio,
             softening_ratio=period_ms / limits.spasm.softening_ms,
             recovery_ratio=period_ms / limits.spasm.recovery_ms,
+        ),
+        assist_rules=AssistRules(
+            age_max_cycles=limits.assist.setpoint_age_max_cycles,
+            start_cycles=limits.assist.first_setpoint_cycles,
+            fade_cycles=max(stop.assist_fade_ms // period_ms, 1),
+            stiffness_step_ratio=limits.assist.stiffness_rate_max_ratio_per_s * period_ms * 1e-3,
         ),
         hold=trainer.hold,
         gait=trainer.gait,

@@ -5,11 +5,11 @@ to rest. This file applies them to the state of the core, once a cycle, in that 
 """
 
 from daemon.causes import LOST_DRIVE
-from daemon.core import plans, preparing, reference, requests, stopping
+from daemon.core import assisting, plans, preparing, reference, requests, stopping
 from daemon.core.inbox import Orders
 from daemon.core.joints import Joint
 from daemon.core.modes import Event
-from daemon.core.reference import ExcitePlay, GaitPlay, Hold, Stage
+from daemon.core.reference import ExcitePlay, GaitPlay, Hold, Stage, TorquePlay
 from daemon.core.safety import worse
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.stopping import Step
@@ -186,16 +186,29 @@ def _move_on(core: Core, cycle: int) -> None:
     """Exercises, stops and a fault reset under way go on by one cycle."""
     if core.mode == Mode.HOLD and not core.load_checked:
         _settle(core, cycle)
+    _let_lapse(core, cycle)
     for leg in core.legs:
         _advance_plan(core, leg)
     if core.mode.active and any(_is_over(leg) for leg in core.legs):
         for leg in core.legs:
-            leg.plan = plans.hold_from(leg)
+            leg.plan, leg.takes_over = plans.hold_from(leg), True
         enter(core, Event.EXERCISE_OVER)
     if core.mode in {Mode.STOPPING, Mode.FAULT}:
         _advance_stops(core, cycle)
     if core.mode == Mode.READY and core.reset_cycles_left > 0:
         _await_reset(core)
+
+
+def _let_lapse(core: Core, cycle: int) -> None:
+    """Assist that has lost its lease or its setpoints: brake from where the leg is, and hold."""
+    reason = assisting.lapse(core, cycle)
+    if not reason:
+        return
+    for leg in core.legs:
+        leg.plan, leg.takes_over = plans.brake(leg), True
+    core.lapse_count += 1
+    core.lapse_reason = reason
+    enter(core, Event.LEASE_LAPSED)
 
 
 def _settle(core: Core, cycle: int) -> None:
@@ -228,6 +241,8 @@ def _advance_plan(core: Core, leg: Leg) -> None:
         leg.plan = reference.advance_gait(plan, period_s)
     elif isinstance(plan, ExcitePlay):
         leg.plan = reference.advance_excite(plan, period_s, plans.measured(leg))
+    elif isinstance(plan, TorquePlay):
+        leg.plan = reference.advance_torque(plan, period_s)
     if isinstance(plan, GaitPlay | ExcitePlay) and isinstance(leg.plan, GaitPlay | ExcitePlay):
         _tell_stage(core, leg.name, plan.stage, leg.plan.stage)
 

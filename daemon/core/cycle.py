@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from daemon.core import (
+    assisting,
     conduct,
     guidance,
     inbox,
@@ -50,9 +51,11 @@ def step(
     sense(core, drives.end_of_window(tick.cycle, tick.sync_ns), tick)
     observe(core, tick)
     orders = inbox.hear(core, levels, tick.cycle)
+    assisting.hear(core, tick.cycle)
     found = judge(core, orders, tick)
     conduct.change_mode(core, found, orders, tick.cycle, tick.sync_utc_ns)
     poses.follow(core, tick.cycle, tick.sync_utc_ns)
+    guidance.assist(core, tick.cycle)
     commands = guidance.command(core, tick.cycle)
     watching.note_commands(core)
     outgoing = drives.frames(commands)
@@ -62,6 +65,7 @@ def step(
 def rest(core: Core, levels: Sequence[Level], tick: Tick) -> CycleRecord:
     """One cycle without drives: nothing to sense and nothing to send, but heard and told."""
     orders = inbox.hear(core, levels, tick.cycle)
+    assisting.hear(core, tick.cycle)
     requests.answer(core, orders, tick.cycle, tick.sync_utc_ns)
     requests.finish_request(core)
     return recording.record(core, tick)

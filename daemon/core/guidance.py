@@ -1,8 +1,12 @@
 """What is sent to each drive: mode, bounded targets of what guidance wants, power request.
 
 Guided by impedance (torque mode), total effort = g(q) + feedforward + K (q_ref - q) +
-D (dq_ref - dq), bounded as a whole: zero effort is not rest, the mechanism's weight and springs
+D (dq_ref - dq) + assist, bounded as a whole: zero effort is not rest, the mechanism's weight and springs
 are carried by the drives.
+
+A controller, or a spasm, may leave a part of the stiffness: K is multiplied by it and D by its
+square root, so that the damping ratio stays. Without guidance, in mode TORQUE, the same effort is
+g(q) + assist.
 
 Guided by position, the drives' own loops play the reference, gait and hold alike; only an
 open-loop excitation is in torque mode. Holding by the same loops that move leaves no hand-over at
@@ -16,7 +20,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from daemon.config.settings import Impedance
-from daemon.core import conduct, preparing, safety, stopping, targets, watching
+from daemon.core import assisting, conduct, preparing, safety, stopping, targets, watching
 from daemon.core.reference import GaitPlay, Reference
 from daemon.core.state import Axis, Core, Leg
 from daemon.record import Cause, Verdict
@@ -43,6 +47,13 @@ class Target(NamedTuple):
     position_si: float
 
 
+def assist(core: Core, cycle: int) -> None:
+    """Put into force what controllers ask of each leg, once a cycle."""
+    for leg in core.legs:
+        powered = any(conduct.enable_wanted(core, axis) for axis in leg.axes)
+        assisting.put_in_force(core, leg, cycle, powered=powered)
+
+
 def command(core: Core, cycle: int) -> list[DriveCommand]:
     """The command to every drive, in the order of the axes."""
     wishes = [wish for leg in core.legs for wish in _wishes(core, leg)]
@@ -60,6 +71,8 @@ def command(core: Core, cycle: int) -> list[DriveCommand]:
         targets.note_motion(axis, target.position_si, core.config.period_s)
         axis.mode_sent = mode
         axis.effort_sent_si, axis.position_sent_si = target
+    for leg in core.legs:
+        leg.takes_over = False
     return [_command(core, axis) for axis in core.axes]
 
 
@@ -94,8 +107,13 @@ def _wishes(core: Core, leg: Leg) -> tuple[Wish, Wish]:
         return Wish(0.0, hip.joint.position_si, 0.0), Wish(0.0, slide.joint.position_si, 0.0)
     config = core.config
     walking = isinstance(leg.plan, GaitPlay)
-    (k0, d0), (k1, d1) = _gains(config.gait.impedance if walking else config.hold)
-    efforts = _effort(hip, reference, 0, k0, d0), _effort(slide, reference, 1, k1, d1)
+    impedance = config.gait.impedance if walking else config.hold
+    gains = _gains(impedance, leg.stiffness_ratio * leg.spasm_ratio)
+    (k0, d0), (k1, d1) = gains
+    efforts = (
+        _effort(hip, reference, 0, k0, d0) + leg.assist_si[0],
+        _effort(slide, reference, 1, k1, d1) + leg.assist_si[1],
+    )
     efforts = watching.slowed(leg, efforts)
     return (
         Wish(efforts[0], reference.position[0], reference.velocity[0]),
@@ -122,10 +140,19 @@ def _effort(
     )
 
 
-def _gains(impedance: Impedance) -> tuple[tuple[float, float], tuple[float, float]]:
+def _gains(
+    impedance: Impedance, stiffness_ratio: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    damping_ratio = math.sqrt(stiffness_ratio)
     return (
-        (impedance.hip_stiffness_nm_per_rad, impedance.hip_damping_nm_s_per_rad),
-        (impedance.slide_stiffness_n_per_m, impedance.slide_damping_n_s_per_m),
+        (
+            stiffness_ratio * impedance.hip_stiffness_nm_per_rad,
+            damping_ratio * impedance.hip_damping_nm_s_per_rad,
+        ),
+        (
+            stiffness_ratio * impedance.slide_stiffness_n_per_m,
+            damping_ratio * impedance.slide_damping_n_s_per_m,
+        ),
     )
 
 
@@ -136,12 +163,15 @@ def _bounded(
     if not all(math.isfinite(number) for wish in wishes for number in wish):
         return None
     bounded: list[Target] = []
-    for axis, wish, mode in zip(core.axes, wishes, modes, strict=True):
+    taking_over = [leg.takes_over for leg in core.legs for _ in leg.axes]
+    for axis, wish, mode, takes_over in zip(core.axes, wishes, modes, taking_over, strict=True):
         pushing = conduct.enable_wanted(core, axis)
         if core.preparation is not None:
             target = _prepared(core, axis, wish, pushing=pushing)
         else:
-            target = _guided(core, axis, wish, mode, cycle, pushing=pushing)
+            leaving = conduct.mode_wanted(core, axis) != OperationMode.CYCLIC_SYNC_TORQUE
+            ask = targets.Ask(mode, pushing, leaving, core.config.period_s, takes_over)
+            target = _guided(axis, wish, ask, cycle)
         if target is None:
             return None
         bounded.append(target)
@@ -158,14 +188,9 @@ def _prepared(core: Core, axis: Axis, wish: Wish, *, pushing: bool) -> Target | 
     return Target(effort_si if pushing else 0.0, axis.joint.position_si)
 
 
-def _guided(
-    core: Core, axis: Axis, wish: Wish, mode: OperationMode, cycle: int, *, pushing: bool
-) -> Target | None:
-    period_s = core.config.period_s
-    if pushing and axis.stop is not None and axis.stop.since_cycle == cycle:
-        targets.brake_from_the_target(axis, wish.position_si, wish.velocity_si, period_s)
-    leaving = conduct.mode_wanted(core, axis) != OperationMode.CYCLIC_SYNC_TORQUE
-    ask = targets.Ask(mode, pushing, leaving, period_s)
+def _guided(axis: Axis, wish: Wish, ask: targets.Ask, cycle: int) -> Target | None:
+    if ask.pushing and axis.stop is not None and axis.stop.since_cycle == cycle:
+        targets.brake_from_the_target(axis, wish.position_si, wish.velocity_si, ask.dt_s)
     effort_si = targets.effort(axis, wish.effort_si, ask)
     position_si = targets.position(axis, wish.position_si, ask)
     return None if effort_si is None or position_si is None else Target(effort_si, position_si)

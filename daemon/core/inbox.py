@@ -31,6 +31,7 @@ def hear(core: Core, levels: Sequence[Level], cycle: int) -> Orders:
     if newest is None:
         return Orders(stop)
     core.level_cycle = max(core.level_cycle, newest.for_cycle)
+    core.setpoints, core.lease = newest.setpoints, newest.lease
     return Orders(stop, newest.request if _is_new(core, newest.request) else None)
 
 

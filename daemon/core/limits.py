@@ -34,6 +34,9 @@ class AxisLimits(NamedTuple):
     breakaway_si: float
     """Static friction of the axis: pushing harder than this and more must move it."""
     brake: bool
+    assist_max_si: float
+    assist_rate_max_si_per_s: float
+    assist_power_max_w: float
 
 
 def hip_limits(limits: Limits, breakaway_nm: float) -> AxisLimits:
@@ -60,6 +63,9 @@ def hip_limits(limits: Limits, breakaway_nm: float) -> AxisLimits:
         standstill_si_per_s=limits.stop.standstill_hip_rad_per_s,
         breakaway_si=breakaway_nm,
         brake=hip.brake,
+        assist_max_si=hip.assist_max_nm,
+        assist_rate_max_si_per_s=hip.assist_rate_max_nm_per_s,
+        assist_power_max_w=hip.assist_power_max_w,
     )
 
 
@@ -87,6 +93,9 @@ def slide_limits(limits: Limits, breakaway_n: float) -> AxisLimits:
         standstill_si_per_s=limits.stop.standstill_slide_m_per_s,
         breakaway_si=breakaway_n,
         brake=slide.brake,
+        assist_max_si=slide.assist_max_n,
+        assist_rate_max_si_per_s=slide.assist_rate_max_n_per_s,
+        assist_power_max_w=slide.assist_power_max_w,
     )
 
 

@@ -9,7 +9,9 @@ Rules:
    nothing.
 3. A stop needs no permission and no valid state: every mode has a row for it, or nothing moves.
 4. A stop with a verdict ends in FAULT and stays there until RESET; DISABLE ends in READY.
-5. TORQUE has its rows; its guard refuses as long as no lease can be held.
+5. TORQUE needs a lease that somebody holds, and drives that go by torque. A lease that lapses, or
+   setpoints that grow stale, end it in HOLD; a gait only while assist or a stiffness scale is in
+   force. No verdict is latched by that: the drives are well.
 """
 
 from collections.abc import Mapping
@@ -40,6 +42,8 @@ class Event(Enum):
     TO_COMMISSION = "mode commission"
     BRING_UP_ANEW = "other limits for the drives"
     EXERCISE_OVER = "exercise over"
+    LEASE_LAPSED = "assist lapsed"
+    """The lease of the assist in force has ended, or its setpoints have grown stale."""
     STOP = "stop"
     AT_REST_WELL = "at rest, as asked"
     AT_REST_STOPPED = "at rest, by a verdict"
@@ -66,10 +70,12 @@ TRANSITIONS: Mapping[tuple[Mode, Event], Mode] = {
     (Mode.HOLD, Event.STOP): Mode.STOPPING,
     (Mode.GAIT, Event.TO_HOLD): Mode.HOLD,
     (Mode.GAIT, Event.EXERCISE_OVER): Mode.HOLD,
+    (Mode.GAIT, Event.LEASE_LAPSED): Mode.HOLD,
     (Mode.GAIT, Event.DISABLE): Mode.STOPPING,
     (Mode.GAIT, Event.STOP): Mode.STOPPING,
     (Mode.TORQUE, Event.TO_HOLD): Mode.HOLD,
     (Mode.TORQUE, Event.EXERCISE_OVER): Mode.HOLD,
+    (Mode.TORQUE, Event.LEASE_LAPSED): Mode.HOLD,
     (Mode.TORQUE, Event.DISABLE): Mode.STOPPING,
     (Mode.TORQUE, Event.STOP): Mode.STOPPING,
     (Mode.EXCITE, Event.TO_HOLD): Mode.HOLD,
@@ -160,6 +166,8 @@ class Circumstances:
     guidance: str
     unproven: tuple[str, ...] = ()
     """Names of the axes whose sign must be proven and is not."""
+    lease_held: bool = False
+    """The gateway says that a controller holds the lease."""
 
 
 def refusal(kind: RequestKind, wanted: ModeRequest, now: Circumstances) -> str:
@@ -175,14 +183,14 @@ def refusal(kind: RequestKind, wanted: ModeRequest, now: Circumstances) -> str:
         return _refuse_reset(now)
     if event in {Event.TO_REFERENCE, Event.TO_COMMISSION}:
         return "" if wanted.witnessed else _refuse_preparation(now)
-    if event == Event.TO_TORQUE and now.guidance == "position":
-        return "assist is refused: with guidance 'position' the drives give the torque"
-    if event == Event.TO_TORQUE:
-        return "mode torque needs a lease, and no lease can be acquired yet"
     if event in {Event.TO_RELEASE, Event.TO_SELF_TEST}:
         return f"mode {wanted.mode.name.lower()} is not offered yet"
-    if event in {Event.TO_GAIT, Event.TO_EXCITE} and not now.drives_powered:
+    if event == Event.TO_TORQUE and now.guidance == "position":
+        return "assist is refused: with guidance 'position' the drives give the torque"
+    if event in {Event.TO_GAIT, Event.TO_TORQUE, Event.TO_EXCITE} and not now.drives_powered:
         return "the drives are not holding yet"
+    if event == Event.TO_TORQUE:
+        return "" if now.lease_held else "mode torque needs a lease, and nobody holds one"
     if event == Event.TO_GAIT:
         return _refuse_gait(wanted, now)
     if event == Event.TO_EXCITE:

@@ -1,7 +1,7 @@
 """The plan of one leg as the core sees it: where it is, where it is wanted, how it brakes."""
 
 from daemon.core import reference
-from daemon.core.reference import ExcitePlay, GaitPlay, Hold, Stage
+from daemon.core.reference import ExcitePlay, GaitPlay, Hold, Stage, TorquePlay
 from daemon.core.state import Core, Leg
 
 
@@ -14,6 +14,8 @@ def reference_of(core: Core, leg: Leg) -> reference.Reference | None:
         return reference.gait_reference(plan, core.config.period_s)
     if isinstance(plan, ExcitePlay):
         return reference.excite_reference(plan, measured(leg))
+    if isinstance(plan, TorquePlay):
+        return reference.torque_reference(measured(leg))
     return None
 
 
@@ -31,8 +33,11 @@ def present(leg: Leg) -> tuple[float, float]:
 
 
 def hold_from(leg: Leg) -> Hold:
-    """Brake from where guidance is, or from where the leg is if nothing guides it."""
-    if leg.reference is not None and leg.reference.guided:
+    """Brake from where guidance is, or from where the leg is if little or nothing guides it.
+
+    What was guided softly may be far from its reference, and full stiffness is not to fetch it.
+    """
+    if leg.reference is not None and leg.reference.guided and leg.stiffness_ratio == 1.0:
         return hold_at(leg, leg.reference.position, leg.reference.velocity)
     return brake(leg)
 

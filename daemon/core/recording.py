@@ -3,11 +3,20 @@
 from collections.abc import Callable
 
 from daemon.core import conduct
+from daemon.core.assist import wanted_si
 from daemon.core.looking_back import stride_record
 from daemon.core.reference import GaitPlay, gait_phase
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.tick import Tick
-from daemon.record import STATE_COUNT, CycleRecord, DriveRecord, EmergencyRecord, LegRecord
+from daemon.record import (
+    STATE_COUNT,
+    AssistRecord,
+    CycleRecord,
+    DriveRecord,
+    EmergencyRecord,
+    LegAssistRecord,
+    LegRecord,
+)
 from drives.emcy import is_alarm
 from drives.signals import Emergency, Input, NmtState, PowerState
 from observer.drift import Drift, correlation, friction_error
@@ -46,6 +55,27 @@ def record(core: Core, tick: Tick) -> CycleRecord:
         bus_load_ratio=tick.bus_load_ratio,
         tx_dropped_count=tick.tx_dropped_count,
         bus=tick.bus,
+        assist=_assist(core),
+    )
+
+
+def _assist(core: Core) -> AssistRecord:
+    return AssistRecord(
+        legs=tuple(_leg_assist(leg) for leg in core.legs),
+        accepted_count=core.setpoint_accepted_count,
+        refused_count=tuple(core.setpoint_refused_count),
+        lapse_count=core.lapse_count,
+        lapse_reason=core.lapse_reason,
+    )
+
+
+def _leg_assist(leg: Leg) -> LegAssistRecord:
+    newest = leg.assist.accepted
+    return LegAssistRecord(
+        seq=-1 if newest is None else newest.seq,
+        wanted=(0.0, 0.0) if newest is None else wanted_si(newest),
+        assist=leg.assist_si,
+        stiffness_ratio=leg.stiffness_ratio,
     )
 
 

@@ -275,6 +275,26 @@ def _amplitude_ratio(play: GaitPlay) -> float:
     return play.amplitude_ratio * risen * (1 - _minimum_jerk(play.strides - play.end_strides))
 
 
+# --- torque -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class TorquePlay:
+    """The leg is carried by g(q) and moved by a controller's assist: nothing guides it."""
+
+    elapsed_s: float = 0.0
+
+
+def advance_torque(play: TorquePlay, dt_s: float) -> TorquePlay:
+    """One cycle on."""
+    return replace(play, elapsed_s=play.elapsed_s + dt_s)
+
+
+def torque_reference(measured: Pair) -> Reference:
+    """Where the leg is, without stiffness or damping."""
+    return Reference(measured, (0.0, 0.0), (0.0, 0.0), guided=False)
+
+
 # --- excite ---------------------------------------------------------------------------------
 
 

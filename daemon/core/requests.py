@@ -1,10 +1,10 @@
 """Requests of clients: judged by the guards of `modes.py`, begun, and answered when it is known."""
 
-from daemon.core import modes, plans, preparing, reference, stopping
+from daemon.core import assisting, modes, plans, preparing, reference, stopping
 from daemon.core.inbox import Orders
 from daemon.core.modes import Event
 from daemon.core.preparation import OVER
-from daemon.core.reference import ExcitePlay, GaitPlay
+from daemon.core.reference import ExcitePlay, GaitPlay, TorquePlay
 from daemon.core.state import Core, Leg
 from daemon.core.stopping import Step
 from daemon.core.transition import describe, enter
@@ -114,8 +114,12 @@ def _begin_exercise(core: Core, wanted: ModeRequest) -> None:
             leg.plan = _gait(core, leg, wanted)
         elif wanted.mode == Mode.EXCITE:
             leg.plan = _excite(core, leg, wanted)
+        elif wanted.mode == Mode.TORQUE:
+            leg.plan, leg.takes_over = TorquePlay(), True
         else:
-            leg.plan = plans.hold_from(leg)
+            leg.plan, leg.takes_over = plans.hold_from(leg), True
+    if wanted.mode == Mode.TORQUE:
+        assisting.begin_torque(core)
     event = modes.event_of(RequestKind.MODE, wanted)
     if event is not None:
         enter(core, event)
@@ -184,6 +188,7 @@ def _circumstances(core: Core, cycle: int) -> modes.Circumstances:
         unproven=tuple(
             axis.name for axis in core.axes if config.signs_must_be_proven and not axis.sign_proven
         ),
+        lease_held=core.lease != 0,
     )
 
 

@@ -398,6 +398,37 @@ def bound(wanted_si: float, last_si: float, limits: AxisLimits, dt_s: float) -> 
     return min(max(slow_si, -limits.effort_max_si), limits.effort_max_si)
 
 
+def bound_assist(
+    wanted_si: float, last_si: float, limits: AxisLimits, velocity_si: float, dt_s: float
+) -> float | None:
+    """The assist that may be in force: inside its limit and its power, at no more than its rate.
+
+    Power bounds assist along the motion alone: against it assist takes energy out of the leg. It
+    takes away and never adds, and where a rising speed leaves too much, it is taken at the rate:
+    torque never jumps. The whole effort has no such bound but a stop (`POWER_LIMIT`), because
+    cutting it would cut g(q) and let the leg fall.
+
+    Args:
+        wanted_si: what a controller asks for on top of g(q), N·m or N.
+        last_si: what was in force in the cycle before.
+        limits: of the axis.
+        velocity_si: of the joint by its raw encoder, rad/s or m/s.
+        dt_s: nominal time between two commands.
+
+    Returns:
+        The bounded assist, or None if a number is not finite: then the machine stops.
+    """
+    if not all(map(math.isfinite, (wanted_si, last_si, velocity_si))):
+        return None
+    aim_si = min(max(wanted_si, -limits.assist_max_si), limits.assist_max_si)
+    if velocity_si > 0:
+        aim_si = min(aim_si, limits.assist_power_max_w / velocity_si)
+    elif velocity_si < 0:
+        aim_si = max(aim_si, limits.assist_power_max_w / velocity_si)
+    step_si = limits.assist_rate_max_si_per_s * dt_s
+    return min(max(aim_si, last_si - step_si), last_si + step_si)
+
+
 def bound_position(
     wanted_si: float, last_si: float, limits: AxisLimits, dt_s: float
 ) -> float | None:

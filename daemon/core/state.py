@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from daemon.config.settings import Excite, Gait, Impedance
+from daemon.core.assist import AssistRules, LegAssist
 from daemon.core.axis_notes import Notes, PoseRules, Wiring
 from daemon.core.balance import Balance
 from daemon.core.effort_watch import EffortWatch
@@ -10,11 +11,19 @@ from daemon.core.energy import StrideSum
 from daemon.core.joints import Joint
 from daemon.core.limits import AxisLimits, Categories, Thresholds
 from daemon.core.preparation import HomingRules, Preparation, PushRules, SignTest
-from daemon.core.reference import ExcitePlay, GaitPlay, GaitShape, Hold, Reference
+from daemon.core.reference import (
+    ExcitePlay,
+    GaitPlay,
+    GaitShape,
+    Hold,
+    Reference,
+    TorquePlay,
+)
 from daemon.core.soft_limits import SoftZone
 from daemon.core.spasm import SpasmRules, SpasmWatch
 from daemon.core.stopping import DriveStop, StopRules
-from daemon.record import Cause, Mode, Request, RequestResult, Verdict
+from daemon.record import Cause, Mode, Request, RequestResult, Setpoint, Verdict
+from daemon.refusals import SetpointRefusal
 from drives.drive import DriveGroup
 from drives.signals import DriveFeedback, OperationMode
 from drives.torque import TorqueSampling
@@ -26,7 +35,7 @@ from observer.leg_smoother import LegSmoother
 from observer.mechanism import LegParameters
 from observer.strides import Stride, StrideCounter
 
-Plan = Hold | GaitPlay | ExcitePlay
+Plan = Hold | GaitPlay | ExcitePlay | TorquePlay
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +47,7 @@ class CoreConfig:
     categories: Categories
     stop_rules: StopRules
     spasm: SpasmRules
+    assist_rules: AssistRules
     hold: Impedance
     gait: Gait
     excite: dict[str, Excite]
@@ -126,6 +136,10 @@ class Leg:
     measured: tuple[float, float] = (float("nan"), float("nan"))
     effort_used: tuple[float, float] = (0.0, 0.0)
     artificial: tuple[float, float] = (0.0, 0.0)
+    assist: LegAssist = LegAssist()
+    """What a controller asked for, and what of it is in force."""
+    takes_over: bool = False
+    """The plan is another one since the last command, and is to begin with the effort of that."""
     assist_si: tuple[float, float] = (0.0, 0.0)
     """A controller's assist in force in this cycle, bounded: N·m, N."""
     stiffness_ratio: float = 1.0
@@ -177,6 +191,18 @@ class Core:
     stop_count: int | None = None
     level_cycle: int = 0
     """`for_cycle` of the newest level: the gateway's age is counted from here."""
+    setpoints: tuple[Setpoint, ...] = ()
+    """The newest of each leg, as the newest level has them."""
+    lease: int = 0
+    """That is held, by the newest level; 0: none."""
+    torque_lease: int = 0
+    """With which mode TORQUE was entered."""
+    setpoint_accepted_count: int = 0
+    setpoint_refused_count: list[int] = field(default_factory=lambda: [0] * len(SetpointRefusal))
+    """By reason, in the order of `SetpointRefusal`."""
+    lapse_count: int = 0
+    lapse_reason: str = ""
+    """Of the newest lapse."""
     seq: int = 0
     events: list[str] = field(default_factory=list)
     progress: str = ""

@@ -44,6 +44,8 @@ class Ask(NamedTuple):
     """Another mode than torque mode is wanted, as soon as the joint is at rest."""
     dt_s: float
     """Nominal time between two commands."""
+    takes_over: bool = False
+    """Another plan gives the effort from now on: it begins with the last one that was sent."""
 
 
 def effort(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
@@ -65,9 +67,10 @@ def effort(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
 
 
 def _guided_effort(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
-    axis.effort_offset_si = _faded(axis.effort_offset_si, ask.dt_s)
     # Before a drive pushes, its target may go straight to what will hold the pose.
     last_si = axis.effort_sent_si if axis.reached_enabled else axis.gravity_si
+    before_si = last_si - wanted_si if ask.takes_over else axis.effort_offset_si
+    axis.effort_offset_si = before_si if ask.takes_over else _faded(before_si, ask.dt_s)
     if ask.leaving and abs(axis.joint.velocity_si) < axis.limits.standstill_si_per_s:
         return safety.bound(axis.effort_mean_si, last_si, axis.limits, ask.dt_s)
     sent_si = safety.bound(wanted_si + axis.effort_offset_si, last_si, axis.limits, ask.dt_s)

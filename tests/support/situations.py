@@ -35,6 +35,9 @@ LIMITS = AxisLimits(
     standstill_si_per_s=0.02,
     breakaway_si=7.0,
     brake=False,
+    assist_max_si=20.0,
+    assist_rate_max_si_per_s=200.0,
+    assist_power_max_w=40.0,
 )
 THRESHOLDS = Thresholds(
     sample_age_max_cycles=2,
