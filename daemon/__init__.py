@@ -2,6 +2,7 @@
 
 Reading order: `record.py` (the words for everything), `core/` (the cycle), `seam.py` (ring and
 sockets), `gateway/` (Zenoh), `wire.py` with `words.py` and
-`leg_messages.py` (what programs outside rely on), `config/`,
-`causes.py` (each stop in words, and its category), `clock.py` and `sd_notify.py`.
+`leg_messages.py` and `health_messages.py` (what programs outside rely on), `config/`,
+`causes.py` (each stop in words, and its category), `refusals.py` (why a setpoint is refused),
+`clock.py` and `sd_notify.py`.
 """

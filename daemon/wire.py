@@ -11,7 +11,8 @@ A message is JSON (UTF-8) on a key below `gaitd/TRAINER/`, with the encoding
    (`control/*`, `setpoint`) is read strictly: an unknown field is refused.
 
 Reading order: `words.py` (names, types, heads), `leg_messages.py` (what is said of a leg in every
-cycle), then the other messages out, requests in, keys and schemas.
+cycle), `health_messages.py` (how the service is), then the other messages out, requests in, keys
+and schemas.
 """
 
 from typing import Annotated, Any, Final, Literal
@@ -19,6 +20,7 @@ from typing import Annotated, Any, Final, Literal
 import msgspec
 from msgspec import Meta
 
+from daemon.health_messages import Health
 from daemon.leg_messages import Activity, Estimate, Friction, Stride
 from daemon.words import (
     NMT_STATES,
@@ -32,6 +34,9 @@ from daemon.words import (
     Sampled,
     Stated,
 )
+
+EXACT_MAX: Final = 2**53 - 1
+"""Up to here every JSON reader has whole numbers exactly."""
 
 # --- messages out ----------------------------------------------------------------------------
 
@@ -134,73 +139,6 @@ class Event(Stated, frozen=True, kw_only=True):
     subject: Annotated[str | None, Meta(description="Drive or leg; null if of none.")]
 
 
-class DriveHealth(msgspec.Struct, frozen=True, kw_only=True):
-    """Communication with one drive."""
-
-    name: Annotated[str, Meta(description="LEG/AXIS")]
-    missed_count: Annotated[
-        int, Meta(description="Cycles without its sample, since gateway start.")
-    ]
-    late_count: Annotated[int, Meta(description="TPDOs after their window, since bring-up.")]
-    lost_count: Annotated[int, Meta(description="Missed and not late: never came.")]
-    protocol_error_count: Annotated[int, Meta(description="Frames that could not be used.")]
-    heartbeat_age_ms: Annotated[float | None, Meta(description="Since its last heartbeat.")]
-
-
-class BusHealth(msgspec.Struct, frozen=True, kw_only=True):
-    """The CAN controller and who else is on the bus; counts since the core's start."""
-
-    condition: Annotated[
-        str,
-        Meta(
-            description="Fault confinement state, ISO 11898-1.",
-            extra_json_schema={"enum": ["active", "warning", "error passive", "bus-off"]},
-        ),
-    ]
-    bus_off_count: Annotated[int, Meta(description="Times the controller left the bus.")]
-    passive_count: Annotated[int, Meta(description="Reports of error passive.")]
-    warning_count: Annotated[int, Meta(description="Reports of many errors.")]
-    restart_count: Annotated[int, Meta(description="Times it was restarted after bus-off.")]
-    no_ack_count: Annotated[int, Meta(description="Frames that nobody acknowledged.")]
-    overflow_count: Annotated[int, Meta(description="Times the controller lost frames.")]
-    foreign_master_count: Annotated[
-        int, Meta(description="SYNCs of somebody else, and heartbeats under our number.")
-    ]
-    stray_count: Annotated[int, Meta(description="Frames of none of our drives, since bring-up.")]
-    load_ratio: Annotated[
-        float, Meta(description="Measured in the last second, 0..1; bus_load_ratio is the worst.")
-    ]
-
-
-class Health(Stated, frozen=True, kw_only=True):
-    """How the service itself is, once a second."""
-
-    lateness_bound_us: Annotated[
-        tuple[int, ...],
-        Meta(description="Upper bounds of the histogram's classes; one more: above."),
-    ]
-    lateness_count: Annotated[
-        tuple[int, ...], Meta(description="SYNCs per class of lateness since the core's start.")
-    ]
-    lateness_p50_us: Annotated[float | None, Meta(description="Of SYNC, in the last second.")]
-    lateness_max_us: Annotated[float | None, Meta(description="Of SYNC, in the last second.")]
-    collect_max_us: Annotated[float | None, Meta(description="SYNC to last TPDO, last second.")]
-    work_max_us: Annotated[float | None, Meta(description="Python work of a cycle, last second.")]
-    overrun_count: Annotated[int | None, Meta(description="Grid points missed since core start.")]
-    record_count: Annotated[int, Meta(description="Records in the last second; 100 is right.")]
-    bus_load_ratio: Annotated[float | None, Meta(description="0..1 of the CAN bit rate.")]
-    drives: Annotated[tuple[DriveHealth, ...], Meta(description="Communication, by drive.")]
-    tx_dropped_count: Annotated[int | None, Meta(description="CAN frames not sent.")]
-    record_missed_count: Annotated[int, Meta(description="Records this gateway never saw.")]
-    record_skipped_count: Annotated[int, Meta(description="Records too old to publish.")]
-    level_dropped_count: Annotated[int, Meta(description="Words to the core that it did not take.")]
-    inquiry_dropped_count: Annotated[int, Meta(description="Queries never answered: too many.")]
-    gateway_wake_max_us: Annotated[
-        float | None, Meta(description="Longest work of the gateway on one wake, last second.")
-    ]
-    bus: Annotated[BusHealth | None, Meta(description="The CAN controller; null: unknown.")]
-
-
 class Reply(Stated, frozen=True, kw_only=True):
     """Answer to acquire, release, enable, disable, stop, reset, mode, and to what is no request."""
 
@@ -208,6 +146,12 @@ class Reply(Stated, frozen=True, kw_only=True):
     outcome: OutcomeName
     reason: Annotated[str, Meta(description="Why it was refused, or what there is to know.")]
     mode: Annotated[ModeName | None, Meta(description="The mode now; null when nobody knows.")]
+    lease: Annotated[
+        int | None, Meta(description="Of acquire: the number for setpoints; a secret. Else null.")
+    ] = None
+    lease_duration_ms: Annotated[
+        int | None, Meta(description="Of acquire: its life without an accepted setpoint.")
+    ] = None
 
 
 class Status(Stated, frozen=True, kw_only=True):
@@ -245,16 +189,39 @@ class Schemas(Stated, frozen=True, kw_only=True):
 # --- requests in -----------------------------------------------------------------------------
 
 
+SOMEBODY: Final = "somebody"
+"""Who did not say who."""
+
+
 class Ask(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Payload of a query to control/*; an empty payload says the same as `{}`."""
 
     client: Annotated[str, Meta(max_length=64, description="Who asks; stands in the event.")] = (
-        "somebody"
+        SOMEBODY
     )
     for_cycle: Annotated[
         Annotated[int, Meta(ge=0)] | None,
         Meta(description="Newest cycle the asker had seen; too old is refused. Null: now."),
     ] = None
+
+
+class AcquireAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Payload of a query to control/acquire; `client` must say who will hold the lease."""
+
+    lease: Annotated[
+        Annotated[int, Meta(ge=1, le=EXACT_MAX)] | None,
+        Meta(description="The number that this client holds already, to renew it. Null: anew."),
+    ] = None
+    duration_ms: Annotated[
+        Annotated[int, Meta(ge=20, le=60_000)] | None,
+        Meta(description="Wanted life without an accepted setpoint. Null: as configured."),
+    ] = None
+
+
+class ReleaseAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Payload of a query to control/release, with the `client` that acquired."""
+
+    lease: Annotated[int, Meta(ge=1, le=EXACT_MAX, description="As acquire gave it.")]
 
 
 class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -283,13 +250,18 @@ class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class SetpointMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A controller's assist on top of gravity, LEG/setpoint; needs mode torque and its lease."""
+    """A controller's assist on top of gravity, LEG/setpoint, in mode torque or gait."""
 
-    lease: Annotated[int, Meta(ge=1, description="As acquire gave it.")]
-    seq: Annotated[int, Meta(ge=0, description="Strictly rising.")]
-    for_cycle: Annotated[int, Meta(ge=0, description="Cycle of the estimate it answers.")]
+    lease: Annotated[int, Meta(ge=1, le=EXACT_MAX, description="As acquire gave it.")]
+    seq: Annotated[int, Meta(ge=0, le=EXACT_MAX, description="Strictly rising, for each leg.")]
+    for_cycle: Annotated[
+        int, Meta(ge=0, le=EXACT_MAX, description="`cycle` of the estimate that it answers.")
+    ]
     hip_assist_nm: Annotated[float, Meta(ge=-120, le=120, description="On top of gravity.")]
     slide_assist_n: Annotated[float, Meta(ge=-1500, le=1500, description="On top of gravity.")]
+    stiffness_ratio: Annotated[
+        float, Meta(ge=0, le=1, description="Of the configured guidance; for mode gait.")
+    ] = 1.0
 
 
 # --- tables and schemas ----------------------------------------------------------------------
@@ -309,6 +281,8 @@ MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {
     "schema": Schemas,
     "ask": Ask,
     "mode": ModeAsk,
+    "acquire": AcquireAsk,
+    "release": ReleaseAsk,
     "setpoint": SetpointMessage,
 }
 """NAME in `gaitd.NAME.v1` of each message."""
@@ -320,6 +294,7 @@ EVENTS: Final = "events"
 HEALTH: Final = "health"
 SAFETY: Final = "safety"
 CONTROL: Final = "control"
+SETPOINT: Final = "setpoint"
 
 
 def key(trainer: str, *parts: str) -> str:

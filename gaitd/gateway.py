@@ -35,7 +35,14 @@ def command(
     file.runtime.mkdir(parents=True, exist_ok=True)
     ending = _Ending()
     try:
-        serve(settings.trainer, settings.listen, file.runtime, MonotonicClock(), ending.asked)
+        serve(
+            settings.trainer,
+            settings.listen,
+            file.runtime,
+            MonotonicClock(),
+            ending.asked,
+            file.trainer.lease,
+        )
     except zenoh.ZError as error:
         listen = ", ".join(settings.listen)
         print(f"gaitd gateway: cannot listen on {listen}: {error}", file=sys.stderr)

@@ -77,6 +77,8 @@ def _safety_lines(message: wire.Status) -> Iterator[str]:
         yield "mode         unknown: no records arrive from the core"
         return
     yield f"mode         {safety.mode}: {safety.progress}"
+    if safety.lease_holder is not None:
+        yield f"lease        held by {safety.lease_holder}"
     verdict = safety.verdict
     if verdict.category != "none":
         where = f" ({verdict.drive})" if verdict.drive else ""

@@ -274,6 +274,17 @@ class Commissioning(Table, frozen=True):
     slide_motion_m: Annotated[float, Meta(gt=0, le=0.1)]
 
 
+class Lease(Table, frozen=True):
+    """How long a controller's lease lives without an accepted setpoint (docs/control_by_others.md).
+
+    The assist itself ends earlier: `setpoint_age_max_cycles` of limits.toml.
+    """
+
+    duration_ms: Annotated[int, Meta(ge=50, le=5000)]
+    duration_max_ms: Annotated[int, Meta(ge=50, le=60_000)]
+    """Whoever wants a longer one gets this."""
+
+
 class Zenoh(Table, frozen=True):
     """Where the gateway listens: loopback or a Unix socket, unless somebody decides otherwise."""
 
@@ -311,6 +322,7 @@ class Trainer(Table, frozen=True):
     excite: dict[str, Excite]
     reference: Reference
     commissioning: Commissioning
+    lease: Lease
     zenoh: Zenoh
     paths: Paths
     shutdown: Shutdown

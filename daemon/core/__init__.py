@@ -10,6 +10,7 @@ Reading order:
                                      what is looked at over more than one cycle
     situation, safety                what is known, and the reasons to stop in it
     conduct, modes, requests, transition, stopping    what becomes of reasons and requests
+    assist, assisting                what a controller may add
     plans, reference, guidance, targets               where a leg is wanted, what its drives get
     preparation, preparing           one axis at a time: homing, proof of its sign
     axis_notes, poses                what outlives a restart

@@ -17,6 +17,7 @@ Pairs are hip and slide: N·m and N.
 """
 
 import math
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from daemon.core import safety
@@ -53,7 +54,8 @@ class Desk(NamedTuple):
     """Guidance is by the drives' own position loops."""
 
 
-class LegAssist(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class LegAssist:
     """What a controller has asked of one leg, and what of it is in force."""
 
     lease: int = 0
@@ -178,8 +180,8 @@ def advance(
     )
     if hip_si is None or slide_si is None:
         return None
-    return assist._replace(
-        effort_si=(hip_si, slide_si), fade_si=None, stiffness_ratio=stiffness_ratio
+    return replace(
+        assist, effort_si=(hip_si, slide_si), fade_si=None, stiffness_ratio=stiffness_ratio
     )
 
 
@@ -189,7 +191,7 @@ def _faded(assist: LegAssist, rules: AssistRules) -> LegAssist:
     fade_si = assist.fade_si or (abs(hip_si) / rules.fade_cycles, abs(slide_si) / rules.fade_cycles)
     effort_si = (_shrunk(hip_si, fade_si[0]), _shrunk(slide_si, fade_si[1]))
     stiffness_ratio = _towards(assist.stiffness_ratio, FULL_STIFFNESS, 1 / rules.fade_cycles)
-    return assist._replace(effort_si=effort_si, fade_si=fade_si, stiffness_ratio=stiffness_ratio)
+    return replace(assist, effort_si=effort_si, fade_si=fade_si, stiffness_ratio=stiffness_ratio)
 
 
 def _shrunk(effort_si: float, step_si: float) -> float:

@@ -5,6 +5,7 @@
 """
 
 import math
+from dataclasses import replace
 
 import msgspec
 
@@ -25,9 +26,9 @@ def hear(core: Core, cycle: int) -> None:
     desk = Desk(core.lease, cycle, core.mode, by_position)
     for leg in core.legs:
         if leg.assist.lease != core.lease:
-            leg.assist = leg.assist._replace(lease=core.lease, seq=-1, accepted=None)
+            leg.assist = replace(leg.assist, lease=core.lease, seq=-1, accepted=None)
         elif core.mode not in ASSISTED:
-            leg.assist = leg.assist._replace(accepted=None)
+            leg.assist = replace(leg.assist, accepted=None)
     for setpoint in core.setpoints:
         _hear_one(core, setpoint, desk)
 
@@ -43,10 +44,10 @@ def _hear_one(core: Core, setpoint: Setpoint, desk: Desk) -> None:
     hip, slide = leg.axes
     limits = (hip.limits, slide.limits)
     refusal = assist.judge(setpoint, leg.assist.seq, limits, desk, core.config.assist_rules)
-    leg.assist = leg.assist._replace(judged=judged)
+    leg.assist = replace(leg.assist, judged=judged)
     if refusal == SetpointRefusal.NONE:
         core.setpoint_accepted_count += 1
-        leg.assist = leg.assist._replace(seq=setpoint.seq, accepted=setpoint)
+        leg.assist = replace(leg.assist, seq=setpoint.seq, accepted=setpoint)
     else:
         core.setpoint_refused_count[refusal] += 1
 
@@ -55,7 +56,7 @@ def begin_torque(core: Core) -> None:
     """Mode TORQUE begins without assist, and waits for the first setpoint of this lease."""
     core.torque_lease = core.lease
     for leg in core.legs:
-        leg.assist = leg.assist._replace(accepted=None)
+        leg.assist = replace(leg.assist, accepted=None)
 
 
 def lapse(core: Core, cycle: int) -> str:
@@ -93,7 +94,7 @@ def _waited_cycles(core: Core) -> int:
 def put_in_force(core: Core, leg: Leg, cycle: int, *, powered: bool) -> None:
     """What the leg's newest setpoint asks, or a fade; nothing at once where no drive pushes."""
     if not powered:
-        leg.assist = leg.assist._replace(effort_si=(0.0, 0.0), fade_si=None)
+        leg.assist = replace(leg.assist, effort_si=(0.0, 0.0), fade_si=None)
     hip, slide = leg.axes
     moved = assist.advance(
         leg.assist,
@@ -106,7 +107,7 @@ def put_in_force(core: Core, leg: Leg, cycle: int, *, powered: bool) -> None:
     if moved is None:
         # Guidance finds it and stops the machine; nothing is added any more.
         leg.assist_si = (math.nan, math.nan)
-        leg.assist = leg.assist._replace(accepted=None, effort_si=(0.0, 0.0), fade_si=None)
+        leg.assist = replace(leg.assist, accepted=None, effort_si=(0.0, 0.0), fade_si=None)
         return
     leg.assist, leg.assist_si = moved, moved.effort_si
     leg.stiffness_ratio = moved.stiffness_ratio

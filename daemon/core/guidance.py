@@ -1,8 +1,8 @@
 """What is sent to each drive: mode, bounded targets of what guidance wants, power request.
 
 Guided by impedance (torque mode), total effort = g(q) + feedforward + K (q_ref - q) +
-D (dq_ref - dq) + assist, bounded as a whole: zero effort is not rest, the mechanism's weight and springs
-are carried by the drives.
+D (dq_ref - dq) + assist, bounded as a whole: zero effort is not rest, the mechanism's weight and
+springs are carried by the drives.
 
 A controller, or a spasm, may leave a part of the stiffness: K is multiplied by it and D by its
 square root, so that the damping ratio stays. Without guidance, in mode TORQUE, the same effort is

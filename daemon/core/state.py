@@ -136,7 +136,7 @@ class Leg:
     measured: tuple[float, float] = (float("nan"), float("nan"))
     effort_used: tuple[float, float] = (0.0, 0.0)
     artificial: tuple[float, float] = (0.0, 0.0)
-    assist: LegAssist = LegAssist()
+    assist: LegAssist = field(default_factory=LegAssist)
     """What a controller asked for, and what of it is in force."""
     takes_over: bool = False
     """The plan is another one since the last command, and is to begin with the effort of that."""

@@ -1,6 +1,6 @@
 """Requests of clients: one outstanding at a time, and stops, which never wait for anything.
 
-    acquire release            refused: they belong to mode torque, which is not offered
+    acquire release            the gateway answers at once: `lease.py`
     status config schema       the gateway answers at once
     stop                       counts up at once; answered when a record shows the count
     enable disable reset mode  one of them is outstanding; a second one is refused as busy
@@ -34,6 +34,7 @@ from daemon.record import (
     Outcome,
     Request,
     RequestKind,
+    Setpoint,
 )
 
 
@@ -66,6 +67,13 @@ KINDS: Final[dict[str, RequestKind]] = {
     "mode": RequestKind.MODE,
 }
 
+ASKS: Final[dict[str, type[wire.Ask]]] = {
+    "mode": wire.ModeAsk,
+    "acquire": wire.AcquireAsk,
+    "release": wire.ReleaseAsk,
+}
+"""Payloads that say more than who asks."""
+
 PATIENCE_NS: Final[dict[RequestKind, int]] = {
     RequestKind.ENABLE: 8_000_000_000,
     RequestKind.DISABLE: 5_000_000_000,
@@ -79,7 +87,6 @@ QUERY_SIZE_MAX: Final = 4096
 
 STOP_PATIENCE_NS: Final = 500_000_000
 
-NO_LEASE: Final = "nobody can hold a lease: this service does not offer mode torque"
 SILENT: Final = "no records arrive from the core: it is not running, or it hangs"
 RESTARTED: Final = "the core has restarted: what was asked of the one before is void"
 UNKNOWN_FATE: Final = "nobody knows what became of it"
@@ -111,7 +118,7 @@ def read_ask(name: str, payload: bytes) -> wire.Ask:
     """
     if len(payload) > QUERY_SIZE_MAX:
         raise BadPayloadError(f"payload of {name}: more than {QUERY_SIZE_MAX} bytes")
-    kind = wire.ModeAsk if name == "mode" else wire.Ask
+    kind = ASKS.get(name, wire.Ask)
     try:
         return msgspec.json.decode(payload or b"{}", type=kind)
     except (msgspec.MsgspecError, UnicodeDecodeError) as error:
@@ -187,8 +194,6 @@ class Desk:
             reason = f"busy: {self._outstanding.name} has no answer yet"
             return Answer(ticket, Outcome.REFUSED, reason)
         mode = mode_request(ask)
-        if mode.mode is Mode.TORQUE:
-            return Answer(ticket, Outcome.REFUSED, NO_LEASE)
         kind = KINDS[name]
         self._request_id += 1
         for_cycle = self._cycle if ask.for_cycle is None else ask.for_cycle
@@ -210,8 +215,13 @@ class Desk:
             answers += self._drop(Outcome.PENDING, f"no answer in time; {UNKNOWN_FATE}")
         return answers
 
-    def level(self) -> Level | None:
-        """The next level for the core; None as long as there is nothing that may be said."""
+    def level(self, setpoints: tuple[Setpoint, ...] = (), lease: int = 0) -> Level | None:
+        """The next level for the core; None as long as there is nothing that may be said.
+
+        Args:
+            setpoints: the newest of each leg.
+            lease: under which they came; 0: nobody holds one.
+        """
         if not self._boot_id and not self._stops:
             return None
         self._level_seq += 1
@@ -221,6 +231,8 @@ class Desk:
             for_cycle=self._cycle,
             stop_count=self._stop_count,
             request=self._outstanding.request if self._outstanding else Request(),
+            setpoints=setpoints,
+            lease=lease,
         )
 
     def _meet(self, core_boot_id: str, record: CycleRecord) -> list[Answer]:

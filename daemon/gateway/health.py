@@ -5,7 +5,7 @@ the next record (the drive's late count rose there), and lost when it did not.
 """
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from statistics import median
 from typing import Final
@@ -14,7 +14,10 @@ import msgspec
 
 from daemon import wire
 from daemon.gateway.translate import Stamp, finite, head
+from daemon.health_messages import BusHealth, DriveHealth
 from daemon.record import BusRecord, CycleRecord, DriveRecord
+from daemon.refusals import SetpointRefusal
+from daemon.words import name_of
 
 LATENESS_BOUND_US: Final = (50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000)
 
@@ -47,6 +50,9 @@ class Counters:
     record_skipped_count: int = 0
     level_dropped_count: int = 0
     inquiry_dropped_count: int = 0
+    setpoint_refused_count: Mapping[SetpointRefusal, int] = field(
+        default_factory=dict[SetpointRefusal, int]
+    )
 
 
 @dataclass(slots=True)
@@ -101,11 +107,14 @@ class HealthWindow:
             inquiry_dropped_count=self.counters.inquiry_dropped_count,
             gateway_wake_max_us=_max_us(wakes_ns),
             bus=_bus_health(newest.bus) if newest else None,
+            setpoint_accepted_count=newest.assist.accepted_count if newest else None,
+            setpoint_refused_count=_refused(self.counters, newest),
+            assist_lapse_count=newest.assist.lapse_count if newest else None,
         )
 
-    def _drive_health(self, drive: DriveRecord) -> wire.DriveHealth:
+    def _drive_health(self, drive: DriveRecord) -> DriveHealth:
         tally = self._tallies[drive.name]
-        return wire.DriveHealth(
+        return DriveHealth(
             name=drive.name,
             missed_count=tally.missed_count,
             late_count=drive.late_count,
@@ -115,8 +124,19 @@ class HealthWindow:
         )
 
 
-def _bus_health(bus: BusRecord) -> wire.BusHealth:
-    return wire.BusHealth(**msgspec.structs.asdict(bus))
+def _refused(counters: Counters, newest: CycleRecord | None) -> dict[str, int]:
+    """Of every reason: a setpoint is refused by the gateway or by the core."""
+    by_core = newest.assist.refused_count if newest else ()
+    return {
+        name_of(reason): counters.setpoint_refused_count.get(reason, 0)
+        + (by_core[reason] if reason < len(by_core) else 0)
+        for reason in SetpointRefusal
+        if reason
+    }
+
+
+def _bus_health(bus: BusRecord) -> BusHealth:
+    return BusHealth(**msgspec.structs.asdict(bus))
 
 
 def _max_us(values_ns: Sequence[int]) -> float | None:

@@ -11,16 +11,24 @@ from pathlib import Path
 from typing import Final
 
 from daemon.clock import Clock
+from daemon.config.settings import Lease
 from daemon.gateway.publish import Mailbox, ZenohOutlet
 from daemon.gateway.service import LEVEL_PERIOD_NS, Gateway
 from daemon.gateway.session import open_session
+from daemon.gateway.setpoints import SetpointBox
+from daemon.gateway.subscribe import SetpointSubscriber
 from daemon.seam import GatewaySeam
 
 _POLL_MS: Final = LEVEL_PERIOD_NS // 1_000_000
 
 
 def serve(
-    trainer: str, listen: Sequence[str], runtime: Path, clock: Clock, ended: Callable[[], bool]
+    trainer: str,
+    listen: Sequence[str],
+    runtime: Path,
+    clock: Clock,
+    ended: Callable[[], bool],
+    lease: Lease,
 ) -> None:
     """Run the gateway until `ended` says so, which is asked at least every 20 ms.
 
@@ -29,20 +37,24 @@ def serve(
         OSError: the runtime directory does not exist or cannot be written.
     """
     # Order matters at the end: the outlet undeclares, then the session closes (an open one would
-    # hang the process), and only then the mailbox goes, because callbacks may use it until then.
+    # hang the process), and only then mailbox and box go, because callbacks may use it until then.
     with (
         closing(GatewaySeam(runtime)) as seam,
         closing(Mailbox()) as mailbox,
+        closing(SetpointBox()) as box,
         closing(open_session(listen)) as session,
         closing(ZenohOutlet(session, trainer, mailbox)) as outlet,
-        closing(Gateway(seam, outlet, clock, trainer, listen)) as gateway,
+        closing(SetpointSubscriber(session, trainer, box)),
+        closing(Gateway(seam, outlet, clock, trainer, listen, lease)) as gateway,
     ):
         poller = select.poll()
         poller.register(seam.fileno(), select.POLLIN)
         poller.register(mailbox.fileno(), select.POLLIN)
+        poller.register(box.fileno(), select.POLLIN)
         while not ended():
             poller.poll(_POLL_MS)
             begun_ns = clock.now_ns()
-            gateway.turn(begun_ns, mailbox.drain())
+            gateway.turn(begun_ns, mailbox.drain(), box.drain(begun_ns))
+            box.expect(gateway.steering.lease)
             gateway.health.counters.inquiry_dropped_count = mailbox.dropped_count
             gateway.health.note_wake(clock.now_ns() - begun_ns)

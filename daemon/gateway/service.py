@@ -1,8 +1,8 @@
 """One turn of the gateway: records in, messages out; queries in, level out.
 
 In the order of time: read the records that are new; say their events; publish the young ones;
-judge the core's silence; take queries; answer what has an answer; send the level; say what is said
-once a second. Nothing in it waits, and it is told the time.
+judge the core's silence; take setpoints; take queries; answer what has an answer; send the level;
+say what is said once a second. Nothing in it waits, and it is told the time.
 """
 
 import logging
@@ -13,10 +13,14 @@ import msgspec
 
 from daemon import wire
 from daemon.clock import Clock
+from daemon.config.settings import Lease
 from daemon.gateway import control, events, strides, translate
 from daemon.gateway.alive import SILENCE_NS, Presence
 from daemon.gateway.emergencies import EmergencyHistory
 from daemon.gateway.health import HealthWindow
+from daemon.gateway.lease import LeaseDesk
+from daemon.gateway.setpoints import NOTHING, Batch
+from daemon.gateway.steering import Steering
 from daemon.gateway.translate import Stamp
 from daemon.record import CycleRecord, DriveRecord, Outcome
 from daemon.seam import GatewaySeam, RingError, RingHeader
@@ -92,14 +96,17 @@ class Gateway:
         clock: Clock,
         trainer: str,
         listen: Sequence[str],
+        lease: Lease,
     ) -> None:
         self._seam, self._outlet, self._clock = seam, outlet, clock
         self._trainer, self._listen = trainer, tuple(listen)
         self._log = logging.getLogger("gaitd.gateway")
         self._desk = control.Desk(first_level_seq=clock.now_ns() // 1_000_000)
+        self.steering = Steering(LeaseDesk(lease))
         self._presence = Presence()
         self._events = events.EventLog()
         self.health = HealthWindow()
+        self.health.counters.setpoint_refused_count = self.steering.refused_count
         self._emergencies = EmergencyHistory()
         self._waiting: dict[int, Waiting] = {}
         self._ticket = 0
@@ -110,15 +117,17 @@ class Gateway:
         self._level_due_ns = self._drives_due_ns = 0
         self._second_due_ns = clock.now_ns() + SECOND_NS
 
-    def turn(self, now_ns: int, inquiries: Sequence[Inquiry]) -> None:
+    def turn(self, now_ns: int, inquiries: Sequence[Inquiry], batch: Batch = NOTHING) -> None:
         """One turn of the loop."""
         records = self._records()
         self._hear(records, now_ns)
+        self._steer(self.steering.take(batch, now_ns))
         for inquiry in inquiries:
             self._take(inquiry, now_ns)
         self._settle(self._desk.tick(now_ns))
+        self._steer(self.steering.tick(now_ns))
         self._say_safety(now_ns)
-        if records or inquiries or now_ns >= self._level_due_ns:
+        if records or inquiries or batch.arrivals or now_ns >= self._level_due_ns:
             self._level_due_ns = now_ns + LEVEL_PERIOD_NS
             self._send_level()
         if now_ns >= self._second_due_ns:
@@ -127,7 +136,7 @@ class Gateway:
             self._outlet.put(self.health.close(self._stamp(), seq), wire.HEALTH)
 
     def _send_level(self) -> None:
-        level = self._desk.level()
+        level = self._desk.level(self.steering.setpoints, self.steering.lease)
         if level and not self._seam.send(level) and self._presence.heard:
             self.health.counters.level_dropped_count += 1
 
@@ -167,6 +176,7 @@ class Gateway:
                 self._say([events.CORE_BACK], self._clock.utc_ns())
             # The newest record has all that became of stops and of the one request.
             self._settle(self._desk.hear(self._boot_id, records[-1]))
+            self._steer(self.steering.hear(records[-1], now_ns))
             self._say_drives(now_ns)
         elif self._presence.falls_silent(now_ns):
             self._say([events.core_lost(SILENCE_NS // 1_000_000)], self._clock.utc_ns())
@@ -177,6 +187,7 @@ class Gateway:
         """A core that we have not heard before."""
         self._boot_id = header.core_boot_id
         self._newest = None
+        self._steer(self.steering.meet(header.leg_names))
         self.health.core_started()
         self._emergencies.core_started()
 
@@ -228,7 +239,7 @@ class Gateway:
 
     def _say_safety(self, now_ns: int) -> None:
         record = self._newest if self._presence.heard else None
-        said = (record.mode, record.verdict) if record else ()
+        said = (record.mode, record.verdict, self.steering.leases.holder) if record else ()
         # Shares its second with `health`, which sets the next one after this.
         if said == self._safety_said and now_ns < self._second_due_ns:
             return
@@ -238,7 +249,12 @@ class Gateway:
     def _safety(self, seq: int) -> wire.Safety:
         header = self._seam.header
         record = self._newest if self._presence.heard else None
-        return translate.safety(record, header.limits if header else None, self._stamp(), seq)
+        limits, holder = header.limits if header else None, self.steering.leases.holder
+        return translate.safety(record, limits, self._stamp(), seq, holder)
+
+    def _steer(self, said: Sequence[events.Happening]) -> None:
+        if said:
+            self._say(said, self._clock.utc_ns())
 
     def _say(self, said: Sequence[events.Happening], time_ns: int) -> None:
         record_seq = self._newest.seq if self._newest else 0
@@ -274,6 +290,7 @@ class Gateway:
         match route:
             case control.Route.STOP:
                 self._desk.stop(ticket, now_ns)
+                self._steer(self.steering.stop())
             case control.Route.CORE:
                 answer = self._desk.ask(ticket, name, ask, now_ns)
                 if answer is None:
@@ -281,9 +298,21 @@ class Gateway:
                 else:
                     self._settle([answer])
             case control.Route.LEASE:
-                self._settle([control.Answer(ticket, Outcome.REFUSED, control.NO_LEASE)])
+                self._lease(ask, now_ns)
             case control.Route.GATEWAY:
                 self._waiting.pop(ticket).inquiry.answer(self._information(name))
+
+    def _lease(self, ask: wire.Ask, now_ns: int) -> None:
+        """Give the lease or take it back; its number goes only to who asked."""
+        inquiry, client = self._waiting.pop(self._ticket)
+        mode = self._newest.mode if self._newest and self._presence.heard else None
+        told = self.steering.decide(ask, mode, now_ns)
+        reply = self._reply(inquiry.name, told.outcome, told.reason)
+        lent = {"lease": told.number, "lease_duration_ms": told.duration_ms}
+        inquiry.answer(msgspec.structs.replace(reply, **lent))
+        if not told.renewed:
+            said = events.answered(inquiry.name, client, name_of(told.outcome), told.reason)
+            self._steer([said])
 
     def _settle(self, answers: Sequence[control.Answer]) -> None:
         """Send answers, and say as events what became of requests."""

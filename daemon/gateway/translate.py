@@ -233,7 +233,11 @@ def judgement(verdict: Verdict) -> wire.Judgement:
 
 
 def safety(
-    record: CycleRecord | None, limits: dict[str, object] | None, stamp: Stamp, seq: int
+    record: CycleRecord | None,
+    limits: dict[str, object] | None,
+    stamp: Stamp,
+    seq: int,
+    lease_holder: str | None = None,
 ) -> wire.Safety:
     """`safety`; without a record, because the core is silent, nothing but `valid = false`."""
     if record is None:
@@ -256,8 +260,7 @@ def safety(
         active=record.mode.active,
         verdict=judgement(record.verdict),
         progress=record.progress,
-        # Torque mode is the only one with a lease, and this service does not offer it.
-        lease_holder=None,
+        lease_holder=lease_holder,
         level_age_cycles=record.level_age_cycles,
         stop_count=record.stop_count,
         limits=limits,

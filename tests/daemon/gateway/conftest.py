@@ -15,6 +15,7 @@ import zenoh
 
 from daemon import wire
 from daemon.clock import MonotonicClock
+from daemon.config.settings import Lease
 from daemon.gateway.process import serve
 from daemon.gateway.service import Gateway
 from daemon.record import (
@@ -33,6 +34,7 @@ from daemon.seam import CoreSeam, GatewaySeam, RingHeader
 
 MS = 1_000_000
 NAN = float("nan")
+LEASE = Lease(duration_ms=500, duration_max_ms=5000)
 
 
 def drive(**changes: Any) -> DriveRecord:
@@ -215,7 +217,9 @@ class Bench:
         self.seq = 0
 
     def new_gateway(self) -> Gateway:
-        return Gateway(self.seam, self.outlet, self.clock, "trainer", ("unixsock-stream//x",))
+        return Gateway(
+            self.seam, self.outlet, self.clock, "trainer", ("unixsock-stream//x",), LEASE
+        )
 
     def replace_core(self, core_boot_id: str) -> None:
         self.core.close()
@@ -344,7 +348,7 @@ def endpoint(runtime: Path) -> Iterator[str]:
     where = f"unixsock-stream/{runtime}/zenoh.sock"
     ended = threading.Event()
     thread = threading.Thread(
-        target=serve, args=("trainer", (where,), runtime, MonotonicClock(), ended.is_set)
+        target=serve, args=("trainer", (where,), runtime, MonotonicClock(), ended.is_set, LEASE)
     )
     thread.start()
     deadline = time.monotonic() + 10

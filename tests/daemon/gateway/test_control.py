@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from daemon import wire
 from daemon.gateway.control import KINDS, PATIENCE_NS, STOP_PATIENCE_NS, Desk
-from daemon.record import Mode, Outcome, RequestKind, RequestResult
+from daemon.record import Mode, Outcome, RequestKind, Setpoint, RequestResult
 
 SECOND = 1_000_000_000
 ASK = wire.Ask()
@@ -131,11 +131,13 @@ def test_mode_arguments_reach_the_request(desk):
     assert (request.mode.duration_s, request.mode.scenario) == (25.0, "paper")
 
 
-def test_mode_torque_never_reaches_the_core(desk):
-    answer = desk.ask(1, "mode", wire.ModeAsk(mode="torque"), 0)
+def test_the_level_carries_the_lease_and_the_newest_setpoint_of_each_leg(desk):
+    setpoints = (Setpoint(7, 1, 90, 3.0, 20.0, "right"), Setpoint(7, 4, 90, 0.0, 0.0, "left"))
 
-    assert answer.outcome is Outcome.REFUSED
-    assert desk.level().request.kind is RequestKind.NONE
+    level = desk.level(setpoints, 7)
+
+    assert (level.setpoints, level.lease) == (setpoints, 7)
+    assert (desk.level().setpoints, desk.level().lease) == ((), 0)
 
 
 STEPS = st.lists(

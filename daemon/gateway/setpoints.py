@@ -1,0 +1,172 @@
+"""Setpoints on their way in: kept as few as matter, decoded strictly, refused with a reason.
+
+A setpoint passes three gates:
+
+    SetpointBox     in Zenoh's thread: keeps the newest few, counts the rest, wakes the loop seldom
+    SetpointDesk    in the loop: size, JSON, schema, leg, lease, order; the newest of each leg
+    the core        once more lease and order, then age, limits and mode (daemon/core/assist.py)
+
+A flood costs a short callback for each message and nothing else. What carries the digits of the
+lease that is held is kept apart from what does not: strangers cannot crowd out the holder.
+"""
+
+import contextlib
+import os
+import threading
+from collections import deque
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+import msgspec
+
+from daemon import wire
+from daemon.record import Setpoint
+from daemon.refusals import SetpointRefusal
+
+SETPOINT_SIZE_MAX: Final = 1024
+"""Bytes of a payload."""
+KEPT_COUNT: Final = 8
+"""Of the holder, from one turn of the loop to the next: two legs, and some to spare."""
+STRANGERS_COUNT: Final = 4
+"""Of all others: enough to say what is wrong with them."""
+WAKES_MAX: Final = 4
+REARM_NS: Final = 10_000_000
+"""So often and no oftener do setpoints wake the loop in this time."""
+
+_NOT_FINITE: Final = (b"NaN", b"Infinity")
+"""No JSON, but what common encoders make of such numbers."""
+_BEYOND: Final = ("<=", ">=", "out of range")
+"""In msgspec's words: a number of the right type beyond the range of the schema."""
+
+
+class Arrival(NamedTuple):
+    """One message on LEG/setpoint."""
+
+    leg: str
+    payload: bytes
+    """No more of it than shows that it is too large."""
+
+
+class Batch(NamedTuple):
+    """What has come since the turn before."""
+
+    arrivals: tuple[Arrival, ...] = ()
+    """Oldest first; those of the holder first."""
+    dropped_count: int = 0
+    """Nobody looked at so many."""
+
+
+NOTHING: Final = Batch()
+
+
+class SetpointBox:
+    """Between Zenoh's threads, which put, and the loop, which drains."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._kept: deque[Arrival] = deque(maxlen=KEPT_COUNT)
+        self._strangers: deque[Arrival] = deque(maxlen=STRANGERS_COUNT)
+        self._dropped_count = 0
+        self._digits = b""
+        self._wakes_left, self._armed_ns = WAKES_MAX, 0
+        self._fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+
+    def fileno(self) -> int:
+        """For poll(): readable when a setpoint of the holder should be looked at soon."""
+        return self._fd
+
+    def expect(self, lease: int) -> None:
+        """Tell which lease is held; 0: none."""
+        self._digits = str(lease).encode() if lease else b""
+
+    def put(self, leg: str, payload: bytes) -> None:
+        """Called in a thread of Zenoh."""
+        digits = self._digits
+        known = bool(digits) and digits in payload
+        with self._lock:
+            kept = self._kept if known else self._strangers
+            self._dropped_count += len(kept) == kept.maxlen
+            kept.append(Arrival(leg, payload))
+            wakes = known and self._wakes_left > 0
+            self._wakes_left -= wakes
+        if wakes:
+            os.eventfd_write(self._fd, 1)
+
+    def drain(self, now_ns: int) -> Batch:
+        """All that was kept."""
+        with contextlib.suppress(BlockingIOError):
+            os.eventfd_read(self._fd)
+        with self._lock:
+            batch = Batch((*self._kept, *self._strangers), self._dropped_count)
+            self._kept.clear()
+            self._strangers.clear()
+            self._dropped_count = 0
+            if now_ns - self._armed_ns >= REARM_NS:
+                self._wakes_left, self._armed_ns = WAKES_MAX, now_ns
+        return batch
+
+    def close(self) -> None:
+        """Leave; no callback may run any more."""
+        os.close(self._fd)
+
+
+@dataclass(slots=True)
+class SetpointDesk:
+    """Decodes setpoints and keeps the newest of each leg under the lease that is held."""
+
+    _newest: dict[str, Setpoint] = field(default_factory=dict[str, Setpoint])
+
+    @property
+    def newest(self) -> tuple[Setpoint, ...]:
+        """Of each leg, for the level."""
+        return tuple(self._newest.values())
+
+    def forget(self) -> None:
+        """Another lease is held from now on, or none."""
+        self._newest.clear()
+
+    def take(self, arrival: Arrival, legs: Collection[str], lease: int) -> SetpointRefusal:
+        """Take one message; says what is wrong with it, NONE if it goes to the core."""
+        if len(arrival.payload) > SETPOINT_SIZE_MAX:
+            return SetpointRefusal.TOO_LARGE
+        read = _read(arrival.payload)
+        if isinstance(read, SetpointRefusal):
+            return read
+        if arrival.leg not in legs:
+            return SetpointRefusal.UNKNOWN_LEG
+        if lease == 0:
+            return SetpointRefusal.UNLEASED
+        if read.lease != lease:
+            return SetpointRefusal.WRONG_LEASE
+        before = self._newest.get(arrival.leg)
+        if before is not None and read.seq <= before.seq:
+            repeated = read.seq == before.seq
+            return SetpointRefusal.REPEATED if repeated else SetpointRefusal.REORDERED
+        self._newest[arrival.leg] = _setpoint(read, arrival.leg)
+        return SetpointRefusal.NONE
+
+
+def _read(payload: bytes) -> wire.SetpointMessage | SetpointRefusal:
+    try:
+        return _DECODER.decode(payload)
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        if any(word in payload for word in _NOT_FINITE):
+            return SetpointRefusal.NON_FINITE
+        beyond = any(word in str(error) for word in _BEYOND)
+        return SetpointRefusal.OUT_OF_RANGE if beyond else SetpointRefusal.MALFORMED
+
+
+_DECODER: Final = msgspec.json.Decoder(wire.SetpointMessage)
+
+
+def _setpoint(message: wire.SetpointMessage, leg: str) -> Setpoint:
+    return Setpoint(
+        lease=message.lease,
+        seq=message.seq,
+        for_cycle=message.for_cycle,
+        hip_assist_nm=message.hip_assist_nm,
+        slide_assist_n=message.slide_assist_n,
+        leg=leg,
+        stiffness_ratio=message.stiffness_ratio,
+    )

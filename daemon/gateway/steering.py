@@ -1,0 +1,181 @@
+"""Who steers and with what: the lease, the setpoints of its holder, and what is said of both.
+
+Joins `lease.py` and `setpoints.py`, and hears from the records what the core made of it. Each
+method returns what happened, for the events; the number of the lease is in none of them.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from daemon import wire
+from daemon.gateway.events import Happening, Kind, Priority
+from daemon.gateway.lease import Ended, LeaseDesk, LeaseRefusedError
+from daemon.gateway.setpoints import Batch, SetpointDesk
+from daemon.record import CycleRecord, Mode, Outcome, Setpoint
+from daemon.refusals import REFUSAL_TEXT, SetpointRefusal
+from daemon.words import name_of
+
+STOPPED: Final = frozenset({Mode.STOPPING, Mode.FAULT})
+"""Modes in which nobody holds the lease."""
+TOLD_MAX: Final = 10
+TOLD_WINDOW_NS: Final = 10_000_000_000
+"""At most so many refusals are told as events in this time; all are counted."""
+
+
+class Decision(NamedTuple):
+    """The answer to a query for the lease."""
+
+    outcome: Outcome
+    reason: str
+    number: int | None = None
+    """For who asked, and nobody else."""
+    duration_ms: int | None = None
+    renewed: bool = False
+    """Nothing new: no event."""
+
+
+@dataclass(slots=True)
+class Steering:
+    """The lease and its setpoints in the gateway."""
+
+    leases: LeaseDesk
+    refused_count: dict[SetpointRefusal, int] = field(default_factory=dict[SetpointRefusal, int])
+    """By this gateway, since its start."""
+    _setpoints: SetpointDesk = field(default_factory=SetpointDesk)
+    _legs: tuple[str, ...] = ()
+    _before: CycleRecord | None = None
+    _told: set[SetpointRefusal] = field(default_factory=set[SetpointRefusal])
+    """Under this lease, or since there is none."""
+    _told_ns: deque[int] = field(default_factory=lambda: deque(maxlen=TOLD_MAX))
+
+    @property
+    def lease(self) -> int:
+        """The number that is held; 0: none."""
+        return self.leases.number
+
+    @property
+    def setpoints(self) -> tuple[Setpoint, ...]:
+        """The newest of each leg under the lease that is held."""
+        return self._setpoints.newest
+
+    def meet(self, legs: tuple[str, ...]) -> list[Happening]:
+        """Another core than before, or the first one."""
+        self._legs, self._before = legs, None
+        return self._end("the core has restarted")
+
+    def hear(self, record: CycleRecord, now_ns: int) -> list[Happening]:
+        """What the core says of setpoints and assist; renews the lease of who was heard by it."""
+        before, self._before = self._before, record
+        told = record.assist
+        said: list[Happening] = []
+        if before is not None:
+            if told.accepted_count > before.assist.accepted_count:
+                self.leases.renew(now_ns)
+            if told.lapse_count > before.assist.lapse_count:
+                said.append(_lapsed(self.leases.holder, told.lapse_reason))
+            said += self._refused_by_core(before, record, now_ns)
+        if record.mode in STOPPED:
+            said += self._end("the machine was stopped")
+        return said
+
+    def take(self, batch: Batch, now_ns: int) -> list[Happening]:
+        """Look at what came on LEG/setpoint."""
+        said: list[Happening] = []
+        if batch.dropped_count:
+            said += self._refuse(SetpointRefusal.FLOOD, batch.dropped_count, now_ns)
+        for arrival in batch.arrivals:
+            refusal = self._setpoints.take(arrival, self._legs, self.lease)
+            if refusal is not SetpointRefusal.NONE:
+                said += self._refuse(refusal, 1, now_ns)
+        return said
+
+    def decide(self, ask: wire.Ask, mode: Mode | None, now_ns: int) -> Decision:
+        """Give the lease, renew it or take it back, for a query to acquire or release.
+
+        Args:
+            ask: `wire.AcquireAsk` or `wire.ReleaseAsk`.
+            mode: of the core; None: it is silent.
+            now_ns: the time.
+        """
+        try:
+            return self._decide(ask, mode, now_ns)
+        except LeaseRefusedError as error:
+            return Decision(Outcome.REFUSED, str(error))
+
+    def _decide(self, ask: wire.Ask, mode: Mode | None, now_ns: int) -> Decision:
+        if isinstance(ask, wire.ReleaseAsk):
+            self.leases.release(ask.client, ask.lease)
+            self._forget()
+            return Decision(Outcome.DONE, "")
+        if not isinstance(ask, wire.AcquireAsk):
+            raise TypeError(f"{type(ask).__name__} asks for no lease")
+        if ask.client in {"", wire.SOMEBODY}:
+            raise LeaseRefusedError("say in `client` who will hold the lease")
+        if mode is None:
+            raise LeaseRefusedError("the core is silent, and steers nothing")
+        if mode in STOPPED:
+            raise LeaseRefusedError("the machine was stopped: reset it first")
+        number, duration_ms, renewed = self.leases.acquire(
+            ask.client, ask.lease, ask.duration_ms, now_ns
+        )
+        if not renewed:
+            self._forget()
+        reason = f"for {duration_ms} ms, and as long after each accepted setpoint"
+        return Decision(Outcome.DONE, reason, number, duration_ms, renewed)
+
+    def stop(self) -> list[Happening]:
+        """Somebody asked to stop."""
+        return self._end("somebody asked to stop")
+
+    def tick(self, now_ns: int) -> list[Happening]:
+        """End a lease whose time is over."""
+        ended = self.leases.tick(now_ns)
+        return self._say_ended(ended)
+
+    def _end(self, why: str) -> list[Happening]:
+        return self._say_ended(self.leases.end(why))
+
+    def _say_ended(self, ended: Ended | None) -> list[Happening]:
+        if ended is None:
+            return []
+        self._forget()
+        text = f"the lease of {ended.client} has ended: {ended.why}"
+        return [Happening(Priority.INFO, Kind.REQUEST, text)]
+
+    def _forget(self) -> None:
+        self._setpoints.forget()
+        self._told.clear()
+
+    def _refused_by_core(
+        self, before: CycleRecord, record: CycleRecord, now_ns: int
+    ) -> list[Happening]:
+        counts = zip(before.assist.refused_count, record.assist.refused_count, strict=False)
+        return [
+            happening
+            for reason, (was, now) in enumerate(counts)
+            if now > was
+            for happening in self._tell(SetpointRefusal(reason), now_ns)
+        ]
+
+    def _refuse(self, reason: SetpointRefusal, count: int, now_ns: int) -> list[Happening]:
+        self.refused_count[reason] = self.refused_count.get(reason, 0) + count
+        return self._tell(reason, now_ns)
+
+    def _tell(self, reason: SetpointRefusal, now_ns: int) -> list[Happening]:
+        full = len(self._told_ns) == TOLD_MAX
+        if reason in self._told or (full and now_ns - self._told_ns[0] < TOLD_WINDOW_NS):
+            return []
+        self._told.add(reason)
+        self._told_ns.append(now_ns)
+        text = REFUSAL_TEXT[reason]
+        whose = f"; {self.leases.holder} holds the lease" if self.lease else ""
+        said = f"setpoint refused, {name_of(reason)}: {text.meaning}{whose}"
+        return [Happening(Priority.LOW, Kind.REQUEST, said, text.remedy)]
+
+
+def _lapsed(holder: str | None, reason: str) -> Happening:
+    whose = f"assist of {holder}" if holder else "assist"
+    text = f"{whose} lapsed: {reason}; it fades, the leg is braked and held"
+    remedy = "see whether the controller still runs; ask for the mode again when it does"
+    return Happening(Priority.MEDIUM, Kind.MODE, text, remedy)
