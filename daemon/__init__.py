@@ -4,5 +4,5 @@ Reading order: `record.py` (the words for everything), `core/` (the cycle), `sea
 sockets), `gateway/` (Zenoh), `wire.py` with `words.py` and
 `leg_messages.py` and `health_messages.py` (what programs outside rely on), `config/`,
 `causes.py` (each stop in words, and its category), `refusals.py` (why a setpoint is refused),
-`clock.py` and `sd_notify.py`.
+`notes_file.py` (what outlives a restart), `clock.py` and `sd_notify.py`.
 """

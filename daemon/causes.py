@@ -49,6 +49,11 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
     Cause.COMMAND_NOT_FINITE: CauseText(
         "a command was not a finite number", Blame.SERVICE, "report it with the black box"
     ),
+    Cause.LAST_END_UNKNOWN: CauseText(
+        "nobody knows how the last run of the service ended",
+        Blame.SERVICE,
+        "look at the patient and the machine, then reset",
+    ),
     Cause.HAND_SWITCH_OPEN: CauseText(
         "the hand switch is open", Blame.PERSON, "hold the hand switch, reset, enable"
     ),
@@ -206,6 +211,7 @@ FIXED_CATEGORY: Final[dict[Cause, StopCategory]] = {
     Cause.BUS_OFF: StopCategory.S1,
     Cause.DRIVE_ENABLED_UNASKED: StopCategory.S0,
     Cause.COMMAND_NOT_FINITE: StopCategory.S1,
+    Cause.LAST_END_UNKNOWN: StopCategory.S1,
     Cause.STOP_NOT_OBEYED: StopCategory.S0,
 }
 """Fixed by the design: a file cannot choose them."""

@@ -67,6 +67,7 @@ class Cause(IntEnum):
     GATEWAY_SILENT = 10
     CYCLE_OVERRUN = 11
     COMMAND_NOT_FINITE = 12
+    LAST_END_UNKNOWN = 13
     # the patient's and the bystander's means
     HAND_SWITCH_OPEN = 20
     STO_ACTIVE = 21

@@ -17,13 +17,17 @@ def command(
     config: Annotated[Path, typer.Option("--config", help="Trainer file.", dir_okay=False)],
 ) -> None:
     """Zenoh, events and requests of the service; ends with SIGTERM, exit code 0."""
+    from contextlib import closing
+
     import zenoh
 
     from daemon.clock import MonotonicClock
     from daemon.config.strict import ConfigError
     from daemon.config.trainer import load_trainer
     from daemon.gateway import endpoints
+    from daemon.gateway.notes_disk import NotesDisk
     from daemon.gateway.process import serve
+    from daemon.notes_file import NAME
 
     file = load_trainer(config)
     settings = file.trainer.zenoh
@@ -35,14 +39,15 @@ def command(
     file.runtime.mkdir(parents=True, exist_ok=True)
     ending = _Ending()
     try:
-        serve(
-            settings.trainer,
-            settings.listen,
-            file.runtime,
-            MonotonicClock(),
-            ending.asked,
-            file.trainer.lease,
-        )
+        with closing(NotesDisk(file.state / NAME)):
+            serve(
+                settings.trainer,
+                settings.listen,
+                file.runtime,
+                MonotonicClock(),
+                ending.asked,
+                file.trainer.lease,
+            )
     except zenoh.ZError as error:
         listen = ", ".join(settings.listen)
         print(f"gaitd gateway: cannot listen on {listen}: {error}", file=sys.stderr)

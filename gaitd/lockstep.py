@@ -178,8 +178,8 @@ class Gateway:
 class MemoryNotebook:
     """Keeps the newest axis notes."""
 
-    def __init__(self) -> None:
-        self.notes = Notes()
+    def __init__(self, notes: Notes) -> None:
+        self.notes = notes
 
     def write(self, notes: Notes) -> None:
         """As `daemon.core.notebook.NoteKeeper.write`."""
@@ -196,8 +196,8 @@ class Lockstep:
         on_record: Callable[[CycleRecord], None] | None = None,
         notes: Notes | None = None,
     ) -> None:
-        built = build(settings, BOOT_ID, notes or Notes())
-        self.notebook = MemoryNotebook()
+        self.notebook = MemoryNotebook(notes or Notes())
+        built = build(settings, BOOT_ID, self.notebook.notes)
         self.world = world
         self.core = built.core
         self.bus = WorldBus(world)

@@ -13,7 +13,7 @@ Reading order:
     assist, assisting                what a controller may add
     plans, reference, guidance, targets               where a leg is wanted, what its drives get
     preparation, preparing           one axis at a time: homing, proof of its sign
-    axis_notes, poses                what outlives a restart
+    axis_notes, poses, latching      what outlives a restart
     recording                        the record of it all
     bringing                         before: from off to ready
 Around it, and not pure:

@@ -1,4 +1,4 @@
-"""What is kept of each axis across restarts: where it was left, and that its sign is proven.
+"""What is kept across restarts: where each axis was left, whose sign is proven, which stop latches.
 
 Pure: `notebook.py` reads and writes the file. Rules:
 
@@ -9,6 +9,8 @@ Pure: `notebook.py` reads and writes the file. Rules:
 3.  A file that cannot be read is no file that is missing: nothing is believed then.
 4.  A proof of a sign is of one drive and one transmission: another serial number, node, gear or
     sign makes it void.
+5.  A stop that was latched when the core ended is latched in the next one (`latching.py`), and so is
+    "nobody knows" where the file cannot be read.
 """
 
 from typing import Final, NamedTuple
@@ -53,6 +55,20 @@ class AxisNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     proof: SignProof | None = None
 
 
+class LatchedNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A verdict that only a reset takes away; category and cause by name."""
+
+    category: str
+    cause: str
+    drive: str = ""
+    value: float | None = None
+    """None: none, or not finite."""
+    limit: float | None = None
+    detail: str = ""
+    utc_ns: int = 0
+    """When it was noted first."""
+
+
 class Notes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """All axes by name."""
 
@@ -60,6 +76,7 @@ class Notes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     format: str = FORMAT
     damaged: bool = False
     """The file was there once and could not be read: what it does not hold is lost, not new."""
+    latched: LatchedNote | None = None
 
     def of(self, name: str) -> AxisNote:
         """What is noted of an axis."""
@@ -68,6 +85,13 @@ class Notes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def noted(self, name: str, note: AxisNote) -> "Notes":
         """The same with another note of one axis."""
         return replace(self, axes={**self.axes, name: note})
+
+
+UNREADABLE: Final = Notes(
+    damaged=True,
+    latched=LatchedNote("S1", "LAST_END_UNKNOWN", detail="the notes of that run cannot be read"),
+)
+"""Notes of which nothing is known, not even whether a stop was latched."""
 
 
 class PoseRules(NamedTuple):

@@ -2,7 +2,7 @@
 
 from collections.abc import Generator, Iterator, Sequence
 
-from daemon.core import modes
+from daemon.core import latching, modes
 from daemon.core.axis_notes import disagreement, proven
 from daemon.core.joints import Joint
 from daemon.core.modes import Event
@@ -61,6 +61,9 @@ def _wait_for_reset(core: Core, powered: DrivePowered) -> None:
     core.mode = modes.next_mode(core.mode, Event.DRIVE_FAULTY)
     core.preparation = None
     core.reset_cycles_left = 0
+    noted = latching.verdict_of(core.notes.latched)
+    if noted is not None and noted.cause != Cause.LAST_END_UNKNOWN:
+        latching.take_over(core)
     core.events.append(str(powered))
     core.progress = ""
 
@@ -108,7 +111,9 @@ def _take_over(
         leg.observer_started, leg.observer_bad_cycles = False, 0
     core.verdict = Verdict()
     core.load_checked = False
-    core.mode = modes.next_mode(core.mode, Event.BRING_UP_DONE)
+    latched = latching.take_over(core)
+    event = Event.STILL_LATCHED if latched else Event.BRING_UP_DONE
+    core.mode = modes.next_mode(core.mode, event)
     core.progress = ""
     unreferenced = [axis for axis in core.axes if not axis.referenced]
     names = ", ".join(f"{axis.name} ({axis.unreferenced_why})" for axis in unreferenced)

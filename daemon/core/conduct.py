@@ -5,7 +5,7 @@ to rest. This file applies them to the state of the core, once a cycle, in that 
 """
 
 from daemon.causes import LOST_DRIVE
-from daemon.core import assisting, plans, preparing, reference, requests, stopping
+from daemon.core import assisting, latching, plans, preparing, reference, requests, stopping
 from daemon.core.inbox import Orders
 from daemon.core.joints import Joint
 from daemon.core.modes import Event
@@ -33,6 +33,7 @@ def change_mode(core: Core, found: Verdict, orders: Orders, cycle: int, utc_ns: 
     _move_on(core, cycle)
     preparing.move_on(core, cycle)
     requests.finish_request(core)
+    latching.follow(core, utc_ns)
     for leg in core.legs:
         leg.reference = plans.reference_of(core, leg)
 

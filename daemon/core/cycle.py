@@ -16,6 +16,7 @@ from daemon.core import (
     guidance,
     inbox,
     joints,
+    latching,
     plans,
     poses,
     preparing,
@@ -68,6 +69,7 @@ def rest(core: Core, levels: Sequence[Level], tick: Tick) -> CycleRecord:
     assisting.hear(core, tick.cycle)
     requests.answer(core, orders, tick.cycle, tick.sync_utc_ns)
     requests.finish_request(core)
+    latching.follow(core, tick.sync_utc_ns)
     return recording.record(core, tick)
 
 

@@ -8,7 +8,8 @@ Rules:
    enabling again are three requests. A restart, a drive's reboot or a cause that went away enables
    nothing.
 3. A stop needs no permission and no valid state: every mode has a row for it, or nothing moves.
-4. A stop with a verdict ends in FAULT and stays there until RESET; DISABLE ends in READY.
+4. A stop with a verdict ends in FAULT and stays there until RESET, also across a restart; DISABLE
+   ends in READY.
 5. TORQUE needs a lease that somebody holds, and drives that go by torque. A lease that lapses, or
    setpoints that grow stale, end it in HOLD; a gait only while assist or a stiffness scale is in
    force. No verdict is latched by that: the drives are well.
@@ -26,6 +27,7 @@ class Event(Enum):
 
     BRING_UP_BEGUN = "bring-up begun"
     BRING_UP_DONE = "bring-up done"
+    STILL_LATCHED = "latched before this start"
     DRIVES_LOST = "drives lost"
     """A drive went away, or the bus did, while nothing was enabled."""
     DRIVE_FAULTY = "drive faulty"
@@ -52,6 +54,7 @@ class Event(Enum):
 TRANSITIONS: Mapping[tuple[Mode, Event], Mode] = {
     (Mode.OFF, Event.BRING_UP_BEGUN): Mode.BRINGING_UP,
     (Mode.BRINGING_UP, Event.BRING_UP_DONE): Mode.READY,
+    (Mode.BRINGING_UP, Event.STILL_LATCHED): Mode.FAULT,
     (Mode.BRINGING_UP, Event.DRIVES_LOST): Mode.OFF,
     (Mode.BRINGING_UP, Event.DRIVE_FAULTY): Mode.FAULT,
     (Mode.READY, Event.ENABLE): Mode.HOLD,

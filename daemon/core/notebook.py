@@ -1,20 +1,21 @@
 """The file of the axis notes: read once, written through a mapping, so no cycle waits for a disk.
 
 The file is one page of JSON, filled up with spaces. While the core runs, a write goes to the page
-cache; `close` brings it to the disk. A power cut before that leaves an older pose, with which the
-encoder then disagrees: the axis is referenced again, and nothing is believed that is not so.
+cache, which outlives this process; the gateway brings it to the disk (`gateway/notes_disk.py`), and
+`close` does. A power cut before that leaves an older page. An older pose is one that the encoder
+disagrees with: the axis is referenced again. An older page of a time in which drives were enabled
+says that nobody knows how it ended (`latching.py`), and a page that cannot be read says so too:
+nothing is believed that is not so, and no stop is forgotten.
 """
 
 import mmap
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Protocol
 
 import msgspec
 
-from daemon.core.axis_notes import FORMAT, Notes
-
-NAME: Final = "axes.json"
-SIZE: Final = 8192
+from daemon.core.axis_notes import FORMAT, UNREADABLE, Notes
+from daemon.notes_file import NAME, SIZE
 
 
 class NoteKeeper(Protocol):
@@ -36,11 +37,13 @@ class Notebook:
         """
         state.mkdir(parents=True, exist_ok=True)
         self.path = state / NAME
-        self.notes = _read(self.path)
+        self.notes, new = _read(self.path), not self.path.exists()
         with self.path.open("ab") as file:
             file.truncate(max(file.tell(), SIZE))
         with self.path.open("r+b") as file:
             self._map = mmap.mmap(file.fileno(), SIZE)
+        if new:
+            self.write(self.notes)
 
     def write(self, notes: Notes) -> None:
         """As `NoteKeeper.write`.
@@ -62,11 +65,8 @@ class Notebook:
 def _read(path: Path) -> Notes:
     if not path.exists():
         return Notes()
-    text = path.read_bytes().strip(b"\0 \n")
-    if not text:
-        return Notes()
     try:
-        notes = msgspec.json.decode(text, type=Notes)
+        notes = msgspec.json.decode(path.read_bytes().strip(b"\0 \n"), type=Notes)
     except (msgspec.MsgspecError, UnicodeDecodeError):
-        return Notes(damaged=True)
-    return notes if notes.format == FORMAT else Notes(damaged=True)
+        return UNREADABLE
+    return notes if notes.format == FORMAT else UNREADABLE

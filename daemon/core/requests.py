@@ -1,6 +1,6 @@
 """Requests of clients: judged by the guards of `modes.py`, begun, and answered when it is known."""
 
-from daemon.core import assisting, modes, plans, preparing, reference, stopping
+from daemon.core import assisting, latching, modes, plans, preparing, reference, stopping
 from daemon.core.inbox import Orders
 from daemon.core.modes import Event
 from daemon.core.preparation import OVER
@@ -95,6 +95,7 @@ def _act(core: Core, kind: RequestKind, wanted: ModeRequest, cycle: int) -> None
         preparing.cancel(core, "somebody asked to disable")
     elif kind == RequestKind.RESET:
         enter(core, Event.RESET)
+        latching.clear(core)
         core.drives = None
         core.preparation = None
         core.verdict = Verdict()

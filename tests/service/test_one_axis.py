@@ -8,7 +8,7 @@ import pytest
 from processes import MEMORY, Service
 from sessions import changed_configs
 
-from daemon.core.notebook import NAME
+from daemon.notes_file import NAME
 from daemon.record import Mode
 
 TRIES = 3

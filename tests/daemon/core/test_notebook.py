@@ -2,8 +2,17 @@
 
 import pytest
 
-from daemon.core.axis_notes import AxisNote, Notes, SignProof, with_pose, with_proof
-from daemon.core.notebook import NAME, SIZE, Notebook
+from daemon.core.axis_notes import (
+    UNREADABLE,
+    AxisNote,
+    LatchedNote,
+    Notes,
+    SignProof,
+    with_pose,
+    with_proof,
+)
+from daemon.core.notebook import Notebook
+from daemon.notes_file import NAME, SIZE
 
 PROOF = SignProof(5, 305_000_005, 1, 100.0, None, 1024, 0.036, -0.036, 1)
 NOTES = Notes(axes={"right/hip": AxisNote(0.25, 7, PROOF)})
@@ -42,13 +51,46 @@ def test_a_shorter_note_leaves_nothing_of_a_longer_one(tmp_path):
 def test_a_file_that_cannot_be_read_is_damaged_and_not_missing(tmp_path, text):
     (tmp_path / NAME).write_bytes(text)
 
-    assert Notebook(tmp_path).notes.damaged
+    notes = Notebook(tmp_path).notes
+
+    assert notes.damaged
+    assert notes.latched is not None
 
 
-def test_a_file_that_a_crash_left_empty_is_missing(tmp_path):
-    (tmp_path / NAME).write_bytes(b"\0" * SIZE)
+@pytest.mark.parametrize("size", [0, 100, SIZE])
+def test_a_file_that_a_crash_left_empty_is_no_clean_one(tmp_path, size):
+    (tmp_path / NAME).write_bytes(b"\0" * size)
+
+    assert Notebook(tmp_path).notes == UNREADABLE
+
+
+def test_a_new_file_can_be_read_before_anything_has_happened(tmp_path):
+    Notebook(tmp_path)
 
     assert Notebook(tmp_path).notes == Notes()
+
+
+def test_a_file_of_before_stops_were_noted_is_still_read(tmp_path):
+    """As the service wrote it until then."""
+    old = b'{"axes":{"right/hip":{"position_si":0.25,"noted_utc_ns":7,"proof":null}},'
+    old += b'"format":"gaitd.axes.v1","damaged":false}'
+    (tmp_path / NAME).write_bytes(old.ljust(SIZE - 1) + b"\n")
+
+    notes = Notebook(tmp_path).notes
+
+    assert notes == Notes(axes={"right/hip": AxisNote(0.25, 7)})
+    assert notes.latched is None
+
+
+def test_the_longest_notes_of_two_legs_fit_the_page(tmp_path):
+    axes = {f"right/axis{number}": AxisNote(-0.123456789012345, 10**18, PROOF) for number in (1, 2)}
+    axes |= {f"left/axis{number}": AxisNote(-0.123456789012345, 10**18, PROOF) for number in (1, 2)}
+    long = LatchedNote("S1", "LAST_END_UNKNOWN", "right/slide", -1e-300, 1e-300, "d" * 120, 10**18)
+
+    notes = Notes(axes=axes, latched=long)
+    Notebook(tmp_path).write(notes)
+
+    assert Notebook(tmp_path).notes == notes
 
 
 def test_a_pose_that_has_not_changed_is_no_news():

@@ -1,0 +1,72 @@
+"""Brings the core's notes to the disk, so that a latched stop survives a power cut.
+
+The core writes its notes into a mapped page and never waits for a disk. A thread of ours here looks
+at the page a few times a second and calls fsync where it has changed: nothing waits for this
+thread, and it takes nothing from the others, because reading and fsync let go of the interpreter.
+Until then a power cut leaves an older page. That one is never clean either where it matters: a page
+written while drives are enabled says that nobody knows how it ended (`core/latching.py`).
+"""
+
+import logging
+import os
+import threading
+from pathlib import Path
+from typing import Final
+
+from daemon.notes_file import SIZE
+
+PERIOD_S: Final = 0.2
+
+
+class NotesDisk:
+    """A thread that keeps one file as it is in memory on the disk, too."""
+
+    def __init__(self, path: Path) -> None:
+        """Begin to look; a file that is not there yet is waited for."""
+        self._path = path
+        self._kept = b""
+        self._trouble = ""
+        self._log = logging.getLogger("gaitd.gateway")
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="notes", daemon=True)
+        self._thread.start()
+
+    def look(self) -> bool:
+        """Look once; whether there was something to bring to the disk.
+
+        Raises:
+            OSError: the file cannot be read, or the disk fails.
+        """
+        file = os.open(self._path, os.O_RDONLY)
+        try:
+            page = os.read(file, SIZE)
+            if page == self._kept:
+                return False
+            os.fsync(file)  # of all that is dirty in it, also through the mapping of the core
+            self._kept = page
+        finally:
+            os.close(file)
+        return True
+
+    def close(self) -> None:
+        """Look for the last time, and end."""
+        self._ended.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        over = False
+        while not over:
+            over = self._ended.wait(PERIOD_S)
+            try:
+                self.look()
+                self._trouble = ""
+            except FileNotFoundError:
+                continue
+            except OSError as error:
+                self._tell(error)
+
+    def _tell(self, error: OSError) -> None:
+        """Said once: a power cut may now lose a stop that is latched."""
+        if str(error) != self._trouble:
+            self._trouble = str(error)
+            self._log.error("the notes of the core are not on the disk: %s", error)

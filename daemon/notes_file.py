@@ -1,0 +1,12 @@
+"""The file of the core's notes, as far as both processes know it: its name and its size.
+
+The core writes it through a mapping (`core/notebook.py`); the gateway brings it to the disk
+(`gateway/notes_disk.py`).
+"""
+
+from typing import Final
+
+NAME: Final = "axes.json"
+"""In the state directory."""
+SIZE: Final = 8192
+"""Bytes; what the notes leave over is filled with spaces."""

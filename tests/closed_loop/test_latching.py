@@ -1,0 +1,202 @@
+"""A stop that is latched stays latched when the core dies, and no run that nobody ended is clean."""
+
+import pytest
+from sessions import Session, changed_configs
+
+from daemon.core.axis_notes import UNREADABLE, Notes
+from daemon.core.notebook import Notebook
+from daemon.notes_file import NAME
+from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind, StopCategory
+from gaitd.lockstep import Lockstep
+
+
+def notes_of(session: Session) -> Notes:
+    return session.lockstep.notebook.notes
+
+
+def restarted(session: Session) -> Lockstep:
+    """A new core on the same machine: the one before is gone without a word."""
+    world = session.machine.world
+    return Lockstep(session.settings, world, notes=notes_of(session))
+
+
+def up(lockstep: Lockstep) -> Lockstep:
+    lockstep.run_until(lambda record: record.mode in {Mode.FAULT, Mode.READY}, within_s=15)
+    lockstep.run(0.2)
+    return lockstep
+
+
+def told(lockstep: Lockstep, words: str) -> bool:
+    return any(words in event for record in lockstep.records for event in record.events)
+
+
+CAUSES = {
+    "stop": Cause.STOP_REQUESTED,
+    "hand_switch_open * 0.3": Cause.HAND_SWITCH_OPEN,
+    "sto_open * 0.3": Cause.STO_ACTIVE,
+    "silent right/slide 0.3": Cause.DRIVE_SILENT,
+    "encoder_glitch right/hip - 3000": Cause.ENCODER_JUMP,
+    "emcy right/hip 0.3 0x2310": Cause.EMERGENCY,
+}
+
+
+def stopped(line: str) -> Session:
+    session = Session().walking(warm_s=1.0)
+    if line == "stop":
+        session.lockstep.gateway.stop()
+    else:
+        session.machine.command(line)
+    session.lockstep.run_until(lambda record: record.verdict.cause != Cause.NONE, within_s=3)
+    return session
+
+
+@pytest.mark.parametrize("line", list(CAUSES))
+def test_a_core_that_is_killed_as_it_stops_has_left_the_verdict(line):
+    """In the very cycle in which the stop begins: nothing later has to happen for it."""
+    session = stopped(line)
+    verdict = session.lockstep.record.verdict
+
+    # The machine has been without power meanwhile: nothing but the notes remembers.
+    again = up(Session(notes=notes_of(session)).lockstep)
+
+    assert verdict.cause in {CAUSES[line], Cause.DRIVE_FAULT}
+    assert again.record.mode == Mode.FAULT
+    assert again.record.verdict.cause == verdict.cause
+    assert again.record.verdict.category == verdict.category
+    assert again.record.verdict.drive == verdict.drive
+    assert again.record.verdict.value == pytest.approx(verdict.value)
+    assert told(again, "latched since 2026-01-01 00:00:")
+
+
+@pytest.mark.parametrize("line", ["stop", "hand_switch_open * 0.3"])
+def test_beside_drives_that_still_hold_the_leg_the_latched_stop_is_what_is_shown(line):
+    session = stopped(line)
+    session.lockstep.run(0.4)
+
+    again = up(restarted(session))
+
+    assert again.record.mode == Mode.FAULT
+    assert again.record.verdict.cause == CAUSES[line]
+    assert told(again, "latched since")
+
+
+def test_a_latched_stop_enables_nothing_and_a_reset_takes_it_away_from_the_file_too():
+    session = Session(notes=notes_of(stopped("stop")))
+    again = up(session.lockstep)
+
+    assert again.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
+    assert again.request(RequestKind.RESET).outcome == Outcome.DONE
+    assert notes_of(session).latched is None
+    assert again.request(RequestKind.ENABLE).outcome == Outcome.DONE
+    again.request(RequestKind.DISABLE)
+    again.run(0.1)
+
+    third = up(Session(notes=notes_of(session)).lockstep)
+    assert third.record.mode == Mode.READY
+
+
+def test_a_second_restart_without_a_reset_is_latched_as_before():
+    first = Session(notes=notes_of(stopped("hand_switch_open * 0.3")))
+    up(first.lockstep)
+
+    second = up(Session(notes=notes_of(first)).lockstep)
+
+    assert second.record.mode == Mode.FAULT
+    assert second.record.verdict.cause == Cause.HAND_SWITCH_OPEN
+
+
+def test_drives_that_are_not_there_at_the_restart_do_not_make_it_forget():
+    session = Session(notes=notes_of(stopped("stop")))
+    session.machine.command("unplugged right/hip 3")
+    session.lockstep.run(2.5)
+    assert session.lockstep.record.mode in {Mode.OFF, Mode.BRINGING_UP}
+
+    assert up(session.lockstep).record.verdict.cause == Cause.STOP_REQUESTED
+
+
+def test_an_orderly_shutdown_in_motion_latches_nothing():
+    session = Session().walking(warm_s=1.0)
+    session.lockstep.shut_down()
+
+    assert notes_of(session).latched is None
+    assert up(Session(notes=notes_of(session)).lockstep).record.mode == Mode.READY
+
+
+def test_an_orderly_shutdown_of_a_stopped_machine_keeps_its_stop():
+    session = stopped("hand_switch_open * 0.3")
+    session.lockstep.run(1.0)
+    session.lockstep.shut_down()
+
+    again = up(Session(notes=notes_of(session)).lockstep)
+
+    assert again.record.verdict.cause == Cause.HAND_SWITCH_OPEN
+
+
+@pytest.mark.parametrize("moment", ["enabling", "walking", "braking to switch off"])
+def test_a_run_that_ends_while_drives_are_enabled_is_one_that_nobody_knows(moment):
+    session = Session().until_ready()
+    session.lockstep.gateway.ask(RequestKind.ENABLE)
+    session.lockstep.run(0.1)
+    if moment != "enabling":
+        session.lockstep.run(1.5)
+        gait = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=60.0)
+        session.lockstep.request(RequestKind.MODE, gait)
+        session.lockstep.run_until(lambda record: record.gait_phase >= 0, within_s=30)
+    if moment.startswith("braking"):
+        session.lockstep.gateway.ask(RequestKind.DISABLE)
+        session.lockstep.run_until(lambda record: record.mode == Mode.STOPPING, within_s=2)
+
+    again = up(Session(notes=notes_of(session)).lockstep)
+
+    assert again.record.mode == Mode.FAULT
+    assert again.record.verdict.cause == Cause.LAST_END_UNKNOWN
+    assert again.record.verdict.category == StopCategory.S1
+    assert again.request(RequestKind.RESET).outcome == Outcome.DONE
+
+
+def test_after_a_power_cut_the_older_page_is_not_clean_either(tmp_path):
+    """The disk has what was written before the stop; the stop never got there."""
+    session = Session().walking(warm_s=1.0)
+    Notebook(tmp_path).write(notes_of(session))
+    page = (tmp_path / NAME).read_bytes()
+    session.lockstep.gateway.stop()
+    session.lockstep.run(1.0)
+    Notebook(tmp_path).write(notes_of(session))
+    (tmp_path / NAME).write_bytes(page)
+
+    again = up(Session(notes=Notebook(tmp_path).notes).lockstep)
+
+    assert again.record.mode == Mode.FAULT
+    assert again.record.verdict.cause == Cause.LAST_END_UNKNOWN
+
+
+@pytest.mark.parametrize("kept", [0, 1, 100])
+def test_a_page_that_the_power_cut_tore_is_latched_until_a_reset(tmp_path, kept):
+    session = stopped("stop")
+    Notebook(tmp_path).write(notes_of(session))
+    page = (tmp_path / NAME).read_bytes()
+    (tmp_path / NAME).write_bytes(page[:kept] + b"\0" * (len(page) - kept))
+    notes = Notebook(tmp_path).notes
+    assert notes == UNREADABLE
+
+    again = Session(changed_configs(tmp_path), notes)
+    up(again.lockstep)
+
+    assert again.lockstep.record.mode == Mode.FAULT
+    assert again.lockstep.record.verdict.cause == Cause.LAST_END_UNKNOWN
+    assert again.lockstep.request(RequestKind.RESET).outcome == Outcome.DONE
+    assert notes_of(again).latched is None
+    assert notes_of(again).damaged
+
+
+def test_a_cause_of_another_version_is_latched_all_the_same():
+    notes = notes_of(stopped("stop"))
+    latched = notes.latched
+    assert latched is not None
+    text = latched.__class__(latched.category, "METEORITE", utc_ns=latched.utc_ns)
+
+    again = up(Session(notes=Notes(latched=text)).lockstep)
+
+    assert again.record.mode == Mode.FAULT
+    assert again.record.verdict.cause == Cause.LAST_END_UNKNOWN
+    assert "METEORITE" in again.record.verdict.detail
