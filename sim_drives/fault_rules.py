@@ -82,6 +82,13 @@ def _emergency(node: Node, value: float, on: bool) -> None:
         node.end_error(int(value))
 
 
+def _warn(node: Node, value: float, on: bool) -> None:
+    if on:
+        node.errors.begin(int(value), latched=False)
+    else:
+        node.errors.cause_gone(int(value))
+
+
 def _reboot(node: Node, _: float, on: bool) -> None:
     if on:
         node.power_off()
@@ -128,6 +135,10 @@ def _offset_current(node: Node, value: float, on: bool) -> None:
 
 def _stick_home_switch(node: Node, value: float, on: bool) -> None:
     node.drive.measurement.home_switch_stuck = bool(value) if on else None
+
+
+def _hold_limit_switch(node: Node, value: float, on: bool) -> None:
+    node.drive.measurement.switch_held = int(value) if on else 0
 
 
 def _open_hand_switch(node: Node, _: float, on: bool) -> None:
@@ -200,6 +211,14 @@ RULES: Final[Mapping[FaultKind, FaultRule]] = MappingProxyType(
             0xFFFF,
             value_needed=True,
         ),
+        FaultKind.EMCY_WARNING: FaultRule(
+            "an EMCY with this code, and the drive goes on as before; 0000h when it ends",
+            _warn,
+            "error code",
+            1,
+            0xFFFF,
+            value_needed=True,
+        ),
         FaultKind.REBOOT: FaultRule(
             "loses its power; comes back after the duration, or at once", _reboot, momentary=True
         ),
@@ -254,6 +273,14 @@ RULES: Final[Mapping[FaultKind, FaultRule]] = MappingProxyType(
         ),
         FaultKind.HAND_SWITCH_OPEN: FaultRule(
             "the patient lets the hand switch go", _open_hand_switch
+        ),
+        FaultKind.LIMIT_SWITCH_ON: FaultRule(
+            "a limit switch is on wherever the joint is",
+            _hold_limit_switch,
+            "-1: the negative, 1: the positive one, in the drive's direction",
+            -1,
+            1,
+            value_needed=True,
         ),
         FaultKind.BLOCKED_ROTOR: FaultRule("the joint is jammed", _block_rotor),
         FaultKind.BRAKE_STUCK: FaultRule("the brake does not open: the axis stands", _hold_brake),

@@ -64,6 +64,8 @@ class Measurement:
         self.sto_released = True
         self.encoder_frozen = False
         self.home_switch_stuck: bool | None = None
+        self.switch_held = 0
+        """-1: the negative, 1: the positive limit switch is on wherever the joint is."""
         self._glitch_counts = 0
         self._glitch_seen = False
         self._glitch_over = False
@@ -158,7 +160,9 @@ class Measurement:
         negative, positive = AxisFlag.END_STOP_NEGATIVE, AxisFlag.END_STOP_POSITIVE
         if self._sign < 0:
             negative, positive = positive, negative
-        return NEGATIVE_SWITCH * bool(flags & negative) | POSITIVE_SWITCH * bool(flags & positive)
+        at_negative = bool(flags & negative) or self.switch_held < 0
+        at_positive = bool(flags & positive) or self.switch_held > 0
+        return NEGATIVE_SWITCH * at_negative | POSITIVE_SWITCH * at_positive
 
     def _show(self, sample: AxisSample, now_ns: int) -> None:
         put = self._dictionary.put

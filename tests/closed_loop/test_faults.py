@@ -24,6 +24,7 @@ FAULTS = [
     ("encoder_glitch {} - 2000", {Cause.ENCODER_JUMP}),
     ("blocked_rotor {}", STUCK),
     ("hand_switch_open {}", {Cause.HAND_SWITCH_OPEN}),
+    ("limit_switch_on {} - 1", {Cause.LIMIT_SWITCH}),
     ("sto_open {}", {Cause.STO_ACTIVE}),
     ("deaf {}", LOST),
     ("wrong_identity {}", LOST),
@@ -35,6 +36,7 @@ STOP_NOTHING_ALONE = (
     "slow_state",
     "refuses_object",  # at bring-up
     "home_switch_stuck",  # at homing
+    "emcy_warning",  # but for a code that the drive's maker does not call a warning
     "torque_offset",  # no drive and no master can tell it from a patient's effort
 )
 DRIVES = ("right/hip", "right/slide")

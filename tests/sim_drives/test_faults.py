@@ -166,6 +166,32 @@ def test_the_hand_switch_is_a_bit_of_the_inputs_and_the_drive_leaves_it_at_that(
     assert running.state() == 0x27
 
 
+def test_a_warning_is_told_and_the_drive_goes_on_until_it_is_told_to_be_over(running):
+    running.enable(10)
+    running.world.command("emcy_warning right/hip 0.05 0xFF01")
+    running.cycle(0x0F)
+
+    assert running.frames(0x085)[-1][:2] == b"\x01\xff"
+    assert running.state() == 0x27
+    running.cycles(10, 0x0F)
+    assert running.frames(0x085)[-1][:2] == bytes(2)
+    assert running.state() == 0x27
+
+
+@pytest.mark.parametrize(("value", "bits"), [(-1, 0b01), (1, 0b10)])
+def test_a_limit_switch_that_is_held_is_a_bit_of_the_inputs_wherever_the_joint_is(
+    running, value, bits
+):
+    running.world.command(f"limit_switch_on right/hip 0.03 {value}")
+    running.cycle()
+    held = struct.unpack("<I", running.frames(0x285)[-1][4:8])[0]
+    running.cycles(5)
+    free = struct.unpack("<I", running.frames(0x285)[-1][4:8])[0]
+
+    assert held & 0b11 == bits
+    assert free & 0b11 == 0
+
+
 def test_the_sto_of_every_drive_opens_with_a_star(running):
     running.world.command("sto_open *")
     running.cycles(2)
