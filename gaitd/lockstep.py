@@ -5,8 +5,10 @@ passes only while somebody waits on it; `Gateway` stands in for the other proces
 record and asks for what a script says. What runs in between is the product.
 """
 
+import heapq
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import count
 from typing import Final
 
 from daemon.config.bundle import Settings
@@ -25,12 +27,16 @@ from daemon.record import (
     Setpoint,
 )
 from drives.bus import Clock, Frame
+from drives.errors import BusError
+from drives.nmt import SYNC_ID
 from sim_drives.frame import Frame as WorldFrame
 from sim_drives.world import World
 
 BOOT_ID: Final = "lockstep"
 NS_PER_S: Final = 1_000_000_000
 UTC_OF_START_NS: Final = 1_767_225_600_000_000_000
+RETRY_NS: Final = 200_000
+"""Between two tries of an urgent frame, as on a real bus."""
 
 
 class WorldClock:
@@ -38,48 +44,112 @@ class WorldClock:
 
     def __init__(self, bus: "WorldBus") -> None:
         self._bus = bus
+        self.utc_stepped_ns = 0
+        """By how much somebody has set the wall clock."""
 
     def now_ns(self) -> int:
         """Simulated time."""
         return self._bus.now_ns
 
     def utc_ns(self) -> int:
-        """A fixed date plus simulated time."""
-        return UTC_OF_START_NS + self._bus.now_ns
+        """A fixed date plus simulated time, and what somebody has set it by."""
+        return UTC_OF_START_NS + self._bus.now_ns + self.utc_stepped_ns
 
     def sleep_until(self, deadline_ns: int) -> None:
         """Let the world go on; what it sends meanwhile waits on the bus."""
         self._bus.let_pass(deadline_ns)
 
 
+@dataclass(slots=True)
+class BusTrouble:
+    """What is wrong with the service's own end of the bus."""
+
+    queue_full: bool = False
+    """Nothing can be placed in the transmit queue."""
+    is_off: bool = False
+    """The controller is off the bus: what is sent is lost, and nothing is heard."""
+    is_gone: bool = False
+    """The interface is not there: whoever uses it gets a BusError."""
+    sync_delay_ns: int = 0
+    """SYNC waits so long for its place on the wire."""
+
+
 class WorldBus:
-    """A `drives.bus.Bus` whose other end is a `World`. Frames take no time on this wire."""
+    """A `drives.bus.Bus` whose other end is a `World`. Frames take no time on this wire.
+
+    Things can happen at any moment, also in the middle of a wait: `at` puts them on the agenda.
+    Meanwhile `hold` stops the service and not the world (a frozen process), and `pause` stops the
+    service's clock with it (a machine that was suspended).
+    """
 
     def __init__(self, world: World) -> None:
         self._world = world
         self._waiting: list[Frame] = []
+        self._agenda: list[tuple[int, int, Callable[[], None]]] = []
+        self._order = count()
+        self._held_until_ns = 0
+        self._behind_ns = 0
+        self.trouble = BusTrouble()
         self.sent: list[Frame] = []
-        """Every frame of the master's, in order, with its simulated time."""
+        """Every frame of the master's that was on the wire, in order, with the world's time."""
 
     @property
     def now_ns(self) -> int:
-        """The world's time."""
-        return self._world.now_ns
+        """The service's monotonic time: the world's, less what the service was suspended for."""
+        return self._world.now_ns - self._behind_ns
+
+    # --- what happens ---------------------------------------------------------------------
+
+    def at(self, world_ns: int, action: Callable[[], None]) -> None:
+        """Do something when the world is at that time, whatever the service does then."""
+        heapq.heappush(self._agenda, (world_ns, next(self._order), action))
+
+    def hold(self, duration_ns: int) -> None:
+        """Stop the service from now on; its clock goes on."""
+        self._held_until_ns = self._world.now_ns + duration_ns
+
+    def pause(self, duration_ns: int) -> None:
+        """Stop the service from now on, and its clock with it."""
+        self._behind_ns += duration_ns
+
+    def report(self, frame: Frame) -> None:
+        """The controller says something of itself: an error frame."""
+        self._waiting.append(frame._replace(is_error=True))
+
+    # --- as a bus -------------------------------------------------------------------------
+
+    def open(self) -> "WorldBus":
+        """As `CanBus.open`.
+
+        Raises:
+            BusError: the interface is not there.
+        """
+        self._must_exist()
+        return self
 
     def send(self, frames: Sequence[Frame]) -> int:
-        """All frames reach all drives now; nothing is dropped."""
+        """All frames reach all drives now, unless there is trouble; the number dropped.
+
+        Raises:
+            BusError: the interface is not there.
+        """
+        self._must_exist()
+        if self.trouble.queue_full:
+            return len(frames)
         for frame in frames:
-            self.sent.append(frame._replace(time_ns=self.now_ns))
-            self._world.receive(WorldFrame(frame.can_id, frame.data))
+            self._place(frame)
         return 0
 
     def send_urgent(self, frames: Sequence[Frame], deadline_ns: int, clock: Clock) -> int:
-        """As `send`."""
-        del deadline_ns, clock
+        """As `send`; a full queue is tried again until the deadline."""
+        del clock
+        while self.trouble.queue_full and self.now_ns < deadline_ns:
+            self.let_pass(min(self.now_ns + RETRY_NS, deadline_ns))
         return self.send(frames)
 
     def drain(self) -> list[Frame]:
         """What the drives have sent up to now."""
+        self._must_exist()
         self.let_pass(self.now_ns)
         frames, self._waiting = self._waiting, []
         return frames
@@ -89,7 +159,7 @@ class WorldBus:
         del clock
         frames = self.drain()
         while not frames and self.now_ns < deadline_ns:
-            self.let_pass(min(max(self._world.next_event_ns(), self.now_ns), deadline_ns))
+            self.let_pass(min(max(self._next_ns(), self.now_ns), deadline_ns))
             frames, self._waiting = self._waiting, []
         return frames
 
@@ -100,8 +170,44 @@ class WorldBus:
         """Time passes; what the drives send meanwhile waits."""
         if until_ns < self.now_ns:
             return
-        for timed in self._world.advance_to(until_ns):
-            self._waiting.append(Frame(timed.can_id, timed.data, timed.time_ns))
+        while self._agenda and self._agenda[0][0] <= self._world_until(until_ns):
+            due_ns, _, action = heapq.heappop(self._agenda)
+            self._advance(max(due_ns, self._world.now_ns))
+            action()
+        self._advance(self._world_until(until_ns))
+
+    # --- the wire -------------------------------------------------------------------------
+
+    def _must_exist(self) -> None:
+        if self.trouble.is_gone:
+            raise BusError("lockstep", "the interface is gone")
+
+    def _place(self, frame: Frame) -> None:
+        if self.trouble.sync_delay_ns and frame.can_id == SYNC_ID:
+            at_ns = self._world.now_ns + self.trouble.sync_delay_ns
+            self.at(at_ns, lambda: self._deliver(frame))
+        elif not self.trouble.is_off:
+            self._deliver(frame)
+
+    def _deliver(self, frame: Frame) -> None:
+        self.sent.append(frame._replace(time_ns=self._world.now_ns))
+        self._world.receive(WorldFrame(frame.can_id, frame.data))
+
+    def _world_until(self, until_ns: int) -> int:
+        """The world's time up to which it lives before the service goes on."""
+        return max(until_ns + self._behind_ns, self._held_until_ns)
+
+    def _next_ns(self) -> int:
+        event_ns = self._world.next_event_ns()
+        if self._agenda:
+            event_ns = min(event_ns, self._agenda[0][0])
+        return event_ns - self._behind_ns
+
+    def _advance(self, world_ns: int) -> None:
+        for timed in self._world.advance_to(world_ns):
+            if not self.trouble.is_off:
+                heard_ns = timed.time_ns - self._behind_ns
+                self._waiting.append(Frame(timed.can_id, timed.data, heard_ns))
 
 
 Controller = Callable[[CycleRecord], tuple[Setpoint, ...]]
@@ -195,15 +301,28 @@ class Lockstep:
         world: World,
         on_record: Callable[[CycleRecord], None] | None = None,
         notes: Notes | None = None,
+        bus: WorldBus | None = None,
+        gateway: Gateway | None = None,
     ) -> None:
+        """Build the service; nothing turns yet.
+
+        Args:
+            settings: of the service.
+            world: the virtual machine.
+            on_record: told each record.
+            notes: that an earlier life of the core has left.
+            bus: to this world, with what is on its agenda; else a new one.
+            gateway: in place of a well-behaved one.
+        """
         self.notebook = MemoryNotebook(notes or Notes())
         built = build(settings, BOOT_ID, self.notebook.notes)
         self.world = world
         self.core = built.core
-        self.bus = WorldBus(world)
-        self.gateway = Gateway(on_record)
-        grid = replace(loop_settings(settings, built, self.notebook), open_bus=lambda: self.bus)
-        self.loop = Loop(built.core, grid, self.gateway, WorldClock(self.bus), _NoSupervisor())
+        self.bus = bus or WorldBus(world)
+        self.gateway = gateway or Gateway(on_record)
+        grid = replace(loop_settings(settings, built, self.notebook), open_bus=self.bus.open)
+        self.clock = WorldClock(self.bus)
+        self.loop = Loop(built.core, grid, self.gateway, self.clock, _NoSupervisor())
 
     @property
     def record(self) -> CycleRecord:
