@@ -5,6 +5,7 @@ passes only while somebody waits on it; `Gateway` stands in for the other proces
 record and asks for what a script says. What runs in between is the product.
 """
 
+import errno
 import heapq
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -88,7 +89,8 @@ class WorldBus:
         self._agenda: list[tuple[int, int, Callable[[], None]]] = []
         self._order = count()
         self._held_until_ns = 0
-        self._behind_ns = 0
+        self.behind_ns = 0
+        """By how much the service's clock is behind the world's."""
         self.trouble = BusTrouble()
         self.sent: list[Frame] = []
         """Every frame of the master's that was on the wire, in order, with the world's time."""
@@ -96,7 +98,7 @@ class WorldBus:
     @property
     def now_ns(self) -> int:
         """The service's monotonic time: the world's, less what the service was suspended for."""
-        return self._world.now_ns - self._behind_ns
+        return self._world.now_ns - self.behind_ns
 
     # --- what happens ---------------------------------------------------------------------
 
@@ -110,7 +112,7 @@ class WorldBus:
 
     def pause(self, duration_ns: int) -> None:
         """Stop the service from now on, and its clock with it."""
-        self._behind_ns += duration_ns
+        self.behind_ns += duration_ns
 
     def report(self, frame: Frame) -> None:
         """The controller says something of itself: an error frame."""
@@ -195,18 +197,18 @@ class WorldBus:
 
     def _world_until(self, until_ns: int) -> int:
         """The world's time up to which it lives before the service goes on."""
-        return max(until_ns + self._behind_ns, self._held_until_ns)
+        return max(until_ns + self.behind_ns, self._held_until_ns)
 
     def _next_ns(self) -> int:
         event_ns = self._world.next_event_ns()
         if self._agenda:
             event_ns = min(event_ns, self._agenda[0][0])
-        return event_ns - self._behind_ns
+        return event_ns - self.behind_ns
 
     def _advance(self, world_ns: int) -> None:
         for timed in self._world.advance_to(world_ns):
             if not self.trouble.is_off:
-                heard_ns = timed.time_ns - self._behind_ns
+                heard_ns = timed.time_ns - self.behind_ns
                 self._waiting.append(Frame(timed.can_id, timed.data, heard_ns))
 
 
@@ -286,9 +288,16 @@ class MemoryNotebook:
 
     def __init__(self, notes: Notes) -> None:
         self.notes = notes
+        self.is_full = False
 
     def write(self, notes: Notes) -> None:
-        """As `daemon.core.notebook.NoteKeeper.write`."""
+        """As `daemon.core.notebook.NoteKeeper.write`.
+
+        Raises:
+            OSError: there is no space left.
+        """
+        if self.is_full:
+            raise OSError(errno.ENOSPC, "no space left for the notebook")
         self.notes = notes
 
 
