@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from daemon.config.trainer import TrainerFile
     from sim_drives.build import Machine
     from sim_drives.control import ControlSocket
+    from sim_drives.realtime import RealTime
     from sim_drives.truth import TruthLog
 
 FIFO_PRIORITY = 40
@@ -34,6 +35,10 @@ def command(
     truth: Annotated[
         Path | None, typer.Option("--truth", help="CSV of what really happens, a row a SYNC")
     ] = None,
+    truth_in_silence: Annotated[
+        bool,
+        typer.Option("--truth-in-silence", help="and a row every 10 ms while no SYNC comes"),
+    ] = False,
     control: Annotated[
         Path | None,
         typer.Option("--control", help="Unix socket for faults and patient; send it `help`"),
@@ -45,6 +50,7 @@ def command(
 ) -> None:
     """The virtual drives of that configuration, until SIGTERM or Ctrl-C."""
     from daemon.config.trainer import load_trainer
+    from sim_drives.realtime import RealTime
 
     end = _End(duration_s)
     with contextlib.suppress(PermissionError):
@@ -55,7 +61,10 @@ def command(
         bus = _bus(trainer, ending)
         machine = _machine(trainer, seed, logs)
         listening = _control(control, machine, ending)
-        raise typer.Exit(_run(bus, machine, listening, end))
+        on_silence = machine.note_truth if truth_in_silence else None
+        raise typer.Exit(
+            _run(bus, machine, RealTime(machine.world, bus, listening, on_silence), end)
+        )
 
 
 class _End:
@@ -136,15 +145,13 @@ def _control(
         raise ConfigError(COMMAND_LINE, "--control", path, allowed) from error
 
 
-def _run(
-    bus: "can.BusABC", machine: "Machine", listening: "ControlSocket | None", end: _End
-) -> int:
-    from sim_drives.realtime import BusLostError, RealTime
+def _run(bus: "can.BusABC", machine: "Machine", drives: "RealTime", end: _End) -> int:
+    from sim_drives.realtime import BusLostError
 
     print(f"virtual drives {', '.join(machine.world.drives)} on {bus.channel_info}", flush=True)
     sys.setswitchinterval(GIL_SWITCH_S)
     try:
-        RealTime(machine.world, bus, listening).run(end)
+        drives.run(end)
     except BusLostError as error:
         print(f"the bus is gone: {error}", file=sys.stderr)
         return BUS_LOST

@@ -5,7 +5,7 @@ to understand.
 """
 
 import configparser
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,6 +39,8 @@ class Machine:
 
     world: World
     trainers: Mapping[str, Trainer]
+    note_truth: Callable[[int], None]
+    """Adds a row to each leg's truth, as every SYNC does; takes the SYNC's number."""
 
     def command(self, line: str) -> str:
         """Obey a line: a fault (`faults.py`), `patient PROGRAMME`, or `help`.
@@ -114,7 +116,7 @@ def build_machine(
         world = World(legs, plant.fault, seed=chosen_seed, start_ns=start_ns, on_sync=record)
     except FaultCommandError as error:
         raise MachineError("fault", f"{len(plant.fault)} tables", str(error)) from error
-    return Machine(world, trainers)
+    return Machine(world, trainers, record)
 
 
 def _trainer(

@@ -17,9 +17,12 @@ from sim_drives.control import ControlSocket
 from sim_drives.frame import Frame, TimedFrame
 from sim_drives.remote_bus import parse_channel, served_bus
 from sim_drives.timers import MILLISECOND
-from sim_drives.world import World
+from sim_drives.world import SYNC_ID, World
 
 SLICE_NS: Final = 5 * MILLISECOND
+SYNC_SILENCE_NS: Final = 20 * MILLISECOND
+"""Then SYNC is not late any more, but silent."""
+QUIET_ROW_NS: Final = 10 * MILLISECOND
 NS_PER_S: Final = 1_000_000_000
 REMOTE: Final = "remote"
 
@@ -52,10 +55,26 @@ def open_bus(interface: str, channel: str, bitrate_bit_per_s: int) -> Generator[
 class RealTime:
     """Runs a world on a bus."""
 
-    def __init__(self, world: World, bus: can.BusABC, control: ControlSocket | None = None) -> None:
+    def __init__(
+        self,
+        world: World,
+        bus: can.BusABC,
+        control: ControlSocket | None = None,
+        on_silence: Callable[[int], None] | None = None,
+    ) -> None:
+        """Put a world on a bus.
+
+        Args:
+            world: of the virtual drives.
+            bus: our station on it.
+            control: commands to the drives.
+            on_silence: called every QUIET_ROW_NS while no SYNC comes, with the last one's number.
+        """
         self._world = world
         self._bus = bus
         self._control = control
+        self._on_silence = on_silence
+        self._noted_ns = now_ns() + SYNC_SILENCE_NS
         self.dropped = 0
         """Frames that the interface did not take."""
 
@@ -69,6 +88,7 @@ class RealTime:
             if self._control is not None:
                 self._control.serve()
             self._send(self._world.advance_to(now_ns()))
+            self._note_silence()
             message = self._receive(self._patience_s())
             while message is not None:
                 self._take(message)
@@ -78,10 +98,17 @@ class RealTime:
         now = now_ns()
         return max(0, min(self._world.next_event_ns(), now + SLICE_NS) - now) / NS_PER_S
 
+    def _note_silence(self) -> None:
+        if self._on_silence is not None and self._world.now_ns >= self._noted_ns + QUIET_ROW_NS:
+            self._noted_ns = self._world.now_ns
+            self._on_silence(self._world.sync_count)
+
     def _take(self, message: can.Message) -> None:
         self._send(self._world.advance_to(now_ns()))
         odd = message.is_extended_id or message.is_remote_frame or message.is_error_frame
         if not odd:
+            if message.arbitration_id == SYNC_ID:
+                self._noted_ns = self._world.now_ns + SYNC_SILENCE_NS
             self._world.receive(Frame(message.arbitration_id, bytes(message.data)))
 
     def _receive(self, patience_s: float) -> can.Message | None:

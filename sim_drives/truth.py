@@ -1,8 +1,10 @@
 """What really happens in the plant, for comparison only: the service never sees it.
 
-`TruthLog` writes one row per SYNC. The first columns are those of a recording, with
-the mean torque and force since the row before, so `gaitd replay` reads the file as it is; the
-columns behind them are what the observer estimates, and what no observer can know.
+`TruthLog` writes one row per SYNC, and on request, in real time, one every 10 ms while SYNC is
+silent, with the count of the last one: what a leg does whose master has died. The first columns
+are those of a recording, with the mean torque and force since the row before, so `gaitd replay`
+reads the file as it is; the columns behind them are what the observer estimates, and what no
+observer can know.
 """
 
 from dataclasses import dataclass
@@ -61,6 +63,7 @@ class TruthRow(NamedTuple):
     slide_sticking: int
     sync_count: int
     sync_mono_ns: int
+    """Of this row; the SYNC's own time, where there was one."""
     programme: str
 
 
@@ -116,7 +119,7 @@ class TruthLog:
             self._write(",".join(TruthRow._fields))
 
     def record(self, sync_count: int, truth: Truth) -> TruthRow:
-        """Add the row of one SYNC: the plant as it was at the SYNC's instant."""
+        """Add a row: the plant as it was at the SYNC's instant, or while there was none."""
         first_ns = truth.time_ns if self._first_ns is None else self._first_ns
         row = truth_row(truth, self._before or truth, first_ns, sync_count)
         self._first_ns, self._before = first_ns, truth

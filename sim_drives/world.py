@@ -67,6 +67,11 @@ class World:
         return self._now_ns
 
     @property
+    def sync_count(self) -> int:
+        """SYNCs so far."""
+        return self._sync_count
+
+    @property
     def drives(self) -> tuple[str, ...]:
         """Names of the drives, LEG/AXIS."""
         return tuple(self._home)
