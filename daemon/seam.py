@@ -80,16 +80,21 @@ class RingWriter:
         """Create the file anew and map it.
 
         Raises:
-            OSError: the directory does not exist or cannot be written.
+            OSError: the directory does not exist, cannot be written, or is full.
         """
         text = msgspec.msgpack.encode(header)
         if _PREFIX.size + len(text) > HEADER_SIZE:
             raise ValueError(f"ring header of {len(text)} bytes does not fit {HEADER_SIZE}")
         temporary = path.with_suffix(".new")
         size = HEADER_SIZE + SLOT_COUNT * SLOT_SIZE
-        with temporary.open("wb") as file:
-            file.write(_PREFIX.pack(MAGIC, SLOT_SIZE, SLOT_COUNT, len(text)) + text)
-            file.truncate(size)
+        try:
+            with temporary.open("wb") as file:
+                file.write(_PREFIX.pack(MAGIC, SLOT_SIZE, SLOT_COUNT, len(text)) + text)
+                # All of it now: a hole that finds the disk full later kills who writes into it.
+                os.posix_fallocate(file.fileno(), 0, size)
+        except OSError:
+            temporary.unlink(missing_ok=True)
+            raise
         with temporary.open("r+b") as file:
             self._map = mmap.mmap(file.fileno(), size)
         # A reader that has the old ring open keeps it; a new reader finds the whole new one.

@@ -27,6 +27,7 @@ def command(
     from daemon.gateway import endpoints
     from daemon.gateway.notes_disk import NotesDisk
     from daemon.gateway.process import serve
+    from daemon.holding import hold
     from daemon.notes_file import NAME
 
     file = load_trainer(config)
@@ -36,10 +37,12 @@ def command(
         raise ConfigError(config, f"zenoh.listen[{bad[0]}]", bad[1], endpoints.ALLOWED)
     _log_to_stderr()
     zenoh.init_log_from_env_or("error")
-    file.runtime.mkdir(parents=True, exist_ok=True)
     ending = _Ending()
-    try:
-        with closing(NotesDisk(file.state / NAME)):
+    with (
+        hold(config, "paths.runtime", file.runtime, "gateway"),
+        closing(NotesDisk(file.state / NAME)),
+    ):
+        try:
             serve(
                 settings.trainer,
                 settings.listen,
@@ -48,10 +51,10 @@ def command(
                 ending.asked,
                 file.trainer.lease,
             )
-    except zenoh.ZError as error:
-        listen = ", ".join(settings.listen)
-        print(f"gaitd gateway: cannot listen on {listen}: {error}", file=sys.stderr)
-        raise typer.Exit(EXIT_CONFIGURATION) from error
+        except zenoh.ZError as error:
+            listen = ", ".join(settings.listen)
+            print(f"gaitd gateway: cannot listen on {listen}: {error}", file=sys.stderr)
+            raise typer.Exit(EXIT_CONFIGURATION) from error
 
 
 class _Ending:

@@ -9,6 +9,7 @@ nothing is believed that is not so, and no stop is forgotten.
 """
 
 import mmap
+import os
 from pathlib import Path
 from typing import Protocol
 
@@ -33,13 +34,14 @@ class Notebook:
         """Read and map the file; one that is missing or too short is made.
 
         Raises:
-            OSError: the directory cannot be made or written.
+            OSError: the directory cannot be made or written, or is full.
         """
         state.mkdir(parents=True, exist_ok=True)
         self.path = state / NAME
         self.notes, new = _read(self.path), not self.path.exists()
         with self.path.open("ab") as file:
-            file.truncate(max(file.tell(), SIZE))
+            # All of it now: a hole that finds the disk full later kills who writes into it.
+            os.posix_fallocate(file.fileno(), 0, SIZE)
         with self.path.open("r+b") as file:
             self._map = mmap.mmap(file.fileno(), SIZE)
         if new:

@@ -4,34 +4,52 @@ Everything is built, compiled and warm before the drives are brought up; from th
 imported, compiled or allocated that stays.
 """
 
+import contextlib
 import signal
 import sys
 import traceback
 import uuid
+from collections.abc import Callable, Generator
 from importlib.metadata import version
 from types import FrameType
+from typing import Final
 
 from daemon.clock import MonotonicClock
 from daemon.config.bundle import Settings
-from daemon.config.strict import ConfigError
 from daemon.core import realtime
 from daemon.core.build import NS_PER_MS, Built, build, ring_header
 from daemon.core.loop import Loop
 from daemon.core.loop_settings import ExitCode, LoopSettings
 from daemon.core.notebook import Notebook, NoteKeeper
 from daemon.core.warm import warm_up
+from daemon.holding import directory_errors, hold
 from daemon.sd_notify import Notifier
-from daemon.seam import CoreSeam
+from daemon.seam import CoreSeam, RingHeader
 from drives.bus import CanBus
 from drives.busload import BusLoad, bus_load
 
+PART: Final = "core"
+
+
+@contextlib.contextmanager
+def _directories(settings: Settings) -> Generator[None]:
+    """Both directories made, and ours alone, before anything in them is touched."""
+    config = settings.file.path
+    with (
+        hold(config, "paths.runtime", settings.runtime, PART),
+        hold(config, "paths.state", settings.state, PART),
+    ):
+        yield
+
 
 def _notebook(settings: Settings) -> Notebook:
-    try:
+    with directory_errors(settings.file.path, "paths.state", settings.state):
         return Notebook(settings.state)
-    except OSError as error:
-        allowed = f"a directory that can be written: {error.strerror}"
-        raise ConfigError(settings.file.path, "paths.state", settings.state, allowed) from error
+
+
+def _seam(settings: Settings, header: RingHeader) -> CoreSeam:
+    with directory_errors(settings.file.path, "paths.runtime", settings.runtime):
+        return CoreSeam(settings.runtime, header)
 
 
 class EndRequest:
@@ -51,16 +69,25 @@ class EndRequest:
 
 
 def run_core(settings: Settings, notify_address: str | None) -> ExitCode:
-    """Run the core until it is asked to end; both axes are at rest and without power then."""
+    """Run the core until it is asked to end; both axes are at rest and without power then.
+
+    Raises:
+        ConfigError: a directory cannot be written, is full, or another core holds it.
+    """
     asked_to_end = EndRequest()
+    with _directories(settings):
+        return _run(settings, notify_address, asked_to_end)
+
+
+def _run(
+    settings: Settings, notify_address: str | None, asked_to_end: Callable[[], bool]
+) -> ExitCode:
     clock = MonotonicClock()
     boot_id = uuid.uuid4().hex
     notebook = _notebook(settings)
     built = build(settings, boot_id, notebook.notes)
     warm_up(build(settings, boot_id, notebook.notes))
-    settings.runtime.mkdir(parents=True, exist_ok=True)
-    header = ring_header(settings, boot_id, clock.utc_ns(), version("gaitd"))
-    seam = CoreSeam(settings.runtime, header)
+    seam = _seam(settings, ring_header(settings, boot_id, clock.utc_ns(), version("gaitd")))
     supervisor = Notifier(notify_address)
     loop = Loop(built.core, loop_settings(settings, built, notebook), seam, clock, supervisor)
     refused = realtime.prepare(settings.trainer.cycle.realtime_priority)

@@ -1,0 +1,80 @@
+"""A directory of the service, made, and held by one process of each kind alone.
+
+The lock is the kernel's (flock(2)): it ends with its holder, however that ends, so nothing that a
+`kill -9` leaves behind has to be cleared away. The file says who holds it, for people.
+
+Two cores on one runtime directory would take each other's socket and ring; two on one state
+directory would write each other's axis notes.
+"""
+
+import contextlib
+import errno
+import fcntl
+import os
+from collections.abc import Generator
+from pathlib import Path
+from typing import Final, TextIO
+
+from daemon.config.strict import ConfigError
+
+_HELD: Final = (errno.EAGAIN, errno.EACCES)
+"""What flock(2) says of a lock that somebody else has; the second one on some file systems."""
+
+
+@contextlib.contextmanager
+def hold(config: Path, key: str, directory: Path, part: str) -> Generator[None]:
+    """Make the directory, and keep every other process of this kind out of it.
+
+    Args:
+        config: the trainer file.
+        key: of the trainer file that names the directory.
+        directory: made with its parents, if it is not there.
+        part: `core` or `gateway`; the lock is `PART.lock`.
+
+    Raises:
+        ConfigError: the directory cannot be made or written, or another one holds it.
+    """
+    path = directory / f"{part}.lock"
+    with directory_errors(config, key, directory):
+        directory.mkdir(parents=True, exist_ok=True)
+        file = path.open("a+")
+    with file:
+        with directory_errors(config, key, directory):
+            if not _lock(file):
+                allowed = f"a directory of its own: a gaitd {part}{_holder(file)} holds {path}"
+                raise ConfigError(config, key, directory, allowed)
+            file.truncate(0)
+            file.write(f"{os.getpid()}\n")
+            file.flush()
+        yield
+
+
+@contextlib.contextmanager
+def directory_errors(config: Path, key: str, directory: Path) -> Generator[None]:
+    """What the system says about a directory of the service is the operator's matter.
+
+    Raises:
+        ConfigError: in place of an OSError, with what the system said.
+    """
+    try:
+        yield
+    except OSError as error:
+        place = f" ({error.filename})" if error.filename else ""
+        allowed = f"a directory that can be written: {error.strerror}{place}"
+        raise ConfigError(config, key, directory, allowed) from error
+
+
+def _lock(file: TextIO) -> bool:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno in _HELD:
+            return False
+        raise
+    return True
+
+
+def _holder(file: TextIO) -> str:
+    file.seek(0)
+    pid = file.read().strip()
+    return f" with pid {pid}" if pid else ""
