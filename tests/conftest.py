@@ -146,6 +146,11 @@ def pytest_addoption(parser):
         help="write the golden traces of sessions anew (`make golden`)",
     )
     parser.addoption(
+        "--write-process-faults",
+        action="store_true",
+        help="write docs/process_faults.md anew from what tests/service measure",
+    )
+    parser.addoption(
         "--fuzz-minutes",
         type=float,
         help="let the CAN fuzz run for so many minutes each, instead of some seconds",

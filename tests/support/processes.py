@@ -2,6 +2,7 @@
 
 import contextlib
 import csv
+import json
 import os
 import re
 import signal
@@ -9,16 +10,20 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import can
 
 from daemon.record import CycleRecord
 from daemon.seam import RING_NAME, RingError, RingReader
+from gaitd import remote
+from gaitd.remote import Target
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 POLL_S = 0.02
+GAITD = ("-m", "gaitd")
 MEMORY = Path("/dev/shm")
 """Truth and ring in memory: a disk that writes back stalls who writes to it for 100 ms."""
 
@@ -47,11 +52,15 @@ class Service:
 
     # --- processes --------------------------------------------------------------------------
 
-    def start(self, part: str, *arguments: str) -> subprocess.Popen[bytes]:
+    def start(
+        self, part: str, *arguments: str, program: Sequence[str] = GAITD
+    ) -> subprocess.Popen[bytes]:
+        """One part; `program` is what runs `gaitd PART`, where it is not `gaitd` itself."""
         log = (self.folder / f"{part}.log").open("ab")
         with log:
             self.parts[part] = subprocess.Popen(
-                [sys.executable, "-m", "gaitd", part, "--config", str(self.config), *arguments],
+                [sys.executable, *program, part, "--config", str(self.config), *arguments],
+                stdin=subprocess.PIPE,
                 stdout=log,
                 stderr=log,
                 cwd=self.folder,
@@ -59,7 +68,8 @@ class Service:
         return self.parts[part]
 
     def start_drives(self) -> None:
-        self.start("sim", "--truth", str(self.truth_path), "--control", str(self.folder / "ctl"))
+        places = ("--truth", str(self.truth_path), "--control", str(self.folder / "ctl"))
+        self.start("sim", *places, "--truth-in-silence")
         self.wait(lambda: b"virtual drives" in (self.folder / "sim.log").read_bytes(), 30)
 
     def start_all(self) -> "Service":
@@ -72,6 +82,9 @@ class Service:
         os.kill(self.parts[part].pid, number)
         if number == signal.SIGKILL:
             self.parts[part].wait()
+
+    def runs(self, part: str) -> bool:
+        return part in self.parts and self.parts[part].poll() is None
 
     def end(self) -> None:
         for part in reversed(list(self.parts)):
@@ -97,6 +110,12 @@ class Service:
             timeout=90,
             check=False,
         )
+
+    def request(self, name: str, **payload: object) -> dict[str, Any]:
+        """As `ask`, without a process of its own: the answer, `unanswered` if there is none."""
+        target = Target((f"tcp/127.0.0.1:{self.zenoh_port}",), "trainer")
+        answer = remote.ask(target, name, {"client": "tester", **payload} if payload else {})
+        return json.loads(answer.text) if answer.text else {"outcome": "unanswered"}
 
     def inject(self, line: str) -> str:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as end:
@@ -129,9 +148,9 @@ class Service:
             raise FileNotFoundError("no record yet")
         return record
 
-    def records(self) -> list[CycleRecord]:
+    def records(self, after_seq: int = 0) -> list[CycleRecord]:
         with contextlib.closing(RingReader(self.folder / "run" / RING_NAME)) as ring:
-            return ring.since(0)
+            return ring.since(after_seq)
 
     def until(self, reached: Callable[[CycleRecord], bool], within_s: float = 20) -> CycleRecord:
         self.wait(lambda: reached(self.newest()), within_s)
