@@ -2,10 +2,12 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# What safety rests on: the unit tests of these files alone must reach every branch of them.
+SAFETY_TESTS := $(wildcard tests/drives/test_cia402*.py tests/daemon/core/test_modes*.py tests/daemon/core/test_safety*.py)
 PACKAGES := drives observer daemon sim_drives gaitd analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check lint types imports pytest bench rigs lock format golden clean
+.PHONY: help demo test check lint types imports pytest coverage mutants bench rigs lock format golden clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-8s %s\n", $$1, $$2}'
@@ -23,7 +25,7 @@ $(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp
 demo: $(VENV)/run.stamp  ## watch it: virtual drives, the service, a scripted patient, a live view
 	$(BIN)/gaitd demo
 
-test: check pytest  ## everything: lint, types, import contracts, all tests
+test: check coverage pytest  ## everything: lint, types, import contracts, branches, all tests
 
 check: lint types imports  ## what needs no running: lint, types, import contracts
 
@@ -39,6 +41,13 @@ imports: $(VENV)/dev.stamp
 
 pytest: $(VENV)/dev.stamp
 	$(BIN)/pytest
+
+coverage: $(VENV)/dev.stamp  ## every branch of safety.py, modes.py and cia402.py, by their unit tests alone
+	$(BIN)/coverage run -m pytest -q $(SAFETY_TESTS)
+	$(BIN)/coverage report
+
+mutants: coverage  ## mutation testing of the same files; docs/mutants.md argues what survives
+	$(BIN)/python scripts/mutants.py
 
 bench: $(VENV)/dev.stamp  ## the project's benchmarks, as ratios in one run
 	$(BIN)/gaitd bench

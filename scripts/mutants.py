@@ -1,0 +1,320 @@
+"""Mutation testing of the files that safety rests on: `make mutants`.
+
+Each mutant is one small change to one file, made in memory and never on disk. A fresh process takes
+it in place of the module, runs the unit tests of that file, and must see one of them fail. What
+survives has to be argued in `docs/mutants.md`, row by row; anything else is an exit of 1, and so is
+a row there that no survivor needs any more.
+
+The mutations are Cosmic Ray's and those of `mutation_operators.py`. Its own runner starts Python
+and imports everything anew for each mutant, and writes into the work tree; here each process is
+forked from one that has imported what the tests need, all but the mutated module.
+"""
+
+import argparse
+import ast
+import contextlib
+import difflib
+import gc
+import importlib
+import importlib.abc
+import importlib.util
+import multiprocessing
+import os
+import re
+import sys
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from enum import Enum
+from pathlib import Path
+from typing import NamedTuple
+
+PROJECT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(PROJECT), str(PROJECT / "scripts")]
+sys.dont_write_bytecode = False
+sys.pycache_prefix = str(PROJECT / ".venv" / "pycache")  # each process would compile the tests anew
+EQUIVALENTS = PROJECT / "docs" / "mutants.md"
+
+import hypothesis  # noqa: E402 - after the path
+import mutation_operators  # noqa: E402
+import pytest  # noqa: E402
+from cosmic_ray.ast import ast_nodes, get_ast  # noqa: E402
+from cosmic_ray.mutating import mutate_code  # noqa: E402
+from cosmic_ray.operators.operator import Operator  # noqa: E402
+from cosmic_ray.operators.provider import OperatorProvider  # noqa: E402
+from rich.console import Console  # noqa: E402
+from rich.progress import Progress  # noqa: E402
+from rich.table import Table  # noqa: E402
+
+SUBJECTS = {
+    "drives/cia402.py": ("tests/drives", "test_cia402*.py"),
+    "daemon/core/modes.py": ("tests/daemon/core", "test_modes*.py"),
+    "daemon/core/safety.py": ("tests/daemon/core", "test_safety*.py"),
+}
+"""What is mutated, and where the unit tests are that must notice."""
+
+LEFT_OUT = re.compile(
+    "|".join(
+        [
+            "VariableReplacer",  # want arguments
+            "VariableInserter",
+            # Of members of an enum, None, True: the very same.
+            "ReplaceComparisonOperator_(Is_Eq|Eq_Is|IsNot_NotEq|NotEq_IsNot)$",
+        ]
+    )
+)
+"""Operators of Cosmic Ray that are not used."""
+
+PRELOADED = (
+    *("hypothesis.stateful", "_hypothesis_pytestplugin", "pytest_timeout", "numpy"),
+    *("daemon.record", "daemon.core.limits"),
+)
+"""What the tests import that takes long; nothing that imports what is mutated."""
+
+TEST_TIMEOUT_S = 60
+"""For one test of a mutant that loops for ever; none of the tests takes a second."""
+
+
+class Outcome(Enum):
+    """What became of a mutant."""
+
+    KILLED = "killed"
+    SURVIVED = "survived"
+    SAME = "same"
+    """The change touches an annotation, a docstring or nothing: Python runs the same code."""
+
+
+class Spec(NamedTuple):
+    """Which change to which file."""
+
+    file: str
+    operator: str
+    occurrence: int
+
+
+class Key(NamedTuple):
+    """How a mutant is named in docs/mutants.md."""
+
+    file: str
+    function: str
+    before: str
+    after: str
+
+
+class Judged(NamedTuple):
+    """A mutant and what became of it."""
+
+    spec: Spec
+    outcome: Outcome
+    key: Key
+
+
+def module_name(file: str) -> str:
+    """`daemon/core/modes.py` is `daemon.core.modes`."""
+    return file.removesuffix(".py").replace("/", ".")
+
+
+def operator(name: str, file: str) -> Operator:
+    """An operator by its name; ours look at the module that they are to change."""
+    ours = getattr(mutation_operators, name, None)
+    if ours is None:
+        return OperatorProvider()[name]()
+    spec = importlib.util.spec_from_file_location("unmutated", PROJECT / file)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["unmutated"] = module  # dataclasses look themselves up
+    spec.loader.exec_module(module)
+    return ours(vars(module), (PROJECT / file).read_text(encoding="utf-8"))
+
+
+def specs_of(file: str) -> Iterator[Spec]:
+    """Every mutation that some operator can make of a file."""
+    nodes = list(ast_nodes(get_ast((PROJECT / file).read_text(encoding="utf-8"))))
+    ours = [one.__name__ for one in mutation_operators.OPERATORS]
+    for name in [*(n for n in OperatorProvider() if not LEFT_OUT.search(n)), *ours]:
+        one = operator(name, file)
+        places = sum(1 for node in nodes for _ in one.mutation_positions(node))
+        yield from (Spec(file, name, number) for number in range(places))
+
+
+class _Bare(ast.NodeTransformer):
+    """What Python runs: without annotations and without strings that stand alone."""
+
+    def visit_arg(self, node: ast.arg) -> ast.AST:
+        node.annotation = None
+        return node
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:  # noqa: N802 - ast's name
+        node.returns = None
+        return self.generic_visit(node)
+
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:  # noqa: N802 - ast's name
+        node.annotation = ast.Constant(None)
+        return self.generic_visit(node)
+
+    def visit_Expr(self, node: ast.Expr) -> ast.AST | None:  # noqa: N802 - ast's name
+        alone = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        return ast.Pass() if alone else self.generic_visit(node)
+
+
+def what_runs(source: str) -> str:
+    """A text that is equal for sources that run equally."""
+    return ast.dump(_Bare().visit(ast.parse(source)))
+
+
+class _Mutated(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
+    """Gives the mutated source wherever the module is imported."""
+
+    def __init__(self, file: str, source: str) -> None:
+        self.file, self.source = file, source
+
+    def find_spec(self, fullname: str, path: object, target: object = None) -> object:
+        del path, target
+        if fullname != module_name(self.file):
+            return None
+        origin = str(PROJECT / self.file)
+        return importlib.util.spec_from_loader(fullname, self, origin=origin)
+
+    def get_source(self, fullname: str) -> str:
+        del fullname
+        return self.source
+
+
+class _Hurried:
+    """A pytest plugin: hypothesis need not find the smallest example, nor remember any."""
+
+    @pytest.hookimpl
+    def pytest_collection(self) -> None:
+        phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)
+        hypothesis.settings.register_profile(
+            "mutants", phases=phases, database=None, derandomize=True, deadline=None
+        )
+        hypothesis.settings.load_profile("mutants")
+
+
+def tests_fail(file: str, source: str) -> bool:
+    """Whether a unit test notices the source; to be called once in a process."""
+    assert module_name(file) not in sys.modules, f"{file} was imported before its mutation"
+    sys.meta_path.insert(0, _Mutated(file, source))
+    folder, pattern = SUBJECTS[file]
+    tests = sorted(str(test) for test in (PROJECT / folder).glob(pattern))
+    options = ["-x", "-q", "-W", "ignore", "-o", f"timeout={TEST_TIMEOUT_S}", "--rootdir=."]
+    with Path(os.devnull).open("w") as nowhere, contextlib.redirect_stdout(nowhere):
+        code = pytest.main([*options, *tests], plugins=[_Hurried()])
+    if code not in {0, 1, 2}:
+        raise RuntimeError(f"the tests of {file} could not run: pytest says {code!r}")
+    return code != 0
+
+
+def key_of(file: str, before: str, after: str) -> Key:
+    """Where a change is and what it is: the enclosing function, the lines out, the lines in."""
+    old, new = before.splitlines(), after.splitlines()
+    out: list[str] = []
+    into: list[str] = []
+    line = 0
+    for tag, i1, i2, j1, j2 in difflib.SequenceMatcher(None, old, new, False).get_opcodes():
+        if tag != "equal":
+            line = line or i1 + 1
+            out += [text.strip() for text in old[i1:i2]]
+            into += [text.strip() for text in new[j1:j2]]
+    return Key(file, _enclosing(before, line), _cell(out), _cell(into))
+
+
+def _cell(lines: list[str]) -> str:
+    """On one line; Cosmic Ray puts a blank before what it puts in."""
+    return re.sub(r"(?<=[(\[]) ", "", " ".join(" ".join(lines).split()))
+
+
+def _enclosing(source: str, line: int) -> str:
+    name = "module"
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            first = min([node.lineno, *(one.lineno for one in node.decorator_list)])
+            if first <= line <= (node.end_lineno or 0):
+                name = node.name
+    return name
+
+
+def judge(spec: Spec) -> Judged:
+    """Make one mutant and run the tests on it."""
+    gc.freeze()  # what was imported before the fork is not worth looking through again and again
+    before = (PROJECT / spec.file).read_text(encoding="utf-8")
+    after = mutate_code(before, operator(spec.operator, spec.file), spec.occurrence)
+    key = key_of(spec.file, before, after or before)
+    try:
+        same = after is None or what_runs(after) == what_runs(before)
+    except SyntaxError:
+        return Judged(spec, Outcome.KILLED, key)
+    if same:
+        return Judged(spec, Outcome.SAME, key)
+    killed = tests_fail(spec.file, after or before)
+    return Judged(spec, Outcome.KILLED if killed else Outcome.SURVIVED, key)
+
+
+def unmutated_fails(file: str) -> bool:
+    """Whether the tests fail without any mutation, which would make every result worthless."""
+    return tests_fail(file, (PROJECT / file).read_text(encoding="utf-8"))
+
+
+def argued(files: Iterable[str]) -> set[Key]:
+    """The rows of docs/mutants.md for these files."""
+    rows: set[Key] = set()
+    for line in EQUIVALENTS.read_text(encoding="utf-8").splitlines():
+        cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+        if len(cells) == 5 and cells[0].strip("`") in files:
+            rows.add(Key(*(cell.replace("\\|", "|").strip("`").strip() for cell in cells[:4])))
+    return rows
+
+
+def main() -> int:
+    """Run all mutants; 0 only if docs/mutants.md argues every survivor, and nothing else."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("files", nargs="*", default=list(SUBJECTS), help="of " + ", ".join(SUBJECTS))
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    options = parser.parse_args()
+    os.chdir(PROJECT)
+    specs = [spec for file in options.files for spec in specs_of(file)]
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["__main__", *PRELOADED])
+    with context.Pool(options.jobs, maxtasksperchild=1) as pool:
+        for file in options.files:
+            if pool.apply(unmutated_fails, [file]):
+                Console().print(f"the tests of {file} fail without any mutation")
+                return 1
+        judged = list(_watched(pool.imap_unordered(judge, specs), len(specs)))
+    return _report(options.files, judged)
+
+
+def _watched(results: Iterable[Judged], total_count: int) -> Iterator[Judged]:
+    """The results as they come, with progress: a bar on a terminal, a line at times in a pipe."""
+    console = Console()
+    survived = 0
+    with Progress(console=console, disable=not console.is_terminal) as progress:
+        task = progress.add_task("mutants", total=total_count)
+        for number, one in enumerate(results, 1):
+            survived += one.outcome is Outcome.SURVIVED
+            progress.update(task, advance=1, description=f"mutants ({survived} survived)")
+            if not console.is_terminal and (number % 100 == 0 or number == total_count):
+                print(f"{number}/{total_count} mutants, {survived} survived", flush=True)
+            yield one
+
+
+def _report(files: list[str], judged: list[Judged]) -> int:
+    rows = argued(files)
+    survivors = {one.key for one in judged if one.outcome is Outcome.SURVIVED}
+    table = Table("file", "mutants", "killed", "survived", "argued", "not argued")
+    for file in files:
+        counts = Counter(one.outcome for one in judged if one.spec.file == file)
+        left = {key for key in survivors if key.file == file}
+        mutants = counts[Outcome.KILLED] + counts[Outcome.SURVIVED]
+        numbers = (mutants, counts[Outcome.KILLED], counts[Outcome.SURVIVED])
+        table.add_row(file, *map(str, (*numbers, len(left & rows), len(left - rows))))
+    Console().print(table)
+    for key in sorted(survivors - rows):
+        print(f"survived: {key.file} {key.function}\n  - {key.before}\n  + {key.after}")
+    for key in sorted(rows - survivors):
+        print(f"argued in {EQUIVALENTS.name}, and survives no more: {key}")
+    return 0 if survivors == rows else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

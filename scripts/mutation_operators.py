@@ -1,0 +1,161 @@
+"""Mutations of what these files are made of: tables, members of enums, texts, single statements.
+
+Cosmic Ray's own operators change comparisons, arithmetic, numbers and truth values. What decides
+here is more often a row of a table, a member of an enum, or whether a text is empty (a refusal
+that is empty is a grant); so these are changed too, with the same interface.
+"""
+
+import enum
+from collections.abc import Iterable, Iterator, Mapping
+
+from cosmic_ray.operators.operator import Example, Operator
+from parso.python import tree
+from parso.tree import BaseNode, NodeOrLeaf
+
+Place = tuple[tuple[int, int], tuple[int, int]]
+
+
+class OneOfEach(Operator):
+    """An operator that can do at most one thing to a node, and says what by `replacement`."""
+
+    def __init__(self, namespace: Mapping[str, object], source: str) -> None:
+        """`namespace` is the module's, which tells an enum from another class."""
+        self.namespace = namespace
+        self.source = source
+
+    def replacement(self, node: NodeOrLeaf) -> str | None:
+        """The code that takes the node's place; None where there is nothing to change."""
+        raise NotImplementedError
+
+    def mutation_positions(self, node: NodeOrLeaf) -> Iterator[Place]:
+        """As Cosmic Ray wants it."""
+        if self.replacement(node) is not None:
+            yield node.start_pos, node.end_pos
+
+    def mutate(self, node: NodeOrLeaf, index: int) -> NodeOrLeaf:  # noqa: ARG002 - its interface
+        """As Cosmic Ray wants it."""
+        new = tree.Name(self.replacement(node) or "", node.start_pos, _prefix(node))
+        new.parent = node.parent
+        return new
+
+    @classmethod
+    def examples(cls) -> Iterable[Example]:
+        """None: these need a namespace."""
+        return ()
+
+
+def _prefix(node: NodeOrLeaf) -> str:
+    return node.get_first_leaf().prefix
+
+
+class NextMember(OneOfEach):
+    """`Enum.MEMBER` becomes the enum's next member, and a constant the next one of its type."""
+
+    def replacement(self, node: NodeOrLeaf) -> str | None:
+        """The neighbour's name."""
+        if node.type in {"atom_expr", "power"} and len(node.children) == 2:
+            owner, trailer = node.children
+            found = self.namespace.get(owner.get_code().strip())
+            if isinstance(found, enum.EnumMeta):
+                member = trailer.get_code().strip().lstrip(".")
+                names = [one.name for one in found]
+                if member in names:
+                    return f"{owner.value}.{names[(names.index(member) + 1) % len(names)]}"
+        return self._constant(node) if _is_read(node) else None
+
+    def _constant(self, node: tree.Name) -> str | None:
+        value = self.namespace.get(node.value)
+        if not isinstance(value, (int, float, enum.Enum)) or isinstance(value, bool):
+            return None
+        alike = [
+            name
+            for name, other in self.namespace.items()
+            if type(other) is type(value) and (other != value or name == node.value)
+        ]
+        after = alike[(alike.index(node.value) + 1) % len(alike)]
+        return after if after != node.value else None
+
+
+def _is_read(node: NodeOrLeaf) -> bool:
+    if not isinstance(node, tree.Name) or node.is_definition():
+        return False
+    parent = node.parent
+    if parent.type == "trailer" and parent.children[0].value == ".":
+        return False
+    return not (parent.type == "argument" and parent.children[0] is node)
+
+
+class OtherBound(OneOfEach):
+    """`min` becomes `max`, and `..._min_...` the field `..._max_...` that the file reads too."""
+
+    def replacement(self, node: NodeOrLeaf) -> str | None:
+        """The other one's name."""
+        if not isinstance(node, tree.Name) or node.is_definition():
+            return None
+        if node.value in {"min", "max"}:
+            return "max" if node.value == "min" else "min"
+        for one, other in (("_min_", "_max_"), ("_max_", "_min_")):
+            swapped = node.value.replace(one, other)
+            if swapped != node.value and f".{swapped}" in self.source:
+                return swapped
+        return None
+
+
+class NoRow(OneOfEach):
+    """A row of a table goes: of a dict, of a set, of a tuple that a module-level name stands for."""
+
+    def mutation_positions(self, node: NodeOrLeaf) -> Iterator[Place]:
+        """One for each row."""
+        for row in _rows(node):
+            yield row[0].start_pos, row[-1].end_pos
+
+    def mutate(self, node: NodeOrLeaf, index: int) -> NodeOrLeaf:
+        """The node without the row."""
+        assert isinstance(node, BaseNode)
+        gone = {id(leaf) for leaf in _rows(node)[index]}
+        node.children = [child for child in node.children if id(child) not in gone]
+        return node
+
+
+def _rows(node: NodeOrLeaf) -> list[list[NodeOrLeaf]]:
+    """The children of each row with the comma behind it; empty for what is no table."""
+    is_table = node.type == "dictorsetmaker" or (
+        node.type == "testlist_comp"
+        and node.parent.parent.type in {"expr_stmt", "annassign"}
+        and node.parent.parent.get_first_leaf().column == 0
+    )
+    if not is_table or any(child.type.endswith("comp_for") for child in node.children):
+        return []
+    rows: list[list[NodeOrLeaf]] = [[]]
+    for child in node.children:
+        rows[-1].append(child)
+        if child.type == "operator" and child.value == ",":
+            rows.append([])
+    return [row for row in rows if row]
+
+
+class OtherText(OneOfEach):
+    """A text becomes empty, and an empty one not; docstrings are left alone."""
+
+    def replacement(self, node: NodeOrLeaf) -> str | None:
+        """The other text."""
+        if node.type not in {"string", "fstring"} or node.parent.type in {"simple_stmt", "strings"}:
+            return None if node.type != "strings" else '""'
+        return '"mutant"' if node.get_code().strip() == '""' else '""'
+
+
+class NoStatement(OneOfEach):
+    """A statement of a function goes: a return, a yield, an assignment."""
+
+    def replacement(self, node: NodeOrLeaf) -> str | None:
+        """`pass`, where it stood."""
+        if node.parent is None or node.parent.type != "simple_stmt":
+            return None
+        if tree.search_ancestor(node, "funcdef") is None:
+            return None
+        if node.type in {"newline", "string", "strings"} or node.get_code().strip() == "pass":
+            return None
+        return "pass"
+
+
+OPERATORS = (NextMember, OtherBound, NoRow, OtherText, NoStatement)
