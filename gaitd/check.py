@@ -10,6 +10,7 @@ import typer
 if TYPE_CHECKING:
     from daemon.config.check import Report
     from daemon.config.check_axes import AxisMeaning, TorqueMeaning
+    from daemon.config.check_runaway import RunawayMeaning
 
 
 class Section(NamedTuple):
@@ -52,6 +53,7 @@ def sections(report: "Report") -> tuple[Section, ...]:
         _stops(report),
         _sweeps(report),
         _power(report),
+        _runaways(report),
         _bus(report),
         _profiles(report),
         Section("SIGTERM", ("what happens",), tuple((line,) for line in report.shutdown)),
@@ -240,6 +242,28 @@ def _power(report: "Report") -> Section:
     )
     columns = ("axis", "moves at most", "as fast as")
     return Section("Without power, from rest at any pose of the gait", columns, rows)
+
+
+def _runaways(report: "Report") -> Section:
+    columns = ("axis", "goes at most", "of it unnoticed", "as fast as", "max_runaway", "")
+    rows = tuple(_runaway(axis) for axis in report.runaways)
+    title = "If the core dies at full torque, until the drives have stopped by themselves"
+    return Section(title, columns, rows)
+
+
+def _runaway(axis: "RunawayMeaning") -> tuple[str, ...]:
+    scale, unit = (180.0 / math.pi, "deg") if axis.rotary else (1.0, "m")
+    digits = 1 if axis.rotary else 3
+    end = "TOO FAR" if axis.is_too_far else "allowed"
+    return (
+        axis.name,
+        f"{axis.distance_si * scale:.{digits}f} {unit}, from {axis.from_si * scale:.{digits}f}",
+        f"{axis.until_noticed_si * scale:.{digits}f} {unit} in {axis.detection_ms} ms",
+        f"{axis.speed_max_si:.2f} {'rad' if axis.rotary else 'm'}/s"
+        + ("" if axis.keeps_speed else ", no speed limit of its own"),
+        f"{axis.max_runaway_si * scale:g} {unit}",
+        f"{end}, ends with the leg stretched" if axis.ends_stretched else end,
+    )
 
 
 def _bus(report: "Report") -> Section:

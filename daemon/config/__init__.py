@@ -5,6 +5,6 @@ into its struct, errors that name file, key, value and range), `trainer.py` (the
 and its paths; all that the gateway reads), `baseline.py` (a leg without a patient), `load.py` (all
 files into `bundle.Settings`, in `bundle.py`), `cross.py`, `cross_drives.py`, `cross_motion.py` and
 `cross_homing.py` (the files compared with each other), `robot.py` and `axes.py` (in the terms of
-observer and drives), `workspace.py` (where the leg goes when it is stopped), `check.py` and
-`check_axes.py` (the report).
+observer and drives), `workspace.py` (where the leg goes when it is stopped), `runaway.py` (and when
+nobody stops it), `check.py`, `check_axes.py` and `check_runaway.py` (the report).
 """

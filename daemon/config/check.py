@@ -14,6 +14,7 @@ from daemon.config import workspace
 from daemon.config.axes import cycle_settings
 from daemon.config.bundle import Settings
 from daemon.config.check_axes import AxisMeaning, axis_meanings, refuse_axes
+from daemon.config.check_runaway import RunawayMeaning, refuse_runaways, runaway_meanings
 from daemon.config.cross_homing import refuse_homing
 from daemon.config.cross_motion import decelerations, limit_box
 from daemon.config.limit_settings import CATEGORIES
@@ -37,6 +38,7 @@ class Report(msgspec.Struct, frozen=True):
     stops: tuple["StopMeaning", ...]
     sweeps: tuple["SweepMeaning", ...]
     drift: "DriftMeaning"
+    runaways: tuple[RunawayMeaning, ...]
     bus: "BusMeaning"
     shutdown: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -106,6 +108,7 @@ def examine(settings: Settings) -> Report:
         stops=tuple(_stops(settings)),
         sweeps=_sweeps(settings),
         drift=drift,
+        runaways=runaway_meanings(settings),
         bus=_bus(settings),
         shutdown=_shutdown(settings, drift),
         warnings=tuple(_warnings(settings, axes, drift)),
@@ -133,6 +136,7 @@ def refuse(settings: Settings, report: Report) -> None:
             cadence_hz = settings.trainer.gait.cadence_max_hz
             raise ConfigError(settings.file.path, "gait.cadence_max_hz", cadence_hz, allowed)
     refuse_homing(settings)
+    refuse_runaways(settings, report.runaways)
 
 
 def _stops(settings: Settings) -> list[StopMeaning]:

@@ -40,6 +40,8 @@ class HipLimits(Table, frozen=True):
     """Written into the drive (6085h), and used for stopping paths."""
     static_load_tolerance_nm: Annotated[float, Meta(gt=0, le=60)]
     """Enable refuses when the load at hold differs from g(q) by more."""
+    max_runaway_deg: Annotated[float, Meta(gt=0, le=180)]
+    """How far the joint may go after the core has died, before its drive has stopped it."""
     brake: bool
     assist_max_nm: Annotated[float, Meta(gt=0, le=60)]
     """Of a controller's setpoint, on top of g(q) and guidance; one beyond it is refused."""
@@ -67,6 +69,7 @@ class SlideLimits(Table, frozen=True):
     temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
     quick_stop_deceleration_m_per_s2: Annotated[float, Meta(gt=0, le=200)]
     static_load_tolerance_n: Annotated[float, Meta(gt=0, le=600)]
+    max_runaway_m: Annotated[float, Meta(gt=0, le=2)]
     brake: bool
     assist_max_n: Annotated[float, Meta(gt=0, le=700)]
     assist_rate_max_n_per_s: Annotated[float, Meta(gt=0, le=20000)]
