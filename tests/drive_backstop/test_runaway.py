@@ -1,0 +1,174 @@
+"""What a dead core can do: the computed bound against the plant, with a rogue in the core's place.
+
+The rogue drives both joints with all the torque that the limits in the drives leave, and dies just
+after a SYNC and a heartbeat, so that the drives' detection takes its full time.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from rogue import NODES, Rogue
+from sessions import CONFIGS, Session, changed_configs, elmo_drives, generic_drives
+
+from daemon.config.axes import drive_limits
+from daemon.config.bundle import Settings
+from daemon.config.check_runaway import (
+    axis_runaway,
+    refuse_runaways,
+    runaway_meanings,
+)
+from daemon.config.load import load
+from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.config.runaway import run_away
+from daemon.config.strict import ConfigError
+from daemon.config.workspace import Motion
+
+LIFE_MS = 700
+"""Detection, ramp and rest. Without power a leg then drifts into its springs; `gaitd check` says how
+far, and that is no torque of a dead core."""
+FULL_PERMILLE = 3000
+SIGN_OF_COUNTS = (1, -1)
+"""Of hip and slide: counts of the slide fall along its positive axis."""
+LEAST_RATIO = {"epos4": 0.6, "generic": 0.25}
+"""Of the bound, that the plant must reach: in 30 ms a drive's response is a large part of it."""
+IN_THE_OPEN_N = 1.0
+"""A contact force below is none: the leg met no end of the machine."""
+
+
+@dataclass(frozen=True)
+class Death:
+    """One end of a core."""
+
+    signs: tuple[int, int]
+    cycles: int
+    """Of full torque, before it dies."""
+
+    def __str__(self) -> str:
+        hip, slide = ("up" if sign > 0 else "down" for sign in self.signs)
+        return f"hip-{hip}-slide-{slide}-after-{self.cycles}-cycles"
+
+
+DEATHS = tuple(
+    Death((hip, slide), cycles) for hip in (1, -1) for slide in (1, -1) for cycles in (1, 4, 9)
+)
+
+
+def dead_core(configs: Path, death: Death) -> tuple[Settings, list]:
+    session = Session(configs).enabled()
+    rogue = Rogue(session)
+    rogue.cycles(2)
+    for node, sign, counts in zip(NODES, death.signs, SIGN_OF_COUNTS, strict=True):
+        rogue.commands[node].torque = sign * counts * FULL_PERMILLE
+    rogue.cycles(1 + death.cycles)  # a target acts from the next SYNC on
+    return session.settings, rogue.die(LIFE_MS)
+
+
+def distances(path: list) -> tuple[float, float]:
+    hip, slide = (
+        max(abs(truth.position[axis] - path[0].position[axis]) for truth in path) for axis in (0, 1)
+    )
+    return hip, slide
+
+
+def computed(settings: Settings, path: list, death: Death) -> tuple[float, float]:
+    """The bound for this one start."""
+    hip, slide = drive_limits(settings.limits)
+    leg, cycle = settings.legs[0], settings.trainer.cycle
+    return run_away(
+        leg_parameters(settings.robot),
+        friction_parameters(settings.robot),
+        Motion(path[0].position, path[0].velocity),
+        (float(death.signs[0]), float(death.signs[1])),
+        (axis_runaway(leg.hip, hip, cycle), axis_runaway(leg.slide, slide, cycle)),
+        settings.limits.singularity.stop_ratio,
+    ).distance
+
+
+def in_the_open(path: list) -> bool:
+    return all(abs(force) < IN_THE_OPEN_N for truth in path for force in truth.contact)
+
+
+@pytest.mark.parametrize("death", DEATHS, ids=str)
+@pytest.mark.parametrize("make", ["epos4", "generic"])
+def test_a_dead_core_runs_no_farther_than_computed_and_not_absurdly_less(tmp_path, make, death):
+    configs = CONFIGS if make == "epos4" else generic_drives(tmp_path)
+
+    settings, path = dead_core(configs, death)
+    found, most = distances(path), computed(settings, path, death)
+    worst = [axis.distance_si for axis in runaway_meanings(settings)]
+
+    assert [abs(effort) for effort in path[0].effort] == pytest.approx([62.0, 480.0], rel=0.01)
+    for axis in (0, 1):
+        assert found[axis] <= worst[axis]
+        if in_the_open(path):
+            assert LEAST_RATIO[make] * most[axis] <= found[axis] <= most[axis]
+
+
+def test_deaths_in_the_open_are_among_those_that_are_tried():
+    assert sum(in_the_open(dead_core(CONFIGS, death)[1]) for death in DEATHS[::3]) >= 3
+
+
+def limited(tmp_path: Path, *changes: tuple[str, str, str]) -> Settings:
+    return load(changed_configs(tmp_path, *changes) / "demo.toml")
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "allowed"),
+    [
+        (
+            ("limits.toml", "max_runaway_deg = 70.0", "max_runaway_deg = 62.0"),
+            "hip.torque_max_nm",
+            "N m: ",
+        ),
+        (("limits.toml", "max_runaway_m = 0.8", "max_runaway_m = 0.7"), "slide.force_max_n", "N: "),
+    ],
+)
+def test_a_torque_limit_that_runs_too_far_is_refused_with_what_would_be_allowed(
+    tmp_path, change, key, allowed
+):
+    settings = limited(tmp_path, change)
+
+    with pytest.raises(ConfigError) as refused:
+        refuse_runaways(settings, runaway_meanings(settings))
+
+    assert (refused.value.file, refused.value.key) == (str(settings.file.limits), key)
+    assert allowed in refused.value.allowed
+    assert "max_runaway" in refused.value.allowed
+
+
+def test_what_would_be_allowed_is_allowed(tmp_path):
+    settings = limited(
+        tmp_path, ("limits.toml", "max_runaway_deg = 70.0", "max_runaway_deg = 62.0")
+    )
+    with pytest.raises(ConfigError) as refused:
+        refuse_runaways(settings, runaway_meanings(settings))
+    torque_nm = float(refused.value.allowed.split()[1])
+
+    less = limited(
+        tmp_path / "less",
+        ("limits.toml", "max_runaway_deg = 70.0", "max_runaway_deg = 62.0"),
+        ("limits.toml", "torque_max_nm = 62.0", f"torque_max_nm = {torque_nm}"),
+    )
+
+    assert 0 < torque_nm < 62
+    refuse_runaways(less, runaway_meanings(less))
+
+
+def test_a_drive_that_notices_sooner_may_have_more_torque(tmp_path):
+    late, soon = (
+        runaway_meanings(load(configs / "demo.toml"))
+        for configs in (CONFIGS, generic_drives(tmp_path))
+    )
+
+    assert [axis.detection_ms for axis in late] == [100, 100]
+    assert [axis.detection_ms for axis in soon] == [30, 30]
+    for slow, quick in zip(late, soon, strict=True):
+        assert quick.distance_si < 0.75 * slow.distance_si
+
+
+def test_drives_that_keep_no_speed_limit_are_refused_with_the_shipped_torque(tmp_path):
+    settings = load(elmo_drives(tmp_path) / "demo.toml")
+
+    with pytest.raises(ConfigError, match="keeps no speed limit of its own"):
+        refuse_runaways(settings, runaway_meanings(settings))
