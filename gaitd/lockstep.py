@@ -10,7 +10,7 @@ import heapq
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
-from typing import Final
+from typing import Final, Protocol
 
 from daemon.config.bundle import Settings
 from daemon.core.axis_notes import Notes
@@ -31,7 +31,7 @@ from drives.bus import Clock, Frame
 from drives.errors import BusError
 from drives.nmt import SYNC_ID
 from sim_drives.frame import Frame as WorldFrame
-from sim_drives.world import World
+from sim_drives.frame import TimedFrame
 
 BOOT_ID: Final = "lockstep"
 NS_PER_S: Final = 1_000_000_000
@@ -73,6 +73,27 @@ class BusTrouble:
     """The interface is not there: whoever uses it gets a BusError."""
     sync_delay_ns: int = 0
     """SYNC waits so long for its place on the wire."""
+
+
+class World(Protocol):
+    """What this bus needs of `sim_drives.world.World`, or of whatever stands before one."""
+
+    @property
+    def now_ns(self) -> int:
+        """Simulated time."""
+        ...
+
+    def receive(self, frame: WorldFrame) -> None:
+        """A frame of the master's."""
+        ...
+
+    def advance_to(self, time_ns: int) -> list[TimedFrame]:
+        """Time passes; what the drives send."""
+        ...
+
+    def next_event_ns(self) -> int:
+        """When the drives do something by themselves."""
+        ...
 
 
 class WorldBus:

@@ -268,7 +268,9 @@ def argued(files: Iterable[str]) -> set[Key]:
 def main() -> int:
     """Run all mutants; 0 only if docs/mutants.md argues every survivor, and nothing else."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("files", nargs="*", default=list(SUBJECTS), help="of " + ", ".join(SUBJECTS))
+    parser.add_argument(
+        "files", nargs="*", default=list(SUBJECTS), help="of " + ", ".join(SUBJECTS)
+    )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     options = parser.parse_args()
     os.chdir(PROJECT)

@@ -1,0 +1,392 @@
+"""What must never happen, judged from the wire and from the truth of the plant.
+
+The watch hears every frame that the master sends, and sees drives and plant as they really are. Of
+the core's own words it takes only what is judged as words: records, answers, verdicts. It knows
+what it has asked for itself. The rules, by the names that a violation carries:
+
+| rule | what must hold |
+|---|---|
+| enables unasked | an RPDO1 that begins to enable a drive comes only after ENABLE (or one axis alone) was asked, and since then no stop, kill or refusal; after a stop that was no DISABLE first RESET must have been asked |
+| powered unasked | a drive enters "operation enabled" only in such a time |
+| torque without power | the motor gives torque only in states with the power stage on |
+| left enabled in silence | a drive that has heard no SYNC and no heartbeat of ours for 1016h and a margin is not enabled |
+| stops apart | when one drive stops being told to enable, every other one does before the next SYNC; only the axis of a hold that is not obeyed may be taken further alone |
+| beyond the limit | a joint is not more than a margin beyond its hard limit (see below) |
+| torque jumps | 6071h changes by no more than limits.toml's rate times the time between two commands, while the drive is told to enable in cyclic torque |
+| verdict milder | the latched verdict never becomes milder without RESET |
+| answers | each request is answered once, within PATIENCE_S of a living core and gateway, and not again |
+| records | the records of one core have no gap |
+| our own bug | no exception comes out of a cycle, and every record can be encoded |
+
+Beyond the limit is allowed where no drive could have held the joint: a drive of the leg was without
+its power stage within BEFORE_S (springs and gravity move the leg), the patient pushes outwards, or
+a fault made the drive see or push wrongly within BEFORE_S (BLINDING). A stop that begins inside is
+no excuse: `gaitd check` has swept its path.
+"""
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from daemon.record import (
+    CycleRecord,
+    Mode,
+    ModeRequest,
+    Outcome,
+    RequestKind,
+    StopCategory,
+)
+from sim_drives.node import Node
+from sim_drives.power_state import POWER_STAGE_ON, PowerState
+from sim_drives.settings import FaultKind
+from sim_drives.truth import Truth
+
+NS_PER_S: Final = 1_000_000_000
+SYNC_ID: Final = 0x080
+NMT_ID: Final = 0x000
+RPDO1, RPDO2 = 0x200, 0x300
+CYCLIC_TORQUE: Final = 10
+ENABLE_MASK, ENABLE_VALUE = 0x008F, 0x000F
+NMT_TAKES_AWAY: Final = frozenset({0x02, 0x80, 0x81, 0x82})
+"""Stop, pre-operational, both resets: the drive leaves operational, and stops."""
+ALONE: Final = frozenset({Mode.REFERENCE, Mode.COMMISSION})
+
+PATIENCE_S: Final = 15.0
+"""For an answer: the longest request, a gait out of an unfavourable pose, takes some seconds."""
+SILENCE_MARGIN_S: Final = 0.02
+EFFORT_FLOOR: Final = (0.5, 5.0)
+"""N·m, N: below is no torque (the current dies away within a few milliseconds)."""
+LIMIT_MARGIN: Final = (math.radians(0.5), 0.003)
+"""rad, m: the path from noticing to the ramp, at what speed is left there."""
+BEFORE_S: Final = 3.0
+PUSH_FLOOR: Final = (1.0, 10.0)
+"""N·m, N: less is no push."""
+ENABLING_GRACE_S: Final = 0.05
+"""From a controlword to the drive's state."""
+BLINDING: Final = frozenset(
+    {
+        FaultKind.FROZEN_ENCODER,
+        FaultKind.ENCODER_GLITCH,
+        FaultKind.ENCODER_REVERSED,
+        FaultKind.WRONG_SIGN,
+        FaultKind.TORQUE_OFFSET,
+        FaultKind.IGNORES_QUICK_STOP,
+        FaultKind.BLOCKED_ROTOR,
+        FaultKind.BRAKE_STUCK,
+    }
+)
+"""Faults after which a drive sees wrongly, pushes wrongly, or does not do what it shows."""
+DELAYING: Final = frozenset({FaultKind.SLOW_STATE})
+"""Faults after which a state may come later than its controlword."""
+
+
+class AxisRules(NamedTuple):
+    """What is known of one drive from the files of the plant and the limits; joint SI."""
+
+    name: str
+    node_id: int
+    axis: int
+    """0 hip, 1 slide."""
+    leg: str
+    low_si: float
+    high_si: float
+    effort_per_count_si: float
+    """Of 6071h, absolute."""
+    rate_si_per_s: float
+
+
+class Violation(NamedTuple):
+    """A rule that was broken."""
+
+    at_s: float
+    rule: str
+    what: str
+
+    def __str__(self) -> str:
+        return f"{self.at_s:.3f} s: {self.rule}: {self.what}"
+
+
+@dataclass
+class WatchedDrive:
+    """What the watch remembers of one drive."""
+
+    rules: AxisRules
+    node: Node
+    told_to_enable: bool = False
+    mode_told: int = 0
+    torque_told: int | None = None
+    """6071h, while it is told to enable in cyclic torque."""
+    told_ns: int = 0
+    state: PowerState = PowerState.NOT_READY_TO_SWITCH_ON
+    unpowered_ns: int = 0
+    """When it was last seen without its power stage."""
+    blinded_ns: int = -(10**18)
+    """Until when a fault of BLINDING counts, and BEFORE_S after it."""
+    delayed_ns: int = -(10**18)
+    was_off: bool = True
+
+
+@dataclass
+class Watch:
+    """All rules over one session; `violations` fills."""
+
+    drives: dict[int, WatchedDrive]
+    period_s: float
+    detection_s: float
+    violations: list[Violation] = field(default_factory=list)
+    checked: Counter[str] = field(default_factory=Counter)
+    """How often each rule has been looked at."""
+    answered: Counter[str] = field(default_factory=Counter)
+    """By kind and outcome."""
+    now_ns: int = 0
+    _permitted: bool = False
+    _permitted_ns: int = -(10**18)
+    _needs_reset: bool = False
+    _orderly: bool = False
+    """DISABLE or RESET was asked since the last ENABLE."""
+    _stopping: set[int] = field(default_factory=set)
+    """Drives that are still told to enable while another one was stopped since the last SYNC."""
+    _spoken_ns: int = 0
+    _asked: dict[int, tuple[RequestKind, bool]] = field(default_factory=dict)
+    """Kind, and whether enabling was permitted before."""
+    _answers: dict[int, Outcome] = field(default_factory=dict)
+    _waiting_s: float = 0.0
+    _latched: StopCategory = StopCategory.NONE
+    _reset_asked: bool = False
+    _seq: int | None = None
+    _alone: bool = False
+
+    # --- what the session does ------------------------------------------------------------------
+
+    def asks(self, number: int, kind: RequestKind, wanted: ModeRequest) -> None:
+        """A request leaves."""
+        self._asked[number] = (kind, self._permitted)
+        self._waiting_s = 0.0
+        if kind in {RequestKind.DISABLE, RequestKind.RESET}:
+            self._orderly = True
+            self._needs_reset = self._needs_reset and kind != RequestKind.RESET
+            self._reset_asked = self._reset_asked or kind == RequestKind.RESET
+        enables = kind == RequestKind.ENABLE
+        alone = kind == RequestKind.MODE and wanted.mode in ALONE
+        if (enables or alone) and not self._needs_reset:
+            self._permit(alone=alone)
+
+    def _permit(self, *, alone: bool) -> None:
+        self._permitted, self._permitted_ns = True, self.now_ns
+        self._orderly, self._alone = False, alone
+
+    def asks_to_stop(self) -> None:
+        """The stop count rises, and a core hears it."""
+        self._permitted = False
+
+    def injects(self, kind: FaultKind, name: str, until_ns: int) -> None:
+        """A fault begins."""
+        for drive in self.drives.values():
+            if name in {drive.rules.name, "*"}:
+                if kind in BLINDING:
+                    drive.blinded_ns = max(drive.blinded_ns, until_ns)
+                if kind in DELAYING:
+                    drive.delayed_ns = max(drive.delayed_ns, until_ns)
+
+    def core_gone(self) -> None:
+        """The process ends: a new one enables nothing that nobody asks it for."""
+        self._permitted = False
+        self._asked.clear()
+        self._answers.clear()
+        self._seq = None
+        self._latched = StopCategory.NONE
+        for drive in self.drives.values():
+            drive.told_to_enable, drive.torque_told = False, None
+        self._stopping.clear()
+
+    # --- the wire -------------------------------------------------------------------------------
+
+    def sent(self, time_ns: int, can_id: int, data: bytes) -> None:
+        """A frame of the master's."""
+        self.now_ns = time_ns
+        if can_id == SYNC_ID:
+            self._spoken_ns = time_ns
+            self._judge_together()
+        elif can_id == NMT_ID and data[0] in NMT_TAKES_AWAY:
+            for drive in self.drives.values():
+                if data[1] in {0, drive.rules.node_id}:
+                    self._tell(drive, enable=False)
+        elif can_id - RPDO1 in self.drives:
+            self._take_controlword(self.drives[can_id - RPDO1], data)
+        elif can_id - RPDO2 in self.drives:
+            self._take_torque(self.drives[can_id - RPDO2], data)
+        elif can_id & 0x780 == 0x700:
+            self._spoken_ns = time_ns
+
+    def _take_controlword(self, drive: WatchedDrive, data: bytes) -> None:
+        self.checked["enables unasked"] += 1
+        controlword = int.from_bytes(data[:2], "little")
+        drive.mode_told = int.from_bytes(data[2:3], "little", signed=True)
+        enable = controlword & ENABLE_MASK == ENABLE_VALUE
+        if enable and not drive.told_to_enable and not self._permitted:
+            self._break("enables unasked", f"{drive.rules.name} is sent {controlword:04X}h")
+        self._tell(drive, enable=enable)
+
+    def _tell(self, drive: WatchedDrive, *, enable: bool) -> None:
+        stops = drive.told_to_enable and not enable
+        drive.told_to_enable = enable
+        self._stopping.discard(drive.rules.node_id)
+        if not enable:
+            drive.torque_told = None
+        if stops:
+            self._permitted = False
+            self._needs_reset = self._needs_reset or not self._orderly
+            if not self._alone:
+                self._stopping |= {n for n, other in self.drives.items() if other.told_to_enable}
+
+    def _judge_together(self) -> None:
+        self.checked["stops apart"] += 1
+        if self._stopping:
+            names = ", ".join(self.drives[node].rules.name for node in sorted(self._stopping))
+            self._break("stops apart", f"{names} still told to enable at the next SYNC")
+            self._stopping.clear()
+
+    def _take_torque(self, drive: WatchedDrive, data: bytes) -> None:
+        if not (drive.told_to_enable and drive.mode_told == CYCLIC_TORQUE):
+            drive.torque_told = None
+            return
+        self.checked["torque jumps"] += 1
+        count, before = int.from_bytes(data, "little", signed=True), drive.torque_told
+        if before is not None:
+            span_s = max((self.now_ns - drive.told_ns) / NS_PER_S, self.period_s)
+            step_si = abs(count - before) * drive.rules.effort_per_count_si
+            most_si = (
+                drive.rules.rate_si_per_s * span_s * 1.01 + 2 * drive.rules.effort_per_count_si
+            )
+            if step_si > most_si:
+                what = (
+                    f"{drive.rules.name} by {step_si:.4g} in {span_s * 1e3:.1f} ms, {most_si:.4g}"
+                )
+                self._break("torque jumps", what)
+        drive.torque_told, drive.told_ns = count, self.now_ns
+
+    # --- the truth ------------------------------------------------------------------------------
+
+    def see(self, now_ns: int, truths: dict[str, Truth]) -> None:
+        """Drives and plants as they are; about every 10 ms."""
+        self.now_ns = now_ns
+        for drive in self.drives.values():
+            state = drive.node.drive.state
+            self._see_power(drive, state)
+            truth = truths[drive.rules.leg]
+            self._see_torque(drive, state, truth)
+            drive.state = state
+            if state not in POWER_STAGE_ON:
+                drive.unpowered_ns = now_ns
+        for drive in self.drives.values():
+            self._see_position(drive, truths[drive.rules.leg])
+
+    def _see_power(self, drive: WatchedDrive, state: PowerState) -> None:
+        self.checked["powered unasked"] += 1
+        enabled = state is PowerState.OPERATION_ENABLED
+        began = enabled and drive.state is not PowerState.OPERATION_ENABLED
+        grace_s = ENABLING_GRACE_S
+        if self.now_ns < drive.delayed_ns:
+            grace_s += 1.0
+        lately = self.now_ns - self._permitted_ns < grace_s * NS_PER_S
+        if began and not (self._permitted or lately or drive.told_to_enable):
+            self._break("powered unasked", f"{drive.rules.name} is enabled")
+        self.checked["left enabled in silence"] += 1
+        silent_s = (self.now_ns - self._spoken_ns) / NS_PER_S
+        if enabled and silent_s > self.detection_s + SILENCE_MARGIN_S:
+            what = f"{drive.rules.name} after {silent_s * 1e3:.0f} ms"
+            self._break("left enabled in silence", what)
+
+    def _see_torque(self, drive: WatchedDrive, state: PowerState, truth: Truth) -> None:
+        self.checked["torque without power"] += 1
+        off = state not in POWER_STAGE_ON
+        axis = drive.rules.axis
+        if off and drive.was_off and abs(truth.effort[axis]) > EFFORT_FLOOR[axis]:
+            what = f"{drive.rules.name} gives {truth.effort[axis]:.3g} in {state.name.lower()}"
+            self._break("torque without power", what)
+        drive.was_off = off
+
+    def _see_position(self, drive: WatchedDrive, truth: Truth) -> None:
+        self.checked["beyond the limit"] += 1
+        rules = drive.rules
+        at = truth.position[rules.axis]
+        beyond = max(rules.low_si - at, at - rules.high_si)
+        if beyond <= LIMIT_MARGIN[rules.axis]:
+            return
+        outwards = 1.0 if at > rules.high_si else -1.0
+        pushed = truth.patient[rules.axis] * outwards > PUSH_FLOOR[rules.axis]
+        of_leg = [other for other in self.drives.values() if other.rules.leg == rules.leg]
+        before_ns = round(BEFORE_S * NS_PER_S)
+        free = any(self.now_ns - other.unpowered_ns < before_ns for other in of_leg)
+        blind = any(self.now_ns - other.blinded_ns < before_ns for other in of_leg)
+        if not (pushed or free or blind):
+            what = f"{rules.name} at {at:.4g}, limits {rules.low_si:.4g} to {rules.high_si:.4g}"
+            self._break("beyond the limit", what)
+
+    # --- the core's words -----------------------------------------------------------------------
+
+    def hear(self, record: CycleRecord) -> None:
+        """A record of the core that lives now."""
+        self.checked["records"] += 1
+        if self._seq is not None and record.seq != self._seq + 1:
+            self._break("records", f"{record.seq} comes after {self._seq}")
+        self._seq = record.seq
+        self._hear_verdict(record)
+        self._hear_answer(record)
+
+    def _hear_verdict(self, record: CycleRecord) -> None:
+        self.checked["verdict milder"] += 1
+        before, now = self._latched, record.verdict.category
+        stopped = record.mode in {Mode.STOPPING, Mode.FAULT}
+        if before > StopCategory.NONE and not self._reset_asked and (now < before or not stopped):
+            what = f"{before.name} becomes {now.name} in {record.mode.name.lower()}"
+            self._break("verdict milder", what)
+        if not stopped:
+            self._latched = StopCategory.NONE
+            return
+        if now > StopCategory.NONE and before == StopCategory.NONE:
+            self._needs_reset, self._reset_asked = True, False
+        self._latched = now
+
+    def _hear_answer(self, record: CycleRecord) -> None:
+        result = record.request
+        asked = self._asked.get(result.id)
+        if asked is None:
+            return
+        self.checked["answers"] += 1
+        before = self._answers.get(result.id)
+        if before is not None and result.outcome != before:
+            self._break("answers", f"{result.id} was {before.name}, is {result.outcome.name}")
+        if result.outcome == Outcome.PENDING:
+            return
+        if before is None:
+            self._answers[result.id] = result.outcome
+            self._take_answer(asked, result.outcome)
+
+    def _take_answer(self, asked: tuple[RequestKind, bool], outcome: Outcome) -> None:
+        kind, permitted_before = asked
+        self.answered[f"{kind.name.lower()} {outcome.name.lower()}"] += 1
+        if outcome == Outcome.REFUSED and kind in {RequestKind.ENABLE, RequestKind.MODE}:
+            self._permitted = self._permitted and permitted_before
+
+    def waits(self, span_s: float, number: int) -> None:
+        """A request is outstanding; core and gateway live."""
+        if number in self._answers:
+            return
+        self._waiting_s += span_s
+        if self._waiting_s > PATIENCE_S:
+            kind = self._asked[number][0].name.lower()
+            self._break("answers", f"{kind}, request {number}, has none after {PATIENCE_S:g} s")
+            self._waiting_s = -math.inf
+
+    def outcome(self, number: int) -> Outcome:
+        """What the core has said of a request."""
+        return self._answers.get(number, Outcome.PENDING)
+
+    def breaks(self, rule: str, what: str) -> None:
+        """Something that only the session can see."""
+        self._break(rule, what)
+
+    def _break(self, rule: str, what: str) -> None:
+        self.violations.append(Violation(self.now_ns / NS_PER_S, rule, what))
