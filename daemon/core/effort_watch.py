@@ -60,6 +60,7 @@ def look(
     limits: AxisLimits,
     *,
     powered: bool,
+    free: bool,
 ) -> EffortWatch:
     """The watch after this cycle's sample; without a sample nothing is known, and nothing counts.
 
@@ -69,13 +70,14 @@ def look(
         balance: of its leg.
         axis: 0 hip, 1 slide.
         limits: of this axis.
-        powered: the drive's power stage is on, or was until a moment ago.
+        powered: the drive's power stage may be on.
+        free: no end stop pushes the joint; one that bounces off is no sign.
     """
     if not joint.fresh:
         return watch
     unpowered_cycles = 0 if powered else watch.unpowered_cycles + 1
     gap_si = _gap(watch, joint.effort_si, unpowered_cycles)
-    opposed_si = _opposed(balance, axis) if powered else 0.0
+    opposed_si = _opposed(balance, axis) if powered and free else 0.0
     return watch._replace(
         unpowered_cycles=unpowered_cycles,
         gap_si=gap_si,

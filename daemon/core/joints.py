@@ -33,8 +33,6 @@ class Joint(NamedTuple):
     """Where it began to stand still."""
     speed_before_still_si: float = 0.0
     """How fast it was before it stood still: what no joint can lose in one cycle is a fault."""
-    effort_before_still_si: float = 0.0
-    """Effort when it began to stand still: friction can hide a change of so much and no more."""
 
 
 def jump_reach_si(joint: Joint, limits: AxisLimits, thresholds: Thresholds) -> float:
@@ -79,8 +77,5 @@ def measure(previous: Joint, feedback: DriveFeedback, scaling: AxisScaling, sync
         still_counts=previous.still_counts if still else feedback.position_counts,
         speed_before_still_si=(
             abs(previous.velocity_si) if began else previous.speed_before_still_si
-        ),
-        effort_before_still_si=(
-            previous.effort_before_still_si if still and not began else sample.effort_si
         ),
     )

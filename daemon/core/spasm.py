@@ -1,10 +1,11 @@
 """A spasm: the patient's estimated effort rises fast against the motion; guidance yields, or stops.
 
 The estimate is the observer's, so this may only add: less stiffness, and a stop. Voluntary effort
-rises slower than the window asks. The motion is that of the joint when the window began, and the one
-that guidance wants: a hard contraction has turned a slow leg around before it is seen. Where there is
-no motion, as at a turn of the gait, no effort is with it. Once begun, a spasm lasts until half of its
-rise is gone, whichever way the leg moves meanwhile.
+rises slower than the window asks. The motion is that of the joint when the window began, and the
+one that guidance wants: a hard contraction has turned a slow leg around before it is seen. Where
+there is no motion, as at a turn of the gait, no effort is with it. A joint that gives no count at
+all is stuck, or its encoder is, and says nothing of a patient. Once begun, a spasm lasts until half
+of its rise is gone, whichever way the leg moves meanwhile.
 """
 
 from collections import deque
@@ -12,6 +13,8 @@ from typing import NamedTuple
 
 END_RATIO = 0.5
 """Of the rise that counts as a spasm: below, it is over."""
+STILL_CYCLES = 3
+"""A joint that turns round under a spasm gives counts again after less."""
 
 
 class SpasmRules(NamedTuple):
@@ -46,6 +49,7 @@ class SpasmWatch:
         effort_si: float,
         speed_si: float,
         wanted_speed_si: float,
+        still_cycles: int,
         rise_max_si: float,
         rest_si: float,
     ) -> None:
@@ -55,6 +59,7 @@ class SpasmWatch:
             effort_si: of the patient, as the observer has it: N·m or N.
             speed_si: raw; rad/s or m/s.
             wanted_speed_si: of guidance; 0 where nothing is guided.
+            still_cycles: for how long the joint has given no count.
             rise_max_si: from where it is a spasm.
             rest_si: speed below which there is no motion to work with.
         """
@@ -71,7 +76,7 @@ class SpasmWatch:
             abs(speed) > rest_si and self.rise_si * speed > 0
             for speed in (speed_before_si, wanted_speed_si)
         )
-        if grows and not with_motion:
+        if grows and not with_motion and still_cycles < STILL_CYCLES:
             self._before_si = before_si
             self.cycles = 1
 

@@ -40,10 +40,19 @@ def watch_raw(core: Core, leg: Leg) -> None:
             index,
             preparing.limits_in_force(core, axis),
             powered=axis.feedback is not None and axis.feedback.power_state in POWERED,
+            free=_free(core, leg, axis),
         )
         _sum_up(core, leg, index)
     leg.window_cycles = _window(core, leg)
     _look_ahead(core, leg)
+
+
+def _free(core: Core, leg: Leg, axis: Axis) -> bool:
+    """Inside its range, with the mechanism off its end."""
+    limits = axis.limits
+    inside = limits.position_min_si <= axis.joint.position_si <= limits.position_max_si
+    clear = leg.singularity_ratio >= core.config.thresholds.singularity_stop_ratio
+    return clear and (inside or not axis.referenced)
 
 
 def _sum_up(core: Core, leg: Leg, index: int) -> None:
@@ -109,6 +118,7 @@ def watch_patient(core: Core, leg: Leg, estimate: LegEstimate) -> None:
             estimate.state[6 + index],
             axis.joint.velocity_si,
             axis.wanted_velocity_si,
+            axis.joint.still_cycles,
             limits.spasm_rise_si,
             limits.standstill_si_per_s,
         )

@@ -3,6 +3,7 @@
 import math
 
 from daemon.causes import CHOSEN_CATEGORY
+from daemon.core.effort_watch import EffortWatch
 from daemon.core.joints import Joint
 from daemon.core.limits import AxisLimits, Categories, Thresholds
 from daemon.core.situation import AxisSituation, LegSituation, ServiceSituation
@@ -64,7 +65,7 @@ WELL = ServiceSituation(
     bus_error="",
     tx_dropped_in_a_row=0,
 )
-LEG = LegSituation("right", singularity_ratio=0.8, observer_bad_cycles=0)
+LEG = LegSituation("right", singularity_ratio=0.8, stopping_ratio=0.75, observer_bad_cycles=0)
 FEEDBACK = DriveFeedback(
     node_id=5,
     nmt_state=NmtState.OPERATIONAL,
@@ -96,7 +97,6 @@ JOINT = Joint(
     elapsed_s=0.01,
     sample_ns=1_000_000_000,
     counts=100,
-    effort_before_still_si=10.0,
 )
 AXIS = AxisSituation(
     name="right/hip",
@@ -116,4 +116,11 @@ AXIS = AxisSituation(
     unasked_cycles=0,
     mode_wanted=OperationMode.CYCLIC_SYNC_TORQUE,
     new_emergency=False,
+    watch=EffortWatch(held_before_still_si=10.0),
+    held_si=10.0,
+    stride_energy_j=20.0,
+    stride_drift_si=1.0,
+    stopping_end_si=0.22,
+    spasm_cycles=0,
+    spasm_rise_si=0.0,
 )
