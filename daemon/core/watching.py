@@ -9,7 +9,7 @@ to rest, and how deep it is in its margins), `spasm.py` (the only one that reads
 from daemon.core import balance, conduct, effort_watch, preparing, soft_limits, stopping_path
 from daemon.core.energy import stride_cycles
 from daemon.core.reference import GaitPlay, Stage
-from daemon.core.spasm import softened
+from daemon.core.spasm import STILL_CYCLES, softened
 from daemon.core.state import Axis, Core, Leg
 from drives.signals import OperationMode, PowerState
 from observer.leg_observer import LegEstimate
@@ -64,7 +64,9 @@ def _sum_up(core: Core, leg: Leg, index: int) -> None:
     if not _strides(leg):
         axis.unexplained.clear()
     else:
-        axis.unexplained.take(leg.balance.unexplained(index))
+        # At rest friction is anything up to its law, and a mean of that would be nobody's.
+        moving = joint.still_cycles < STILL_CYCLES
+        axis.unexplained.take(leg.balance.unexplained(index) if moving else 0.0)
 
 
 def _strides(leg: Leg) -> bool:
