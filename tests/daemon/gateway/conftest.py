@@ -274,6 +274,7 @@ class FakeCore:
         self.changes: dict[str, Any] = {}
         self.answers: dict[str, RequestResult] = {}
         self.requests: list[Request] = []
+        self.levels: list[Level] = []
         self._seam = CoreSeam(runtime, header(core_boot_id))
         self._stop_count: int | None = None
         self._result = RequestResult()
@@ -286,6 +287,7 @@ class FakeCore:
         while not self._ended.is_set():
             seq += 1
             for level in self._seam.levels():
+                self.levels.append(level)
                 self._stop_count = level.stop_count
                 self._hear(level.request)
             self._seam.publish(

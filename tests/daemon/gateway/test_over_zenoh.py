@@ -221,14 +221,36 @@ def test_garbage_in_a_query_gets_a_clear_error(session, start_core, eventually):
         assert word in answer["reason"]
 
 
-def test_nobody_gets_a_lease_and_torque_is_refused(session, start_core, eventually):
-    start_core()
+def test_a_lease_is_given_to_who_asks_and_setpoints_under_it_reach_the_core(
+    session, start_core, eventually
+):
+    core = start_core()
     eventually(lambda: query(session, "status")[0]["safety"]["valid"])
 
-    answers = [query(session, "acquire"), query(session, "mode", {"mode": "torque"})]
+    given, _ = query(session, "acquire", {"client": "pusher", "duration_ms": 5000})
+    other, _ = query(session, "acquire", {"client": "other"})
+    for leg in ("right", "left"):
+        setpoint = {"lease": given["lease"], "seq": 1, "for_cycle": 1}
+        setpoint |= {"hip_assist_nm": 3.5, "slide_assist_n": -20.0, "stiffness_ratio": 0.5}
+        session.put(f"gaitd/trainer/{leg}/setpoint", json.dumps(setpoint))
+    session.put("gaitd/trainer/right/setpoint", b"x" * 1_000_000)
 
-    assert [answer["outcome"] for answer, _ in answers] == ["refused", "refused"]
-    assert all("torque" in answer["reason"] for answer, _ in answers)
+    eventually(lambda: core.levels and core.levels[-1].setpoints)
+    assert (given["outcome"], given["lease_duration_ms"]) == ("done", 5000)
+    assert (other["outcome"], other["lease"]) == ("refused", None)
+    assert "'pusher' holds the lease" in other["reason"]
+    assert core.levels[-1].lease == given["lease"]
+    (forwarded,) = core.levels[-1].setpoints
+    assert (forwarded.leg, forwarded.hip_assist_nm, forwarded.stiffness_ratio) == (
+        "right",
+        3.5,
+        0.5,
+    )
+    assert query(session, "status")[0]["safety"]["lease_holder"] == "pusher"
+    texts = [event["text"] for event in query(session, "status")[0]["events"]]
+    assert any("too_large" in text for text in texts)
+    assert any("unknown_leg" in text for text in texts)
+    assert not any(str(given["lease"]) in text for text in texts)
 
 
 def test_config_tells_what_the_service_runs_with(session, start_core, eventually):

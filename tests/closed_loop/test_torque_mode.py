@@ -1,0 +1,385 @@
+"""Mode torque: a controller moves the leg under a lease, and whatever ends that ends in hold."""
+
+import msgspec
+import numpy as np
+import pytest
+from controllers import Controller, constant, towards
+from sessions import Session, position_guidance, two_legs
+from wire import QUICK_STOP_WORD, target_torques, words_by_cycle
+
+from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Setpoint
+from daemon.refusals import SetpointRefusal
+
+TORQUE = ModeRequest(Mode.TORQUE)
+FADE_CYCLES = 20
+AGE_CYCLES = 10
+START_CYCLES = 50
+STEP_NM, STEP_N = 2.6, 20.0
+"""In one cycle: the rate of assist, and what the pose changes in g(q)."""
+
+
+def refused(session, reason):
+    return session.lockstep.record.assist.refused_count[reason]
+
+
+def in_torque(session, law, legs=("right",)):
+    controller = Controller(session.lockstep.gateway, law, legs)
+    session.lockstep.run(0.1)
+    answer = session.lockstep.request(RequestKind.MODE, TORQUE)
+    assert answer.outcome == Outcome.DONE, answer.reason
+    return controller
+
+
+@pytest.fixture
+def session():
+    return Session().enabled()
+
+
+def records_since(session, cycle):
+    return [record for record in session.lockstep.records if record.cycle > cycle]
+
+
+def steps_of_torque(session, since=0):
+    """Largest change of the target torque on the wire from one cycle to the next: N·m, N."""
+    axes = session.lockstep.core.axes
+    found = []
+    for axis, node in zip(axes[:2], (5, 6), strict=True):
+        sent = np.array(target_torques(session.lockstep.bus.sent[since:], node))
+        found.append(np.abs(np.diff(sent)).max() / abs(axis.scaling.permille_per_effort_si))
+    return found
+
+
+def test_assist_moves_the_leg_to_where_the_controller_wants_it(session):
+    start_rad = session.lockstep.record.drives[0].position_si
+    in_torque(session, towards(start_rad + 0.1, stiffness_nm_per_rad=150.0))
+
+    session.lockstep.run(3)
+
+    record = session.lockstep.record
+    assert (record.mode, record.verdict.cause) == (Mode.TORQUE, Cause.NONE)
+    assert record.drives[0].position_si > start_rad + 0.04
+    assert max(record.assist.legs[0].assist[0] for record in session.lockstep.records) > 10
+
+
+def test_without_assist_the_leg_is_carried_and_stays(session):
+    in_torque(session, constant())
+    start = session.lockstep.record.legs[0].measured
+
+    session.lockstep.run(5)
+
+    record = session.lockstep.record
+    assert record.mode == Mode.TORQUE
+    carried = [axis.gravity_si for axis in session.lockstep.core.axes]
+    assert [drive.target_effort_si for drive in record.drives] == pytest.approx(carried, abs=0.01)
+    assert record.legs[0].measured == pytest.approx(start, abs=0.01)
+
+
+def test_torque_on_the_wire_has_no_step_from_hold_through_torque_to_hold(session):
+    begun = len(session.lockstep.bus.sent)
+    controller = in_torque(session, constant(hip_nm=14.0, slide_n=-110.0))
+    session.lockstep.run(0.25)
+    answer = session.lockstep.request(RequestKind.MODE, ModeRequest(Mode.HOLD))
+    session.lockstep.run(0.5)
+    session.lockstep.request(RequestKind.MODE, TORQUE)
+    session.lockstep.run(0.25)
+    controller.running = False
+    session.lockstep.run(1)
+
+    assert answer.outcome == Outcome.DONE
+    assert session.lockstep.record.mode == Mode.HOLD
+    hip_nm, slide_n = steps_of_torque(session, begun)
+    assert hip_nm < STEP_NM
+    assert slide_n < STEP_N
+
+
+def test_what_the_impedance_gave_fades_when_torque_begins(session):
+    """Held beside where it stands, the leg pulls at a spring; its pull does not end in a cycle."""
+    hold = session.lockstep.core.legs[0].plan
+    off = (hold.start[0] - 0.03, hold.start[1] + 0.02)
+    session.lockstep.core.legs[0].plan = type(hold)(off, (0.0, 0.0), hold.deceleration)
+    session.lockstep.run(0.5)
+    begun = len(session.lockstep.bus.sent)
+    before_nm = session.lockstep.record.drives[0].target_effort_si
+
+    in_torque(session, constant())
+    session.lockstep.run(1.5)
+
+    after_nm = session.lockstep.record.drives[0].target_effort_si
+    assert abs(after_nm - before_nm) > 3
+    hip_nm, slide_n = steps_of_torque(session, begun)
+    assert hip_nm < 0.1 * abs(after_nm - before_nm)
+    assert slide_n < STEP_N
+
+
+@pytest.mark.parametrize("how", ["it hangs", "its lease is taken", "somebody else holds it"])
+def test_a_controller_that_is_gone_leaves_a_leg_that_is_braked_and_held(session, how):
+    start_rad = session.lockstep.record.drives[0].position_si
+    controller = in_torque(session, towards(start_rad + 0.15, stiffness_nm_per_rad=150.0))
+    session.lockstep.run(0.3)
+    cycle = session.lockstep.record.cycle
+    gateway = session.lockstep.gateway
+
+    if how == "it hangs":
+        controller.running = False
+    elif how == "its lease is taken":
+        gateway.end_lease()
+    else:
+        gateway.lease += 1
+    held = session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=1)
+    session.lockstep.run(1)
+
+    allowed_cycles = AGE_CYCLES + 2 if how == "it hangs" else 2
+    assert held.cycle - cycle <= allowed_cycles
+    assert held.verdict.cause == Cause.NONE
+    record = session.lockstep.record
+    assert (record.mode, record.verdict.cause) == (Mode.HOLD, Cause.NONE)
+    assert record.assist.lapse_count == 1
+    word = "stale" if how == "it hangs" else "lease"
+    assert word in record.assist.lapse_reason
+    assist = [one.assist.legs[0].assist[0] for one in records_since(session, held.cycle)]
+    assert assist[FADE_CYCLES:] == [0.0] * len(assist[FADE_CYCLES:])
+    assert np.all(np.diff(np.abs(assist)) <= 0)
+    assert abs(record.drives[0].velocity_si) < 0.02
+    assert abs(record.drives[0].position_si - held.drives[0].position_si) < 0.05
+
+
+def test_a_leg_that_was_let_go_is_not_taken_again_without_a_request(session):
+    controller = in_torque(session, constant(hip_nm=6.0))
+    controller.running = False
+    session.lockstep.run(0.5)
+    controller.running = True
+    session.lockstep.run(1)
+
+    assert session.lockstep.record.mode == Mode.HOLD
+    assert refused(session, SetpointRefusal.WRONG_MODE) == 0
+    assert session.lockstep.record.assist.legs[0].assist == (0.0, 0.0)
+
+
+def test_torque_begins_only_under_a_lease(session):
+    answer = session.lockstep.request(RequestKind.MODE, TORQUE)
+
+    assert answer.outcome == Outcome.REFUSED
+    assert "needs a lease" in answer.reason
+    assert session.lockstep.record.mode == Mode.HOLD
+
+
+def test_torque_waits_half_a_second_for_its_first_setpoint(session):
+    session.lockstep.gateway.lend(lambda _: ())
+    answer = session.lockstep.request(RequestKind.MODE, TORQUE)
+    cycle = session.lockstep.record.cycle
+
+    held = session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=2)
+
+    assert answer.outcome == Outcome.DONE
+    assert START_CYCLES <= held.cycle - cycle <= START_CYCLES + 3
+    assert "no setpoint" in held.assist.lapse_reason
+
+
+@pytest.mark.parametrize("leased", [True, False])
+def test_a_stop_works_with_and_without_a_lease_and_ends_assist(session, leased):
+    if leased:
+        in_torque(session, constant(hip_nm=12.0))
+        session.lockstep.run(0.2)
+    begun = len(session.lockstep.bus.sent)
+    cycle = session.lockstep.record.cycle
+
+    session.lockstep.gateway.stop()
+    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=3)
+
+    record = session.lockstep.record
+    assert record.verdict.cause == Cause.STOP_REQUESTED
+    assert records_since(session, cycle)[0].mode == Mode.STOPPING
+    assert record.assist.legs[0].assist == (0.0, 0.0)
+    assert steps_of_torque(session, begun)[0] < STEP_NM
+
+
+def test_a_quick_stop_in_torque_is_one_of_both_axes(session):
+    in_torque(session, constant(hip_nm=10.0))
+    session.lockstep.run(0.1)
+    session.lockstep.core.axes[1].emergencies_seen -= 1
+
+    session.lockstep.run(0.2)
+
+    assert session.lockstep.record.verdict.cause == Cause.EMERGENCY
+    assert set(words_by_cycle(session.lockstep.bus.sent)[-1].values()) == {QUICK_STOP_WORD}
+    assert session.lockstep.record.assist.legs[0].assist == (0.0, 0.0)
+
+
+def test_disable_in_torque_ends_in_ready(session):
+    in_torque(session, constant(hip_nm=6.0))
+
+    answer = session.lockstep.request(RequestKind.DISABLE)
+
+    assert answer.outcome == Outcome.DONE
+    assert session.lockstep.record.mode == Mode.READY
+
+
+NAN, INF = float("nan"), float("inf")
+WRONG = [
+    (SetpointRefusal.WRONG_LEASE, {"lease": 99}),
+    (SetpointRefusal.REORDERED, {"seq": 1}),
+    (SetpointRefusal.REPEATED, {"seq": 0}),
+    (SetpointRefusal.STALE, {"for_cycle": -AGE_CYCLES - 2}),
+    (SetpointRefusal.AHEAD, {"for_cycle": 5}),
+    (SetpointRefusal.NON_FINITE, {"hip_assist_nm": NAN}),
+    (SetpointRefusal.NON_FINITE, {"slide_assist_n": -INF}),
+    (SetpointRefusal.NON_FINITE, {"stiffness_ratio": NAN}),
+    (SetpointRefusal.OUT_OF_RANGE, {"hip_assist_nm": 20.01}),
+    (SetpointRefusal.OUT_OF_RANGE, {"slide_assist_n": -150.1}),
+    (SetpointRefusal.OUT_OF_RANGE, {"stiffness_ratio": 1.01}),
+    (SetpointRefusal.OUT_OF_RANGE, {"stiffness_ratio": -0.01}),
+    (SetpointRefusal.UNKNOWN_LEG, {"leg": "left"}),
+]
+
+
+def spoiled(good, record, changes):
+    """A good setpoint with something wrong; seq 0: that of the last one, for_cycle: relative."""
+    changes = dict(changes)
+    if "for_cycle" in changes:
+        changes["for_cycle"] += record.cycle
+    if changes.get("seq") == 0:
+        changes |= {"seq": good.seq - 1}
+    return msgspec.structs.replace(good, **changes)
+
+
+@pytest.mark.parametrize(("reason", "changes"), WRONG)
+def test_a_setpoint_that_is_wrong_is_counted_once_and_changes_nothing(session, reason, changes):
+    controller = in_torque(session, constant(hip_nm=5.0))
+    session.lockstep.run(0.3)
+    gateway = session.lockstep.gateway
+    before = session.lockstep.record
+    script = iter([True])
+
+    def spoil(record):
+        good = controller(record)
+        return (spoiled(good[0], record, changes),) if next(script, False) else good
+
+    gateway.controller = spoil
+    session.lockstep.run(0.05)
+
+    record = session.lockstep.record
+    now, was = record.assist.refused_count, before.assist.refused_count
+    assert now[reason] == was[reason] + 1
+    assert sum(now) == sum(was) + 1
+    assert record.mode == Mode.TORQUE
+    assert record.assist.legs[0].assist[0] == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize(("reason", "changes"), WRONG[:1] + WRONG[3:4] + WRONG[8:9])
+def test_a_controller_that_says_nothing_else_is_gone(session, reason, changes):
+    controller = in_torque(session, constant(hip_nm=5.0))
+    session.lockstep.run(0.3)
+    gateway = session.lockstep.gateway
+    gateway.controller = lambda record: (spoiled(controller(record)[0], record, changes),)
+
+    held = session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=1)
+
+    assert refused(session, reason) >= AGE_CYCLES - 1
+    assert "stale" in held.assist.lapse_reason
+
+
+def test_a_setpoint_without_a_lease_is_refused(session):
+    session.lockstep.gateway.controller = lambda record: (
+        Setpoint(1, record.cycle, record.cycle, 5.0, 0.0, "right"),
+    )
+
+    session.lockstep.run(0.1)
+
+    assert refused(session, SetpointRefusal.UNLEASED) == pytest.approx(10, abs=1)
+    assert session.lockstep.record.assist.accepted_count == 0
+
+
+def test_in_hold_a_controller_may_live_but_not_push(session):
+    gateway = session.lockstep.gateway
+    Controller(gateway, constant(hip_nm=5.0))
+    session.lockstep.run(0.1)
+    accepted = session.lockstep.record.assist.accepted_count
+
+    gateway.controller = lambda record: (
+        Setpoint(gateway.lease, 1000 + record.cycle, record.cycle, 5.0, 0.0, "right"),
+    )
+    session.lockstep.run(0.1)
+
+    assert accepted == pytest.approx(10, abs=1)
+    assert refused(session, SetpointRefusal.WRONG_MODE) == pytest.approx(10, abs=1)
+    assert session.lockstep.record.assist.legs[0].assist == (0.0, 0.0)
+
+
+def test_levels_of_another_core_move_nothing_and_a_lost_one_is_made_good_by_the_next(session):
+    controller = in_torque(session, constant(hip_nm=8.0))
+    session.lockstep.run(0.3)
+    gateway = session.lockstep.gateway
+    honest = gateway.levels
+    gateway.levels = _losing(honest, 4)
+    session.lockstep.run(0.3)
+    assert session.lockstep.record.mode == Mode.TORQUE
+
+    gateway.levels = lambda: [
+        msgspec.structs.replace(level, core_boot_id="foreign") for level in honest()
+    ]
+    held = session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=1)
+
+    assert controller.running
+    assert "stale" in held.assist.lapse_reason
+
+
+def _losing(levels, count):
+    left = [count]
+
+    def some():
+        made = levels()
+        left[0] -= 1
+        return made if left[0] < 0 else []
+
+    return some
+
+
+def test_a_gateway_that_falls_silent_takes_assist_away_before_it_is_a_verdict(session):
+    in_torque(session, constant(hip_nm=8.0))
+    session.lockstep.run(0.3)
+    cycle = session.lockstep.record.cycle
+    session.lockstep.gateway.silent = True
+
+    stopped = session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=3)
+
+    modes = [record.mode for record in records_since(session, cycle)]
+    assert modes.index(Mode.HOLD) <= AGE_CYCLES + 1
+    assert stopped.verdict.cause == Cause.GATEWAY_SILENT
+    assert stopped.assist.legs[0].assist == (0.0, 0.0)
+
+
+def test_with_position_guidance_torque_and_setpoints_are_refused(tmp_path):
+    session = Session(position_guidance(tmp_path)).enabled()
+    Controller(session.lockstep.gateway, constant())
+    session.lockstep.run(0.1)
+
+    answer = session.lockstep.request(RequestKind.MODE, TORQUE)
+
+    assert answer.outcome == Outcome.REFUSED
+    assert "guidance 'position'" in answer.reason
+    assert refused(session, SetpointRefusal.GUIDANCE_IS_POSITION) >= 9
+    assert session.lockstep.record.assist.accepted_count == 0
+
+
+def test_each_leg_has_its_own_assist_and_one_that_is_left_alone_floats(tmp_path):
+    session = Session(two_legs(tmp_path)).enabled()
+    in_torque(session, constant(hip_nm=4.0), legs=("left",))
+
+    session.lockstep.run(0.5)
+
+    right, left = session.lockstep.record.assist.legs
+    assert session.lockstep.record.mode == Mode.TORQUE
+    assert (right.assist, left.assist) == ((0.0, 0.0), (pytest.approx(4.0), 0.0))
+
+
+def test_a_leg_whose_setpoints_stop_ends_the_assist_of_both(tmp_path):
+    session = Session(two_legs(tmp_path)).enabled()
+    controller = in_torque(session, constant(hip_nm=4.0), legs=("right", "left"))
+    session.lockstep.run(0.3)
+    controller.legs = ("right",)
+
+    held = session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=1)
+
+    assert "stale" in held.assist.lapse_reason
+    session.lockstep.run(0.3)
+    assert {leg.assist for leg in session.lockstep.record.assist.legs} == {(0.0, 0.0)}

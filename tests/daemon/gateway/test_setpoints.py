@@ -1,0 +1,281 @@
+"""Setpoints on their way in: kept few, read strictly, refused by reason, and told sparingly."""
+
+import itertools
+import json
+import select
+import threading
+
+import msgspec
+import pytest
+
+from daemon.config.settings import Lease
+from daemon.gateway.events import Priority
+from daemon.gateway.lease import LeaseDesk
+from daemon.gateway.setpoints import (
+    KEPT_COUNT,
+    REARM_NS,
+    SETPOINT_SIZE_MAX,
+    STRANGERS_COUNT,
+    WAKES_MAX,
+    Arrival,
+    Batch,
+    SetpointBox,
+    SetpointDesk,
+)
+from daemon.gateway.steering import TOLD_MAX, Steering
+from daemon.record import AssistRecord, Mode
+from daemon.refusals import SetpointRefusal
+
+LEGS = ("right", "left")
+LEASE = 123_456_789
+MS = 1_000_000
+
+
+def payload(**changes):
+    fields = {"lease": LEASE, "seq": 5, "for_cycle": 40}
+    fields |= {"hip_assist_nm": 3.5, "slide_assist_n": -20.0}
+    return json.dumps({**fields, **changes}).encode()
+
+
+def arrival(leg="right", **changes):
+    return Arrival(leg, payload(**changes))
+
+
+# --- the desk ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("data", "refusal"),
+    [
+        (payload(), SetpointRefusal.NONE),
+        (payload() + b" " * (SETPOINT_SIZE_MAX - len(payload())), SetpointRefusal.NONE),
+        (payload() + b" " * (SETPOINT_SIZE_MAX + 1 - len(payload())), SetpointRefusal.TOO_LARGE),
+        (b"", SetpointRefusal.MALFORMED),
+        (b"{", SetpointRefusal.MALFORMED),
+        (b"\xff\xfe", SetpointRefusal.MALFORMED),
+        (b"[" * 1000, SetpointRefusal.MALFORMED),
+        (b"null", SetpointRefusal.MALFORMED),
+        (payload(torque=1), SetpointRefusal.MALFORMED),
+        (payload(hip_assist_nm="3"), SetpointRefusal.MALFORMED),
+        (payload(hip_assist_nm=None), SetpointRefusal.MALFORMED),
+        (payload(seq=1.5), SetpointRefusal.MALFORMED),
+        (payload(hip_assist_nm=float("nan")), SetpointRefusal.NON_FINITE),
+        (payload(slide_assist_n=float("-inf")), SetpointRefusal.NON_FINITE),
+        (payload(hip_assist_nm=120.1), SetpointRefusal.OUT_OF_RANGE),
+        (payload(slide_assist_n=-1500.1), SetpointRefusal.OUT_OF_RANGE),
+        (payload(stiffness_ratio=1.01), SetpointRefusal.OUT_OF_RANGE),
+        (payload(seq=2**53), SetpointRefusal.OUT_OF_RANGE),
+        (payload(seq=-1), SetpointRefusal.OUT_OF_RANGE),
+        (payload(seq=10**40), SetpointRefusal.OUT_OF_RANGE),
+        (payload().replace(b"3.5", b"1e999"), SetpointRefusal.OUT_OF_RANGE),
+        (payload(lease=LEASE + 1), SetpointRefusal.WRONG_LEASE),
+    ],
+)
+def test_a_payload_is_read_strictly_and_what_is_wrong_is_named(data, refusal):
+    desk = SetpointDesk()
+
+    assert desk.take(Arrival("right", data), LEGS, LEASE) is refusal
+    assert bool(desk.newest) == (refusal is SetpointRefusal.NONE)
+
+
+def test_what_is_refused_leaves_the_one_before_in_place():
+    desk = SetpointDesk()
+    desk.take(arrival(), LEGS, LEASE)
+
+    assert desk.take(arrival(), LEGS, LEASE) is SetpointRefusal.REPEATED
+    assert desk.take(arrival(seq=4), LEGS, LEASE) is SetpointRefusal.REORDERED
+    assert desk.take(arrival("middle", seq=6), LEGS, LEASE) is SetpointRefusal.UNKNOWN_LEG
+    assert [one.seq for one in desk.newest] == [5]
+
+
+def test_each_leg_counts_by_itself_and_the_newest_of_each_is_forwarded():
+    desk = SetpointDesk()
+    for seq, leg in ((5, "right"), (1, "left"), (6, "right")):
+        assert desk.take(arrival(leg, seq=seq), LEGS, LEASE) is SetpointRefusal.NONE
+
+    assert {(one.leg, one.seq) for one in desk.newest} == {("right", 6), ("left", 1)}
+
+
+def test_without_a_lease_nothing_is_forwarded():
+    desk = SetpointDesk()
+
+    assert desk.take(arrival(), LEGS, 0) is SetpointRefusal.UNLEASED
+    assert not desk.newest
+
+
+# --- the box ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def box():
+    made = SetpointBox()
+    yield made
+    made.close()
+
+
+def is_readable(box):
+    poller = select.poll()
+    poller.register(box.fileno(), select.POLLIN)
+    return bool(poller.poll(0))
+
+
+def test_the_box_keeps_the_newest_few_and_counts_the_rest(box):
+    box.expect(LEASE)
+    for seq in range(1000):
+        box.put("right", payload(seq=seq))
+
+    batch = box.drain(0)
+
+    assert len(batch.arrivals) == KEPT_COUNT
+    assert json.loads(batch.arrivals[-1].payload)["seq"] == 999
+    assert batch.dropped_count == 1000 - KEPT_COUNT
+    assert box.drain(0) == Batch()
+
+
+def test_strangers_cannot_crowd_out_the_holder_and_do_not_wake_the_loop(box):
+    box.expect(LEASE)
+    for seq in range(10_000):
+        box.put("right", payload(lease=4711, seq=seq))
+    assert not is_readable(box)
+    box.put("right", payload(seq=7))
+    assert is_readable(box)
+    for _ in range(10_000):
+        box.put("right", b"x" * 100)
+
+    batch = box.drain(0)
+
+    assert json.loads(batch.arrivals[0].payload)["seq"] == 7
+    assert len(batch.arrivals) == 1 + STRANGERS_COUNT
+    assert not is_readable(box)
+
+
+def test_even_the_holder_wakes_the_loop_a_few_times_only_in_one_cycle(box):
+    box.expect(LEASE)
+    woken = 0
+    for _ in range(100):
+        box.put("right", payload())
+        woken += is_readable(box)
+        box.drain(REARM_NS)
+    box.drain(2 * REARM_NS)
+    box.put("right", payload())
+
+    assert WAKES_MAX <= woken <= 2 * WAKES_MAX
+    assert is_readable(box)
+
+
+def test_many_threads_lose_no_count(box):
+    def put():
+        for _ in range(2000):
+            box.put("right", b"nobody's")
+
+    threads = [threading.Thread(target=put) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+    batch = box.drain(0)
+
+    assert len(batch.arrivals) + batch.dropped_count == 8000
+
+
+# --- what is said of it -----------------------------------------------------------------------
+
+
+@pytest.fixture
+def steering(make_record):
+    numbers = itertools.count(1001)
+    made = Steering(LeaseDesk(Lease(duration_ms=500, duration_max_ms=500), lambda: next(numbers)))
+    made.meet(LEGS)
+    made.hear(make_record(1), 0)
+    return made
+
+
+def record_with(make_record, seq, mode=Mode.TORQUE, **assist):
+    return msgspec.structs.replace(make_record(seq), mode=mode, assist=AssistRecord(**assist))
+
+
+def test_the_first_refusal_of_each_reason_is_an_event_and_all_are_counted(steering):
+    batch = Batch((arrival(), arrival(), Arrival("right", b"{")), dropped_count=50)
+
+    said = steering.take(batch, 0) + steering.take(batch, 1)
+
+    assert [happening.priority for happening in said] == [Priority.LOW] * 3
+    assert len({happening.text for happening in said}) == 3
+    assert steering.refused_count == {
+        SetpointRefusal.FLOOD: 100,
+        SetpointRefusal.UNLEASED: 4,
+        SetpointRefusal.MALFORMED: 2,
+    }
+
+
+def test_leases_that_come_and_go_do_not_make_a_flood_of_events(steering):
+    said = []
+    for turn in range(200):
+        granted = steering.leases.acquire("pusher", None, None, turn)
+        said += steering.take(Batch((arrival(),)), turn)
+        assert granted.number == steering.lease
+        steering.stop()
+
+    refusals = [one for one in said if "wrong_lease" in one.text]
+    assert len(refusals) == TOLD_MAX
+
+
+def test_what_the_core_refuses_is_told_too(steering, make_record):
+    counts = [0] * len(SetpointRefusal)
+    steering.hear(record_with(make_record, 2, refused_count=tuple(counts)), 0)
+    counts[SetpointRefusal.STALE] = 3
+
+    said = steering.hear(record_with(make_record, 3, refused_count=tuple(counts)), 0)
+
+    assert [one.text.partition(":")[0] for one in said] == ["setpoint refused, stale"]
+
+
+def test_the_lease_lives_on_what_the_core_accepts_and_on_nothing_else(steering, make_record):
+    number = steering.leases.acquire("pusher", None, None, 0).number
+    for k in range(1, 10):
+        steering.take(Batch((arrival(lease=number, seq=k),)), k * 100 * MS)
+        steering.hear(record_with(make_record, k + 1, accepted_count=k), k * 100 * MS)
+        assert not steering.tick(k * 100 * MS)
+    assert [one.seq for one in steering.setpoints] == [9]
+
+    for k in range(10, 14):
+        steering.take(Batch((arrival(lease=number, seq=k),)), k * 100 * MS)
+        steering.hear(record_with(make_record, k + 1, accepted_count=9), k * 100 * MS)
+    (said,) = steering.tick(1400 * MS)
+
+    assert "the lease of pusher has ended" in said.text
+    assert (steering.lease, steering.setpoints) == (0, ())
+
+
+def test_a_lapse_is_of_medium_priority_and_names_the_holder(steering, make_record):
+    steering.leases.acquire("pusher", None, None, 0)
+    steering.hear(record_with(make_record, 2, accepted_count=1), 0)
+    lapsed = record_with(
+        make_record, 3, Mode.HOLD, accepted_count=1, lapse_count=1, lapse_reason="stale"
+    )
+
+    (said,) = steering.hear(lapsed, 0)
+
+    assert said.priority is Priority.MEDIUM
+    assert "assist of pusher lapsed: stale" in said.text
+    assert said.remedy
+
+
+@pytest.mark.parametrize("mode", [Mode.STOPPING, Mode.FAULT])
+def test_a_machine_that_was_stopped_has_no_holder(steering, make_record, mode):
+    steering.leases.acquire("pusher", None, None, 0)
+
+    (said,) = steering.hear(record_with(make_record, 2, mode), 0)
+
+    assert "stopped" in said.text
+    assert steering.lease == 0
+
+
+def test_a_stop_and_another_core_end_the_lease(steering):
+    for end in (steering.stop, lambda: steering.meet(LEGS)):
+        steering.leases.acquire("pusher", None, None, 0)
+        (said,) = end()
+        assert "the lease of pusher has ended" in said.text
+        assert steering.lease == 0
+        assert end() == []
