@@ -144,6 +144,7 @@ def estimate(view: View, seq: int) -> wire.Estimate:
         reference_slide_position_m=finite(leg.reference[1]),
         gait_phase_ratio=_phase(record),
         dt_s=finite(record.dt_s),
+        **_assist(leg, record),
     )
 
 
@@ -323,6 +324,17 @@ def _friction(view: View) -> dict[str, Any]:
         "hip_friction_nm_std": view.std[4],
         "slide_friction_n": view.state[5],
         "slide_friction_n_std": view.std[5],
+    }
+
+
+def _assist(leg: LegRecord, record: CycleRecord) -> dict[str, Any]:
+    told = {one.name: own for one, own in zip(record.legs, record.assist.legs, strict=False)}
+    own = told.get(leg.name)
+    return {
+        "hip_assist_nm": finite(own.assist[0]) if own else None,
+        "slide_assist_n": finite(own.assist[1]) if own else None,
+        "stiffness_ratio": finite(own.stiffness_ratio) if own else None,
+        "setpoint_seq": own.seq if own and own.seq >= 0 else None,
     }
 
 

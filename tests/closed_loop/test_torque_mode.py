@@ -1,5 +1,7 @@
 """Mode torque: a controller moves the leg under a lease, and whatever ends that ends in hold."""
 
+from itertools import pairwise
+
 import msgspec
 import numpy as np
 import pytest
@@ -16,6 +18,8 @@ AGE_CYCLES = 10
 START_CYCLES = 50
 STEP_NM, STEP_N = 2.6, 20.0
 """In one cycle: the rate of assist, and what the pose changes in g(q)."""
+BRAKE_STEP_NM, BRAKE_STEP_N = 6.0, 75.0
+"""In one cycle: the damper of hold, while the speed it wants falls by 15 rad/s^2 and 20 m/s^2."""
 
 
 def refused(session, reason):
@@ -37,6 +41,17 @@ def session():
 
 def records_since(session, cycle):
     return [record for record in session.lockstep.records if record.cycle > cycle]
+
+
+def steps_over_switches(records):
+    """Largest change of the target torque in the cycles in which a mode begins: N·m, N."""
+    switches = [(a, b) for a, b in pairwise(records) if a.mode != b.mode]
+    assert switches
+    steps = [
+        [abs(b.drives[k].target_effort_si - a.drives[k].target_effort_si) for k in (0, 1)]
+        for a, b in switches
+    ]
+    return np.max(steps, axis=0)
 
 
 def steps_of_torque(session, since=0):
@@ -75,7 +90,7 @@ def test_without_assist_the_leg_is_carried_and_stays(session):
 
 
 def test_torque_on_the_wire_has_no_step_from_hold_through_torque_to_hold(session):
-    begun = len(session.lockstep.bus.sent)
+    begun, cycle = len(session.lockstep.bus.sent), session.lockstep.record.cycle
     controller = in_torque(session, constant(hip_nm=14.0, slide_n=-110.0))
     session.lockstep.run(0.25)
     answer = session.lockstep.request(RequestKind.MODE, ModeRequest(Mode.HOLD))
@@ -86,10 +101,20 @@ def test_torque_on_the_wire_has_no_step_from_hold_through_torque_to_hold(session
     session.lockstep.run(1)
 
     assert answer.outcome == Outcome.DONE
+    records = records_since(session, cycle)
+    assert [a.mode for a, b in pairwise(records) if a.mode != b.mode] == [
+        Mode.HOLD,
+        Mode.TORQUE,
+        Mode.HOLD,
+        Mode.TORQUE,
+    ]
     assert session.lockstep.record.mode == Mode.HOLD
-    hip_nm, slide_n = steps_of_torque(session, begun)
+    hip_nm, slide_n = steps_over_switches(records)
     assert hip_nm < STEP_NM
     assert slide_n < STEP_N
+    hip_nm, slide_n = steps_of_torque(session, begun)
+    assert hip_nm < BRAKE_STEP_NM
+    assert slide_n < BRAKE_STEP_N
 
 
 def test_what_the_impedance_gave_fades_when_torque_begins(session):
@@ -107,7 +132,7 @@ def test_what_the_impedance_gave_fades_when_torque_begins(session):
     after_nm = session.lockstep.record.drives[0].target_effort_si
     assert abs(after_nm - before_nm) > 3
     hip_nm, slide_n = steps_of_torque(session, begun)
-    assert hip_nm < 0.1 * abs(after_nm - before_nm)
+    assert hip_nm < 0.15 * abs(after_nm - before_nm)
     assert slide_n < STEP_N
 
 
@@ -190,17 +215,17 @@ def test_a_stop_works_with_and_without_a_lease_and_ends_assist(session, leased):
     assert record.verdict.cause == Cause.STOP_REQUESTED
     assert records_since(session, cycle)[0].mode == Mode.STOPPING
     assert record.assist.legs[0].assist == (0.0, 0.0)
-    assert steps_of_torque(session, begun)[0] < STEP_NM
+    assert steps_of_torque(session, begun)[0] < BRAKE_STEP_NM
 
 
 def test_a_quick_stop_in_torque_is_one_of_both_axes(session):
     in_torque(session, constant(hip_nm=10.0))
     session.lockstep.run(0.1)
-    session.lockstep.core.axes[1].emergencies_seen -= 1
+    session.machine.command("hand_switch_open right/slide")
 
     session.lockstep.run(0.2)
 
-    assert session.lockstep.record.verdict.cause == Cause.EMERGENCY
+    assert session.lockstep.record.verdict.cause == Cause.HAND_SWITCH_OPEN
     assert set(words_by_cycle(session.lockstep.bus.sent)[-1].values()) == {QUICK_STOP_WORD}
     assert session.lockstep.record.assist.legs[0].assist == (0.0, 0.0)
 

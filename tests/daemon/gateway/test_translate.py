@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from daemon.gateway import translate
 from daemon.gateway.translate import Stamp
-from daemon.record import Cause, StopCategory, Verdict
+from daemon.record import AssistRecord, Cause, LegAssistRecord, StopCategory, Verdict
 from daemon.words import StatusBit, Validity
 
 STAMP = Stamp("boot-a", 7, 1_760_000_000_070_000_000)
@@ -190,3 +190,18 @@ def test_without_the_core_safety_says_nothing_but_that_it_is_not_valid():
     assert told["valid"] is False
     head = {"seq", "core_boot_id", "cycle", "sample_time_ns", "valid"}
     assert {value for key, value in told.items() if key not in head} == {None}
+
+
+def test_the_estimate_tells_a_controller_what_of_its_assist_is_in_force(make_record, make_leg):
+    legs = (make_leg(), make_leg(name="left"))
+    none = LegAssistRecord(-1, (0.0, 0.0), (0.0, 0.0), 1.0)
+    some = LegAssistRecord(41, (9.0, 0.0), (math.nan, -3.0), 0.5)
+    record = make_record(legs=legs, assist=AssistRecord(legs=(none, some)))
+
+    right, left = (translate.estimate(translate.look(leg, record, STAMP), 1) for leg in legs)
+    before = translate.estimate(translate.look(legs[0], make_record(), STAMP), 1)
+
+    assert (right.hip_assist_nm, right.stiffness_ratio, right.setpoint_seq) == (0.0, 1.0, None)
+    assert (left.hip_assist_nm, left.slide_assist_n) == (None, -3.0)
+    assert (left.stiffness_ratio, left.setpoint_seq) == (0.5, 41)
+    assert (before.hip_assist_nm, before.setpoint_seq) == (None, None)

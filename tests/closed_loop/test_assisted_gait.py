@@ -1,0 +1,136 @@
+"""A gait with impedance guidance under a controller: assist on top of it, and less stiffness."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from controllers import Controller, constant
+from sessions import Session, position_guidance
+
+from daemon.record import Cause, Mode
+from daemon.refusals import SetpointRefusal
+
+STIFFNESS_STEP = 0.01
+"""1 per second."""
+
+
+def walking(law):
+    session = Session()
+    session.walking(cadence_hz=0.25, warm_s=2)
+    return session, Controller(session.lockstep.gateway, law)
+
+
+def lag(records):
+    """Mean distance to the reference: rad, m."""
+    off = [np.subtract(one.legs[0].measured, one.legs[0].reference) for one in records]
+    return np.abs(off).mean(axis=0)
+
+
+def test_assist_adds_to_guidance_and_the_gait_goes_on():
+    session, controller = walking(constant(hip_nm=10.0))
+    session.lockstep.run(4)
+    pushed = session.lockstep.records[-400:]
+    controller.law = constant(hip_nm=-10.0)
+    session.lockstep.run(4.1)
+    pulled = session.lockstep.records[-400:]
+
+    record = session.lockstep.record
+    assert (record.mode, record.verdict.cause) == (Mode.GAIT, Cause.NONE)
+    ahead = [
+        np.mean([r.legs[0].measured[0] - r.legs[0].reference[0] for r in records])
+        for records in (pushed, pulled)
+    ]
+    # 20 N m between the two, on a spring of 300 N m/rad.
+    assert ahead[0] - ahead[1] == pytest.approx(20 / 300, rel=0.3)
+
+
+def test_a_stiffness_scale_softens_guidance_by_its_rate_and_is_given_back_the_same_way():
+    session, controller = walking(constant())
+    session.lockstep.run(4)
+    stiff = lag(session.lockstep.records[-400:])
+    controller.law = constant(stiffness_ratio=0.4)
+    session.lockstep.run(4.6)
+    soft = lag(session.lockstep.records[-400:])
+    assert session.lockstep.record.assist.legs[0].stiffness_ratio == pytest.approx(0.4)
+    controller.law = constant(stiffness_ratio=1.0)
+    session.lockstep.run(0.7)
+
+    assert session.lockstep.record.mode == Mode.GAIT
+    assert soft[0] > 1.5 * stiff[0]
+    ratios = [record.assist.legs[0].stiffness_ratio for record in session.lockstep.records]
+    assert ratios[-1] == pytest.approx(1.0)
+    assert np.abs(np.diff(ratios)).max() <= STIFFNESS_STEP * 1.001
+
+
+@pytest.mark.parametrize("law", [constant(hip_nm=8.0), constant(stiffness_ratio=0.3)])
+@pytest.mark.parametrize("how", ["hangs", "lease ends"])
+def test_a_gait_under_a_controller_that_is_gone_brakes_where_the_leg_is_and_holds(law, how):
+    session, controller = walking(law)
+    session.lockstep.run(1)
+    if how == "hangs":
+        controller.running = False
+    else:
+        session.lockstep.gateway.end_lease()
+
+    held = session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=0.3)
+    records = session.lockstep.records
+    session.lockstep.run(1)
+
+    record = session.lockstep.record
+    assert (record.mode, record.verdict.cause) == (Mode.HOLD, Cause.NONE)
+    assert record.assist.lapse_count == 1
+    assert (record.assist.legs[0].assist, record.assist.legs[0].stiffness_ratio) == (
+        (0.0, 0.0),
+        pytest.approx(1.0),
+    )
+    for drive, was in zip(record.drives, held.drives, strict=True):
+        assert abs(drive.velocity_si) < 0.03
+        assert abs(drive.position_si - was.position_si) < 0.15
+    before, after = next(
+        (a, b) for a, b in pairwise(records) if (a.mode, b.mode) == (Mode.GAIT, Mode.HOLD)
+    )
+    for was, now, small in zip(before.drives, after.drives, (0.5, 5.0), strict=True):
+        assert abs(now.target_effort_si - was.target_effort_si) < small
+
+
+@pytest.mark.parametrize("ever", [False, True])
+def test_a_gait_in_which_nothing_is_in_force_does_not_care_about_leases(ever):
+    session, controller = walking(constant(hip_nm=5.0) if ever else constant())
+    session.lockstep.run(1)
+    controller.law = constant()
+    session.lockstep.run(0.2)
+    session.lockstep.gateway.end_lease()
+    controller.running = False
+
+    session.lockstep.run(2)
+
+    record = session.lockstep.record
+    assert (record.mode, record.assist.lapse_count) == (Mode.GAIT, 0)
+
+
+def test_the_end_of_a_gait_ends_its_assist_without_a_lapse():
+    session, controller = walking(constant(hip_nm=5.0, stiffness_ratio=0.5))
+    session.lockstep.run(1)
+    plan = session.lockstep.core.legs[0].plan
+    assert controller.running
+    session.lockstep.core.legs[0].plan = replace(plan, duration_s=0.0)
+    session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=8)
+    session.lockstep.run(0.5)
+
+    record = session.lockstep.record
+    assert record.assist.lapse_count == 0
+    assert record.assist.legs[0].assist == (0.0, 0.0)
+    assert record.assist.legs[0].stiffness_ratio == pytest.approx(1.0)
+
+
+def test_with_position_guidance_assist_in_a_gait_is_refused_and_the_gait_goes_on(tmp_path):
+    session = Session(position_guidance(tmp_path)).walking(warm_s=1)
+    Controller(session.lockstep.gateway, constant(hip_nm=5.0))
+
+    session.lockstep.run(0.5)
+
+    record = session.lockstep.record
+    assert record.mode == Mode.GAIT
+    assert record.assist.refused_count[SetpointRefusal.GUIDANCE_IS_POSITION] >= 49
+    assert record.assist.legs[0].assist == (0.0, 0.0)
