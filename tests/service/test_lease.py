@@ -1,0 +1,183 @@
+"""A controller as a process of its own: it steers, it dies, and a flood of strangers harms nobody."""
+
+import contextlib
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+from processes import MEMORY, Service
+
+from daemon.record import Cause, Mode
+from daemon.refusals import SetpointRefusal
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "control_by_others.md"
+TRIES = 3
+"""A machine that stalls for 100 ms makes the drives stop, rightly; here it is only in the way."""
+
+
+def controller_of_the_document() -> str:
+    text = DOCUMENT.read_text().partition("<!-- controller: begin -->\n```python\n")[2]
+    return text.partition("```\n<!-- controller: end -->")[0]
+
+
+FLOOD = """
+import json, sys, time, zenoh
+config = zenoh.Config()
+config.insert_json5("mode", '"client"')
+config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
+config.insert_json5("scouting/multicast/enabled", "false")
+good = {"lease": 4711, "for_cycle": 1, "hip_assist_nm": 20.0, "slide_assist_n": 150.0}
+with zenoh.open(config) as session:
+    publisher = session.declare_publisher("gaitd/trainer/right/setpoint")
+    print("begun", flush=True)
+    seq, begun = 0, time.monotonic()
+    while (elapsed := time.monotonic() - begun) < float(sys.argv[2]):
+        while seq < 10_000 * elapsed:
+            seq += 1
+            publisher.put(json.dumps({**good, "seq": seq}))
+        time.sleep(0.001)
+    print(seq)
+"""
+
+
+class Bench:
+    def __init__(self, service: Service) -> None:
+        self.service = service
+        self.clients: list[subprocess.Popen[str]] = []
+
+    def run(self, code: str, seconds: float) -> subprocess.Popen[str]:
+        endpoint = f"tcp/127.0.0.1:{self.service.zenoh_port}"
+        self.clients.append(
+            subprocess.Popen(
+                [sys.executable, "-I", "-c", code, endpoint, str(seconds)],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+        )
+        return self.clients[-1]
+
+    def enable(self) -> None:
+        service = self.service
+        for _ in range(TRIES):
+            service.until(lambda record: record.mode in {Mode.READY, Mode.FAULT, Mode.HOLD}, 40)
+            if service.newest().mode == Mode.FAULT:
+                service.wait(lambda: service.ask("reset").returncode == 0, 20)
+            if service.newest().mode == Mode.HOLD or service.ask("enable").returncode == 0:
+                return
+        raise AssertionError(f"never enabled: {service.newest().verdict}")
+
+    def steering(self, seconds: float = 60.0) -> subprocess.Popen[str]:
+        """The document's controller, its assist in force."""
+        for _ in range(TRIES):
+            self.enable()
+            client = self.run(controller_of_the_document(), seconds)
+            self.service.wait(
+                lambda client=client: client.poll() is not None or self.assist_nm() > 0.1, 20
+            )
+            if client.poll() is None:
+                return client
+        raise AssertionError(f"never steered: {self.clients[-1].communicate()}")
+
+    def assist_nm(self) -> float:
+        record = self.service.newest()
+        return record.assist.legs[0].assist[0] if record.mode == Mode.TORQUE else 0.0
+
+    def status(self) -> dict:
+        return json.loads(self.service.ask("status", "--json").stdout)
+
+    def end(self) -> None:
+        for client in self.clients:
+            client.kill()
+            client.communicate()
+
+
+@pytest.fixture
+def bench():
+    with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as folder:
+        service = Service(Path(folder))
+        with contextlib.closing(_Closing(service)):
+            made = Bench(service.start_all())
+            yield made
+            made.end()
+
+
+class _Closing:
+    def __init__(self, service: Service) -> None:
+        self.close = service.end
+
+
+def test_the_controller_of_the_document_steers_and_leaves_a_leg_that_is_held(bench):
+    client = bench.steering(12.0)
+    steering = bench.status()
+    screen = bench.service.ask("status").stdout
+    said, trouble = client.communicate(timeout=30)
+
+    assert client.returncode == 0, trouble
+    assert json.loads(said)["mode"] == "torque"
+    assert json.loads(said)["setpoint_seq"] > 10
+    assert steering["safety"]["lease_holder"] == "example controller"
+    assert "held by example controller" in screen
+    record = bench.service.until(lambda record: record.mode != Mode.TORQUE)
+    assert (record.mode, record.verdict.cause) == (Mode.HOLD, Cause.NONE)
+    assert record.assist.lapse_count == 0
+    assert bench.status()["safety"]["lease_holder"] is None
+
+
+def test_a_controller_that_is_killed_leaves_a_leg_that_is_braked_and_held(bench):
+    client = bench.steering()
+
+    client.kill()
+    held = bench.service.until(lambda record: record.mode != Mode.TORQUE, 10)
+    bench.service.wait(lambda: bench.status()["safety"]["lease_holder"] is None, 10)
+    time.sleep(0.5)
+
+    record = bench.service.newest()
+    assert (record.mode, record.verdict.cause) == (Mode.HOLD, Cause.NONE)
+    assert held.assist.lapse_reason
+    assert record.assist.legs[0].assist == (0.0, 0.0)
+    assert all(abs(drive.velocity_si) < 0.05 for drive in record.drives)
+    (lapse,) = [one for one in bench.status()["events"] if "lapsed: " in one["text"]]
+    assert lapse["priority"] == "medium"
+    assert "example controller" in lapse["text"]
+
+
+def test_a_stop_is_for_everybody_while_a_controller_steers(bench):
+    bench.steering()
+
+    stopped = bench.service.ask("stop")
+    record = bench.service.until(lambda record: record.mode == Mode.FAULT, 10)
+
+    assert stopped.returncode == 0
+    assert record.verdict.cause == Cause.STOP_REQUESTED
+    assert bench.status()["safety"]["lease_holder"] is None
+
+
+FLOOD_S = 4.0
+
+
+def test_a_flood_of_setpoints_disturbs_neither_core_nor_gateway_nor_who_steers(bench):
+    bench.steering()
+    seqs = [bench.service.newest().seq]
+    overruns = [bench.service.newest().timing.overrun_count]
+    for flooding in (False, True):
+        flood = bench.run(FLOOD if flooding else "import time; time.sleep(4)", FLOOD_S)
+        sent = int(flood.communicate(timeout=60)[0].split()[-1]) if flooding else flood.wait(60)
+        seqs.append(bench.service.newest().seq)
+        overruns.append(bench.service.newest().timing.overrun_count)
+    counts = bench.service.newest().assist.refused_count
+
+    quiet, loud = overruns[1] - overruns[0], overruns[2] - overruns[1]
+    assert sent > 1000
+    assert loud <= quiet + 0.02 * (seqs[2] - seqs[1])
+    assert bench.service.newest().mode == Mode.TORQUE
+    assert bench.status()["safety"]["lease_holder"] == "example controller"
+    # None of it came as far as the core.
+    assert counts[SetpointRefusal.WRONG_LEASE] == 0
+    texts = [event["text"] for event in bench.status()["events"]]
+    assert sum("setpoint refused" in text for text in texts) <= 3
+    assert any("flood" in text for text in texts)
