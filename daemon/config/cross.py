@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 from daemon.causes import CHOSEN_CATEGORY, DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
 from daemon.config.axes import cycle_settings, effort_per_motor_nm
 from daemon.config.bundle import LegDrives, Settings
+from daemon.config.cross_assist import ASSIST_CHECKS
 from daemon.config.cross_drives import DRIVE_CHECKS
 from daemon.config.cross_motion import MOTION_CHECKS
 from daemon.config.limit_settings import HipLimits, SlideLimits
@@ -82,7 +83,7 @@ def check_together(settings: Settings) -> None:
     Raises:
         ConfigError: the first thing that does not fit.
     """
-    for check in (*CHECKS, *DRIVE_CHECKS, *MOTION_CHECKS):
+    for check in (*CHECKS, *ASSIST_CHECKS, *DRIVE_CHECKS, *MOTION_CHECKS):
         check(settings)
 
 

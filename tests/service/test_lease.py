@@ -1,4 +1,4 @@
-"""A controller as a process of its own: it steers, it dies, and a flood of strangers harms nobody."""
+"""A controller in its own process: it steers, it dies, and a flood of strangers harms nobody."""
 
 import contextlib
 import json
