@@ -1,8 +1,9 @@
 """The service: two processes, the seam between them, configuration and the wire contract.
 
-Reading order: `record.py` (the words for everything), `core/` (the cycle), `seam.py` (ring and
-sockets), `holding.py` (one process for each directory), `gateway/` (Zenoh), `wire.py` with
-`words.py`, `leg_messages.py` and `health_messages.py` (what programs outside rely on), `config/`,
+Reading order: `record.py` and `assist_record.py` (the words for everything), `core/` (the cycle),
+`seam.py` (ring and sockets), `holding.py` (one process for each directory), `gateway/` (Zenoh),
+`wire.py` with `words.py`, `leg_messages.py` and `health_messages.py` (what programs outside rely
+on), `config/`,
 `causes.py` (each stop in words, and its category), `refusals.py` (why a setpoint is refused),
 `notes_file.py` (what outlives a restart), `clock.py` and `sd_notify.py`.
 """

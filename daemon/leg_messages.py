@@ -100,10 +100,10 @@ class Estimate(Estimated, frozen=True, kw_only=True):
     reference_slide_position_m: SlidePosition
     gait_phase_ratio: Phase
     dt_s: Annotated[float | None, Meta(description="True time since the SYNC before.")]
-    hip_assist_nm: Annotated[
+    assist_hip_nm: Annotated[
         float | None, Meta(description="A controller's assist in force, bounded; 0: none.")
     ]
-    slide_assist_n: Annotated[
+    assist_slide_n: Annotated[
         float | None, Meta(description="A controller's assist in force, bounded; 0: none.")
     ]
     stiffness_ratio: Annotated[

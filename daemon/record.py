@@ -13,6 +13,8 @@ from typing import Final
 
 import msgspec
 
+from daemon.assist_record import AssistRecord
+
 STATE_COUNT: Final = 8
 """Of the observer: two positions, two velocities, two frictions, two disturbances."""
 
@@ -325,33 +327,6 @@ class LegRecord(msgspec.Struct, frozen=True, array_like=True):
     friction_error: tuple[float, float] = (float("nan"), float("nan"))
     """By how much friction seems higher than its law, if there is no patient: N·m, N."""
     stride: StrideRecord | None = None
-
-
-class LegAssistRecord(msgspec.Struct, frozen=True, array_like=True):
-    """What a controller has in force on one leg in one cycle."""
-
-    seq: int
-    """Of the newest setpoint that counts; -1: none under the lease that is held."""
-    wanted: tuple[float, float]
-    """Of that setpoint: N·m, N."""
-    assist: tuple[float, float]
-    """In force, inside limit, rate and power: N·m, N."""
-    stiffness_ratio: float
-    """In force, of what guidance is configured with."""
-
-
-class AssistRecord(msgspec.Struct, frozen=True, array_like=True):
-    """Setpoints and assist in one cycle; counts since the core's start. The lease is a secret."""
-
-    legs: tuple[LegAssistRecord, ...] = ()
-    """In the order of `CycleRecord.legs`."""
-    accepted_count: int = 0
-    refused_count: tuple[int, ...] = ()
-    """By the core, in the order of `daemon.refusals.SetpointRefusal`."""
-    lapse_count: int = 0
-    """Times that assist ended because of its lease or of stale setpoints."""
-    lapse_reason: str = ""
-    """Of the newest."""
 
 
 class CycleTiming(msgspec.Struct, frozen=True, array_like=True):

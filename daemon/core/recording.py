@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from daemon.assist_record import AssistRecord, LegAssistRecord
 from daemon.core import conduct
 from daemon.core.assist import wanted_si
 from daemon.core.looking_back import stride_record
@@ -10,11 +11,9 @@ from daemon.core.state import Axis, Core, Leg
 from daemon.core.tick import Tick
 from daemon.record import (
     STATE_COUNT,
-    AssistRecord,
     CycleRecord,
     DriveRecord,
     EmergencyRecord,
-    LegAssistRecord,
     LegRecord,
 )
 from drives.emcy import is_alarm

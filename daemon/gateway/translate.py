@@ -331,8 +331,8 @@ def _assist(leg: LegRecord, record: CycleRecord) -> dict[str, Any]:
     told = {one.name: own for one, own in zip(record.legs, record.assist.legs, strict=False)}
     own = told.get(leg.name)
     return {
-        "hip_assist_nm": finite(own.assist[0]) if own else None,
-        "slide_assist_n": finite(own.assist[1]) if own else None,
+        "assist_hip_nm": finite(own.assist[0]) if own else None,
+        "assist_slide_n": finite(own.assist[1]) if own else None,
         "stiffness_ratio": finite(own.stiffness_ratio) if own else None,
         "setpoint_seq": own.seq if own and own.seq >= 0 else None,
     }

@@ -8,6 +8,7 @@ import threading
 import msgspec
 import pytest
 
+from daemon.assist_record import AssistRecord
 from daemon.config.settings import Lease
 from daemon.gateway.events import Priority
 from daemon.gateway.lease import LeaseDesk
@@ -23,7 +24,7 @@ from daemon.gateway.setpoints import (
     SetpointDesk,
 )
 from daemon.gateway.steering import TOLD_MAX, Steering
-from daemon.record import AssistRecord, Mode
+from daemon.record import Mode
 from daemon.refusals import SetpointRefusal
 
 LEGS = ("right", "left")

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from daemon.assist_record import AssistRecord, LegAssistRecord
 from daemon.gateway import translate
 from daemon.gateway.translate import Stamp
-from daemon.record import AssistRecord, Cause, LegAssistRecord, StopCategory, Verdict
+from daemon.record import Cause, StopCategory, Verdict
 from daemon.words import StatusBit, Validity
 
 STAMP = Stamp("boot-a", 7, 1_760_000_000_070_000_000)
@@ -201,7 +202,7 @@ def test_the_estimate_tells_a_controller_what_of_its_assist_is_in_force(make_rec
     right, left = (translate.estimate(translate.look(leg, record, STAMP), 1) for leg in legs)
     before = translate.estimate(translate.look(legs[0], make_record(), STAMP), 1)
 
-    assert (right.hip_assist_nm, right.stiffness_ratio, right.setpoint_seq) == (0.0, 1.0, None)
-    assert (left.hip_assist_nm, left.slide_assist_n) == (None, -3.0)
+    assert (right.assist_hip_nm, right.stiffness_ratio, right.setpoint_seq) == (0.0, 1.0, None)
+    assert (left.assist_hip_nm, left.assist_slide_n) == (None, -3.0)
     assert (left.stiffness_ratio, left.setpoint_seq) == (0.5, 41)
-    assert (before.hip_assist_nm, before.setpoint_seq) == (None, None)
+    assert (before.assist_hip_nm, before.setpoint_seq) == (None, None)
