@@ -208,6 +208,12 @@ _NUMBERS: Final = (
         of_an_axis=False,
     ),
     Fault(
+        "observer_nan_stays",
+        "the observer's state is no number, again and again",
+        kinds.observer_lost(),
+        of_an_axis=False,
+    ),
+    Fault(
         "nan_setpoint",
         "a controller's setpoints are no numbers",
         kinds.levels(kinds.nan_setpoint),

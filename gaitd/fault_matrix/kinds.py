@@ -367,6 +367,31 @@ def observer_state(value: float) -> Play:
     return Play(begin, nothing)
 
 
+RUIN_NS: Final = 5 * MS
+
+
+def observer_lost() -> Play:
+    """Whatever the observer begins anew is no number again before the next cycle."""
+
+    def begin(scene: Scene, axis: str) -> None:
+        ruin = observer_state(NAN)
+        ruined = True
+
+        def again() -> None:
+            if ruined:
+                ruin.begin(scene, axis)
+                scene.bench.bus.at(scene.bench.world_ns + RUIN_NS, again)
+
+        def leave() -> None:
+            nonlocal ruined
+            ruined = False
+
+        scene.undo.append(leave)
+        again()
+
+    return Play(begin, _undo)
+
+
 def out_of_memory() -> Play:
     """One allocation in a cycle fails."""
 
