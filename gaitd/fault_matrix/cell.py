@@ -7,7 +7,7 @@ ended with a bug is started anew when the fault is over, as systemd does.
 import math
 import random
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 
@@ -24,10 +24,19 @@ from gaitd.fault_matrix.watch import AXES, CYCLE_NS, Told, Watch
 NS_PER_S: Final = 1_000_000_000
 AFTERWARDS_S: Final = 1.2
 """After the fault has gone away."""
-REACTION_S: Final = 1.8
-"""At least so long is watched while the fault lasts."""
+WATCHED_S: Final = 2.0
+"""At least, from the fault on."""
 ALIVE_CYCLES: Final = 3
 """Of the drives by themselves, together: their own watches over us are as exact as this."""
+
+
+class Cell(NamedTuple):
+    """One cell by its names."""
+
+    fault: str
+    mode: str
+    axis: str
+    """Empty for a fault that is of no axis."""
 
 
 class Found(msgspec.Struct, frozen=True, kw_only=True):
@@ -67,6 +76,11 @@ class Found(msgspec.Struct, frozen=True, kw_only=True):
     exit_code: int | None = None
     trouble: str = ""
     """An exception: our own bug, or the matrix's."""
+
+    @property
+    def cell(self) -> Cell:
+        """Which one it is."""
+        return Cell(self.fault, self.mode, self.axis)
 
 
 class _OverError(BaseException):
@@ -109,7 +123,7 @@ class _Show:
         """Put begin and end on the agenda."""
         self._begun_ns = begun_ns
         self._gone_ns = begun_ns + round(self._fault.lasts_s * NS_PER_S)
-        watched_s = max(self._fault.lasts_s, REACTION_S) + AFTERWARDS_S
+        watched_s = max(self._fault.lasts_s + AFTERWARDS_S, WATCHED_S)
         self._end_ns = begun_ns + round(watched_s * NS_PER_S)
         self._bench.bus.at(self._begun_ns, self._begin)
         self._bench.bus.at(self._gone_ns, self._end)

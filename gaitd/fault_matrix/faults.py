@@ -11,7 +11,8 @@ from typing import Final
 from gaitd.fault_matrix import kinds
 from gaitd.fault_matrix.kinds import MS, Play
 
-LASTS_S: Final = 1.8
+LASTS_S: Final = 1.4
+EMERGENCY_LASTS_S: Final = 0.6
 HOUR_NS: Final = 3_600_000 * MS
 
 
@@ -52,16 +53,19 @@ def _emergencies() -> Iterator[Fault]:
             f"emcy_{error_class:x}xxx_fault",
             f"EMCY {code:04X}h ({text}), and the drive goes into fault",
             kinds.machine(f"emcy {{}} - {code:#06x}"),
+            lasts_s=EMERGENCY_LASTS_S,
         )
         yield Fault(
             f"emcy_{error_class:x}xxx_told",
             f"EMCY {code:04X}h ({text}), and the drive goes on as if nothing were amiss",
             kinds.machine(f"emcy_warning {{}} - {code:#06x}"),
+            lasts_s=EMERGENCY_LASTS_S,
         )
     yield Fault(
         "emcy_warning",
         f"EMCY {WARNING_CODE:04X}h, which its maker calls a warning",
         kinds.machine(f"emcy_warning {{}} - {WARNING_CODE:#06x}"),
+        lasts_s=EMERGENCY_LASTS_S,
     )
 
 
@@ -179,6 +183,7 @@ _MECHANICS: Final = (
         "the patient contracts hard against the motion",
         kinds.patient("spasm"),
         of_an_axis=False,
+        lasts_s=2.2,
     ),
     Fault("limit_switch", "the limit switch ahead of the joint closes", kinds.limit_switch_ahead()),
     Fault(

@@ -14,12 +14,12 @@ import traceback
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import msgspec
 
 from gaitd.fault_matrix.bench import Bench
-from gaitd.fault_matrix.cell import Found, play
+from gaitd.fault_matrix.cell import Cell, Found, play
 from gaitd.fault_matrix.faults import FAULTS, Fault
 from gaitd.fault_matrix.modes import COLUMNS, Column
 from gaitd.fault_matrix.watch import AXES
@@ -28,15 +28,6 @@ CELL_MAX_S: Final = 120
 """Of real time; a cell that takes longer hangs."""
 PART_COUNT: Final = 60
 """Cells of one part: one session is warmed up for each."""
-
-
-class Cell(NamedTuple):
-    """One cell by its names."""
-
-    fault: str
-    mode: str
-    axis: str
-    """Empty for a fault that is of no axis."""
 
 
 def cells(faults: Sequence[str] = (), modes: Sequence[str] = (), axis: str = "") -> list[Cell]:

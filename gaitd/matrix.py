@@ -1,0 +1,125 @@
+"""`gaitd matrix`: every fault in every mode on both axes, in lock-step, judged and written down."""
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from gaitd.fault_matrix.cell import Cell, Found
+
+JOBS_MAX = 2
+
+
+def command(
+    config: Annotated[
+        Path | None, typer.Option(help="trainer file; by default configs/demo.toml", dir_okay=False)
+    ] = None,
+    fault: Annotated[list[str] | None, typer.Option(help="only this row; more than once")] = None,
+    mode: Annotated[list[str] | None, typer.Option(help="only this column; more than once")] = None,
+    axis: Annotated[str, typer.Option(help="only this axis: right/hip or right/slide")] = "",
+    seed: Annotated[int, typer.Option(min=0, help="of all that is random")] = 1,
+    output: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="write page and picture there", file_okay=False),
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="processes at the same time")] = JOBS_MAX,
+    json: Annotated[bool, typer.Option("--json", help="every cell as one JSON object")] = False,
+) -> None:
+    """Play the cells and judge them. Exit 0 only if each of them keeps every law, else 1."""
+    from gaitd.fault_matrix.judgement import broken
+    from gaitd.fault_matrix.page import command as again
+    from gaitd.fault_matrix.run import cells
+    from gaitd.places import configs_folder
+
+    _check_names(fault or [], mode or [], axis)
+    wanted = cells(fault or (), mode or (), axis)
+    if output is not None and wanted != cells():
+        raise typer.BadParameter("a page needs all faults, modes and axes", param_hint="--output")
+    trainer = config or configs_folder("--config", "demo.toml") / "demo.toml"
+    found = _played(trainer, wanted, seed, min(jobs, os.cpu_count() or 1))
+    bad = [(one, reasons) for one in found if (reasons := broken(one))]
+    if json:
+        _print_json(found)
+    elif len(found) < SHOWN_MAX:
+        _print_cells(found)
+    if output is not None:
+        _write(found, output)
+    for one, reasons in bad:
+        print(f"{again(one)}: {'; '.join(reasons)}", file=sys.stderr)
+    print(f"{len(found)} cells, {len(bad)} of them break a law", file=sys.stderr)
+    raise typer.Exit(1 if bad else 0)
+
+
+SHOWN_MAX = 200
+"""More cells than these are for a page."""
+
+
+def _check_names(faults: list[str], modes: list[str], axis: str) -> None:
+    from gaitd.fault_matrix.faults import FAULTS
+    from gaitd.fault_matrix.modes import COLUMNS
+    from gaitd.fault_matrix.watch import AXES
+
+    for option, names, known in (
+        ("--fault", faults, tuple(FAULTS)),
+        ("--mode", modes, tuple(COLUMNS)),
+        ("--axis", [axis] if axis else [], AXES),
+    ):
+        for name in names:
+            if name not in known:
+                raise typer.BadParameter(
+                    f"{name!r}, known are: {', '.join(known)}", param_hint=option
+                )
+
+
+def _played(trainer: Path, wanted: "list[Cell]", seed: int, jobs: int) -> "list[Found]":
+    """All cells in the order asked for; on a terminal with its progress."""
+    from rich.console import Console
+    from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
+
+    from gaitd.fault_matrix.run import run
+
+    columns = (*Progress.get_default_columns(), MofNCompleteColumn(), TimeElapsedColumn())
+    found: list[Found] = []
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("cells", total=len(wanted))
+        for part in run(trainer, wanted, seed, jobs):
+            found += part
+            progress.advance(task, len(part))
+    place = {cell: number for number, cell in enumerate(wanted)}
+    return sorted(found, key=lambda one: place[one.cell])
+
+
+def _print_json(found: "list[Found]") -> None:
+    import msgspec
+
+    from gaitd.fault_matrix.judgement import broken
+    from gaitd.fault_matrix.page import command as again
+
+    for one in found:
+        line = {**msgspec.to_builtins(one), "broken": broken(one), "command": again(one)}
+        print(msgspec.json.encode(line).decode())
+
+
+def _print_cells(found: "list[Found]") -> None:
+    from gaitd.check import Section, plain, print_tables
+    from gaitd.fault_matrix.page import entry
+
+    rows = tuple((one.fault, one.mode, one.axis or "both", entry([one])) for one in found)
+    section = Section("Fault matrix", ("fault", "mode", "axis", "what it did"), rows)
+    if sys.stdout.isatty():
+        print_tables((section,))
+    else:
+        print(plain(section))
+
+
+def _write(found: "list[Found]", output: Path) -> None:
+    from gaitd.fault_matrix import heat_map
+    from gaitd.fault_matrix.page import PAGE, PICTURE, page
+
+    output.mkdir(parents=True, exist_ok=True)
+    (output / PAGE).write_text(page(found), encoding="utf-8")
+    heat_map.draw(found, output / PICTURE)
+    print(f"{output / PAGE}, {output / PICTURE}", file=sys.stderr)
