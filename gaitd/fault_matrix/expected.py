@@ -53,8 +53,8 @@ class Law:
     """To the frame that stops the last axis; None: no bound but that it stops."""
     by_drives: bool = False
     """Nothing can be sent: the drives stop by themselves, within DETECTION_CYCLES."""
-    comes_to_rest: bool = True
-    """Where false the leg has no power and somebody works on it."""
+    may_go_on: bool = False
+    """It stops if it can be seen, and here it may be that nothing shows it."""
     resting: Resting = Resting.UNTOUCHED
     exit_code: int | None = None
     why: str = ""
@@ -186,10 +186,16 @@ ROWS: Final[Mapping[str, Law]] = MappingProxyType(
         "queue_full": replace(
             _ALONE,
             causes=frozenset({Cause.TRANSMIT_QUEUE_FULL, *LOST}),
-            resting=Resting.LOST,
+            later=frozenset({Cause.BUS_DOWN, Cause.DRIVE_FAULT, Cause.EMERGENCY}),
+            resting=Resting.EITHER,
         ),
         "queue_full_once": goes_on("one command is lost, the next one is in time"),
-        "adapter_gone": replace(_ALONE, causes=frozenset({Cause.BUS_DOWN}), resting=Resting.LOST),
+        "adapter_gone": replace(
+            _ALONE,
+            causes=frozenset({Cause.BUS_DOWN}),
+            later=frozenset({Cause.DRIVE_FAULT, *LOST}),
+            resting=Resting.EITHER,
+        ),
         "sync_late_2ms": goes_on("the answers still come inside the window"),
         "sync_late_6ms": _SILENT,
         "encoder_frozen": _STUCK,
@@ -208,7 +214,13 @@ ROWS: Final[Mapping[str, Law]] = MappingProxyType(
         "limit_switch": stops(Cause.LIMIT_SWITCH, within=AT_ONCE),
         "hand_switch": stops(Cause.HAND_SWITCH_OPEN, within=AT_ONCE),
         "sto": stops(
-            Cause.STO_ACTIVE, Cause.EMERGENCY, by=(S0, S1), within=AT_ONCE, resting=Resting.FAULTY
+            Cause.STO_ACTIVE,
+            Cause.EMERGENCY,
+            by=(S0, S1),
+            within=AT_ONCE,
+            resting=Resting.FAULTY,
+            later=(Cause.DRIVE_FAULT,),
+        ), within=AT_ONCE, resting=Resting.FAULTY
         ),
         "deaf_to_quick_stop": stops(
             Cause.HAND_SWITCH_OPEN, within=AT_ONCE, later=(Cause.STOP_NOT_OBEYED,)
@@ -227,7 +239,7 @@ ROWS: Final[Mapping[str, Law]] = MappingProxyType(
         ),
         "utc_forth": goes_on("no decision is made by the wall clock"),
         "utc_back": goes_on("no decision is made by the wall clock"),
-        "suspended": _ALONE,
+        "suspended": replace(_ALONE, resting=Resting.EITHER),
         "overrun_1": goes_on("below the count that stops"),
         "overrun_3": goes_on("below the count that stops"),
         "overrun_6": stops(Cause.CYCLE_OVERRUN, within=9.0),
@@ -245,7 +257,7 @@ ROWS: Final[Mapping[str, Law]] = MappingProxyType(
             why="down is no stop; the way up again is: any increase stops",
         ),
         "core_35ms": goes_on("below the count that stops, and below what the drives wait for"),
-        "core_2s": _ALONE,
+        "core_2s": replace(_ALONE, resting=Resting.EITHER),
         "core_sigterm": replace(
             stops(Cause.SHUTDOWN, within=3.0, resting=Resting.EITHER), exit_code=ExitCode.ENDED
         ),
@@ -256,7 +268,30 @@ ROWS: Final[Mapping[str, Law]] = MappingProxyType(
     }
 )
 
-EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType({})
+def _unseen(fault: str, why: str) -> Law:
+    return replace(ROWS[fault], may_go_on=True, why=why)
+
+
+_AT_REST: Final = "the joint stands: it would give the same counts anyway, until it has to move"
+
+EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
+    {
+        **{
+            (fault, "hold", ""): _unseen(fault, _AT_REST)
+            for fault in (
+                "encoder_frozen",
+                "encoder_reversed",
+                "wrong_sign",
+                "blocked_rotor",
+                "brake_stuck",
+            )
+        },
+        ("limit_switch", "hold", ""): _unseen(
+            "limit_switch", "the joint stands: a switch stops what moves on to it, never away"
+        ),
+        ("spasm", "hold", ""): _unseen("spasm", "the pose is held against it, within the limits"),
+    }
+)
 """(fault, mode, axis): axis empty for both."""
 
 

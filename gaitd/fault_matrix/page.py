@@ -29,29 +29,29 @@ TABLES: Final = (
 
 _HEAD: Final = """# Fault matrix
 
-Made by `gaitd matrix --output docs` (seed {seed}); do not edit. The real loop, its drives' frames and
-a plant with a patient in lock-step: each fault in each mode on each axis. `gaitd matrix --fault NAME
---mode NAME` plays one cell again, bit for bit the same. {count} cells; {open_count} of them break a law
-today (last section).
+Made by `gaitd matrix --output docs` (seed {seed}); do not edit. The real loop, its drives' frames
+and a plant with a patient in lock-step: each fault in each mode on each axis. `gaitd matrix
+--fault NAME --mode NAME` plays one cell again, bit for bit the same. {count} cells; {open_count}
+of them break a law today (last section).
 
 ![Reaction by fault and mode](fault_matrix.png)
 
 ## How to read it
 
-- A stop: *CAUSE category · reaction · hip, slide*. The reaction is in cycles of 10 ms from the moment
-  of the fault, anywhere in a cycle, to the frame that tells the last of both axes to stop; `drives 9.1`
-  where no frame could be sent: to the moment at which the last drive has left operation enabled by
-  itself. Hip and slide are the farthest that each joint got from where it was when the fault began,
-  until both rest: in the truth of the plant, not as the service saw it. `no rest` is a leg that has no
-  power and on which the patient goes on working.
-- *goes on* is right where nothing need stop. A mode in capitals is where a machine that drives nothing
-  ended, with the cause that it told.
+- A stop: *CAUSE category · reaction · hip, slide*. The reaction is in cycles of 10 ms from the
+  moment of the fault, anywhere in a cycle, to the frame that tells the last of both axes to stop;
+  `drives 9.1` where no frame could be sent: to the moment at which the last drive has left
+  operation enabled by itself. Hip and slide are the farthest that each joint got from where it
+  was when the fault began, until both rest: in the truth of the plant, not as the service saw it.
+  `no rest` is a leg that has no power and on which the patient goes on working.
+- *goes on* is right where nothing need stop. A mode in capitals is where a machine that drives
+  nothing ended, with the cause that it told.
 - Where both axes do the same, the larger numbers of the two are given; else each has its line.
-- Categories: S2 the core brakes and holds, S1 quick stop by the drives, S0 no voltage. A cause of one
-  axis' feedback is S0 for it and S1 for the other.
-- Every cell is held to the laws at the head of `gaitd/fault_matrix/judgement.py`: nothing is enabled
-  again when the fault has gone, both axes are told between the same two SYNCs, the cause is right,
-  the leg comes to rest inside its mechanical stops, what need not stop goes on.
+- Categories: S2 the core brakes and holds, S1 quick stop by the drives, S0 no voltage. A cause of
+  one axis' feedback is S0 for it and S1 for the other.
+- Every cell is held to the laws at the head of `gaitd/fault_matrix/judgement.py`: nothing is
+  enabled again when the fault has gone, both axes are told between the same two SYNCs, the cause
+  is right, the leg comes to rest inside its mechanical stops, what need not stop goes on.
 """
 
 
