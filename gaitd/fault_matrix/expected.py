@@ -220,7 +220,6 @@ ROWS: Final[Mapping[str, Law]] = MappingProxyType(
             within=AT_ONCE,
             resting=Resting.FAULTY,
             later=(Cause.DRIVE_FAULT,),
-        ), within=AT_ONCE, resting=Resting.FAULTY
         ),
         "deaf_to_quick_stop": stops(
             Cause.HAND_SWITCH_OPEN, within=AT_ONCE, later=(Cause.STOP_NOT_OBEYED,)
@@ -267,6 +266,7 @@ ROWS: Final[Mapping[str, Law]] = MappingProxyType(
         "ring_full": _BUG,
     }
 )
+
 
 def _unseen(fault: str, why: str) -> Law:
     return replace(ROWS[fault], may_go_on=True, why=why)
