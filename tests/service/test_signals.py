@@ -1,14 +1,16 @@
 """SIGTERM, SIGKILL and SIGSTOP of each process, while it holds and while it walks."""
 
+import contextlib
 import itertools
+import os
 import signal
 import time
 
 import pytest
-from long_service import TRIES
+from long_service import PATIENCE_S, TRIES
 from witnesses import SYNC, Watch
 
-from daemon.record import Cause, Mode, StopCategory
+from daemon.record import Cause, Mode, StopCategory, Verdict
 from drives.signals import PowerState
 
 NODES = (5, 6)
@@ -20,6 +22,7 @@ MOVED_MAX = {Mode.GAIT: (40.0, 700.0), Mode.HOLD: (1.0, 10.0)}
 """Degrees and millimetres. A gait goes on for the 0.3 s in which the gateway may be silent."""
 OVERRUNS_IN_A_ROW, GATEWAY_SILENCE_CYCLES = 5, 30
 """limits.toml."""
+FIFO_PRIORITY = 30
 SYNC_DISTANCE_MIN_NS = 7_000_000
 SHORT_S, LONG_S = 0.035, 2.0
 SHOWN_CYCLES = 30
@@ -43,9 +46,12 @@ def seen(service):
 
 
 def hold_up(service, part, for_s):
+    with contextlib.suppress(PermissionError):  # else a busy machine makes it longer
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
     service.kill(part, signal.SIGSTOP)
     time.sleep(for_s)
     service.kill(part, signal.SIGCONT)
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def cycles_later(service, count=SHOWN_CYCLES):
@@ -89,8 +95,8 @@ def test_35_ms_without_one_process_are_survived_without_a_stop_and_without_a_bur
             if missed <= OVERRUNS_IN_A_ROW:  # else the machine stalled beside our own doing
                 break
 
+    assert {record.verdict for record in records} == {Verdict()}
     assert {record.mode for record in records} == {mode}
-    assert {record.verdict.cause for record in records} == {Cause.NONE}
     assert not syncs_too_close(records)
     assert missed > 0 or part == "gateway"
     seen_by = f"core: {missed} grid points left out" if part == "core" else "nobody"
@@ -152,7 +158,7 @@ def test_a_gateway_that_hangs_or_ends_makes_the_core_hold_and_its_return_enables
     else:
         assert gateway.wait(10) == (0 if number == signal.SIGTERM else -number)
         service.start("gateway")
-    service.wait(lambda: service.newest().level_age_cycles < GATEWAY_SILENCE_CYCLES, 20)
+    service.wait(lambda: service.newest().level_age_cycles < GATEWAY_SILENCE_CYCLES, PATIENCE_S)
     cycles_later(service)
     seen.read_bus()
 
@@ -215,8 +221,10 @@ def test_a_core_that_is_killed_leaves_drives_that_stop_and_the_next_core_waits_f
     seen.begin()
     service.kill("core")
     service.wait(lambda: seen.read_bus() and len(seen.emergencies()) == len(NODES), 10)
+    killed = service.boot_id()
     service.start("core")  # takes a second, in which the leg comes to rest
-    again = service.until(lambda one: one.seq > 1 and one.mode in {Mode.READY, Mode.FAULT}, 30)
+    service.wait(lambda: service.boot_id() != killed, PATIENCE_S)
+    again = service.until(lambda one: one.mode in {Mode.READY, Mode.FAULT}, PATIENCE_S)
     seen.read_bus()
     moved = seen.moved()
 

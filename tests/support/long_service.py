@@ -7,6 +7,7 @@ mode is asked for again.
 
 import signal
 from pathlib import Path
+from typing import Any
 
 from processes import Service
 from sessions import changed_configs
@@ -15,6 +16,8 @@ from witnesses import STANDSTILL
 from daemon.record import CycleRecord, Mode
 
 TRIES = 4
+PATIENCE_S = 90
+"""Of a machine on which much else runs, for a start that takes three seconds of computing."""
 GAIT = {"mode": "gait", "cadence_hz": 0.4, "amplitude_ratio": 1.0, "duration_s": 600.0}
 HOLD = {"mode": "hold"}
 SETTLED = {Mode.READY, Mode.FAULT, Mode.HOLD, Mode.GAIT}
@@ -35,21 +38,22 @@ class LongService(Service):
 
     def bring(self, mode: Mode) -> "LongService":
         """Into READY, HOLD or GAIT, from wherever it is; what does not run is started."""
+        self.refused: list[dict[str, Any]] = []
         for _ in range(TRIES):
             self._revive()
-            self.wait(lambda: self.request("status").get("safety", {}).get("valid"), 30)
-            record = self.until(lambda record: record.mode in SETTLED, 40)
+            self.wait(self._is_heard, PATIENCE_S)
+            record = self.until(lambda record: record.mode in SETTLED, PATIENCE_S)
             if record.mode == Mode.FAULT:
-                self.wait(lambda: self.request("reset")["outcome"] == "done", 20)
-                record = self.until(lambda record: record.mode == Mode.READY, 20)
+                self.wait(lambda: self._done("reset"), PATIENCE_S)
+                record = self.until(lambda record: record.mode == Mode.READY, PATIENCE_S)
             if record.mode != mode and self._ask_for(mode, record):
                 record = self.newest()
             if record.mode == mode:
                 if mode == Mode.GAIT:
-                    record = self.until(lambda one: walks(one) or one.mode == Mode.FAULT)
+                    record = self.until(lambda one: walks(one) or one.mode != mode, PATIENCE_S)
                 if record.mode == mode:
                     return self
-        raise AssertionError(f"never in {mode.name}: {self.newest().verdict}")
+        raise AssertionError(f"never in {mode.name}: {self.newest().verdict}, {self.refused}")
 
     def _revive(self) -> None:
         if not self.runs("sim"):
@@ -57,21 +61,38 @@ class LongService(Service):
                 if self.runs(part):
                     self.kill(part)
             self.start_drives()
+        if not self.runs("core"):
+            before = self.boot_id()
+            self.start("core")
+            self.wait(lambda: self.boot_id() not in {before, ""}, PATIENCE_S)
+        if not self.runs("gateway"):
+            self.start("gateway")
         for part in ("core", "gateway"):
-            if not self.runs(part):
-                self.start(part)
             self.kill(part, signal.SIGCONT)
+
+    def _is_heard(self) -> bool:
+        """The gateway that runs now hears the core that runs now."""
+        answer = self.request("status")
+        valid = answer.get("safety", {}).get("valid", False)
+        return valid and answer["core_boot_id"] == self.boot_id()
 
     def _ask_for(self, mode: Mode, record: CycleRecord) -> bool:
         if mode == Mode.READY:
-            return self.request("disable")["outcome"] == "done"
-        if record.mode == Mode.READY and self.request("enable")["outcome"] != "done":
-            return False
+            return self._done("disable")
+        if record.mode == Mode.READY:
+            # After a reset the leg falls into its springs first; refused while it moves.
+            self.wait(lambda: self._done("enable"), PATIENCE_S)
         wanted = HOLD if mode == Mode.HOLD else GAIT
-        if self.newest().mode != mode and self.request("mode", **wanted)["outcome"] != "done":
+        if self.newest().mode != mode and not self._done("mode", **wanted):
             return False
         reached = walks if mode == Mode.GAIT else stands
-        return self.until(lambda one: reached(one) or one.mode == Mode.FAULT).mode == mode
+        over = self.until(lambda one: reached(one) or one.mode == Mode.FAULT, PATIENCE_S)
+        return over.mode == mode
+
+    def _done(self, name: str, **payload: object) -> bool:
+        answer = self.request(name, **payload)
+        self.refused += [answer] if answer["outcome"] != "done" else []
+        return answer["outcome"] == "done"
 
 
 def walks(record: CycleRecord) -> bool:

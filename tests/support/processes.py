@@ -141,6 +141,14 @@ class Service:
         logs = "\n".join(f"--- {part}\n{self.log(part)[-2000:]}" for part in self.parts)
         raise AssertionError(f"not reached within {within_s} s\n{logs}")
 
+    def boot_id(self) -> str:
+        """Of the core that wrote the ring; empty where there is none yet."""
+        try:
+            with contextlib.closing(RingReader(self.folder / "run" / RING_NAME)) as ring:
+                return ring.header.core_boot_id
+        except FileNotFoundError:
+            return ""
+
     def newest(self) -> CycleRecord:
         with contextlib.closing(RingReader(self.folder / "run" / RING_NAME)) as ring:
             record = ring.read(ring.newest_seq())
@@ -152,7 +160,7 @@ class Service:
         with contextlib.closing(RingReader(self.folder / "run" / RING_NAME)) as ring:
             return ring.since(after_seq)
 
-    def until(self, reached: Callable[[CycleRecord], bool], within_s: float = 20) -> CycleRecord:
+    def until(self, reached: Callable[[CycleRecord], bool], within_s: float = 30) -> CycleRecord:
         self.wait(lambda: reached(self.newest()), within_s)
         return self.newest()
 
