@@ -23,7 +23,8 @@ Rules:
 6.  Two nodes under one number are refused: a request that was answered twice, or a serial number
     that differs between two reads. Only they can tell, so there is no other try.
 7.  Whoever else sends SYNC, or a heartbeat under our own number, is another master: no drive is
-    brought up beside it, and it is looked for again at the next try.
+    brought up beside it, and it is looked for again at the next try. The bus is heard out before
+    anything is sent.
 """
 
 from collections.abc import Generator, Sequence
@@ -142,6 +143,8 @@ def bring_up(
     master = OtherMaster(port, cycle.master_node_id)
     total_count = sum(len(plan.steps) for plan in plans) + 2
     done_count = 0
+    for text in master.listen():
+        yield Progress("", text, done_count, total_count)
     for drive, step in _ordered(drives):
         for text in _run(step, drive, port, cycle, may_switch_off):
             master.check()

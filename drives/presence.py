@@ -14,6 +14,8 @@ from drives.objects import SdoTarget, examine
 from drives.port import DrivePort
 from drives.steps import SERIAL_NUMBER, Step, StepKind
 
+LISTEN_NS: Final = 100_000_000
+"""Ten SYNCs of another master, and five of its heartbeats."""
 SLICE_NS: Final = 10_000_000
 """Longest wait between two yields."""
 SECOND_ANSWER_NS: Final = 20_000_000
@@ -80,6 +82,17 @@ class OtherMaster:
         self._node_id = node_id
         port.wait(port.now_ns())  # what is already there was sent before
         self._before = self._counts()
+
+    def listen(self) -> Texts:
+        """Hear the bus out before anything is sent: our first frame would be a reset of its drives.
+
+        Raises:
+            DriveSilent: as `check`.
+        """
+        deadline_ns = self._port.now_ns() + LISTEN_NS
+        for text in until(self._port, deadline_ns, "listens for another master", lambda: False):
+            self.check()
+            yield text
 
     def check(self) -> None:
         """Is there none?

@@ -232,6 +232,14 @@ def test_another_master_on_the_bus_is_found_and_no_drive_is_started_beside_it(fr
     assert START not in [data[:1] for data in bench.sent(0)]
 
 
+def test_beside_another_master_nothing_is_sent_at_all_not_even_the_reset():
+    bench = Bench()
+    bench.bus.put(Frame(0x080, b""), 90 * MS)
+
+    assert silent(bench).failure is BootFailure.FOREIGN_MASTER
+    assert not [bench.sent(node) for node in (0, 0x605, 0x606) if bench.sent(node)]
+
+
 def test_a_master_that_has_gone_before_we_came_is_none():
     bench = Bench()
     bench.bus.put(NODE_HEARTBEAT)

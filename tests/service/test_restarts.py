@@ -1,0 +1,221 @@
+"""A gateway that ends and starts again, a second process beside the first, and what a kill leaves.
+
+The rule of the design: a gateway that is silent for 300 ms makes the core stop and hold; sooner it
+does not matter, whoever it is that speaks again.
+"""
+
+import signal
+from pathlib import Path
+
+import pytest
+from long_service import PATIENCE_S
+from processes import Service
+from witnesses import Watch
+
+from daemon.record import Cause, Mode
+from daemon.seam import RING_NAME, RingReader
+
+SUPPORT = Path(__file__).parents[1] / "support"
+WAITING_GATEWAY = (str(SUPPORT / "waiting_gateway.py"),)
+CONFIGURATION_ERROR = 2
+SILENCE_CYCLES = 30
+SHOWN_CYCLES = 50
+TWO_TRIES_CYCLES = 200
+NMT, SDO_REQUESTS = 0x000, range(0x600, 0x680)
+
+
+@pytest.fixture
+def walking(long_service):
+    return long_service.bring(Mode.GAIT)
+
+
+@pytest.fixture
+def seen(walking):
+    with Watch(walking) as watch:
+        yield watch
+
+
+def cycles_later(service, count=SHOWN_CYCLES):
+    first = service.newest().seq
+    service.until(lambda record: record.seq >= first + count)
+
+
+def said_of(service, part):
+    """What a second process of this kind says at its end, and its exit code."""
+    ended = service.ask(part)
+    return ended.returncode, ended.stderr
+
+
+def test_a_gateway_that_is_back_within_300_ms_is_not_noticed_and_its_commands_count(
+    walking, seen, fault_table
+):
+    before = walking.parts["gateway"]
+    after = walking.start("gateway", program=WAITING_GATEWAY)
+    walking.wait(lambda: "gateway waits" in walking.log("gateway"), PATIENCE_S)
+    seen.begin()
+    before.send_signal(signal.SIGKILL)
+    before.wait()
+    after.stdin.write(b"go\n")
+    after.stdin.flush()
+    walking.wait(lambda: walking.request("status").get("safety", {}).get("valid"), PATIENCE_S)
+    cycles_later(walking)
+    records = seen.records_since()
+    silence = max(record.level_age_cycles for record in records)
+
+    assert silence > 1  # or nothing was away
+    if silence > SILENCE_CYCLES:
+        assert records[-1].verdict.cause == Cause.GATEWAY_SILENT
+        pytest.skip(f"this machine took {silence} cycles for a start that takes ten")
+    assert {record.mode for record in records} == {Mode.GAIT}
+    stops = records[-1].stop_count
+    assert walking.request("stop")["outcome"] == "done"
+    stopped = walking.until(lambda record: record.mode == Mode.FAULT)
+    assert stopped.verdict.cause == Cause.STOP_REQUESTED
+    assert stopped.stop_count == stops + 1
+    fault_table.add(
+        "gateway SIGKILL, another one at once",
+        "walking",
+        "nobody",
+        f"none: silent for {silence} cycles of {SILENCE_CYCLES}",
+        None,
+        "none",
+        "gait",
+    )
+
+
+@pytest.mark.parametrize("part", ["core", "gateway"])
+def test_a_second_process_beside_the_first_is_refused_by_name_and_disturbs_nobody(
+    walking, seen, part, fault_table
+):
+    refusals = walking.newest().bus.foreign_master_count
+    code, said = said_of(walking, part)
+    cycles_later(walking, 5)
+    records = seen.records_since()
+    seen.read_bus()
+
+    assert code == CONFIGURATION_ERROR
+    assert "paths.runtime" in said
+    assert f"gaitd {part} with pid {walking.parts[part].pid} holds" in said
+    assert f"{part}.lock" in said
+    assert "Traceback" not in said
+    assert {record.verdict.cause for record in records} == {Cause.NONE}
+    assert max(record.level_age_cycles for record in records) <= SILENCE_CYCLES
+    assert records[-1].bus.foreign_master_count == refusals
+    assert not seen.since(NMT, *SDO_REQUESTS)
+    assert walking.request("status")["safety"]["valid"]
+    fault_table.add(
+        f"a second {part} beside the first",
+        "walking",
+        f"the second {part}: the lock",
+        "ended with exit 2 before it touched anything",
+        None,
+        "none",
+        "gait",
+    )
+
+
+def test_a_second_core_with_directories_of_its_own_finds_the_other_master_and_sends_nothing(
+    walking, seen, fault_table, tmp_path_factory
+):
+    folder = tmp_path_factory.mktemp("stranger")
+    stranger = Service(folder)
+    stranger.config.write_text(
+        stranger.config.read_text().replace(str(stranger.bus_port), str(walking.bus_port))
+    )
+    try:
+        stranger.start("core")
+        told = stranger.until(lambda record: record.verdict.cause != Cause.NONE, PATIENCE_S)
+        stranger.until(lambda record: record.seq > told.seq + TWO_TRIES_CYCLES)
+    finally:
+        stranger.end()
+    records = seen.records_since()
+    seen.read_bus()
+
+    assert told.mode == Mode.OFF
+    assert "another master" in told.verdict.detail
+    assert {record.verdict.cause for record in records} == {Cause.NONE}
+    assert not seen.since(NMT, *SDO_REQUESTS)
+    fault_table.add(
+        "a second core, elsewhere, on the same bus",
+        "walking",
+        "the second core: another master",
+        "heard before it sent anything; tries again every second",
+        None,
+        "none",
+        "gait",
+    )
+
+
+def test_what_a_kill_leaves_behind_does_not_keep_the_next_ones_from_starting(
+    long_service, fault_table
+):
+    service = long_service.bring(Mode.READY)
+    run = service.folder / "run"
+    service.kill("gateway")
+    service.kill("core")
+    left = {path.name for path in run.iterdir()}
+    (run / "records.new").write_bytes(b"half a ring")
+    killed = service.boot_id()
+
+    service.bring(Mode.READY)
+
+    assert {"core.sock", "gateway.sock", "records.ring", "core.lock", "gateway.lock"} <= left
+    assert service.boot_id() != killed
+    assert not (run / "records.new").exists()
+    fault_table.add(
+        "core and gateway SIGKILL in ready",
+        "ready",
+        "nobody has power",
+        "left-over sockets, locks and rings are taken over by the next ones",
+        None,
+        "none",
+        "ready",
+    )
+
+
+def test_a_ring_that_is_none_is_replaced_by_the_core_and_waited_out_by_the_gateway(long_service):
+    service = long_service.bring(Mode.READY)
+    run = service.folder / "run"
+    service.kill("core")
+    (run / "records.ring").unlink()
+    (run / "records.ring").write_bytes(b"rubbish" * 4096)
+    service.kill("gateway")
+    gateway = service.start("gateway")
+    service.wait(lambda: "records.ring" in service.log("gateway"), PATIENCE_S)
+
+    (run / "records.ring").unlink()
+    service.bring(Mode.READY)
+
+    assert gateway.poll() is None
+    assert service.runs("gateway")
+
+
+def test_a_runtime_directory_that_disappears_stops_the_machine_and_kills_nobody(
+    walking, seen, fault_table
+):
+    ring = RingReader(walking.folder / "run" / RING_NAME)  # as a black box that was opened before
+    seen.begin()
+    run = walking.folder / "run"
+    taken = run.rename(run.with_name("taken"))
+    try:
+        walking.wait(lambda: ring.since(ring.newest_seq() - 1)[-1].mode == Mode.FAULT, PATIENCE_S)
+        status = walking.request("status")
+    finally:
+        taken.rename(run)
+    records = [record for record in ring.since(0) if record.sync_mono_ns >= seen.begun_ns]
+    ring.close()
+
+    assert walking.runs("core")
+    assert walking.runs("gateway")
+    stopped = next(record for record in records if not record.mode.active)
+    assert stopped.verdict.cause == Cause.GATEWAY_SILENT
+    assert not status["safety"]["valid"]
+    fault_table.add(
+        "runtime directory taken away",
+        "walking",
+        "core: age of the gateway's word; gateway: no records",
+        f"{stopped.level_age_cycles} cycles: S2",
+        seen.moved(),
+        stopped.verdict.cause.name,
+        "fault, held",
+    )
