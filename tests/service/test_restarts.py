@@ -4,19 +4,17 @@ The rule of the design: a gateway that is silent for 300 ms makes the core stop 
 does not matter, whoever it is that speaks again.
 """
 
-import signal
-from pathlib import Path
+import contextlib
+import os
 
 import pytest
-from long_service import PATIENCE_S
+from long_service import PATIENCE_S, WAITING_GATEWAY
 from processes import Service
 from witnesses import Watch
 
 from daemon.record import Cause, Mode
 from daemon.seam import RING_NAME, RingReader
 
-SUPPORT = Path(__file__).parents[1] / "support"
-WAITING_GATEWAY = (str(SUPPORT / "waiting_gateway.py"),)
 CONFIGURATION_ERROR = 2
 SILENCE_CYCLES = 30
 SHOWN_CYCLES = 50
@@ -46,37 +44,49 @@ def said_of(service, part):
     return ended.returncode, ended.stderr
 
 
-def test_a_gateway_that_is_back_within_300_ms_is_not_noticed_and_its_commands_count(
-    walking, seen, fault_table
-):
-    before = walking.parts["gateway"]
-    after = walking.start("gateway", program=WAITING_GATEWAY)
-    walking.wait(lambda: "gateway waits" in walking.log("gateway"), PATIENCE_S)
-    seen.begin()
-    before.send_signal(signal.SIGKILL)
+def replace_gateway(service):
+    """Kill the gateway and let another one begin, which has loaded everything and only waits."""
+    before = service.parts["gateway"]
+    service.start("gateway", program=WAITING_GATEWAY)
+    after = service.parts["gateway"]
+    with contextlib.suppress(PermissionError):  # else a busy machine makes it late
+        os.setpriority(os.PRIO_PROCESS, after.pid, -20)
+    waits = "gateway waits\n"
+    service.wait(lambda: service.log("gateway").endswith(waits), PATIENCE_S)
+    before.kill()
     before.wait()
     after.stdin.write(b"go\n")
     after.stdin.flush()
-    walking.wait(lambda: walking.request("status").get("safety", {}).get("valid"), PATIENCE_S)
-    cycles_later(walking)
-    records = seen.records_since()
-    silence = max(record.level_age_cycles for record in records)
+    service.wait(lambda: service.request("status").get("safety", {}).get("valid"), PATIENCE_S)
 
-    assert silence > 1  # or nothing was away
-    if silence > SILENCE_CYCLES:
-        assert records[-1].verdict.cause == Cause.GATEWAY_SILENT
-        pytest.skip(f"this machine took {silence} cycles for a start that takes ten")
+
+def test_a_gateway_that_is_back_within_300_ms_is_not_noticed_and_its_commands_count(
+    long_service, fault_table
+):
+    for _ in range(2):
+        with Watch(long_service.bring(Mode.GAIT)) as seen:
+            replace_gateway(long_service)
+            cycles_later(long_service)
+            records = seen.records_since()
+            silence_cycles = max(record.level_age_cycles for record in records)
+            if silence_cycles <= SILENCE_CYCLES:
+                break
+            assert records[-1].verdict.cause == Cause.GATEWAY_SILENT
+    else:
+        pytest.skip(f"this machine takes {silence_cycles} cycles for a start that takes ten")
+    stop_count = records[-1].stop_count
+
+    assert silence_cycles > 2  # or nobody was away
     assert {record.mode for record in records} == {Mode.GAIT}
-    stops = records[-1].stop_count
-    assert walking.request("stop")["outcome"] == "done"
-    stopped = walking.until(lambda record: record.mode == Mode.FAULT)
+    assert long_service.request("stop")["outcome"] == "done"
+    stopped = long_service.until(lambda record: record.mode == Mode.FAULT)
     assert stopped.verdict.cause == Cause.STOP_REQUESTED
-    assert stopped.stop_count == stops + 1
+    assert stopped.stop_count == stop_count + 1
     fault_table.add(
         "gateway SIGKILL, another one at once",
         "walking",
         "nobody",
-        f"none: silent for {silence} cycles of {SILENCE_CYCLES}",
+        f"none: silent for {silence_cycles} of {SILENCE_CYCLES} cycles",
         None,
         "none",
         "gait",

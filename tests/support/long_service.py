@@ -15,6 +15,8 @@ from witnesses import STANDSTILL
 
 from daemon.record import CycleRecord, Mode
 
+ALTERED_CORE = (str(Path(__file__).with_name("altered_core.py")),)
+WAITING_GATEWAY = (str(Path(__file__).with_name("waiting_gateway.py")),)
 TRIES = 4
 PATIENCE_S = 90
 """Of a machine on which much else runs, for a start that takes three seconds of computing."""

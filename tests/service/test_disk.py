@@ -1,0 +1,228 @@
+"""Directories that are missing, full, read-only or somebody else's: at the start, and later.
+
+At the start it is a configuration error that names the directory, before anything is on the bus.
+Later nothing waits for a disk: ring and notes have their room since the start.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+from long_service import PATIENCE_S, LongService
+from processes import MEMORY, Service
+from witnesses import Watch
+
+from daemon.record import Cause, Mode
+
+CONFIGURATION_ERROR = 2
+NOBODY = 65534
+WALKED_CYCLES = 100
+RING_AND_A_LITTLE = "24m"
+
+
+def mount(place, size, *options):
+    place.mkdir(parents=True, exist_ok=True)
+    settings = ",".join((f"size={size}", *options))
+    made = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", settings, "tmpfs", str(place)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if made.returncode != 0:
+        pytest.skip(f"no file system may be mounted here: {made.stderr.strip()}")
+
+
+def unmount(place):
+    subprocess.run(["umount", "--lazy", str(place)], check=True)
+
+
+def fill(place):
+    """Not a byte is left."""
+    with (place / "rubbish").open("wb", buffering=0) as file:
+        try:
+            while True:
+                file.write(bytes(65536))
+        except OSError:
+            pass
+
+
+@pytest.fixture
+def folder():
+    with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as name:
+        Path(name).chmod(0o755)
+        yield Path(name)
+
+
+@pytest.fixture
+def small(folder):
+    """Makes a tmpfs in the folder: `small("state", "1m", "ro")`."""
+    mounted = []
+
+    def make(name, size, *options):
+        mount(folder / name, size, *options)
+        mounted.append(folder / name)
+        return folder / name
+
+    yield make
+    for place in mounted:
+        unmount(place)
+
+
+def refused(service, part="core"):
+    ended = service.ask(part)
+    assert ended.returncode == CONFIGURATION_ERROR, ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert ended.stderr.startswith("configuration error: ")
+    return ended.stderr
+
+
+# --- at the start -----------------------------------------------------------------------------
+
+
+def test_a_runtime_directory_without_room_for_the_ring_is_refused_and_left_as_it_was(
+    folder, small, fault_table
+):
+    run = small("run", "1m")
+
+    said = refused(Service(folder))
+
+    assert "paths.runtime" in said
+    assert str(run) in said
+    assert "No space left" in said
+    assert not (run / "records.new").exists()
+    fault_table.add(
+        "runtime directory full", "start", "core", "exit 2, nothing sent", None, "said", "ended"
+    )
+
+
+def test_a_full_state_directory_is_refused_and_what_it_holds_is_kept(folder, small, fault_table):
+    state = small("state", "1m")
+    fill(state)
+
+    said = refused(Service(folder))
+
+    assert "paths.state" in said
+    assert "No space left" in said
+    fault_table.add(
+        "state directory full", "start", "core", "exit 2, nothing sent", None, "said", "ended"
+    )
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "key"),
+    [("core", "state", "paths.state"), ("core", "run", "paths.runtime")],
+)
+def test_a_directory_that_can_only_be_read_is_refused_by_its_key(
+    folder, small, part, name, key, fault_table
+):
+    place = small(name, "1m", "ro")
+
+    said = refused(Service(folder), part)
+
+    assert key in said
+    assert str(place) in said
+    assert "Read-only" in said
+    fault_table.add(
+        f"{name} directory read-only", "start", part, "exit 2, nothing sent", None, "said", "ended"
+    )
+
+
+def test_a_directory_of_somebody_else_is_refused_by_its_key(folder, fault_table):
+    if os.geteuid() != 0:
+        pytest.skip("only root can become somebody else")
+    if subprocess.run([sys.executable, "-c", ""], user=NOBODY, check=False).returncode:
+        pytest.skip("nobody else may run this Python")
+    service = Service(folder)
+    (folder / "run").mkdir(mode=0o755)
+
+    ended = subprocess.run(
+        [sys.executable, "-m", "gaitd", "gateway", "--config", str(service.config)],
+        capture_output=True,
+        text=True,
+        user=NOBODY,
+        group=NOBODY,
+        extra_groups=[],
+        cwd="/",
+        check=False,
+    )
+
+    assert ended.returncode == CONFIGURATION_ERROR, ended.stderr
+    assert "paths.runtime" in ended.stderr
+    assert "Permission denied" in ended.stderr
+    assert "Traceback" not in ended.stderr
+    fault_table.add(
+        "runtime directory of another user",
+        "start",
+        "gateway",
+        "exit 2, nothing sent",
+        None,
+        "said",
+        "ended",
+    )
+
+
+def test_a_place_where_no_directory_can_be_made_is_refused_by_its_key(folder, fault_table):
+    service = Service(folder)
+    text = service.config.read_text()
+    service.config.write_text(text.replace(f'"{folder}/run"', '"/proc/no/such/place"'))
+
+    for part in ("core", "gateway"):
+        assert "paths.runtime" in refused(service, part)
+    fault_table.add(
+        "directory that cannot be made",
+        "start",
+        "core, gateway",
+        "exit 2, nothing sent",
+        None,
+        "said",
+        "ended",
+    )
+
+
+# --- in operation -----------------------------------------------------------------------------
+
+
+def test_disks_that_fill_up_while_it_walks_change_nothing_and_the_end_is_orderly(
+    folder, small, fault_table
+):
+    places = [small("run", RING_AND_A_LITTLE), small("state", "1m")]
+    service = LongService(folder)
+    try:
+        service.bring(Mode.GAIT)
+        with Watch(service) as seen:
+            for place in places:
+                fill(place)
+            first = service.newest().seq
+            service.until(lambda record: record.seq > first + WALKED_CYCLES, PATIENCE_S)
+            records = seen.records_since()
+            free = [shutil.disk_usage(place).free for place in places]
+            answer = service.request("stop")
+            stopped = service.until(lambda record: record.mode == Mode.FAULT, PATIENCE_S)
+        service.parts["core"].terminate()
+        code = service.parts["core"].wait(PATIENCE_S)
+        lived = service.runs("gateway")
+    finally:
+        service.end()
+
+    assert free == [0, 0]
+    assert {record.mode for record in records} == {Mode.GAIT}
+    assert {record.verdict.cause for record in records} == {Cause.NONE}
+    assert answer["outcome"] == "done"
+    assert stopped.verdict.cause == Cause.STOP_REQUESTED
+    assert code == 0
+    assert lived
+    assert "Traceback" not in service.log("core") + service.log("gateway")
+    fault_table.add(
+        "runtime and state directory fill up",
+        "walking",
+        "nobody: ring and notes have their room",
+        f"none in {len(records)} cycles; a stop and the orderly end work",
+        None,
+        "none",
+        "gait",
+    )
