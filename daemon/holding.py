@@ -13,12 +13,13 @@ import fcntl
 import os
 from collections.abc import Generator
 from pathlib import Path
-from typing import Final, TextIO
+from typing import BinaryIO, Final
 
 from daemon.config.strict import ConfigError
 
 _HELD: Final = (errno.EAGAIN, errno.EACCES)
 """What flock(2) says of a lock that somebody else has; the second one on some file systems."""
+_PID_LENGTH_MAX: Final = 20
 
 
 @contextlib.contextmanager
@@ -37,15 +38,14 @@ def hold(config: Path, key: str, directory: Path, part: str) -> Generator[None]:
     path = directory / f"{part}.lock"
     with directory_errors(config, key, directory):
         directory.mkdir(parents=True, exist_ok=True)
-        file = path.open("a+")
+        file = path.open("ab+", buffering=0)
     with file:
         with directory_errors(config, key, directory):
             if not _lock(file):
                 allowed = f"a directory of its own: a gaitd {part}{_holder(file)} holds {path}"
                 raise ConfigError(config, key, directory, allowed)
             file.truncate(0)
-            file.write(f"{os.getpid()}\n")
-            file.flush()
+            file.write(b"%d\n" % os.getpid())
         yield
 
 
@@ -64,7 +64,7 @@ def directory_errors(config: Path, key: str, directory: Path) -> Generator[None]
         raise ConfigError(config, key, directory, allowed) from error
 
 
-def _lock(file: TextIO) -> bool:
+def _lock(file: BinaryIO) -> bool:
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
@@ -74,7 +74,7 @@ def _lock(file: TextIO) -> bool:
     return True
 
 
-def _holder(file: TextIO) -> str:
+def _holder(file: BinaryIO) -> str:
     file.seek(0)
-    pid = file.read().strip()
+    pid = file.read(_PID_LENGTH_MAX).decode("ascii", "replace").strip()
     return f" with pid {pid}" if pid else ""
