@@ -18,6 +18,7 @@ import gc
 import importlib
 import importlib.abc
 import importlib.util
+import json
 import multiprocessing
 import os
 import re
@@ -32,6 +33,8 @@ PROJECT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(PROJECT), str(PROJECT / "scripts")]
 sys.dont_write_bytecode = False
 sys.pycache_prefix = str(PROJECT / ".venv" / "pycache")  # each process would compile the tests anew
+SURVIVORS = PROJECT / ".venv" / "mutants.json"
+"""Those of the last run: `--again` is for writing tests, while the mutated files stay the same."""
 EQUIVALENTS = PROJECT / "docs" / "mutants.md"
 
 import hypothesis  # noqa: E402 - after the path
@@ -119,7 +122,8 @@ def operator(name: str, file: str) -> Operator:
     if ours is None:
         return OperatorProvider()[name]()
     spec = importlib.util.spec_from_file_location("unmutated", PROJECT / file)
-    assert spec is not None and spec.loader is not None
+    if spec is None or spec.loader is None:
+        raise RuntimeError(f"{file} cannot be imported")
     module = importlib.util.module_from_spec(spec)
     sys.modules["unmutated"] = module  # dataclasses look themselves up
     spec.loader.exec_module(module)
@@ -143,15 +147,22 @@ class _Bare(ast.NodeTransformer):
         node.annotation = None
         return node
 
-    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:  # noqa: N802 - ast's name
+    def visit_arguments(self, node: ast.arguments) -> ast.AST:
+        """By position or by name: Cosmic Ray takes the bare star for a multiplication."""
+        node.args = [*node.posonlyargs, *node.args, *node.kwonlyargs]
+        node.defaults = [*node.defaults, *(one for one in node.kw_defaults if one is not None)]
+        node.posonlyargs, node.kwonlyargs, node.kw_defaults = [], [], []
+        return self.generic_visit(node)
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
         node.returns = None
         return self.generic_visit(node)
 
-    def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:  # noqa: N802 - ast's name
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:
         node.annotation = ast.Constant(None)
         return self.generic_visit(node)
 
-    def visit_Expr(self, node: ast.Expr) -> ast.AST | None:  # noqa: N802 - ast's name
+    def visit_Expr(self, node: ast.Expr) -> ast.AST | None:
         alone = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
         return ast.Pass() if alone else self.generic_visit(node)
 
@@ -193,7 +204,8 @@ class _Hurried:
 
 def tests_fail(file: str, source: str) -> bool:
     """Whether a unit test notices the source; to be called once in a process."""
-    assert module_name(file) not in sys.modules, f"{file} was imported before its mutation"
+    if module_name(file) in sys.modules:
+        raise RuntimeError(f"{file} was imported before its mutation")
     sys.meta_path.insert(0, _Mutated(file, source))
     folder, pattern = SUBJECTS[file]
     tests = sorted(str(test) for test in (PROJECT / folder).glob(pattern))
@@ -272,9 +284,13 @@ def main() -> int:
         "files", nargs="*", default=list(SUBJECTS), help="of " + ", ".join(SUBJECTS)
     )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--again", action="store_true", help="only what survived the last time")
     options = parser.parse_args()
     os.chdir(PROJECT)
     specs = [spec for file in options.files for spec in specs_of(file)]
+    if options.again:
+        last = {Spec(*one) for one in json.loads(SURVIVORS.read_text(encoding="utf-8"))}
+        specs = [spec for spec in specs if spec in last]
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["__main__", *PRELOADED])
     with context.Pool(options.jobs, maxtasksperchild=1) as pool:
@@ -283,6 +299,8 @@ def main() -> int:
                 Console().print(f"the tests of {file} fail without any mutation")
                 return 1
         judged = list(_watched(pool.imap_unordered(judge, specs), len(specs)))
+    survivors = [one.spec for one in judged if one.outcome is Outcome.SURVIVED]
+    SURVIVORS.write_text(json.dumps(survivors), encoding="utf-8")
     return _report(options.files, judged)
 
 

@@ -102,16 +102,15 @@ class OtherBound(OneOfEach):
 
 
 class NoRow(OneOfEach):
-    """A row of a table goes: of a dict, of a set, of a tuple that a module-level name stands for."""
+    """A row of a table goes: of a dict, of a set, of a tuple with a name at module level."""
 
     def mutation_positions(self, node: NodeOrLeaf) -> Iterator[Place]:
         """One for each row."""
         for row in _rows(node):
             yield row[0].start_pos, row[-1].end_pos
 
-    def mutate(self, node: NodeOrLeaf, index: int) -> NodeOrLeaf:
+    def mutate(self, node: BaseNode, index: int) -> BaseNode:
         """The node without the row."""
-        assert isinstance(node, BaseNode)
         gone = {id(leaf) for leaf in _rows(node)[index]}
         node.children = [child for child in node.children if id(child) not in gone]
         return node

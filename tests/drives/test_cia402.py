@@ -6,6 +6,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from drives.cia402 import (
+    STATUS_FOLLOWS,
+    STATUS_WARNING,
     TRANSITIONS,
     ResetEdge,
     Sent,
@@ -137,6 +139,10 @@ def test_a_pattern_that_the_standard_does_not_have_is_unknown_and_no_state():
         assert (decode_statusword(word) is S.UNKNOWN) == unknown
 
 
+def test_warning_is_bit_7_and_follows_is_bit_12_of_the_statusword():
+    assert (STATUS_WARNING, STATUS_FOLLOWS) == (1 << 7, 1 << 12)
+
+
 # --- the table ------------------------------------------------------------------------------------
 
 
@@ -244,6 +250,41 @@ def test_every_state_request_and_statusword_gives_the_word_of_the_standard(reque
             if step is not None:
                 mask, value = COMMANDS[step]
                 assert sent.controlword & mask == value, (state, request_)
+
+
+ARROWS = {
+    # The standard's figure, written again: number, from, to, and the command that does it.
+    1: (S.NOT_READY_TO_SWITCH_ON, S.SWITCH_ON_DISABLED, None),
+    2: (S.SWITCH_ON_DISABLED, S.READY_TO_SWITCH_ON, "shutdown"),
+    3: (S.READY_TO_SWITCH_ON, S.SWITCHED_ON, "switch on"),
+    4: (S.SWITCHED_ON, S.OPERATION_ENABLED, "enable operation"),
+    5: (S.OPERATION_ENABLED, S.SWITCHED_ON, "switch on"),
+    6: (S.SWITCHED_ON, S.READY_TO_SWITCH_ON, "shutdown"),
+    7: (S.READY_TO_SWITCH_ON, S.SWITCH_ON_DISABLED, "quick stop"),
+    8: (S.OPERATION_ENABLED, S.READY_TO_SWITCH_ON, "shutdown"),
+    9: (S.OPERATION_ENABLED, S.SWITCH_ON_DISABLED, "disable voltage"),
+    10: (S.SWITCHED_ON, S.SWITCH_ON_DISABLED, "quick stop"),
+    11: (S.OPERATION_ENABLED, S.QUICK_STOP_ACTIVE, "quick stop"),
+    12: (S.QUICK_STOP_ACTIVE, S.SWITCH_ON_DISABLED, "disable voltage"),
+    13: (S.OPERATION_ENABLED, S.FAULT_REACTION_ACTIVE, None),
+    14: (S.FAULT_REACTION_ACTIVE, S.FAULT, None),
+    15: (S.FAULT, S.SWITCH_ON_DISABLED, "fault reset"),
+    16: (S.QUICK_STOP_ACTIVE, S.OPERATION_ENABLED, "enable operation"),
+}
+
+
+def test_the_transitions_are_those_of_the_standards_figure_in_their_order():
+    assert [t.number for t in TRANSITIONS] == list(ARROWS)
+    for transition in TRANSITIONS:
+        source, target, command = ARROWS[transition.number]
+        assert (transition.source, transition.target) == (source, target)
+        assert transition.meaning
+        if command is None:
+            assert transition.controlword is None
+        else:
+            mask, value = COMMANDS[command]
+            assert transition.controlword & mask == value
+            assert transition.controlword & ~0x8F == 0
 
 
 def test_every_transition_that_a_master_commands_is_asked_for_by_some_request():
@@ -379,6 +420,10 @@ def test_a_drive_in_fault_stays_there_until_a_reset_is_asked_for(request_):
 
     assert drive.state is S.FAULT
     assert drive.reset_edges == 0
+
+
+def test_nothing_is_energised_before_the_first_word():
+    assert Sent() == Sent(controlword=0x0000, edge=ResetEdge.IDLE)
 
 
 # --- fault reset ----------------------------------------------------------------------------------
