@@ -17,7 +17,7 @@ from sim_drives.faults import EVERY_DRIVE, FaultOrder
 from sim_drives.settings import FaultKind
 
 HELPFUL_RATIO: Final = 0.6
-PAUSE_MEAN_S: Final = 1.2
+PAUSE_MEAN_S: Final = 0.8
 PAUSE_MIN_S: Final = 0.02
 FAULT_S: Final = (0.02, 2.5)
 
@@ -38,13 +38,16 @@ class Kind(Enum):
     NOTHING = "nothing"
 
 
+NO_MODE: Final = ModeRequest()
+
+
 @dataclass(frozen=True, slots=True)
 class Action:
     """One thing that happens."""
 
     kind: Kind
     request: RequestKind = RequestKind.NONE
-    wanted: ModeRequest = ModeRequest()
+    wanted: ModeRequest = NO_MODE
     fault: FaultOrder | None = None
     programme: str = ""
     duration_s: float = 0.0

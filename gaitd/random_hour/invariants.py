@@ -4,19 +4,22 @@ The watch hears every frame that the master sends, and sees drives and plant as 
 the core's own words it takes only what is judged as words: records, answers, verdicts. It knows
 what it has asked for itself. The rules, by the names that a violation carries:
 
-| rule | what must hold |
-|---|---|
-| enables unasked | an RPDO1 that begins to enable a drive comes only after ENABLE (or one axis alone) was asked, and since then no stop, kill or refusal; after a stop that was no DISABLE first RESET must have been asked |
-| powered unasked | a drive enters "operation enabled" only in such a time |
-| torque without power | the motor gives torque only in states with the power stage on |
-| left enabled in silence | a drive that has heard no SYNC and no heartbeat of ours for 1016h and a margin is not enabled |
-| stops apart | when one drive stops being told to enable, every other one does before the next SYNC; only the axis of a hold that is not obeyed may be taken further alone |
-| beyond the limit | a joint is not more than a margin beyond its hard limit (see below) |
-| torque jumps | 6071h changes by no more than limits.toml's rate times the time between two commands, while the drive is told to enable in cyclic torque |
-| verdict milder | the latched verdict never becomes milder without RESET |
-| answers | each request is answered once, within PATIENCE_S of a living core and gateway, and not again |
-| records | the records of one core have no gap |
-| our own bug | no exception comes out of a cycle, and every record can be encoded |
+1. Enables unasked: an RPDO1 that begins to enable a drive comes only after ENABLE (or one axis)
+   was asked, and since then no stop, kill or refusal. After a stop that was no DISABLE RESET must
+   have been asked before.
+2. Powered unasked: a drive enters "operation enabled" only in such a time.
+3. Torque without power: a motor gives torque only in states with the power stage on.
+4. Left enabled in silence: a drive to which we have said nothing for 1016h and a margin is not
+   enabled any more.
+5. Stops apart: when one drive stops being told to enable, every other one does before the next
+   SYNC.
+6. Beyond the limit: a joint is not more than a margin beyond its hard limit (see below).
+7. Torque jumps: 6071h changes by no more than limits.toml's rate times the time between two
+   commands, while the drive is told to enable in cyclic torque.
+8. Verdict milder: a latched verdict never becomes milder, and fault is not left, without RESET.
+9. Answers: each request is answered once, within PATIENCE_S of a living core and gateway.
+10. Records: those of one core have no gap, and each can be encoded.
+11. Our own bug: no exception comes out of a cycle.
 
 Beyond the limit is allowed where no drive could have held the joint: a drive of the leg was without
 its power stage within BEFORE_S (springs and gravity move the leg), the patient pushes outwards, or
@@ -192,6 +195,7 @@ class Watch:
     def core_gone(self) -> None:
         """The process ends: a new one enables nothing that nobody asks it for."""
         self._permitted = False
+        self._needs_reset = False
         self._asked.clear()
         self._answers.clear()
         self._seq = None

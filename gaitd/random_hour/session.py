@@ -1,7 +1,7 @@
 """One session from its seed: the real loop on the virtual machine, among random events.
 
-Everything random comes from the seed: what happens and when, which frames are lost, the noise of the
-plant. So a seed and a duration are a session, bit for bit.
+Everything random comes from the seed: what happens and when, which frames are lost, the noise of
+the plant. So a seed is a session, bit for bit.
 """
 
 import random

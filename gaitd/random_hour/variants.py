@@ -1,7 +1,7 @@
-"""The configurations that sessions take turns with: makes of drives, guidance, somebody or nobody.
+"""The configurations that sessions take turns with: make of drives, guidance, patient or nobody.
 
-A variant is a copy of the folder of the trainer file with a few words replaced, as an operator would
-edit them.
+A variant is a copy of the folder of the trainer file with a few words replaced, as an operator
+would edit them.
 """
 
 import shutil

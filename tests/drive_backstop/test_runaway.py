@@ -25,8 +25,8 @@ from daemon.config.strict import ConfigError
 from daemon.config.workspace import Motion
 
 LIFE_MS = 700
-"""Detection, ramp and rest. Without power a leg then drifts into its springs; `gaitd check` says how
-far, and that is no torque of a dead core."""
+"""Detection, ramp and rest. A leg without power then drifts into its springs: no torque of a dead
+core, and `gaitd check` says how far."""
 FULL_PERMILLE = 3000
 SIGN_OF_COUNTS = (1, -1)
 """Of hip and slide: counts of the slide fall along its positive axis."""

@@ -1,0 +1,50 @@
+"""`gaitd torture`: random commands and faults on the virtual machine, watched by invariants."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def command(
+    minutes: Annotated[float, typer.Option(min=0.05, help="of simulated time")] = 5.0,
+    seed: Annotated[int, typer.Option(min=0, help="of the first session")] = 0,
+    session_minutes: Annotated[float, typer.Option(min=0.05, help="of one session")] = 5.0,
+    output: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="write random_hour.md there", file_okay=False)
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(help="trainer file; by default configs/demo.toml", dir_okay=False)
+    ] = None,
+) -> None:
+    """Torture the service in lock-step until the time is over, or an invariant is broken.
+
+    Nothing of it is in real time. Each session has the seed after the one before, and with it
+    another make of drives, another guidance, or nobody in the machine. Exit code 0 only if no
+    invariant was broken; otherwise the last seconds and the command to see them again are printed.
+    """
+    from daemon.config.strict import ConfigError
+    from gaitd.places import configs_folder
+    from gaitd.random_hour.report import page, summary, told
+    from gaitd.random_hour.series import sessions
+    from gaitd.random_hour.tally import Tally
+
+    trainer = config or configs_folder("--config", "demo.toml") / "demo.toml"
+    if trainer.name != "demo.toml":
+        raise ConfigError("command line", "--config", str(trainer), "a demo.toml, with its folder")
+    tally = Tally()
+    for played in sessions(trainer.parent, seed, minutes * 60, session_minutes * 60):
+        tally.add(played.tally)
+        said = (
+            f"seed {played.seed}, {played.variant}: {played.tally.simulated_s:.0f} s, violations "
+        )
+        print(f"{said}{len(played.tally.broken) or 'none'}", file=sys.stderr)
+    for broken in tally.broken:
+        print(told(broken))
+    print(summary(tally))
+    if output is not None:
+        output.mkdir(parents=True, exist_ok=True)
+        told_as = " ".join(("gaitd", *sys.argv[1:]))
+        (output / "random_hour.md").write_text(page(tally, told_as), encoding="utf-8")
+    sys.exit(1 if tally.broken else 0)
