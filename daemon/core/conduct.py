@@ -130,6 +130,7 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
         _begin_stop(
             core, cycle, {axis.name: _first_step(core, verdict, axis) for axis in core.axes}
         )
+        _hold_together(core, cycle)
         core.events.append(f"stop {verdict.category.name}: {describe(verdict)}")
         return
     if worse(core.verdict, verdict) is verdict:
@@ -144,6 +145,17 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
         if axis.stop is not None:
             step = _first_step(core, verdict, axis)
             axis.stop = stopping.harsher(axis.stop, step, axis.joint, cycle)
+    _hold_together(core, cycle)
+
+
+def _hold_together(core: Core, cycle: int) -> None:
+    """No axis is held by the core while another one has left its hold: all stop together."""
+    stops = [axis.stop for axis in core.axes if axis.stop is not None]
+    if not any(stop.step > Step.HOLD for stop in stops):
+        return
+    for axis in core.axes:
+        if axis.stop is not None:
+            axis.stop = stopping.harsher(axis.stop, Step.QUICK_STOP, axis.joint, cycle)
 
 
 def _first_step(core: Core, verdict: Verdict, axis: Axis) -> Step:
@@ -272,6 +284,7 @@ def _advance_stops(core: Core, cycle: int) -> None:
         axis.stop = stopping.advance(before, axis.feedback, axis.joint, axis.limits, rules, cycle)
         if axis.stop.step > before.step and axis.stop.disobeyed:
             _report_disobedience(core, axis, before.step)
+    _hold_together(core, cycle)
     if core.mode == Mode.STOPPING and _stopped(core, cycle):
         _come_to_rest(core)
 

@@ -1,0 +1,35 @@
+"""An axis never holds alone: when one has to be taken further, the other leaves its hold too."""
+
+from sessions import Session
+
+from daemon.record import Cause, StopCategory
+from drives.signals import PowerState
+
+
+def test_a_hold_that_one_axis_does_not_obey_is_a_quick_stop_of_both_in_the_same_cycle():
+    session = Session().enabled()
+    session.lockstep.gateway.stop()
+    session.lockstep.run(0.5)
+    assert session.lockstep.record.verdict.category == StopCategory.S2
+
+    begun = len(session.lockstep.bus.sent)
+    session.machine.command("patient spasm")
+    session.machine.command("wrong_sign right/slide 1.0")
+    disobeyed = session.lockstep.run_until(
+        lambda record: record.verdict.cause == Cause.STOP_NOT_OBEYED, within_s=5
+    )
+    session.lockstep.run(0.05)
+
+    sent = session.lockstep.bus.sent[begun:]
+    last_enabled_ns = {
+        node: max(
+            frame.time_ns
+            for frame in sent
+            if frame.can_id == 0x200 + node and frame.data[0] & 0x8F == 0x0F
+        )
+        for node in (5, 6)
+    }
+    assert disobeyed.verdict.drive == "right/slide"
+    assert last_enabled_ns[5] == last_enabled_ns[6]
+    states = {drive.power_state for drive in session.lockstep.record.drives}
+    assert PowerState.OPERATION_ENABLED not in states
