@@ -7,6 +7,7 @@ frames -> drives: decode, state -> units: SI at the joint -> observer: estimate
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -65,6 +66,10 @@ def step(
 
 def rest(core: Core, levels: Sequence[Level], tick: Tick) -> CycleRecord:
     """One cycle without drives: nothing to sense and nothing to send, but heard and told."""
+    for axis in core.axes:
+        if axis.feedback is not None:
+            # Told once, in the cycle that heard it; the drive itself is not asked any more.
+            axis.feedback = replace(axis.feedback, news=())
     orders = inbox.hear(core, levels, tick.cycle)
     assisting.hear(core, tick.cycle)
     requests.answer(core, orders, tick.cycle, tick.sync_utc_ns)

@@ -3,7 +3,7 @@
 import pytest
 from sessions import Session
 
-from daemon.record import Cause, Mode, StopCategory
+from daemon.record import Cause, Mode, RequestKind, StopCategory
 from drives.bus import Frame
 
 SYNC = 0x080
@@ -113,3 +113,16 @@ def test_after_the_flood_the_code_0000_clears_what_is_open():
     assert flooded.drives[0].emergency_code == 0x8611
     assert session.lockstep.record.drives[0].emergency_code == 0
     assert session.lockstep.record.drives[0].emergency_count == 500
+
+
+def test_an_emergency_is_told_once_also_when_its_drive_is_brought_up_anew():
+    session = Session().enabled()
+    put(session, emcy(5, 0x8611))
+    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+    put(session, emcy(5, 0x8611))
+
+    session.lockstep.request(RequestKind.RESET)
+    session.lockstep.run(1)
+
+    told = [one.code for record in session.lockstep.records for one in record.drives[0].emergencies]
+    assert told.count(0x8611) == 2
