@@ -40,6 +40,8 @@ class Balance(NamedTuple):
     """g, Coriolis and dampers."""
     inertia: Pair = (0.0, 0.0)
     """M q'', with what the other axis's motion asks of this one."""
+    coupled: Pair = (0.0, 0.0)
+    """The other axis's part of that."""
     friction: Pair = (0.0, 0.0)
     """Of the static law (13); between two samples at rest 0, where it may be anything."""
 
@@ -54,8 +56,11 @@ class Balance(NamedTuple):
         return self.effort[axis] - explained
 
     def held(self, axis: int) -> float:
-        """Effort that friction and patient hold together, where a joint stands still: N·m or N."""
-        return self.effort[axis] - self.load[axis] - self.inertia[axis]
+        """Effort that friction and patient hold together, where a joint stands still: N·m or N.
+
+        Its own acceleration is nil then, and what its samples say of it is noise.
+        """
+        return self.effort[axis] - self.load[axis] - self.coupled[axis]
 
 
 def follow(
@@ -84,7 +89,7 @@ def follow(
     )
     if count < ROW:
         return new
-    load1, load2, inertia1, inertia2, friction1, friction2 = _terms(
+    load1, load2, own1, own2, coupled1, coupled2, friction1, friction2 = _terms(
         leg,
         frictions[0],
         frictions[1],
@@ -100,7 +105,8 @@ def follow(
             0.5 * (before.measured[1] + slide.effort_si),
         ),
         load=(load1, load2),
-        inertia=(inertia1, inertia2),
+        inertia=(own1 + coupled1, own2 + coupled2),
+        coupled=(coupled1, coupled2),
         friction=(friction1, friction2),
     )
 
@@ -121,13 +127,15 @@ def _terms(
     slide_speed: float,
     hip_acceleration: float,
     slide_acceleration: float,
-) -> tuple[float, float, float, float, float, float]:
+) -> tuple[float, float, float, float, float, float, float, float]:
     d = dynamics(leg, hip, slide, hip_speed, slide_speed, 1.0)
     return (
         d.bias_hip,
         d.bias_slide,
-        d.m11 * hip_acceleration + d.m12 * slide_acceleration,
-        d.m12 * hip_acceleration + d.m22 * slide_acceleration,
+        d.m11 * hip_acceleration,
+        d.m22 * slide_acceleration,
+        d.m12 * slide_acceleration,
+        d.m12 * hip_acceleration,
         static_friction(hip_friction, hip_speed),
         static_friction(slide_friction, slide_speed),
     )

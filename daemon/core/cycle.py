@@ -266,7 +266,6 @@ def _situation(core: Core, leg: Leg, index: int) -> AxisSituation:
         mode_wanted=axis.mode_sent,
         new_emergency=feedback.alarm_count > axis.emergencies_seen,
         watch=axis.watch,
-        held_si=leg.balance.held(index),
         stride_energy_j=watching.stride_energy(leg, axis),
         stride_drift_si=watching.stride_drift(leg, axis),
         stopping_end_si=axis.stopping_end_si,

@@ -25,6 +25,10 @@ from daemon.core.limits import AxisLimits
 
 SENT_COUNT = 3
 """A measured effort may be that of so many commands: two cycles of delay, and one late sample."""
+HELD_RATIO = 0.3
+"""Weight of the newest sample in a mean of the last few."""
+HELD_CYCLES = 5
+"""Standing still for so long, a joint has left what braked it behind."""
 SETTLE_CYCLES = 10
 """After a drive has lost its power its current is gone; before that it is no fault."""
 
@@ -41,8 +45,10 @@ class EffortWatch(NamedTuple):
     opposed_si: float = 0.0
     """The smaller one of push and motion, where they are opposed."""
     opposed_cycles: int = 0
+    held_si: float = 0.0
+    """What friction and patient hold, if the joint stands still: a mean of a few samples."""
     held_before_still_si: float = 0.0
-    """What friction and patient held when the joint began to stand still."""
+    """The same when the joint began to stand still."""
 
 
 def note_sent(watch: EffortWatch, effort_si: float, *, in_force: bool) -> EffortWatch:
@@ -76,6 +82,7 @@ def look(
     if not joint.fresh:
         return watch
     unpowered_cycles = 0 if powered else watch.unpowered_cycles + 1
+    held_si = watch.held_si + HELD_RATIO * (balance.held(axis) - watch.held_si)
     gap_si = _gap(watch, joint.effort_si, unpowered_cycles)
     opposed_si = _opposed(balance, axis) if powered and free else 0.0
     return watch._replace(
@@ -86,8 +93,9 @@ def look(
         opposed_cycles=(
             watch.opposed_cycles + 1 if opposed_si > limits.opposed_effort_min_si else 0
         ),
+        held_si=held_si,
         held_before_still_si=(
-            watch.held_before_still_si if joint.still_cycles > 1 else balance.held(axis)
+            watch.held_before_still_si if joint.still_cycles > HELD_CYCLES else held_si
         ),
     )
 

@@ -253,7 +253,7 @@ def _encoder(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
         return
     if axis.loop_distance_si < HELD_RATIO * limits.tracking_max_si:
         return
-    change_si = abs(axis.held_si - axis.watch.held_before_still_si)
+    change_si = abs(axis.watch.held_si - axis.watch.held_before_still_si)
     if change_si > FROZEN_PUSH_RATIO * limits.breakaway_si:
         yield (
             Cause.ENCODER_FROZEN,

@@ -41,8 +41,6 @@ class AxisSituation:
     new_emergency: bool
     watch: EffortWatch
     """Whether its drive gives the effort that it is asked for."""
-    held_si: float
-    """Effort that friction and patient hold together, if the joint stands still."""
     stride_energy_j: float
     """Net, into the leg, over the last stride."""
     stride_drift_si: float

@@ -64,8 +64,7 @@ def speed_lost(value):
 def held(sign):
     def with_change(value):
         still = JOINT._replace(still_cycles=20, velocity_si=0.0)
-        before = EffortWatch(held_before_still_si=0.0)
-        return replace(AXIS, joint=still, watch=before, held_si=sign * value)
+        return replace(AXIS, joint=still, watch=EffortWatch(held_si=sign * value))
 
     return with_change
 

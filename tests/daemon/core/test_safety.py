@@ -178,10 +178,10 @@ def test_speed_that_is_lost_at_once_to_the_very_same_count_is_a_frozen_encoder()
 def test_effort_that_changes_without_a_count_is_a_frozen_encoder_or_a_blocked_joint(sign):
     hidden_by_friction = FROZEN_PUSH_RATIO * LIMITS.breakaway_si
     joint = JOINT._replace(still_cycles=20, velocity_si=0.0)
-    still = replace(AXIS, joint=joint, watch=EffortWatch(held_before_still_si=0.0))
+    still = replace(AXIS, joint=joint)
 
-    at_limit = replace(still, held_si=sign * hidden_by_friction)
-    beyond = replace(still, held_si=sign * (hidden_by_friction + 0.1))
+    at_limit = replace(still, watch=EffortWatch(held_si=sign * hidden_by_friction))
+    beyond = replace(still, watch=EffortWatch(held_si=sign * (hidden_by_friction + 0.1)))
 
     assert verdict_of(axis=at_limit) == NO_VERDICT
     assert verdict_of(axis=beyond).cause == Cause.ENCODER_FROZEN
@@ -189,9 +189,9 @@ def test_effort_that_changes_without_a_count_is_a_frozen_encoder_or_a_blocked_jo
 
 def test_a_patient_who_leans_steadily_on_a_held_leg_is_not_a_frozen_encoder():
     joint = JOINT._replace(still_cycles=500, velocity_si=0.0, effort_si=-50.0)
-    watch = EffortWatch(held_before_still_si=-49.0)
+    watch = EffortWatch(held_si=-50.0, held_before_still_si=-49.0)
 
-    assert verdict_of(axis=replace(AXIS, joint=joint, watch=watch, held_si=-50.0)) == NO_VERDICT
+    assert verdict_of(axis=replace(AXIS, joint=joint, watch=watch)) == NO_VERDICT
 
 
 SWITCHES = {-1: Input.NEGATIVE_LIMIT, 1: Input.POSITIVE_LIMIT}
@@ -229,9 +229,9 @@ def test_a_limit_switch_counts_while_driving_and_once_a_sample_has_come():
 
 def leaning(**change):
     """A joint that stands still while its effort has changed by more than friction hides."""
-    held_si = AXIS.held_si + FROZEN_PUSH_RATIO * LIMITS.breakaway_si + 1.0
+    held_si = FROZEN_PUSH_RATIO * LIMITS.breakaway_si + 1.0
     joint = JOINT._replace(still_cycles=9, velocity_si=0.0)
-    return replace(AXIS, joint=joint, held_si=held_si, **change)
+    return replace(AXIS, joint=joint, watch=EffortWatch(held_si=held_si), **change)
 
 
 def test_a_patient_who_leans_on_a_leg_that_the_drive_itself_holds_is_not_a_frozen_encoder():
