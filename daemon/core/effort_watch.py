@@ -49,6 +49,8 @@ class EffortWatch(NamedTuple):
     """What friction and patient hold, if the joint stands still: a mean of a few samples."""
     held_before_still_si: float = 0.0
     """The same when the joint began to stand still."""
+    effort_before_still_si: float = 0.0
+    """What the drive gave then."""
 
 
 def note_sent(watch: EffortWatch, effort_si: float, *, in_force: bool) -> EffortWatch:
@@ -94,6 +96,9 @@ def look(
             watch.opposed_cycles + 1 if opposed_si > limits.opposed_effort_min_si else 0
         ),
         held_si=held_si,
+        effort_before_still_si=(
+            watch.effort_before_still_si if joint.still_cycles > 1 else joint.effort_si
+        ),
         held_before_still_si=(
             watch.held_before_still_si if joint.still_cycles > HELD_CYCLES else held_si
         ),

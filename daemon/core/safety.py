@@ -253,7 +253,11 @@ def _encoder(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
         return
     if axis.loop_distance_si < HELD_RATIO * limits.tracking_max_si:
         return
-    change_si = abs(axis.watch.held_si - axis.watch.held_before_still_si)
+    watch = axis.watch
+    change_si = abs(watch.held_si - watch.held_before_still_si)
+    if math.isfinite(axis.loop_distance_si):
+        # A drive whose own loops have lost their joint pushes for that, and not for its load.
+        change_si = max(change_si, abs(joint.effort_si - watch.effort_before_still_si))
     if change_si > FROZEN_PUSH_RATIO * limits.breakaway_si:
         yield (
             Cause.ENCODER_FROZEN,

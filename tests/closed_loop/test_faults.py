@@ -4,41 +4,12 @@ from itertools import pairwise
 
 import pytest
 from sessions import Session
+from stopping_faults import FAULTS, LOST, MISMEASURED, MISWIRED, STOP_NOTHING_ALONE
 
 from daemon.record import Cause, Mode, Outcome, RequestKind
 from drives.signals import PowerState
 from sim_drives.frame import Frame
 
-LOST = {Cause.DRIVE_SILENT, Cause.HEARTBEAT_LOST, Cause.DRIVE_REBOOTED}
-STUCK = {Cause.ENCODER_FROZEN, Cause.TRACKING_LIMIT, Cause.OBSERVER_INVALID}
-FAULTS = [
-    ("lost_tpdo {}", LOST),
-    ("late_tpdo {} - 6", LOST),
-    ("silent {}", LOST),
-    ("unplugged {}", LOST),
-    ("bus_off {}", LOST),
-    ("bus_passive {}", {Cause.EMERGENCY, Cause.DRIVE_FAULT}),
-    ("reboot {}", LOST),
-    ("emcy {} - 0x2310", {Cause.EMERGENCY, Cause.DRIVE_FAULT}),
-    ("frozen_encoder {}", STUCK),
-    ("encoder_glitch {} - 2000", {Cause.ENCODER_JUMP}),
-    ("blocked_rotor {}", STUCK),
-    ("hand_switch_open {}", {Cause.HAND_SWITCH_OPEN}),
-    ("limit_switch_on {} - 1", {Cause.LIMIT_SWITCH}),
-    ("sto_open {}", {Cause.STO_ACTIVE}),
-    ("deaf {}", LOST),
-    ("wrong_identity {}", LOST),
-    ("brake_stuck {}", STUCK),
-]
-MISWIRED = ("wrong_sign {}", "encoder_reversed {}")
-STOP_NOTHING_ALONE = (
-    "ignores_quick_stop",  # until somebody stops
-    "slow_state",
-    "refuses_object",  # at bring-up
-    "home_switch_stuck",  # at homing
-    "emcy_warning",  # but for a code that the drive's maker does not call a warning
-    "torque_offset",  # no drive and no master can tell it from a patient's effort
-)
 DRIVES = ("right/hip", "right/slide")
 NOT_PUSHING = {
     PowerState.QUICK_STOP_ACTIVE,
@@ -52,7 +23,8 @@ REACTION_S = 2.0
 def test_the_faults_tested_here_are_all_there_are():
     from sim_drives.settings import FaultKind
 
-    stopping = {text.split()[0] for text in (*(text for text, _ in FAULTS), *MISWIRED)}
+    named = (*(text for text, _ in FAULTS), *MISWIRED, *MISMEASURED)
+    stopping = {text.split()[0] for text in named}
     assert stopping | set(STOP_NOTHING_ALONE) == {kind.value for kind in FaultKind}
 
 

@@ -239,6 +239,12 @@ def test_a_patient_who_leans_on_a_leg_that_the_drive_itself_holds_is_not_a_froze
     off_si = 1.1 * HELD_RATIO * LIMITS.tracking_max_si
 
     assert verdict_of(axis=leaning(loop_distance_si=held_si)) == NO_VERDICT
+    pushed = replace(leaning(loop_distance_si=off_si), watch=EffortWatch())
+    change_si = FROZEN_PUSH_RATIO * LIMITS.breakaway_si
+    for effort_si, cause in ((change_si, Cause.NONE), (change_si + 0.1, Cause.ENCODER_FROZEN)):
+        axis = replace(pushed, joint=pushed.joint._replace(effort_si=effort_si))
+        assert verdict_of(axis=axis).cause == cause
+        assert verdict_of(axis=replace(axis, loop_distance_si=math.inf)) == NO_VERDICT
     assert verdict_of(axis=leaning(loop_distance_si=off_si)).cause == Cause.ENCODER_FROZEN
     assert verdict_of(axis=leaning()).cause == Cause.ENCODER_FROZEN
 
