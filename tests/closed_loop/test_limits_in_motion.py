@@ -50,9 +50,12 @@ def test_quick_steps_and_sines_of_torque_are_followed(scenario):
     assert session.lockstep.record.mode == Mode.HOLD
 
 
-@pytest.mark.parametrize("drive", DRIVES)
-@pytest.mark.parametrize("value_ma", [-3000, 3000])
+@pytest.mark.parametrize(
+    ("drive", "value_ma"),
+    [("right/hip", -2000), ("right/hip", 2000), ("right/slide", -2500), ("right/slide", 2500)],
+)
 def test_a_current_sensor_that_shows_too_much_is_found_within_a_stride(drive, value_ma):
+    """A larger step at once, 14 N m or 80 N, looks like a spasm and stops as one before that."""
     session = Session().walking(warm_s=6.0)
 
     session.machine.command(f"torque_offset {drive} - {value_ma}")
@@ -141,33 +144,30 @@ def test_more_energy_in_a_stride_than_allowed_stops(tmp_path):
     change = ("limits.toml", "stride_energy_max_j = 400.0", "stride_energy_max_j = 100.0")
     session = Session(changed_configs(tmp_path, change)).enabled()
 
-    session = session_walks(session)
+    begin_walking(session)
     stopped = stopped_by(session, 30.0)
 
     assert (stopped.verdict.cause, stopped.verdict.drive) == (Cause.ENERGY_LIMIT, "right/slide")
 
 
-def test_a_leg_that_could_not_stop_inside_its_range_is_stopped_before_it_leaves(tmp_path):
-    narrow = ("limits.toml", "position_max_deg = 40.0 ", "position_max_deg = 38.0 ")
-    margin = ("limits.toml", "soft_margin_deg = 4.0 ", "soft_margin_deg = 2.0 ")
-    gait = ("demo.toml", "cadence_max_hz = 0.5", "cadence_max_hz = 0.45")
-    session = Session(changed_configs(tmp_path, narrow, margin, gait)).enabled()
-    session.machine.command("patient active")
+def test_a_leg_that_could_not_stop_inside_its_range_is_stopped_before_it_leaves():
+    session = Session().walking(cadence_hz=0.5, warm_s=4.0)
+    hip = session.lockstep.core.legs[0].axes[0]
 
-    session = session_walks(session, cadence_hz=0.45)
-    stopped = stopped_by(session, 30.0)
+    # As if the drives' ramp were weaker than the gait: it then counts on more room than there is.
+    hip.limits = hip.limits._replace(quick_stop_deceleration_si_per_s2=10.0)
+    stopped = stopped_by(session, 4.0)
     session.lockstep.run(1.0)
 
     assert (stopped.verdict.cause, stopped.verdict.drive) == (Cause.STOPPING_PATH, "right/hip")
     highest_rad = max(row.hip_angle_rad for row in session.truth.rows)
-    assert highest_rad < 0.6632
+    assert highest_rad < hip.limits.position_max_si
 
 
-def session_walks(session, cadence_hz=0.5):
-    gait = ModeRequest(Mode.GAIT, cadence_hz=cadence_hz, amplitude_ratio=1.0, duration_s=60.0)
+def begin_walking(session):
+    gait = ModeRequest(Mode.GAIT, cadence_hz=0.5, amplitude_ratio=1.0, duration_s=60.0)
     answer = session.lockstep.request(RequestKind.MODE, gait)
     assert answer.outcome == Outcome.DONE, answer.reason
-    return session
 
 
 # --- without the observer -------------------------------------------------------------------------
