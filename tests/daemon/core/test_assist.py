@@ -1,6 +1,7 @@
 """What counts of a controller's setpoints, and how its assist comes and goes; without any drive."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
@@ -8,6 +9,7 @@ from hypothesis import strategies as st
 from situations import LIMITS
 
 from daemon.core.assist import (
+    ASSISTED,
     AssistRules,
     Desk,
     LegAssist,
@@ -16,7 +18,8 @@ from daemon.core.assist import (
     is_neutral,
     judge,
 )
-from daemon.record import Mode, Setpoint
+from daemon.core.modes import TRANSITIONS, Circumstances, Event, refusal
+from daemon.record import Mode, ModeRequest, RequestKind, Setpoint
 from daemon.refusals import REFUSAL_TEXT, SetpointRefusal
 
 BOTH = (LIMITS, LIMITS)
@@ -68,6 +71,47 @@ def test_a_setpoint_of_the_holder_that_is_new_and_small_counts():
 )
 def test_what_is_wrong_with_a_setpoint_is_named(changes, desk, refusal):
     assert reason(changes, **desk) is refusal
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, ""),
+        ({"lease_held": False}, "nobody holds one"),
+        ({"drives_powered": False}, "not holding yet"),
+        ({"guidance": "position"}, "guidance 'position'"),
+        ({"mode": Mode.READY}, "not possible in mode ready"),
+        ({"mode": Mode.GAIT}, "not possible in mode gait"),
+    ],
+)
+def test_mode_torque_is_given_in_hold_under_a_lease_with_drives_that_go_by_torque(changes, said):
+    well = Circumstances(
+        mode=Mode.HOLD,
+        gateway_alive=True,
+        at_rest=True,
+        hand_switch_closed=True,
+        sto_released=True,
+        unreferenced=(),
+        outside=(),
+        drives_powered=True,
+        cadence_max_hz=0.5,
+        scenarios={},
+        artificial=frozenset(),
+        patient_configured=True,
+        guidance="impedance",
+        lease_held=True,
+    )
+
+    refused = refusal(RequestKind.MODE, ModeRequest(Mode.TORQUE), replace(well, **changes))
+
+    assert said in refused
+    assert bool(said) == bool(refused)
+
+
+def test_only_assisted_modes_lapse_and_a_lapse_ends_in_hold():
+    rows = {mode: to for (mode, event), to in TRANSITIONS.items() if event is Event.LEASE_LAPSED}
+
+    assert rows == dict.fromkeys(ASSISTED, Mode.HOLD)
 
 
 def test_every_refusal_has_words_for_who_integrates():
