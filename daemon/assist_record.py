@@ -7,9 +7,9 @@ class LegAssistRecord(msgspec.Struct, frozen=True, array_like=True):
     """What a controller has in force on one leg in one cycle."""
 
     seq: int
-    """Of the newest setpoint that counts; -1: none under the lease that is held."""
+    """Of the newest setpoint that counted; -1: none has, under the lease that is held."""
     wanted: tuple[float, float]
-    """Of that setpoint: N·m, N."""
+    """Of the setpoint that is followed, or was before it grew stale: N·m, N."""
     assist: tuple[float, float]
     """In force, inside limit, rate and power: N·m, N."""
     stiffness_ratio: float

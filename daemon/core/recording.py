@@ -71,7 +71,7 @@ def _assist(core: Core) -> AssistRecord:
 def _leg_assist(leg: Leg) -> LegAssistRecord:
     newest = leg.assist.accepted
     return LegAssistRecord(
-        seq=-1 if newest is None else newest.seq,
+        seq=leg.assist.seq,
         wanted=(0.0, 0.0) if newest is None else wanted_si(newest),
         assist=leg.assist_si,
         stiffness_ratio=leg.stiffness_ratio,

@@ -9,6 +9,7 @@ import pytest
 from records import HEADER, drive, leg, record
 
 from daemon import seam
+from daemon.assist_record import AssistRecord, LegAssistRecord
 from daemon.core.recording import EVENT_LENGTH_MAX, EVENTS_MAX
 from daemon.record import (
     AxisStrideRecord,
@@ -19,6 +20,7 @@ from daemon.record import (
     StrideRecord,
     Verdict,
 )
+from daemon.refusals import SetpointRefusal
 from daemon.seam import CoreSeam, GatewaySeam, RingError, RingReader, RingWriter
 from drives.emcy import NEWS_COUNT
 from drives.emcy_codes import CodeMeaning, Reaction, meaning
@@ -189,8 +191,12 @@ def test_the_largest_record_of_two_legs_fits_its_slot(tmp_path):
         )
         for n in range(4)
     ]
+    own = LegAssistRecord(2**53 - 1, (1.1, 2.2), (1.1, 2.2), 0.3)
+    refused = (2**53,) * len(SetpointRefusal)
+    assist = AssistRecord((own, own), 2**53, refused, 2**53, "its setpoints have grown stale")
     largest = msgspec.structs.replace(
         record(10**6),
+        assist=assist,
         verdict=Verdict(StopCategory.S1, Cause.BUS_OFF, "right/slide", 1.1, 2.2, "x" * 400),
         events=("x" * EVENT_LENGTH_MAX,) * EVENTS_MAX,
         progress="x" * 200,
