@@ -6,6 +6,7 @@ to rest. This file applies them to the state of the core, once a cycle, in that 
 
 from daemon.causes import LOST_DRIVE
 from daemon.core import assisting, latching, plans, preparing, reference, requests, stopping
+from daemon.core.assist import ASSISTED
 from daemon.core.inbox import Orders
 from daemon.core.joints import Joint
 from daemon.core.modes import Event
@@ -204,7 +205,7 @@ def _move_on(core: Core, cycle: int) -> None:
         _advance_plan(core, leg)
     if core.mode.active and any(_is_over(leg) for leg in core.legs):
         for leg in core.legs:
-            leg.plan, leg.takes_over = plans.hold_from(leg), True
+            leg.plan, leg.takes_over = plans.hold_from(leg), core.mode in ASSISTED
         enter(core, Event.EXERCISE_OVER)
     if core.mode in {Mode.STOPPING, Mode.FAULT}:
         _advance_stops(core, cycle)

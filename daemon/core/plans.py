@@ -37,7 +37,8 @@ def hold_from(leg: Leg) -> Hold:
 
     What was guided softly may be far from its reference, and full stiffness is not to fetch it.
     """
-    if leg.reference is not None and leg.reference.guided and leg.stiffness_ratio == 1.0:
+    fully = leg.stiffness_ratio * leg.spasm_ratio == 1.0
+    if leg.reference is not None and leg.reference.guided and fully:
         return hold_at(leg, leg.reference.position, leg.reference.velocity)
     return brake(leg)
 

@@ -1,6 +1,7 @@
 """Requests of clients: judged by the guards of `modes.py`, begun, and answered when it is known."""
 
 from daemon.core import assisting, latching, modes, plans, preparing, reference, stopping
+from daemon.core.assist import ASSISTED
 from daemon.core.inbox import Orders
 from daemon.core.modes import Event
 from daemon.core.preparation import OVER
@@ -118,7 +119,7 @@ def _begin_exercise(core: Core, wanted: ModeRequest) -> None:
         elif wanted.mode == Mode.TORQUE:
             leg.plan, leg.takes_over = TorquePlay(), True
         else:
-            leg.plan, leg.takes_over = plans.hold_from(leg), True
+            leg.plan, leg.takes_over = plans.hold_from(leg), core.mode in ASSISTED
     if wanted.mode == Mode.TORQUE:
         assisting.begin_torque(core)
     event = modes.event_of(RequestKind.MODE, wanted)

@@ -139,7 +139,8 @@ class Leg:
     assist: LegAssist = field(default_factory=LegAssist)
     """What a controller asked for, and what of it is in force."""
     takes_over: bool = False
-    """The plan is another one since the last command, and is to begin with the effort of that."""
+    """Assist was or is added, and the plan is another one since the last command: it is to begin
+    with the effort of that."""
     assist_si: tuple[float, float] = (0.0, 0.0)
     """A controller's assist in force in this cycle, bounded: N·m, N."""
     stiffness_ratio: float = 1.0
