@@ -4,6 +4,7 @@ Reading order: `record.py` and `assist_record.py` (the words for everything), `c
 `seam.py` (ring and sockets), `holding.py` (one process for each directory), `gateway/` (Zenoh),
 `wire.py` with `words.py`, `leg_messages.py` and `health_messages.py` (what programs outside rely
 on), `config/`,
-`causes.py` (each stop in words, and its category), `refusals.py` (why a setpoint is refused),
+`cause_texts.py` and `causes.py` (each stop in words, and its category),
+`refusals.py` (why a setpoint is refused),
 `notes_file.py` (what outlives a restart), `clock.py` and `sd_notify.py`.
 """

@@ -1,8 +1,8 @@
 """The command line: one thin file per subcommand, and only the one that was asked for is imported.
 
-`gaitd NAME` imports `gaitd/NAME.py` and runs its function `command`, or the one of the file's own
-name; typer reads the options from its signature. An error of configuration is one line on stderr
-and exit code 2 in every command.
+`gaitd NAME` imports `gaitd/NAME.py` (a dash is an underscore there) and runs its function
+`command`, or the one of the file's own name; typer reads the options from its signature. An error
+of configuration is one line on stderr and exit code 2 in every command.
 """
 
 import importlib
@@ -44,7 +44,9 @@ COMMANDS: Final = {
     "reset": "Reset a latched stop once its cause is gone.",
     "commission": "Prove the sign of one axis of the empty machine, before anything is enabled.",
     "reference": "Home one axis of the empty machine.",
-    "mode": "Choose what the enabled leg does: hold, gait, excite.",
+    "mode": "Choose what the enabled leg does: hold, gait, excite, release, self_test.",
+    "self-test": "The test of the day, step by step: hand switch, emergency stop, each axis.",
+    "modes": "The modes, requests and causes of stops as tables; written into docs/modes.md.",
 }
 """In the order of `gaitd --help`. A name here is a file of this package."""
 
@@ -74,6 +76,7 @@ def main() -> None:
 
 
 def _function(name: str) -> Callable[..., None]:
+    name = name.replace("-", "_")
     members = vars(importlib.import_module(f"gaitd.{name}"))
     return cast("Callable[..., None]", members.get("command") or members[name])
 

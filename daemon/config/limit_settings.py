@@ -21,6 +21,8 @@ class HipLimits(Table, frozen=True):
     soft_margin_deg: Annotated[float, Meta(gt=0, le=30)]
     """Before the hard limits, where the speed that is allowed begins to fall."""
     velocity_max_rad_per_s: Annotated[float, Meta(gt=0, le=6)]
+    release_speed_max_rad_per_s: Annotated[float, Meta(gt=0, le=3)]
+    """In mode release, where a person moves the leg."""
     torque_max_nm: Annotated[float, Meta(gt=0, le=120)]
     torque_rate_max_nm_per_s: Annotated[float, Meta(gt=0, le=5000)]
     power_max_w: Annotated[float, Meta(gt=0, le=500)]
@@ -57,6 +59,8 @@ class SlideLimits(Table, frozen=True):
     position_max_m: Annotated[float, Meta(ge=-1, le=2)]
     soft_margin_m: Annotated[float, Meta(gt=0, le=0.3)]
     velocity_max_m_per_s: Annotated[float, Meta(gt=0, le=5)]
+    release_speed_max_m_per_s: Annotated[float, Meta(gt=0, le=3)]
+    """In mode release, where a person moves the leg."""
     force_max_n: Annotated[float, Meta(gt=0, le=1500)]
     force_rate_max_n_per_s: Annotated[float, Meta(gt=0, le=50000)]
     power_max_w: Annotated[float, Meta(gt=0, le=2000)]

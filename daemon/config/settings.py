@@ -249,6 +249,42 @@ class Excite(Table, frozen=True):
     artificial: tuple[Sinusoid, ...] = ()
 
 
+class Release(Table, frozen=True):
+    """Hand guiding: what slows whoever moves the leg, and for how long it may last."""
+
+    hip_damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=50)]
+    slide_damping_n_s_per_m: Annotated[float, Meta(ge=0, le=1000)]
+    hip_slow_rad_per_s: Annotated[float, Meta(gt=0, le=1)]
+    """Faster than this, the damping below is added for what goes beyond."""
+    slide_slow_m_per_s: Annotated[float, Meta(gt=0, le=1)]
+    hip_damping_beyond_nm_s_per_rad: Annotated[float, Meta(gt=0, le=60)]
+    slide_damping_beyond_n_s_per_m: Annotated[float, Meta(gt=0, le=1500)]
+    hip_edge_nm: Annotated[float, Meta(ge=0, le=100)]
+    """What leads back in at a hard limit; it grows from nothing over the soft margin."""
+    slide_edge_n: Annotated[float, Meta(ge=0, le=1000)]
+    duration_max_s: Annotated[float, Meta(gt=0, le=600)]
+    """Then the leg is held again."""
+
+
+class SelfTest(Table, frozen=True):
+    """The test of the day: what must have been seen and tried before a leg is moved."""
+
+    required: Literal["daily", "never"]
+    valid_h: Annotated[float, Meta(gt=0, le=48)]
+    """For so long hand switch, STO and a passed test count."""
+    hip_motion_deg: Annotated[float, Meta(gt=0.5, le=15)]
+    """Forth and back, from where the leg is held."""
+    hip_speed_rad_per_s: Annotated[float, Meta(gt=0, le=0.5)]
+    hip_load_tolerance_nm: Annotated[float, Meta(gt=0, le=60)]
+    """Of the mean effort over both ways against g(q): friction is not in it."""
+    slide_motion_m: Annotated[float, Meta(gt=0.005, le=0.2)]
+    slide_speed_m_per_s: Annotated[float, Meta(gt=0, le=0.5)]
+    slide_load_tolerance_n: Annotated[float, Meta(gt=0, le=600)]
+    friction_ratio_min: Annotated[float, Meta(gt=0, lt=1)]
+    """Of half the difference of the efforts forth and back to friction as robot.toml has it."""
+    friction_ratio_max: Annotated[float, Meta(gt=1, le=10)]
+
+
 class Reference(Table, frozen=True):
     """When an absolute encoder is believed after a start (docs/first_start.md)."""
 
@@ -320,6 +356,8 @@ class Trainer(Table, frozen=True):
     hold: Impedance
     gait: Gait
     excite: dict[str, Excite]
+    release: Release
+    self_test: SelfTest
     reference: Reference
     commissioning: Commissioning
     lease: Lease

@@ -9,8 +9,8 @@ Pure: `notebook.py` reads and writes the file. Rules:
 3.  A file that cannot be read is no file that is missing: nothing is believed then.
 4.  A proof of a sign is of one drive and one transmission: another serial number, node, gear or
     sign makes it void.
-5.  A stop that was latched when the core ended is latched in the next one (`latching.py`), and so is
-    "nobody knows" where the file cannot be read.
+5.  A stop that was latched when the core ended is latched in the next one (`latching.py`), and so
+    is "nobody knows" where the file cannot be read.
 """
 
 from typing import Final, NamedTuple
@@ -55,6 +55,33 @@ class AxisNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     proof: SignProof | None = None
 
 
+class InputsNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """When the inputs of one drive were last seen in each state, UTC; 0: never."""
+
+    hand_switch_open_utc_ns: int = 0
+    hand_switch_closed_utc_ns: int = 0
+    sto_active_utc_ns: int = 0
+    sto_released_utc_ns: int = 0
+
+
+class AxisTestNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a self-test found of one axis; SI units at the joint."""
+
+    friction_si: float
+    friction_ratio: float
+    load_error_si: float
+    moved_si: float
+
+
+class SelfTestNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The newest self-test, of the whole machine."""
+
+    utc_ns: int
+    passed: bool
+    leg_digest: str
+    axes: dict[str, AxisTestNote] = {}
+
+
 class LatchedNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A verdict that only a reset takes away; category and cause by name."""
 
@@ -77,6 +104,10 @@ class Notes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     damaged: bool = False
     """The file was there once and could not be read: what it does not hold is lost, not new."""
     latched: LatchedNote | None = None
+    inputs: dict[str, InputsNote] = {}
+    self_test: SelfTestNote | None = None
+    utc_newest_ns: int = 0
+    """A time that has been: whoever reads an earlier one has a clock that went back."""
 
     def of(self, name: str) -> AxisNote:
         """What is noted of an axis."""

@@ -30,6 +30,8 @@ from observer.strides import StrideCounter
 NS_PER_MS = 1_000_000
 HOMING_SPEED_RATIO = 3.0
 """A homing that is so many times faster than its search has run away."""
+LEG_DIGEST_LENGTH = 16
+"""Hexadecimal digits: enough to tell two robot files apart."""
 SECOND_LEG_PHASE = 0.5
 """The second leg walks half a stride behind the first."""
 
@@ -76,7 +78,9 @@ def build(settings: Settings, boot_id: str, notes: Notes) -> Built:
         _leg(settings, leg, by_axis, index * SECOND_LEG_PHASE)
         for index, leg in enumerate(settings.legs)
     )
-    config = _core_config(settings.trainer, limits, settings.robot.patient is not None)
+    patient_configured = settings.robot.patient is not None
+    leg_digest = settings.hashes[str(settings.file.robot)][:LEG_DIGEST_LENGTH]
+    config = _core_config(settings.trainer, limits, patient_configured, leg_digest)
     cycle = cycle_settings(settings.trainer.cycle)
     return Built(
         Core(boot_id=boot_id, config=config, legs=legs, notes=notes), _plans(settings, cycle), cycle
@@ -152,7 +156,9 @@ def ring_header(settings: Settings, boot_id: str, start_utc_ns: int, version: st
     )
 
 
-def _core_config(trainer: Trainer, limits: Limits, patient_configured: bool) -> CoreConfig:
+def _core_config(
+    trainer: Trainer, limits: Limits, patient_configured: bool, leg_digest: str
+) -> CoreConfig:
     period_ms = trainer.cycle.period_ms
     communication, stop = limits.communication, limits.stop
     return CoreConfig(
@@ -194,6 +200,9 @@ def _core_config(trainer: Trainer, limits: Limits, patient_configured: bool) -> 
         hold=trainer.hold,
         gait=trainer.gait,
         excite=dict(trainer.excite),
+        release=trainer.release,
+        self_test=trainer.self_test,
+        leg_digest=leg_digest,
         patient_configured=patient_configured,
         signs_must_be_proven=trainer.commissioning.signs == "proven",
     )

@@ -5,14 +5,26 @@ to rest. This file applies them to the state of the core, once a cycle, in that 
 """
 
 from daemon.causes import LOST_DRIVE
-from daemon.core import assisting, latching, plans, preparing, reference, requests, stopping
-from daemon.core.assist import ASSISTED
+from daemon.core import (
+    assisting,
+    daily,
+    latching,
+    plans,
+    preparing,
+    reference,
+    release,
+    requests,
+    self_test,
+    stopping,
+)
 from daemon.core.inbox import Orders
 from daemon.core.joints import Joint
 from daemon.core.modes import Event
 from daemon.core.reference import ExcitePlay, GaitPlay, Hold, Stage, TorquePlay
+from daemon.core.release import ReleasePlay
 from daemon.core.safety import worse
-from daemon.core.state import Axis, Core, Leg
+from daemon.core.self_test import SelfTestPlay
+from daemon.core.state import Axis, Core, Leg, Play
 from daemon.core.stopping import Step
 from daemon.core.transition import describe, enter
 from daemon.record import Cause, Mode, Verdict
@@ -23,6 +35,8 @@ LOAD_SETTLE_CYCLES = 50
 STOPPING_MAX_CYCLES = 300
 """A leg that still moves then moves without power: the mode says fault, the speed is published."""
 
+BY_TORQUE = frozenset({Mode.TORQUE, Mode.EXCITE, Mode.RELEASE, Mode.SELF_TEST})
+"""Modes in which the drives give the torque they are told, whatever guides a gait."""
 _BUS_CAUSES = frozenset({Cause.BUS_DOWN, Cause.TRANSMIT_QUEUE_FULL})
 """Tried again by itself when nothing is enabled. Not bus-off: somebody should look first."""
 
@@ -30,8 +44,9 @@ _BUS_CAUSES = frozenset({Cause.BUS_DOWN, Cause.TRANSMIT_QUEUE_FULL})
 def change_mode(core: Core, found: Verdict, orders: Orders, cycle: int, utc_ns: int) -> None:
     """What this cycle's verdict, requests and time do to mode and plans."""
     _take_verdict(core, found, cycle)
+    daily.follow(core, utc_ns)
     requests.answer(core, orders, cycle, utc_ns)
-    _move_on(core, cycle)
+    _move_on(core, cycle, utc_ns)
     preparing.move_on(core, cycle)
     requests.finish_request(core)
     latching.follow(core, utc_ns)
@@ -64,8 +79,9 @@ def mode_wanted(core: Core, axis: Axis) -> OperationMode:
         return axis.mode_sent
     if preparing.is_homing(core, axis):
         return OperationMode.HOMING
-    by_torque = core.mode in {Mode.TORQUE, Mode.EXCITE} or core.preparation is not None
-    if by_torque or core.config.gait.guidance == "impedance":
+    if core.mode in BY_TORQUE or core.preparation is not None:
+        return OperationMode.CYCLIC_SYNC_TORQUE
+    if core.config.gait.guidance == "impedance":
         return OperationMode.CYCLIC_SYNC_TORQUE
     return OperationMode.CYCLIC_SYNC_POSITION
 
@@ -85,13 +101,22 @@ def progress(core: Core) -> str:
     if core.mode in {Mode.OFF, Mode.FAULT} and core.verdict.cause != Cause.NONE:
         return describe(core.verdict)
     plan = core.legs[0].plan
-    if core.mode in {Mode.GAIT, Mode.EXCITE} and isinstance(plan, GaitPlay | ExcitePlay):
-        return f"{core.mode.name.lower()}: {plan.stage.value} for {plan.elapsed_s:.0f} s"
+    if core.mode.active and isinstance(plan, Play):
+        return f"{core.mode.name.lower()}: {_doing(core, plan)}"
     if core.preparation is not None:
         return f"{core.preparation.axis}: {core.preparation.stage.value}"
     if core.mode == Mode.HOLD and not core.load_checked:
         return "enabling: the load at rest is being compared"
     return core.progress or core.mode.name.lower().replace("_", " ")
+
+
+def _doing(core: Core, plan: Play) -> str:
+    if isinstance(plan, ReleasePlay) and plan.stage == Stage.PLAY:
+        return f"the leg can be moved by hand for {plan.duration_s - plan.elapsed_s:.0f} s more"
+    for leg in core.legs:
+        if isinstance(leg.plan, SelfTestPlay) and leg.plan.stage == Stage.PLAY:
+            return self_test.progress(leg.plan)
+    return f"{plan.stage.value} for {plan.elapsed_s:.0f} s"
 
 
 # --- verdicts -------------------------------------------------------------------------------
@@ -196,17 +221,15 @@ def lose_bus(core: Core, what: str) -> None:
 # --- time -----------------------------------------------------------------------------------
 
 
-def _move_on(core: Core, cycle: int) -> None:
+def _move_on(core: Core, cycle: int, utc_ns: int) -> None:
     """Exercises, stops and a fault reset under way go on by one cycle."""
     if core.mode == Mode.HOLD and not core.load_checked:
         _settle(core, cycle)
     _let_lapse(core, cycle)
     for leg in core.legs:
         _advance_plan(core, leg)
-    if core.mode.active and any(_is_over(leg) for leg in core.legs):
-        for leg in core.legs:
-            leg.plan, leg.takes_over = plans.hold_from(leg), core.mode in ASSISTED
-        enter(core, Event.EXERCISE_OVER)
+    if core.mode.active and _exercise_is_over(core):
+        _end_exercise(core, cycle, utc_ns)
     if core.mode in {Mode.STOPPING, Mode.FAULT}:
         _advance_stops(core, cycle)
     if core.mode == Mode.READY and core.reset_cycles_left > 0:
@@ -257,8 +280,29 @@ def _advance_plan(core: Core, leg: Leg) -> None:
         leg.plan = reference.advance_excite(plan, period_s, plans.measured(leg))
     elif isinstance(plan, TorquePlay):
         leg.plan = reference.advance_torque(plan, period_s)
-    if isinstance(plan, GaitPlay | ExcitePlay) and isinstance(leg.plan, GaitPlay | ExcitePlay):
-        _tell_stage(core, leg.name, plan.stage, leg.plan.stage)
+    elif isinstance(plan, ReleasePlay):
+        leg.plan = release.advance_release(plan, period_s, ready=_in_torque_mode(leg))
+    elif isinstance(plan, SelfTestPlay):
+        seen = _seen(leg.axes[0]), _seen(leg.axes[1])
+        ready = _in_torque_mode(leg)
+        leg.plan = self_test.advance_self_test(plan, period_s, seen, ready=ready)
+    if isinstance(plan, Play) and isinstance(leg.plan, Play):
+        _tell_stage(core, leg, plan.stage, leg.plan.stage)
+
+
+def _in_torque_mode(leg: Leg) -> bool:
+    wanted = OperationMode.CYCLIC_SYNC_TORQUE
+    return all(
+        axis.mode_sent == wanted
+        and axis.feedback is not None
+        and axis.feedback.mode_display == wanted
+        for axis in leg.axes
+    )
+
+
+def _seen(axis: Axis) -> self_test.Seen:
+    joint = axis.joint
+    return self_test.Seen(joint.fresh, joint.position_si, joint.effort_si - axis.gravity_si)
 
 
 def _awaits_mode(core: Core, leg: Leg, play: GaitPlay) -> bool:
@@ -267,13 +311,28 @@ def _awaits_mode(core: Core, leg: Leg, play: GaitPlay) -> bool:
     return play.stage == Stage.ANNOUNCE and changing
 
 
-def _tell_stage(core: Core, name: str, before: Stage, after: Stage) -> None:
-    if before != after:
-        core.events.append(f"{name}: {core.mode.name.lower()} {after.value}")
+def _tell_stage(core: Core, leg: Leg, before: Stage, after: Stage) -> None:
+    if before == after:
+        return
+    core.events.append(f"{leg.name}: {core.mode.name.lower()} {after.value}")
+    if isinstance(leg.plan, ReleasePlay):
+        leg.takes_over = True  # from being held into somebody's hands
 
 
-def _is_over(leg: Leg) -> bool:
-    return isinstance(leg.plan, GaitPlay | ExcitePlay) and leg.plan.stage == Stage.OVER
+def _exercise_is_over(core: Core) -> bool:
+    """One leg ends an exercise of both; a self-test is over when each leg has had its turn."""
+    over = [isinstance(leg.plan, Play) and leg.plan.stage == Stage.OVER for leg in core.legs]
+    return all(over) if core.mode == Mode.SELF_TEST else any(over)
+
+
+def _end_exercise(core: Core, cycle: int, utc_ns: int) -> None:
+    failed = daily.conclude(core, utc_ns) if core.mode == Mode.SELF_TEST else None
+    if failed is not None:
+        stop(core, failed, cycle)
+        return
+    for leg in core.legs:
+        leg.plan, leg.takes_over = plans.hold_from(leg), True
+    enter(core, Event.EXERCISE_OVER)
 
 
 def _advance_stops(core: Core, cycle: int) -> None:

@@ -91,7 +91,7 @@ def verdict_of(noted: LatchedNote | None) -> Verdict | None:
 
 
 def take_over(core: Core) -> bool:
-    """After a restart: the verdict that is still latched is in force again; whether there is one."""
+    """After a restart: what is still latched is in force again; whether there is anything."""
     noted = core.notes.latched
     verdict = verdict_of(noted)
     if noted is None or verdict is None:

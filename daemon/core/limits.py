@@ -16,6 +16,8 @@ class AxisLimits(NamedTuple):
     position_max_si: float
     soft_margin_si: float
     velocity_max_si: float
+    release_speed_max_si: float
+    """Instead of `velocity_max_si` in mode release."""
     effort_max_si: float
     effort_rate_max_si_per_s: float
     power_max_w: float
@@ -47,6 +49,7 @@ def hip_limits(limits: Limits, breakaway_nm: float) -> AxisLimits:
         position_max_si=math.radians(hip.position_max_deg),
         soft_margin_si=math.radians(hip.soft_margin_deg),
         velocity_max_si=hip.velocity_max_rad_per_s,
+        release_speed_max_si=hip.release_speed_max_rad_per_s,
         effort_max_si=hip.torque_max_nm,
         effort_rate_max_si_per_s=hip.torque_rate_max_nm_per_s,
         power_max_w=hip.power_max_w,
@@ -77,6 +80,7 @@ def slide_limits(limits: Limits, breakaway_n: float) -> AxisLimits:
         position_max_si=slide.position_max_m,
         soft_margin_si=slide.soft_margin_m,
         velocity_max_si=slide.velocity_max_m_per_s,
+        release_speed_max_si=slide.release_speed_max_m_per_s,
         effort_max_si=slide.force_max_n,
         effort_rate_max_si_per_s=slide.force_rate_max_n_per_s,
         power_max_w=slide.power_max_w,

@@ -13,6 +13,8 @@ Rules:
 5. TORQUE needs a lease that somebody holds, and drives that go by torque. A lease that lapses, or
    setpoints that grow stale, end it in HOLD; a gait only while assist or a stiffness scale is in
    force. No verdict is latched by that: the drives are well.
+6. Where a test of the day is required, ENABLE waits until hand switch and STO have been seen to
+   act, and nothing but RELEASE and SELF_TEST moves a leg before a self-test was passed.
 """
 
 from collections.abc import Mapping
@@ -171,6 +173,10 @@ class Circumstances:
     """Names of the axes whose sign must be proven and is not."""
     lease_held: bool = False
     """The gateway says that a controller holds the lease."""
+    inputs_unseen: tuple[str, ...] = ()
+    """What of hand switch and STO must have been seen to act today, and has not been."""
+    self_test_due: str = ""
+    """Why no leg may be moved before a self-test; empty if it may."""
 
 
 def refusal(kind: RequestKind, wanted: ModeRequest, now: Circumstances) -> str:
@@ -186,12 +192,12 @@ def refusal(kind: RequestKind, wanted: ModeRequest, now: Circumstances) -> str:
         return _refuse_reset(now)
     if event in {Event.TO_REFERENCE, Event.TO_COMMISSION}:
         return "" if wanted.witnessed else _refuse_preparation(now)
-    if event in {Event.TO_RELEASE, Event.TO_SELF_TEST}:
-        return f"mode {wanted.mode.name.lower()} is not offered yet"
     if event == Event.TO_TORQUE and now.guidance == "position":
         return "assist is refused: with guidance 'position' the drives give the torque"
-    if event in {Event.TO_GAIT, Event.TO_TORQUE, Event.TO_EXCITE} and not now.drives_powered:
+    if event in _FROM_HOLD and not now.drives_powered:
         return "the drives are not holding yet"
+    if event in _TESTED and now.self_test_due:
+        return f"{now.self_test_due}: `gaitd self-test`"
     if event == Event.TO_TORQUE:
         return "" if now.lease_held else "mode torque needs a lease, and nobody holds one"
     if event == Event.TO_GAIT:
@@ -199,6 +205,13 @@ def refusal(kind: RequestKind, wanted: ModeRequest, now: Circumstances) -> str:
     if event == Event.TO_EXCITE:
         return _refuse_excite(wanted, now)
     return ""
+
+
+_FROM_HOLD = frozenset(
+    {Event.TO_GAIT, Event.TO_TORQUE, Event.TO_EXCITE, Event.TO_RELEASE, Event.TO_SELF_TEST}
+)
+_TESTED = frozenset({Event.TO_GAIT, Event.TO_TORQUE, Event.TO_EXCITE})
+"""They move a leg. RELEASE does not wait for a test: somebody may have to get out."""
 
 
 def _refuse_enable(now: Circumstances) -> str:
@@ -213,6 +226,8 @@ def _refuse_enable(now: Circumstances) -> str:
         return f"the sign is not proven: {names}: run `gaitd commission` for each"
     if now.unreferenced:
         return f"not referenced: {', '.join(now.unreferenced)}"
+    if now.inputs_unseen:
+        return f"not seen to act today: {', '.join(now.inputs_unseen)}"
     if not now.at_rest:
         return "the leg is moving"
     if now.outside:

@@ -2,6 +2,8 @@
 
 from daemon.core import reference
 from daemon.core.reference import ExcitePlay, GaitPlay, Hold, Stage, TorquePlay
+from daemon.core.release import ReleasePlay, release_reference
+from daemon.core.self_test import SelfTestPlay, self_test_reference
 from daemon.core.state import Core, Leg
 
 
@@ -16,6 +18,11 @@ def reference_of(core: Core, leg: Leg) -> reference.Reference | None:
         return reference.excite_reference(plan, measured(leg))
     if isinstance(plan, TorquePlay):
         return reference.torque_reference(measured(leg))
+    if isinstance(plan, ReleasePlay):
+        hip, slide = leg.axes
+        return release_reference(plan, measured(leg), speeds(leg), (hip.limits, slide.limits))
+    if isinstance(plan, SelfTestPlay):
+        return self_test_reference(plan)
     return None
 
 
@@ -23,6 +30,12 @@ def measured(leg: Leg) -> tuple[float, float]:
     """Hip angle in rad and slide position in m by the raw encoders."""
     hip, slide = leg.axes
     return hip.joint.position_si, slide.joint.position_si
+
+
+def speeds(leg: Leg) -> tuple[float, float]:
+    """Of hip and slide by the raw encoders: rad/s, m/s."""
+    hip, slide = leg.axes
+    return hip.joint.velocity_si, slide.joint.velocity_si
 
 
 def present(leg: Leg) -> tuple[float, float]:
@@ -45,8 +58,7 @@ def hold_from(leg: Leg) -> Hold:
 
 def brake(leg: Leg) -> Hold:
     """Brake from where the leg is: a stop does not first catch up with a reference."""
-    hip, slide = leg.axes
-    return hold_at(leg, measured(leg), (hip.joint.velocity_si, slide.joint.velocity_si))
+    return hold_at(leg, measured(leg), speeds(leg))
 
 
 def hold_at(leg: Leg, start: tuple[float, float], velocity: tuple[float, float]) -> Hold:

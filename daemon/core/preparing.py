@@ -10,7 +10,7 @@ the reset after it brings the drives up with their usual limits.
 
 from dataclasses import replace
 
-from daemon.core import preparation, stopping
+from daemon.core import latching, preparation, stopping
 from daemon.core.axis_notes import prove, with_proof
 from daemon.core.limits import AxisLimits
 from daemon.core.modes import Event
@@ -50,8 +50,10 @@ def finds_home(core: Core, axis: Axis, feedback: DriveFeedback) -> bool:
 
 
 def limits_in_force(core: Core, axis: Axis) -> AxisLimits:
-    """The limits of an axis; while it is prepared, with the effort and the speed of that."""
+    """The limits of an axis; a preparation and hand guiding have a speed or an effort of theirs."""
     run = core.preparation
+    if core.mode == Mode.RELEASE:
+        return axis.limits._replace(velocity_max_si=axis.limits.release_speed_max_si)
     if run is None or run.axis != axis.name:
         return axis.limits
     limits = axis.limits._replace(effort_max_si=run.rules.effort_max_si)
@@ -126,6 +128,7 @@ def bring_up_anew(core: Core) -> None:
     """Let go of the drives: the loop brings them up again, with the limits of what comes next."""
     core.drives = None
     enter(core, Event.BRING_UP_ANEW)
+    latching.clear(core)  # only out of READY, where nothing is latched
 
 
 # --- time -----------------------------------------------------------------------------------------

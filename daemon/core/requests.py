@@ -1,12 +1,20 @@
 """Requests of clients: judged by the guards of `modes.py`, begun, and answered when it is known."""
 
-from daemon.core import assisting, latching, modes, plans, preparing, reference, stopping
-from daemon.core.assist import ASSISTED
+from daemon.core import (
+    assisting,
+    exercises,
+    latching,
+    modes,
+    plans,
+    preparing,
+    reference,
+    stopping,
+)
 from daemon.core.inbox import Orders
 from daemon.core.modes import Event
 from daemon.core.preparation import OVER
 from daemon.core.reference import ExcitePlay, GaitPlay, TorquePlay
-from daemon.core.state import Core, Leg
+from daemon.core.state import Core, Leg, Plan
 from daemon.core.stopping import Step
 from daemon.core.transition import describe, enter
 from daemon.record import (
@@ -42,8 +50,8 @@ def answer(core: Core, orders: Orders, cycle: int, utc_ns: int) -> None:
         reason = f"made for cycle {request.for_cycle}, it is {cycle} now"
     if orders.stop and (request.kind == RequestKind.ENABLE or _prepares(request)):
         reason = "somebody asked to stop at the same time"
-    if not reason and request.mode.mode in {Mode.GAIT, Mode.EXCITE}:
-        reason = _refuse_way(core)
+    if not reason and request.kind == RequestKind.MODE:
+        reason = _refuse_way(core, request.mode.mode)
     if not reason and _prepares(request):
         reason = preparing.refusal(core, request.mode)
     if reason:
@@ -63,8 +71,12 @@ def _prepares(request: Request) -> bool:
     return request.kind == RequestKind.MODE and request.mode.mode in preparing.MODES
 
 
-def _refuse_way(core: Core) -> str:
-    """Every exercise begins with an approach to mid pose."""
+def _refuse_way(core: Core, wanted: Mode) -> str:
+    """Gait and excitation begin with an approach to mid pose, a self-test moves from here."""
+    if wanted == Mode.SELF_TEST:
+        return exercises.refuse_self_test(core)
+    if wanted not in {Mode.GAIT, Mode.EXCITE}:
+        return ""
     for leg in core.legs:
         angles = reference.gait_angles(leg.shape, 0.0, 0.0)
         motion = reference.approach(leg.parameters, core.config.gait, plans.present(leg), angles)
@@ -111,20 +123,28 @@ def _milder_end(core: Core) -> Step:
 
 
 def _begin_exercise(core: Core, wanted: ModeRequest) -> None:
+    if wanted.mode == Mode.RELEASE:
+        exercises.begin_release(core)
+    elif wanted.mode == Mode.SELF_TEST:
+        exercises.begin_self_test(core)
+    else:
+        for leg in core.legs:
+            leg.plan = _plan(core, leg, wanted)
     for leg in core.legs:
-        if wanted.mode == Mode.GAIT:
-            leg.plan = _gait(core, leg, wanted)
-        elif wanted.mode == Mode.EXCITE:
-            leg.plan = _excite(core, leg, wanted)
-        elif wanted.mode == Mode.TORQUE:
-            leg.plan, leg.takes_over = TorquePlay(), True
-        else:
-            leg.plan, leg.takes_over = plans.hold_from(leg), core.mode in ASSISTED
+        leg.takes_over = True
     if wanted.mode == Mode.TORQUE:
         assisting.begin_torque(core)
     event = modes.event_of(RequestKind.MODE, wanted)
     if event is not None:
         enter(core, event)
+
+
+def _plan(core: Core, leg: Leg, wanted: ModeRequest) -> Plan:
+    if wanted.mode == Mode.GAIT:
+        return _gait(core, leg, wanted)
+    if wanted.mode == Mode.TORQUE:
+        return TorquePlay()
+    return _excite(core, leg, wanted) if wanted.mode == Mode.EXCITE else plans.hold_from(leg)
 
 
 def _gait(core: Core, leg: Leg, wanted: ModeRequest) -> GaitPlay:
@@ -187,6 +207,8 @@ def _circumstances(core: Core, cycle: int) -> modes.Circumstances:
         artificial=frozenset(name for name, one in config.excite.items() if one.artificial),
         patient_configured=config.patient_configured,
         guidance=config.gait.guidance,
+        inputs_unseen=core.inputs_unseen,
+        self_test_due=core.self_test_due,
         unproven=tuple(
             axis.name for axis in core.axes if config.signs_must_be_proven and not axis.sign_proven
         ),

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from daemon.config.settings import Excite, Gait, Impedance
+from daemon.config.settings import Excite, Gait, Impedance, Release, SelfTest
 from daemon.core.assist import AssistRules, LegAssist
 from daemon.core.axis_notes import Notes, PoseRules, Wiring
 from daemon.core.balance import Balance
@@ -19,6 +19,8 @@ from daemon.core.reference import (
     Reference,
     TorquePlay,
 )
+from daemon.core.release import ReleasePlay
+from daemon.core.self_test import SelfTestPlay
 from daemon.core.soft_limits import SoftZone
 from daemon.core.spasm import SpasmRules, SpasmWatch
 from daemon.core.stopping import DriveStop, StopRules
@@ -35,7 +37,9 @@ from observer.leg_smoother import LegSmoother
 from observer.mechanism import LegParameters
 from observer.strides import Stride, StrideCounter
 
-Plan = Hold | GaitPlay | ExcitePlay | TorquePlay
+Play = GaitPlay | ExcitePlay | ReleasePlay | SelfTestPlay
+"""What has stages, and an end."""
+Plan = Hold | TorquePlay | Play
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +55,10 @@ class CoreConfig:
     hold: Impedance
     gait: Gait
     excite: dict[str, Excite]
+    release: Release
+    self_test: SelfTest
+    leg_digest: str
+    """Of robot.toml: a self-test is about one leg and one machine."""
     patient_configured: bool
     signs_must_be_proven: bool
 
@@ -139,8 +147,7 @@ class Leg:
     assist: LegAssist = field(default_factory=LegAssist)
     """What a controller asked for, and what of it is in force."""
     takes_over: bool = False
-    """Assist was or is added, and the plan is another one since the last command: it is to begin
-    with the effort of that."""
+    """The plan is another one since the last command, and is to begin with the effort of that."""
     assist_si: tuple[float, float] = (0.0, 0.0)
     """A controller's assist in force in this cycle, bounded: N·m, N."""
     stiffness_ratio: float = 1.0
@@ -207,6 +214,12 @@ class Core:
     seq: int = 0
     events: list[str] = field(default_factory=list)
     progress: str = ""
+    self_test_due: str = ""
+    """Why a leg may not be moved before a self-test; empty if it may."""
+    inputs_unseen: tuple[str, ...] = ()
+    """What of hand switch and STO has not been seen to act today, where it must be."""
+    utc_newest_ns: int = 0
+    """The latest time that was ever read: a clock that is behind it went back."""
 
     @property
     def axes(self) -> tuple[Axis, ...]:

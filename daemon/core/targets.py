@@ -14,8 +14,10 @@ Every command carries both targets, since a drive may begin to go by either one 
 
 8 is asked for once the joint is at rest: a position loop that begins on a moving one kicks it.
 A target that guidance takes over begins where it was and not where the plan is: the difference
-fades away. So does the one between the target and the leg when a stop begins in position mode,
-which brakes from where the leg is.
+fades away: after a hand-over between the two modes, and when another plan begins, so that no change
+of mode that keeps power is a jump of torque. So does the one between the target and the leg when a
+stop begins in position mode, which brakes from where the leg is. A stop in torque mode does not
+wait for a fade: its torque goes to what brakes as fast as the rate allows.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""A stop that is latched stays latched when the core dies, and no run that nobody ended is clean."""
+"""A latched stop stays latched when the core dies, and no run that nobody ended is clean."""
 
 import pytest
 from sessions import Session, changed_configs

@@ -20,6 +20,7 @@ LIMITS = AxisLimits(
     position_max_si=0.7,
     soft_margin_si=0.05,
     velocity_max_si=3.0,
+    release_speed_max_si=1.0,
     effort_max_si=60.0,
     effort_rate_max_si_per_s=600.0,
     power_max_w=80.0,

@@ -35,9 +35,9 @@ def test_what_the_core_wrote_through_its_mapping_is_synced_once(disk, tmp_path):
 def test_a_sync_that_failed_is_tried_again(disk, tmp_path):
     Notebook(tmp_path).write(Notes(latched=LatchedNote("S2", "STOP_REQUESTED")))
 
-    with mock.patch.object(os, "fsync", side_effect=OSError(5, "input/output error")):
-        with pytest.raises(OSError, match="input/output"):
-            disk.look()
+    broken = mock.patch.object(os, "fsync", side_effect=OSError(5, "input/output error"))
+    with broken, pytest.raises(OSError, match="input/output"):
+        disk.look()
     assert disk.look()
 
 

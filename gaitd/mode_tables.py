@@ -1,0 +1,210 @@
+"""docs/modes.md: the modes of the service as a diagram and tables, from what the core goes by.
+
+Nothing is told a second time here: rows, requests, refusals, categories and texts are read from
+`daemon/core/modes.py`, `daemon/causes.py` and a limits file. The refusals are found by asking the
+guard itself about situations in which one thing is wrong.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+from daemon.causes import CAUSE_TEXT, DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
+from daemon.core.limits import Categories
+from daemon.core.modes import TRANSITIONS, Circumstances, Event, event_of, refusal
+from daemon.record import Cause, Mode, ModeRequest, RequestKind
+
+HEAD: Final = """# Modes
+
+Written by `gaitd modes --output docs` from the tables that the service itself goes by; a test
+fails where this page is older than they are. A stop needs no permission, no valid state and no
+working observer: every mode in which a drive is enabled has a row for it.
+"""
+
+WELL: Final = Circumstances(
+    mode=Mode.READY,
+    gateway_alive=True,
+    at_rest=True,
+    hand_switch_closed=True,
+    sto_released=True,
+    unreferenced=(),
+    outside=(),
+    drives_powered=True,
+    cadence_max_hz=0.5,
+    scenarios={"paper": 25.0},
+    artificial=frozenset({"paper"}),
+    patient_configured=False,
+    guidance="impedance",
+)
+"""A situation in which nothing is wrong; what a configuration chooses is an example."""
+
+ASKS: Final[Mapping[str, tuple[RequestKind, ModeRequest]]] = {
+    "enable": (RequestKind.ENABLE, ModeRequest()),
+    "disable": (RequestKind.DISABLE, ModeRequest()),
+    "reset": (RequestKind.RESET, ModeRequest()),
+    "mode hold": (RequestKind.MODE, ModeRequest(Mode.HOLD)),
+    "mode gait": (RequestKind.MODE, ModeRequest(Mode.GAIT, 0.25, 1.0, 60.0)),
+    "mode torque": (RequestKind.MODE, ModeRequest(Mode.TORQUE)),
+    "mode excite": (RequestKind.MODE, ModeRequest(Mode.EXCITE, duration_s=25.0, scenario="paper")),
+    "mode release": (RequestKind.MODE, ModeRequest(Mode.RELEASE)),
+    "mode self_test": (RequestKind.MODE, ModeRequest(Mode.SELF_TEST)),
+    "mode reference": (RequestKind.MODE, ModeRequest(Mode.REFERENCE, axis="right/hip")),
+    "mode commission": (RequestKind.MODE, ModeRequest(Mode.COMMISSION, axis="right/hip")),
+}
+"""Each request that a client may send, with arguments that are allowed. `stop` needs none."""
+
+WRONG: Final[Mapping[str, Mapping[str, Any]]] = {
+    "the gateway is silent": {"gateway_alive": False},
+    "a joint moves": {"at_rest": False},
+    "the hand switch is open": {"hand_switch_closed": False},
+    "STO is active": {"sto_released": False},
+    "an axis is not referenced": {"unreferenced": ("right/hip",)},
+    "an axis is outside its range": {"outside": ("right/slide",)},
+    "a sign is not proven": {"unproven": ("right/hip",)},
+    "an input was not seen to act today": {"inputs_unseen": ("right/hip hand switch open",)},
+    "no self-test was passed today": {"self_test_due": "no self-test has been passed today"},
+    "the drives do not hold yet": {"drives_powered": False},
+    "a patient is configured": {"patient_configured": True},
+    "guidance is by position": {"guidance": "position"},
+}
+
+
+def document(chosen: Mapping[str, str]) -> str:
+    """The whole page.
+
+    Args:
+        chosen: `stop_category` of the limits file that is shown.
+    """
+    parts = (
+        HEAD,
+        "## Diagram\n\n```mermaid\n" + "\n".join(diagram()) + "\n```\n",
+        "`enabled` stands for every mode in which a drive is enabled on purpose: what leaves the "
+        "box leaves each of them.\n",
+        "## Transitions\n\n" + _table(("mode", "event", "next"), _transitions()),
+        "## Requests\n\nAnybody who reaches the service may ask, one request at a time; each is "
+        "answered with `done`, or `refused` and why. `stop` is no request: it counts from "
+        "anybody, at any time, in any mode, also with a payload that nobody can read. Torque is "
+        "commanded by the holder of the lease alone.\n\n"
+        + _table(("request", *(_word(mode) for mode in Mode)), _possible()),
+        "`refused` here: *not possible in mode ...*. Where a request is possible, the guard looks "
+        "further. With one thing wrong it answers:\n\n"
+        + _table(("request", "in mode", "while", "is refused with"), _refusals()),
+        "## Stops\n\nCategories are those of the shipped `limits.toml`; *fixed* ones no file can "
+        "choose. S2: brake and hold, drives enabled. S1: quick stop by the drives, which then "
+        "hold. S0: no voltage. A verdict latches until `reset`, also across a restart, but for a "
+        "shutdown.\n\n"
+        + _table(
+            ("cause", "category", "what it says", "first", "then", "if it comes back"),
+            _stops(chosen),
+        ),
+    )
+    return "\n".join(parts)
+
+
+def diagram() -> Iterator[str]:
+    """A state diagram in Mermaid: what all enabled modes share leaves their common box."""
+    yield "stateDiagram-v2"
+    yield "    [*] --> off"
+    shared = _shared()
+    for line in _edges(
+        (mode, event, to) for (mode, event), to in TRANSITIONS.items() if not mode.active
+    ):
+        yield f"    {line}"
+    yield "    state enabled {"
+    for line in _edges(
+        (mode, event, to) for (mode, event), to in TRANSITIONS.items() if mode.active and to.active
+    ):
+        yield f"        {line}"
+    for mode in (Mode.REFERENCE, Mode.COMMISSION):
+        yield f"        {_word(mode)}"
+    yield "    }"
+    for to in dict.fromkeys(shared.values()):
+        words = ", ".join(event.value for event, target in shared.items() if target == to)
+        yield f"    enabled --> {_word(to)}: {words}"
+    yield from (
+        f"    {line}"
+        for line in _edges(
+            (mode, event, to)
+            for (mode, event), to in TRANSITIONS.items()
+            if mode.active and not to.active and event not in shared
+        )
+    )
+
+
+def _shared() -> dict[Event, Mode]:
+    """Events that every enabled mode answers with the same row."""
+    active = [mode for mode in Mode if mode.active]
+    return {
+        event: TRANSITIONS[active[0], event]
+        for event in Event
+        if len({TRANSITIONS.get((mode, event)) for mode in active}) == 1
+        and (active[0], event) in TRANSITIONS
+    }
+
+
+def _edges(rows: Iterable[tuple[Mode, Event, Mode]]) -> Iterator[str]:
+    """One arrow for each pair of modes, with all its events."""
+    words: dict[tuple[Mode, Mode], list[str]] = {}
+    for mode, event, to in rows:
+        words.setdefault((mode, to), []).append(event.value)
+    for (mode, to), events in words.items():
+        yield f"{_word(mode)} --> {_word(to)}: {', '.join(events)}"
+
+
+def _transitions() -> Iterator[tuple[str, ...]]:
+    for (mode, event), to in TRANSITIONS.items():
+        yield _word(mode), event.value, _word(to)
+
+
+def _possible() -> Iterator[tuple[str, ...]]:
+    for name, (kind, wanted) in ASKS.items():
+        event = event_of(kind, wanted)
+        yield name, *("yes" if (mode, event) in TRANSITIONS else "refused" for mode in Mode)
+    yield "stop", *("stops" if _moves(mode) else "yes" for mode in Mode)
+
+
+def _moves(mode: Mode) -> bool:
+    return mode.active or mode in {Mode.STOPPING, Mode.FAULT}
+
+
+def _refusals() -> Iterator[tuple[str, ...]]:
+    """Each reason that differs from the one the request would get if nothing were wrong."""
+    for name, (kind, wanted) in ASKS.items():
+        event = event_of(kind, wanted)
+        for mode in (mode for mode in Mode if (mode, event) in TRANSITIONS):
+            usual = refusal(kind, wanted, replace(WELL, mode=mode))
+            if usual:
+                yield name, _word(mode), "all is well", usual
+            for words, change in WRONG.items():
+                reason = refusal(kind, wanted, replace(WELL, mode=mode, **change))
+                if reason and reason != usual:
+                    yield name, _word(mode), words, reason
+
+
+def _stops(chosen: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
+    categories = Categories(chosen)
+    for cause in Cause:
+        if cause == Cause.NONE:
+            continue
+        text = CAUSE_TEXT[cause]
+        category = categories.of(cause).name
+        if cause in FIXED_CATEGORY:
+            category += " (fixed)"
+        if cause in DOUBTFUL_FEEDBACK:
+            category += "; S1 for other axes"
+        if cause in LOST_DRIVE:
+            category += "; NMT stop to the lost drive"
+        yield cause.name.lower(), category, text.title, text.first, text.then, text.again
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [_row(head), _row(["---"] * len(head)), *map(_row, rows)]
+    return "\n".join(lines) + "\n"
+
+
+def _row(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _word(mode: Mode) -> str:
+    return mode.name.lower()

@@ -1,0 +1,31 @@
+"""`gaitd modes`: modes, requests and causes of stops, from the tables that the service goes by."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+NAME = "modes.md"
+
+
+def command(
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", help="Folder for modes.md; without it the page is printed."),
+    ] = None,
+) -> None:
+    """Modes, who may ask for what and when, and what each stop tells a person to do."""
+    from daemon.config.limit_settings import Limits
+    from daemon.config.strict import decoded, read_toml
+    from gaitd.mode_tables import document
+    from gaitd.places import configs_folder
+
+    limits = decoded(read_toml(configs_folder("configs", "limits.toml") / "limits.toml"), Limits)
+    page = document(limits.stop_category)
+    if output is None:
+        sys.stdout.write(page)
+        return
+    output.mkdir(parents=True, exist_ok=True)
+    (output / NAME).write_text(page, encoding="utf-8")
+    print(f"{output / NAME} is written")

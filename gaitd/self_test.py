@@ -1,0 +1,171 @@
+"""`gaitd self-test`: the test of the day, step by step, with a person in front of the machine.
+
+What has to be done is what the service says is missing: it refuses to enable as long as it has not
+seen hand switch and emergency stop act, and names what it has not seen.
+
+Exit codes as in `remote.py`; 1 also when the test was not passed, or a step was not done in time.
+"""
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from typing import Any, Final
+
+import msgspec
+import typer
+
+from daemon import wire
+from gaitd.remote import (
+    EXIT_DONE,
+    EXIT_NO_ANSWER,
+    EXIT_REFUSED,
+    Answer,
+    ConfigOption,
+    EndpointOption,
+    JsonOption,
+    Target,
+    TrainerOption,
+    ask,
+    find_target,
+)
+
+POLL_S: Final = 0.5
+PATIENCE_S: Final = 120.0
+"""For each step that a person does."""
+CLIENT: Final = "gaitd self-test"
+PASSED: Final = "self-test passed"
+FOUND: Final = ": self-test "
+UNSEEN: Final = "not seen to act today: "
+
+PROMPTS: Final = (
+    ("pressed", "Press the emergency stop, and release it again."),
+    ("released", "Release the emergency stop."),
+    ("switch open", "Let go of the hand switch, then hold it again."),
+    ("switch closed", "Hold the hand switch."),
+    ("hand switch is open", "Hold the hand switch."),
+    ("safe torque off", "Release the emergency stop."),
+    ("moving", "Keep the leg still."),
+)
+"""What a person does about a reason for which the service refuses to enable or to reset."""
+
+Say = Callable[[str], None]
+
+
+class NoAnswerError(Exception):
+    """The service does not answer."""
+
+
+def command(
+    config: ConfigOption = None,
+    endpoint: EndpointOption = None,
+    trainer: TrainerOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """The test of the day: hand switch, emergency stop, then each axis moves a little by itself."""
+    target = find_target(config, endpoint, trainer)
+
+    def say(text: str) -> None:
+        print(text, file=sys.stderr if as_json else sys.stdout, flush=True)
+
+    try:
+        passed, lines = run(target, say)
+    except NoAnswerError as error:
+        print(f"self-test: {error}", file=sys.stderr)
+        raise typer.Exit(EXIT_NO_ANSWER) from error
+    if as_json:
+        print(json.dumps({"passed": passed, "findings": lines}, ensure_ascii=False))
+    else:
+        print("The self-test is passed." if passed else "The self-test is NOT passed.")
+    raise typer.Exit(EXIT_DONE if passed else EXIT_REFUSED)
+
+
+def run(target: Target, say: Say) -> tuple[bool, list[str]]:
+    """All steps; whether the test was passed, and the service's own lines about it.
+
+    Raises:
+        NoAnswerError: the service does not answer.
+    """
+    if _status(target).safety.mode != "hold" and not _enabled(target, say):
+        return False, []
+    say("Now each axis moves a little, forth and back. Lie relaxed, and hold the hand switch.")
+    before = _ids(_status(target))
+    reply = _request(target, "mode", {"mode": "self_test"})
+    if reply.outcome != "done":
+        say(f"refused: {reply.reason}")
+        return False, []
+    return _followed(target, before, say)
+
+
+def _enabled(target: Target, say: Say) -> bool:
+    """Ask to enable until nothing is missing any more; say what a person should do meanwhile."""
+    said = ""
+    for _ in range(round(PATIENCE_S / POLL_S)):
+        name = "reset" if _status(target).safety.mode == "fault" else "enable"
+        reply = _request(target, name, {})
+        if reply.outcome == "done" and name == "enable":
+            return True
+        text = prompt(reply.reason) if reply.outcome != "done" else said
+        if text != said:
+            said = text
+            say(text)
+        time.sleep(POLL_S)
+    say(f"not done within {PATIENCE_S:g} s")
+    return False
+
+
+def prompt(reason: str) -> str:
+    """What a person does about a refusal; the service's own words where there is nothing better."""
+    missing = reason.removeprefix(UNSEEN).split(", ") if reason.startswith(UNSEEN) else [reason]
+    for key, text in PROMPTS:
+        if any(key in one for one in missing):
+            return text
+    return f"waiting: {reason}"
+
+
+def _followed(target: Target, before: set[str], say: Say) -> tuple[bool, list[str]]:
+    shown = ""
+    for _ in range(round(PATIENCE_S / POLL_S)):
+        time.sleep(POLL_S)
+        status = _status(target)
+        if status.safety.progress != shown:
+            shown = status.safety.progress or ""
+            say(f"  {shown}")
+        if status.safety.mode != "self_test":
+            return _ending(status, before, say)
+    return False, []
+
+
+def _ending(status: wire.Status, before: set[str], say: Say) -> tuple[bool, list[str]]:
+    new = [event.text for event in status.events if event.id not in before]
+    lines = [text for text in new if FOUND in text]
+    for line in lines:
+        say(line)
+    verdict = status.safety.verdict
+    if verdict is not None and verdict.category != "none":
+        say(f"{verdict.text}: {verdict.remedy}")
+    return bool(lines) and all(PASSED in line for line in lines), lines
+
+
+def _ids(status: wire.Status) -> set[str]:
+    return {event.id for event in status.events}
+
+
+def _status(target: Target) -> wire.Status:
+    text = _text(ask(target, "status", {"client": CLIENT}))
+    status = msgspec.json.decode(text, type=wire.Status)
+    if not status.safety.valid:
+        raise NoAnswerError("no records arrive from the core; look at the machine")
+    return status
+
+
+def _request(target: Target, name: str, payload: dict[str, Any]) -> wire.Reply:
+    return msgspec.json.decode(
+        _text(ask(target, name, {"client": CLIENT, **payload})), type=wire.Reply
+    )
+
+
+def _text(answer: Answer) -> str:
+    if answer.text is None:
+        raise NoAnswerError(answer.trouble)
+    return answer.text

@@ -1,0 +1,154 @@
+"""Every request in every mode is answered: done, or why not. And a stop stops in every mode."""
+
+import pytest
+from sessions import Session, changed_configs
+
+from daemon.core.modes import TRANSITIONS, event_of
+from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind
+from gaitd.lockstep import Lockstep
+from gaitd.mode_tables import ASKS
+
+EMPTY = (
+    ("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
+    ("plant.toml", '"robot.toml"', '"robot_empty.toml"'),
+)
+INCREMENTAL = (
+    ("drives/hip_epos4.toml", "absolute = true", "absolute = false"),
+    ("drives/slide_epos4.toml", "absolute = true", "absolute = false"),
+    ("plant.toml", 'encoder = "absolute"', 'encoder = "incremental"'),
+)
+BY_REQUEST = {
+    Mode.GAIT: ModeRequest(Mode.GAIT, 0.25, 1.0, 600.0),
+    Mode.EXCITE: ModeRequest(Mode.EXCITE, duration_s=10.0, scenario="open_loop"),
+    Mode.RELEASE: ModeRequest(Mode.RELEASE),
+    Mode.SELF_TEST: ModeRequest(Mode.SELF_TEST),
+}
+MODES = [mode for mode in Mode if mode not in {Mode.TORQUE, Mode.BRINGING_UP}]
+"""Mode torque is entered with a lease; its tests are with those of leases. Bring-up has its own."""
+
+
+@pytest.fixture(scope="module")
+def kept() -> dict[Mode, Lockstep]:
+    """A machine in each mode, for as long as it stays there."""
+    return {}
+
+
+def brought(mode: Mode, folder) -> Lockstep:
+    """A machine in this mode."""
+    if mode in {Mode.REFERENCE, Mode.COMMISSION}:
+        more = INCREMENTAL if mode == Mode.REFERENCE else ()
+        session = Session(changed_configs(folder, *EMPTY, *more)).until_ready()
+        session.prepare(mode, "right/hip")
+        return session.lockstep
+    session = Session()
+    if mode == Mode.OFF:
+        session.machine.command("unplugged *")
+        session.lockstep.run_until(lambda record: record.mode == mode, within_s=10)
+    elif mode == Mode.READY:
+        session.until_ready()
+    else:
+        session.enabled()
+        if mode in BY_REQUEST:
+            session.lockstep.request(RequestKind.MODE, BY_REQUEST[mode])
+        elif mode in {Mode.STOPPING, Mode.FAULT}:
+            session.lockstep.gateway.stop()
+            session.lockstep.run_until(lambda record: record.mode == mode, within_s=5)
+    return session.lockstep
+
+
+def in_mode(mode: Mode, kept: dict[Mode, Lockstep], folder) -> Lockstep:
+    there = kept.get(mode)
+    if there is None or there.record.mode != mode:
+        there = kept[mode] = brought(mode, folder)
+    assert there.record.mode == mode
+    return there
+
+
+@pytest.mark.parametrize("name", list(ASKS))
+@pytest.mark.parametrize("mode", MODES, ids=[mode.name.lower() for mode in MODES])
+def test_a_request_is_answered_with_done_or_why_not(kept, tmp_path, mode, name):
+    lockstep = in_mode(mode, kept, tmp_path)
+    kind, wanted = ASKS[name]
+    possible = (mode, event_of(kind, wanted)) in TRANSITIONS
+
+    answer = lockstep.request(kind, wanted, within_s=20)
+
+    assert answer.outcome in {Outcome.DONE, Outcome.REFUSED}
+    if not possible:
+        assert answer.outcome == Outcome.REFUSED
+        assert "not possible in mode" in answer.reason
+    if answer.outcome == Outcome.REFUSED:
+        assert answer.reason
+        assert any(answer.reason in event for event in told(lockstep))
+    else:
+        assert possible
+        assert answer.reason == ""
+
+
+@pytest.mark.parametrize("name", list(ASKS))
+def test_a_request_while_the_drives_are_brought_up_is_refused_there_and_then(name):
+    """Bring-up takes many cycles in one turn of the loop: it hears and answers meanwhile."""
+    lockstep = Session().lockstep
+    kind, wanted = ASKS[name]
+    answers = []
+
+    def ask_once(record):
+        if record.mode == Mode.BRINGING_UP and not answers:
+            lockstep.gateway.ask(kind, wanted)
+            answers.append(None)
+        elif record.mode == Mode.BRINGING_UP and answers == [None]:
+            answers[:] = [lockstep.gateway.outcome()]
+
+    lockstep.gateway._on_record = ask_once
+    lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
+
+    assert answers[0].outcome == Outcome.REFUSED
+    assert "not possible in mode bringing_up" in answers[0].reason
+
+
+def told(lockstep: Lockstep) -> list[str]:
+    return [event for record in lockstep.records for event in record.events]
+
+
+@pytest.mark.parametrize("mode", MODES, ids=[mode.name.lower() for mode in MODES])
+def test_a_stop_is_obeyed_in_every_mode_that_moves_and_harms_in_none(kept, tmp_path, mode):
+    lockstep = in_mode(mode, kept, tmp_path)
+
+    lockstep.gateway.stop()
+    lockstep.run(1.0)
+
+    record = lockstep.record
+    assert not record.mode.active
+    if mode.active:
+        assert record.verdict.cause == Cause.STOP_REQUESTED
+        assert record.mode == Mode.FAULT
+
+
+@pytest.mark.parametrize(
+    ("name", "wanted"),
+    [
+        ("off", ModeRequest(Mode.OFF)),
+        ("ready", ModeRequest(Mode.READY)),
+        ("fault", ModeRequest(Mode.FAULT)),
+        ("stopping", ModeRequest(Mode.STOPPING)),
+    ],
+)
+def test_a_mode_that_nobody_can_ask_for_is_refused_by_name(kept, tmp_path, name, wanted):
+    lockstep = in_mode(Mode.READY, kept, tmp_path)
+
+    answer = lockstep.request(RequestKind.MODE, wanted)
+
+    assert answer.outcome == Outcome.REFUSED
+    assert answer.reason == f"{name} is not a mode that can be asked for"
+
+
+def test_a_request_made_long_ago_is_refused_with_both_cycles(kept, tmp_path):
+    lockstep = in_mode(Mode.READY, kept, tmp_path)
+    gateway = lockstep.gateway
+    gateway.ask(RequestKind.ENABLE)
+    gateway._request = type(gateway._request)(gateway._request.id, RequestKind.ENABLE, 1)
+
+    lockstep.run(0.1)
+
+    assert gateway.outcome().outcome == Outcome.REFUSED
+    assert "made for cycle 1, it is" in gateway.outcome().reason

@@ -1,0 +1,276 @@
+"""The test of the day: what must have been seen and passed before a leg is moved."""
+
+import re
+
+import pytest
+from sessions import Session, changed_configs, position_guidance, two_legs
+
+from daemon.core.axis_notes import Notes
+from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind, RequestResult
+from gaitd import lockstep
+
+DAILY = ("demo.toml", 'required = "never"', 'required = "daily"')
+SELF_TEST = ModeRequest(Mode.SELF_TEST)
+GAIT = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=0.5, duration_s=5.0)
+EXCITE = ModeRequest(Mode.EXCITE, duration_s=5.0, scenario="open_loop")
+PICKY = ("demo.toml", "slide_load_tolerance_n = 80.0", "slide_load_tolerance_n = 8.0")
+HOUR_NS = 3_600_000_000_000
+SHIFT_M = 0.1
+"""By so much the other spring is longer."""
+
+
+def ask(session: Session, wanted: ModeRequest) -> RequestResult:
+    return session.lockstep.request(RequestKind.MODE, wanted)
+
+
+def seen_to_act(session: Session) -> Session:
+    """A person lets go of the switch and presses the emergency stop, in READY."""
+    session.until_ready()
+    for line in ("hand_switch_open * 0.3", "sto_open * 0.3"):
+        session.machine.command(line)
+        session.lockstep.run(0.8)
+    if session.lockstep.record.mode == Mode.FAULT:
+        assert session.lockstep.request(RequestKind.RESET).outcome == Outcome.DONE
+    return session
+
+
+def put_to_test(session: Session) -> Session:
+    answer = ask(session, SELF_TEST)
+    assert answer.outcome == Outcome.DONE, answer.reason
+    session.lockstep.run_until(
+        lambda record: record.mode in {Mode.HOLD, Mode.STOPPING}, within_s=60
+    )
+    session.lockstep.run(1.0)
+    return session
+
+
+def enabled(session: Session) -> Session:
+    answer = session.lockstep.request(RequestKind.ENABLE)
+    assert answer.outcome == Outcome.DONE, answer.reason
+    return session
+
+
+def events(session: Session) -> list[str]:
+    return [event for record in session.lockstep.records for event in record.events]
+
+
+# --- passive ----------------------------------------------------------------------------------
+
+
+def test_enable_waits_until_hand_switch_and_emergency_stop_have_been_seen_to_act(tmp_path):
+    session = Session(changed_configs(tmp_path, DAILY)).until_ready()
+
+    answer = session.lockstep.request(RequestKind.ENABLE)
+
+    assert answer.outcome == Outcome.REFUSED
+    assert answer.reason == (
+        "not seen to act today: right/hip hand switch open, "
+        "right/hip emergency stop (STO) pressed, right/slide hand switch open, "
+        "right/slide emergency stop (STO) pressed"
+    )
+
+
+def test_a_switch_that_one_drive_alone_has_seen_is_named_for_the_other(tmp_path):
+    session = Session(changed_configs(tmp_path, DAILY)).until_ready()
+    session.machine.command("hand_switch_open right/hip 0.3")
+    session.lockstep.run(0.5)
+
+    reason = session.lockstep.request(RequestKind.ENABLE).reason
+
+    assert "right/hip hand switch" not in reason
+    assert "right/slide hand switch open" in reason
+
+
+def test_what_was_seen_today_counts_after_a_restart_and_not_a_day_later(tmp_path, monkeypatch):
+    configs = changed_configs(tmp_path, DAILY)
+    notes = seen_to_act(Session(configs)).lockstep.notebook.notes
+
+    enabled(Session(configs, notes).until_ready())
+    start_ns = lockstep.UTC_OF_START_NS
+    monkeypatch.setattr(lockstep, "UTC_OF_START_NS", start_ns + 21 * HOUR_NS)
+    later = Session(configs, notes).until_ready()
+
+    assert "hand switch open" in later.lockstep.request(RequestKind.ENABLE).reason
+
+
+# --- active -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("configs", [changed_configs, position_guidance])
+def test_a_machine_as_configured_passes_and_may_walk_then(tmp_path, configs):
+    session = enabled(seen_to_act(Session(configs(tmp_path, DAILY))))
+    for wanted in (GAIT, EXCITE):
+        answer = ask(session, wanted)
+        assert answer.reason == "no self-test has been passed today: `gaitd self-test`"
+
+    put_to_test(session)
+
+    note = session.lockstep.notebook.notes.self_test
+    assert note is not None
+    assert note.passed
+    assert set(note.axes) == {"right/hip", "right/slide"}
+    assert all(axis.friction_ratio == pytest.approx(1.0, abs=0.1) for axis in note.axes.values())
+    assert abs(note.axes["right/hip"].load_error_si) < 0.5
+    assert abs(note.axes["right/slide"].load_error_si) < 3.0
+    assert session.lockstep.record.mode == Mode.HOLD
+    assert ask(session, GAIT).outcome == Outcome.DONE
+
+
+def test_it_moves_one_axis_after_the_other_by_no_more_than_configured(tmp_path):
+    session = enabled(seen_to_act(Session(changed_configs(tmp_path, DAILY))))
+    begun = len(session.truth.rows)
+
+    put_to_test(session)
+
+    rows = session.truth.rows[begun:]
+    hips = [row.hip_angle_rad for row in rows]
+    slides = [row.slide_position_m for row in rows]
+    assert 0.05 < max(hips) - min(hips) < 0.08
+    assert 0.03 < max(slides) - min(slides) < 0.045
+    assert max(abs(row.hip_velocity_rad_per_s) for row in rows) < 0.2
+    assert max(abs(row.slide_velocity_m_per_s) for row in rows) < 0.12
+    together = [
+        row
+        for row in rows
+        if abs(row.hip_velocity_rad_per_s) > 0.05 and abs(row.slide_velocity_m_per_s) > 0.025
+    ]
+    assert not together
+
+
+def test_hand_guiding_does_not_wait_for_a_self_test(tmp_path):
+    session = enabled(seen_to_act(Session(changed_configs(tmp_path, DAILY))))
+
+    assert ask(session, ModeRequest(Mode.RELEASE)).outcome == Outcome.DONE
+
+
+@pytest.mark.parametrize(
+    ("worn", "axis", "words"),
+    [
+        (
+            [
+                ("coulomb_nm = 6.0", "coulomb_nm = 11.0"),
+                ("stribeck_nm = 7.0", "stribeck_nm = 12.5"),
+            ],
+            "right/hip",
+            "friction: more",
+        ),
+        (
+            [("coulomb_n = 65.0", "coulomb_n = 16.0"), ("stribeck_n = 75.0", "stribeck_n = 22.0")],
+            "right/slide",
+            "friction: less",
+        ),
+        ([("slide_rest_m = ", "slide_rest_m = 0.15 + ")], "right/slide", "static load"),
+    ],
+    ids=["a bearing that goes", "a coupling that slips", "a spring of another length"],
+)
+def test_a_machine_that_is_not_as_configured_is_found_and_named(tmp_path, worn, axis, words):
+    configs = changed_configs(tmp_path, DAILY, PICKY, ("plant.toml", '"robot.toml"', '"worn.toml"'))
+    text = (configs / "robot.toml").read_text()
+    for old, new in worn:
+        assert old in text
+        text = text.replace(old, new)
+    text = re.sub(r"= 0.15 \+ ([\d.]+)", lambda found: f"= {SHIFT_M + float(found[1]):.4f}", text)
+    (configs / "worn.toml").write_text(text)
+    session = enabled(seen_to_act(Session(configs)))
+
+    put_to_test(session)
+
+    record = session.lockstep.record
+    assert record.verdict.cause == Cause.SELF_TEST_FAILED
+    assert record.verdict.drive == axis
+    assert words in record.verdict.detail
+    assert any(f"{axis}: self-test {words}" in event for event in events(session))
+    note = session.lockstep.notebook.notes.self_test
+    assert note is not None
+    assert not note.passed
+
+
+def test_a_failed_test_is_tested_again_before_anything_moves(tmp_path):
+    configs = changed_configs(
+        tmp_path, DAILY, ("demo.toml", "friction_ratio_max = 1.6", "friction_ratio_max = 1.001")
+    )
+    session = put_to_test(enabled(seen_to_act(Session(configs))))
+    assert session.lockstep.record.verdict.cause == Cause.SELF_TEST_FAILED
+
+    assert session.lockstep.request(RequestKind.RESET).outcome == Outcome.DONE
+    enabled(session)
+
+    assert ask(session, GAIT).reason == "the last self-test was not passed: `gaitd self-test`"
+
+
+def test_a_test_that_is_broken_off_counts_for_nothing(tmp_path):
+    session = enabled(seen_to_act(Session(changed_configs(tmp_path, DAILY))))
+    ask(session, SELF_TEST)
+    session.lockstep.run(1.0)
+
+    assert ask(session, ModeRequest(Mode.HOLD)).outcome == Outcome.DONE
+
+    assert "no self-test" in ask(session, GAIT).reason
+
+
+def test_both_legs_are_tested_one_after_the_other(tmp_path):
+    configs = two_legs(tmp_path)
+    session = Session(configs).enabled()
+
+    put_to_test(session)
+
+    note = session.lockstep.notebook.notes.self_test
+    assert note is not None
+    assert set(note.axes) == {"right/hip", "right/slide", "left/hip", "left/slide"}
+    assert note.passed
+
+
+# --- for how long -----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def passed(tmp_path_factory) -> tuple[object, Notes]:
+    configs = changed_configs(tmp_path_factory.mktemp("passed"), DAILY)
+    session = put_to_test(enabled(seen_to_act(Session(configs))))
+    session.lockstep.request(RequestKind.DISABLE)
+    session.lockstep.run(0.1)
+    return configs, session.lockstep.notebook.notes
+
+
+@pytest.mark.parametrize(
+    ("hours", "due"),
+    [(1, ""), (19, ""), (21, "the last self-test is older than 20 h"), (-1, "no self-test")],
+)
+def test_it_counts_for_its_hours_and_a_clock_that_goes_back_makes_it_void(
+    passed, monkeypatch, hours, due
+):
+    configs, notes = passed
+    start_ns = lockstep.UTC_OF_START_NS
+    monkeypatch.setattr(lockstep, "UTC_OF_START_NS", start_ns + hours * HOUR_NS)
+
+    later = Session(configs, notes).until_ready().lockstep
+
+    assert later.core.self_test_due.startswith(due)
+    assert bool(later.core.self_test_due) == bool(due)
+
+
+def test_a_clock_that_goes_back_while_it_runs_is_told_and_never_makes_a_test_count_for_longer(
+    passed, monkeypatch
+):
+    configs, notes = passed
+    start_ns = lockstep.UTC_OF_START_NS
+    monkeypatch.setattr(lockstep, "UTC_OF_START_NS", start_ns + 10 * HOUR_NS)
+    session = Session(configs, notes).until_ready()
+    assert session.lockstep.core.self_test_due == ""
+
+    monkeypatch.setattr(lockstep, "UTC_OF_START_NS", start_ns + 5 * HOUR_NS)
+    session.lockstep.run(0.1)
+
+    assert "no self-test" in session.lockstep.core.self_test_due
+    assert any("the clock went back by 18000 s" in event for event in events(session))
+
+
+def test_a_test_of_another_leg_does_not_count(passed):
+    configs, notes = passed
+    text = (configs / "robot.toml").read_text()
+    (configs / "robot.toml").write_text(text + "\n# another one\n")
+
+    later = Session(configs, notes).until_ready().lockstep
+
+    (configs / "robot.toml").write_text(text)
+    assert later.core.self_test_due == "the last self-test was of another robot file"

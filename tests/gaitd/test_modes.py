@@ -1,0 +1,70 @@
+"""docs/modes.md is drawn from the table, and says all of it."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from daemon.core.modes import TRANSITIONS
+from daemon.record import Cause, Mode
+from gaitd.__main__ import build
+from gaitd.mode_tables import ASKS, WELL, diagram, document
+
+PROJECT = Path(__file__).parents[2]
+LIMITS = tomllib.loads((PROJECT / "configs/limits.toml").read_text())
+PAGE = document(LIMITS["stop_category"])
+
+
+def test_the_page_in_the_docs_is_the_one_of_the_tables():
+    """If this fails: `gaitd modes --output docs`, and read what has changed."""
+    assert (PROJECT / "docs/modes.md").read_text(encoding="utf-8") == PAGE
+
+
+def test_the_command_writes_that_page_and_prints_it_without_a_folder(tmp_path):
+    app = build("modes")
+
+    written = CliRunner().invoke(app, ["modes", "--output", str(tmp_path)])
+    printed = CliRunner().invoke(app, ["modes"])
+
+    assert written.exit_code == printed.exit_code == 0
+    assert (tmp_path / "modes.md").read_text(encoding="utf-8") == printed.stdout == PAGE
+
+
+def drawn():
+    """The arrows of the diagram as (from, event, to), the common box taken apart."""
+    arrows = set()
+    for line in diagram():
+        found = re.fullmatch(r"\s*(\w+) --> (\w+): (.*)", line)
+        if found is None:
+            continue
+        start, to, events = found.groups()
+        starts = [mode.name.lower() for mode in Mode if mode.active]
+        for mode in starts if start == "enabled" else [start]:
+            arrows |= {(mode, event, to) for event in re.split(r", (?!as |by )", events)}
+    return arrows
+
+
+def test_the_diagram_has_every_row_of_the_table_and_no_other():
+    rows = {
+        (mode.name.lower(), part, to.name.lower())
+        for (mode, event), to in TRANSITIONS.items()
+        for part in re.split(r", (?!as |by )", event.value)
+    }
+
+    assert drawn() == rows
+
+
+@pytest.mark.parametrize("cause", [cause for cause in Cause if cause != Cause.NONE])
+def test_every_cause_stands_there_with_its_category(cause):
+    assert re.search(rf"^\| {cause.name.lower()} \| S[012]", PAGE, re.MULTILINE)
+
+
+def test_every_request_is_answered_in_every_mode():
+    lines = [line for line in PAGE.splitlines() if line.startswith("| ")]
+
+    for name in (*ASKS, "stop"):
+        row = next(line for line in lines if line.startswith(f"| {name} | ") and "yes" in line)
+        assert len(row.split("|")) == 2 + 1 + len(Mode)
+    assert WELL.mode == Mode.READY
