@@ -19,11 +19,11 @@ from gaitd.fault_matrix.cell import Found
 from gaitd.fault_matrix.expected import DETECTION_CYCLES, Law, Resting, law
 from gaitd.fault_matrix.modes import COLUMNS, Group
 
-STOP_HIP_DEG: Final = 5.6
-"""plant.toml's stop is 3 deg behind the limit; whoever falls into it with PUSH_NM compresses its
-spring by twice what they weigh on it: 2.6 deg."""
-STOP_SLIDE_MM: Final = 43.5
-"""In the same way 20 mm, and 23.3 mm by PUSH_N."""
+STOP_HIP_DEG: Final = 6.9
+"""plant.toml's stop is 3 deg behind the limit. Its spring k takes in whoever weighs on it with
+F = PUSH_NM and comes at v = 2 rad/s: k x^2 / 2 = F x + J v^2 / 2 gives 3.9 deg with 1.5 kg m2."""
+STOP_SLIDE_MM: Final = 53.0
+"""In the same way 20 mm, and 33 mm of its spring by PUSH_N and 20 kg at 1 m/s."""
 REST_CYCLES: Final = 250.0
 LOST_MODES: Final = frozenset({Mode.OFF, Mode.BRINGING_UP, Mode.READY})
 RESTING_MODES: Final = {

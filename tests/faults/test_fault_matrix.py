@@ -1,0 +1,200 @@
+"""Every fault in every mode on both axes; a failure names the seed and what plays the cell again."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from daemon.record import Cause, Mode
+from gaitd.fault_matrix import page
+from gaitd.fault_matrix.cell import Cell, Found
+from gaitd.fault_matrix.expected import EXCEPTIONS, OPEN, ROWS, is_open
+from gaitd.fault_matrix.faults import EMERGENCIES, FAULTS
+from gaitd.fault_matrix.judgement import broken
+from gaitd.fault_matrix.modes import COLUMNS, LEFT_OUT
+from gaitd.fault_matrix.run import cells, run
+from sim_drives.settings import FaultKind
+
+PROJECT = Path(__file__).resolve().parents[2]
+DEMO = PROJECT / "configs/demo.toml"
+SEED = 1
+JOBS = 2
+NOT_IN_OPERATION = {
+    FaultKind.REFUSES_OBJECT: "of bring-up, tests/closed_loop/test_bring_up*.py",
+    FaultKind.WRONG_IDENTITY: "of bring-up, and a loss in operation: tests/closed_loop",
+    FaultKind.HOME_SWITCH_STUCK: "of homing by a switch, tests/closed_loop/test_referencing.py",
+    FaultKind.SLOW_STATE: "of the power state machine, tests/closed_loop/test_faults.py",
+}
+"""Faults of the virtual drives without a row, with where they are tested."""
+
+
+def played(*wanted):
+    return [one for part in run(DEMO, list(wanted), SEED, JOBS) for one in part]
+
+
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("mode", COLUMNS)
+def test_every_fault_in_this_mode_does_what_is_right_on_both_axes(mode):
+    found = played(*cells(modes=(mode,)))
+
+    wrong = [
+        f"{page.command(one)}\n    {'; '.join(reasons)}"
+        for one in found
+        if (reasons := broken(one)) and not is_open(one.cell)
+    ]
+    assert not wrong, "\n".join(["", *wrong])
+
+
+def test_a_cell_alone_is_played_bit_for_bit_as_among_others():
+    cell = Cell("hand_switch", "hold", "right/slide")
+
+    (alone,) = played(cell)
+    among = played(*cells(("silent", "hand_switch", "overrun_3"), ("hold",)))
+
+    assert alone in among
+    assert alone.stopped
+
+
+# --- completeness ---------------------------------------------------------------------------------
+
+
+def test_every_mode_has_its_column_or_is_named_as_left_out():
+    assert {column.mode for column in COLUMNS.values()} | LEFT_OUT == set(Mode)
+    assert not {column.mode for column in COLUMNS.values()} & LEFT_OUT
+
+
+def test_every_fault_of_the_virtual_drives_has_a_row_or_its_test_elsewhere():
+    text = (PROJECT / "gaitd/fault_matrix/faults.py").read_text()
+    text += (PROJECT / "gaitd/fault_matrix/kinds.py").read_text()
+
+    without = {kind for kind in FaultKind if f'"{kind.value} ' not in text}
+
+    assert {kind for kind in without if f"{kind.value} {{" not in text} == set(NOT_IN_OPERATION)
+
+
+def test_every_error_class_has_a_fault_and_a_message_that_changes_nothing():
+    assert set(EMERGENCIES) == {*range(1, 10), 0xF}
+    for error_class, (code, _) in EMERGENCIES.items():
+        assert code >> 12 == error_class
+        assert {f"emcy_{error_class:x}xxx_fault", f"emcy_{error_class:x}xxx_told"} <= set(FAULTS)
+
+
+def test_every_row_has_its_law_and_every_exception_its_place_and_its_reason():
+    assert set(ROWS) == set(FAULTS)
+    for (fault, mode, axis), law in EXCEPTIONS.items():
+        assert fault in FAULTS
+        assert mode in COLUMNS
+        assert axis in {"", "right/hip", "right/slide"}
+        assert law.why
+
+
+def test_what_is_open_is_a_row_with_a_reason():
+    for (fault, mode), reason in OPEN.items():
+        assert fault in FAULTS
+        assert mode in {"*", *COLUMNS}
+        assert reason
+
+
+def test_all_cells_are_rows_times_columns_times_axes():
+    axes = sum(2 if fault.of_an_axis else 1 for fault in FAULTS.values())
+
+    assert len(cells()) == len(set(cells())) == axes * len(COLUMNS)
+
+
+# --- the page -------------------------------------------------------------------------------------
+
+
+def test_the_page_has_every_row_and_every_column_and_no_empty_cell():
+    text = (PROJECT / "docs" / page.PAGE).read_text()
+    tables = [table for table in page.tables_of(text) if table[0][0] == "fault"]
+    matrix = [table for table in tables if set(table[0][1:]) <= set(COLUMNS)]
+
+    assert sorted(name for table in matrix for name in table[0][1:]) == sorted(COLUMNS)
+    for table in matrix:
+        head, _, *rows = table
+        assert [row[0].strip("`") for row in rows] == list(FAULTS)
+        assert {len(row) for row in rows} == {len(head)}
+        assert all(cell and cell != "not played" for row in rows for cell in row)
+    assert (PROJECT / "docs" / page.PICTURE).stat().st_size > 10_000
+
+
+def test_the_same_on_both_axes_is_one_entry_and_another_thing_is_two():
+    hip = WELL
+    slide = msgspec.structs.replace(WELL, axis="right/slide", hip_deg=9.0, told_cycles=4.5)
+    other = msgspec.structs.replace(slide, causes=("HEARTBEAT_LOST",))
+
+    assert page.entry([hip, slide]) == "DRIVE_SILENT S1 · 4.5 · 9.0°, 20 mm"
+    assert page.entry([hip, other]).count("<br>") == 1
+    assert "slide: HEARTBEAT_LOST" in page.entry([hip, other])
+
+
+# --- the laws can be broken -----------------------------------------------------------------------
+
+WELL = Found(
+    fault="silent",
+    mode="gait_impedance",
+    axis="right/hip",
+    seed=1,
+    phase=0.4,
+    driven=True,
+    stopped=True,
+    causes=("DRIVE_SILENT",),
+    category="S1",
+    drive="right/hip",
+    final_mode="FAULT",
+    final_cause="DRIVE_SILENT",
+    told_cycles=4.2,
+    left_cycles=5.1,
+    rest_cycles=20.0,
+    hip_deg=8.0,
+    slide_mm=20.0,
+)
+REST = msgspec.structs.replace(WELL, mode="ready", driven=False, stopped=False, final_mode="OFF")
+STILL = msgspec.structs.replace(WELL, mode="fault", driven=False, stopped=False)
+ONWARDS = msgspec.structs.replace(
+    WELL, fault="tpdo_lost_once", stopped=False, causes=(), category="", final_mode="GAIT"
+)
+
+
+@pytest.mark.parametrize("well", [WELL, REST, STILL, ONWARDS])
+def test_a_good_cell_breaks_no_law(well):
+    assert broken(well) == []
+
+
+@pytest.mark.parametrize(
+    ("well", "changes", "said"),
+    [
+        (WELL, {"enabled_anew": ("right/hip",)}, "enabled without a request: right/hip"),
+        (WELL, {"active_again": True}, "without a request"),
+        (WELL, {"together": False}, "between the same two SYNCs"),
+        (WELL, {"causes": ("TRACKING_LIMIT",)}, "cause TRACKING_LIMIT"),
+        (WELL, {"causes": ("DRIVE_SILENT", "ENCODER_JUMP")}, "then ENCODER_JUMP"),
+        (WELL, {"category": "S2"}, "category S2, right is S1"),
+        (WELL, {"told_cycles": 6.1}, "told after 6.1 cycles"),
+        (WELL, {"told_cycles": None}, "no frame told both drives"),
+        (WELL, {"rest_cycles": None}, "at rest after None"),
+        (WELL, {"final_mode": "STOPPING"}, "in mode STOPPING"),
+        (WELL, {"beyond_hip_deg": 7.0}, "beyond its limit"),
+        (WELL, {"beyond_slide_mm": 54.0}, "beyond its limit"),
+        (WELL, {"stopped": False}, "went on"),
+        (WELL, {"exit_code": 4, "trouble": "KeyError"}, "exit code 4"),
+        (WELL, {"trouble": "KeyError"}, "an exception: KeyError"),
+        (WELL, {"fault": "adapter_gone", "causes": ("BUS_DOWN",), "left_cycles": 15.0}, "15.0"),
+        (ONWARDS, {"causes": ("DRIVE_SILENT",)}, "right is to go on"),
+        (ONWARDS, {"final_mode": "HOLD"}, "in mode HOLD"),
+        (REST, {"final_mode": "FAULT"}, "in mode FAULT"),
+        (REST, {"causes": ("ENCODER_JUMP",)}, "cause ENCODER_JUMP"),
+        (REST, {"causes": ()}, "nothing was told"),
+        (STILL, {"final_mode": "READY"}, "right is FAULT"),
+        (STILL, {"causes": ("SPASM",)}, "cause SPASM"),
+    ],
+)
+def test_each_law_can_be_broken_and_says_what_is_wrong(well, changes, said):
+    reasons = broken(msgspec.structs.replace(well, **changes))
+
+    assert len(reasons) >= 1
+    assert any(said in reason for reason in reasons)
+
+
+def test_a_cause_is_a_name_of_the_record_s():
+    assert all(isinstance(cause, Cause) for law in ROWS.values() for cause in law.causes)
