@@ -204,9 +204,11 @@ ROWS: Final[Mapping[str, Law]] = MappingProxyType(
         "encoder_jump_once": _JUMP,
         "encoder_reversed": _WIRED,
         "wrong_sign": _WIRED,
-        "torque_offset": goes_on(
-            "the drive regulates what its sensor shows: no drive and no master can tell it from a"
-            " patient's effort; the static load at the next enable does"
+        "torque_offset": replace(
+            stops(Cause.EFFORT_DEVIATION, Cause.STATIC_LOAD_WRONG, resting=Resting.EITHER),
+            may_go_on=True,
+            why="the drive regulates what its sensor shows: at once nobody can tell it from a"
+            " patient's effort; it shows without power, at the next enable, or over a stride",
         ),
         "blocked_rotor": _STUCK,
         "brake_stuck": _STUCK,
@@ -310,8 +312,8 @@ def law(fault: str, mode: str, axis: str) -> Law:
 
 
 OPEN: Final[Mapping[tuple[str, str], str]] = MappingProxyType({})
-"""(fault, mode or `*`): known defects, with what is wrong. Their cells are open on the page; no test
-fails for them."""
+"""(fault, mode or `*`): known defects, with what is wrong. Open on the page; no test fails for
+them."""
 
 
 def is_open(cell: Cell) -> bool:

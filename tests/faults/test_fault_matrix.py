@@ -1,4 +1,4 @@
-"""Every fault in every mode on both axes; a failure names the seed and what plays the cell again."""
+"""Every fault in every mode on both axes; a failure names what plays its cell again."""
 
 from pathlib import Path
 
