@@ -2,7 +2,7 @@
 
 Reading order:
     bench, gateway           a service and a machine in which anything can go wrong
-    modes                    the columns: each mode, and how to get there
+    modes, controller        the columns: each mode, how to get there, who steers in mode torque
     kinds, faults            the rows: what a fault is, and each of them
     expected                 what is right in which cell, and why where it is not the usual
     cell, watch              one cell: begun, watched, measured

@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import Final
 
 from daemon.core.loop_settings import ExitCode
-from daemon.record import Cause, StopCategory
+from daemon.record import Cause, Mode, StopCategory
 from gaitd.fault_matrix.cell import Cell
 
 S0, S1, S2 = StopCategory.S0, StopCategory.S1, StopCategory.S2
@@ -57,6 +57,8 @@ class Law:
     may_go_on: bool = False
     """It stops if it can be seen, and here it may be that nothing shows it."""
     resting: Resting = Resting.UNTOUCHED
+    ends_in: frozenset[Mode] = frozenset()
+    """What goes on, where it does not stay in its mode."""
     exit_code: int | None = None
     why: str = ""
     """Where it is not the row's usual one."""
@@ -275,6 +277,19 @@ def _unseen(fault: str, why: str) -> Law:
     return replace(ROWS[fault], may_go_on=True, why=why)
 
 
+_SEEN_IN_MOTION: Final = (
+    "encoder_frozen",
+    "encoder_reversed",
+    "wrong_sign",
+    "blocked_rotor",
+    "brake_stuck",
+    "limit_switch",
+)
+_NO_POWER: Final = "this axis has no power and stands: it shows when it is to move"
+_HOMING: Final = (
+    "a homing runs against its stop on purpose: what does not move is ended by the drive's own time"
+    " limit, and by the current limit of the homing"
+)
 _AT_REST: Final = "the joint stands: it would give the same counts anyway, until it has to move"
 
 EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
@@ -293,6 +308,42 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
             causes=_STUCK.causes | {Cause.VELOCITY_LIMIT, Cause.ENCODER_JUMP},
             within_cycles=None,
         ),
+        **{
+            (fault, "torque", ""): replace(
+                ROWS[fault],
+                ends_in=frozenset({Mode.HOLD}),
+                why="no setpoint counts any more: assist fades, the machine brakes and holds",
+            )
+            for fault in ("zenoh_lost", "nan_setpoint", "gateway_restarted", "gateway_200ms")
+        },
+        **{
+            (fault, "torque", ""): replace(
+                _unseen(fault, "an open loop about g(q) that moves slowly: nothing need show it"),
+                within_cycles=None,
+            )
+            for fault in ("encoder_frozen", "blocked_rotor", "brake_stuck", "limit_switch")
+        },
+        **{
+            (fault, "torque", "right/slide"): _unseen(fault, _AT_REST)
+            for fault in ("encoder_reversed", "wrong_sign")
+        },
+        **{
+            (fault, mode, "right/slide"): _unseen(fault, _NO_POWER)
+            for mode in ("reference", "commission")
+            for fault in _SEEN_IN_MOTION
+        },
+        **{
+            (fault, "reference", "right/hip"): _unseen(fault, _HOMING)
+            for fault in ("encoder_frozen", "blocked_rotor", "brake_stuck", "limit_switch")
+        },
+        **{
+            ("nan_guidance", mode, ""): _unseen("nan_guidance", "no plan guides an axis alone")
+            for mode in ("reference", "commission")
+        },
+        **{
+            ("spasm", mode, ""): _unseen("spasm", "nobody is in the machine, and little moves")
+            for mode in ("reference", "commission")
+        },
         ("limit_switch", "excite", ""): replace(
             _unseen("limit_switch", "an open loop turns round: it stops once it moves on to it"),
             within_cycles=None,

@@ -43,9 +43,9 @@ def broken(found: Found) -> list[str]:
         return [*said, *_stays_stopped(found, right)]
     if column.group is Group.IDLE:
         return [*said, *_resting(found, right)]
-    unseen = right.may_go_on and not found.stopped
+    unseen = right.may_go_on and not found.causes
     if not right.stops or unseen:
-        return [*said, *_going_on(found, column.goes_to)]
+        return [*said, *_going_on(found, right.ends_in or column.goes_to)]
     return [*said, *_stopping(found, right)]
 
 

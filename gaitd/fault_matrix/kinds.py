@@ -291,8 +291,10 @@ def foreign_alone(sent: list[Level]) -> list[Level]:
 
 
 def restarted(sent: list[Level]) -> list[Level]:
-    """A gateway that begins anew: its counts from zero, without a request, but for what it saw."""
-    return [changed(own, seq=1, stop_count=0, request=Request()) for own in sent]
+    """A gateway that begins anew: counts from zero, no request, no lease."""
+    return [
+        changed(own, seq=1, stop_count=0, request=Request(), setpoints=(), lease=0) for own in sent
+    ]
 
 
 def lower_stop_count(sent: list[Level]) -> list[Level]:

@@ -14,6 +14,7 @@ from typing import Final
 
 from daemon.record import Mode, ModeRequest, RequestKind
 from gaitd.fault_matrix.bench import Bench, Variant
+from gaitd.fault_matrix.controller import Swinger
 
 CADENCE_HZ: Final = 0.4
 STRIDE_S: Final = 1.0 / CADENCE_HZ
@@ -84,6 +85,14 @@ def _walk(bench: Bench) -> None:
     bench.lockstep.run_until(lambda record: record.gait_phase >= 0, within_s=30)
     bench.patient("active")
     bench.lockstep.run(2 * STRIDE_S + 1.0)  # its ramps are over, and the patient is with it
+
+
+def _torque(bench: Bench) -> None:
+    bench.enable()
+    Swinger(bench.gateway, bench.settings.legs[0].name)
+    bench.lockstep.run(0.1)
+    bench.ask(RequestKind.MODE, ModeRequest(Mode.TORQUE))
+    bench.lockstep.run(1.0)
 
 
 def _excite(bench: Bench) -> None:
@@ -182,6 +191,15 @@ COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
                 Variant(guidance="position"),
             ),
             Column(
+                "torque",
+                Mode.TORQUE,
+                Group.DRIVING,
+                "a controller with a lease swings the hip by 7 deg, once in 3 s",
+                _torque,
+                3.0,
+                frozenset({Mode.TORQUE}),
+            ),
+            Column(
                 "excite",
                 Mode.EXCITE,
                 Group.DRIVING,
@@ -235,5 +253,5 @@ COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
 )
 """By name, in the order of the pages."""
 
-LEFT_OUT: Final = frozenset({Mode.TORQUE, Mode.RELEASE, Mode.SELF_TEST})
+LEFT_OUT: Final = frozenset({Mode.RELEASE, Mode.SELF_TEST})
 """Modes without a column: those that the service does not offer yet."""

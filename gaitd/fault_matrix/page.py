@@ -21,7 +21,7 @@ class Table(NamedTuple):
 
 
 TABLES: Final = (
-    Table("Both axes are enabled", ("hold", "gait_impedance", "gait_position", "excite")),
+    Table("Both axes are enabled", ("hold", "gait_impedance", "gait_position", "torque", "excite")),
     Table("One axis is enabled alone", ("reference", "commission")),
     Table("Already stopped", ("stopping", "fault")),
     Table("Nothing is enabled", ("off", "bringing_up", "ready")),
