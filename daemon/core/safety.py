@@ -231,13 +231,22 @@ def _power(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
         yield Cause.NOT_FOLLOWING, 0.0, 1.0, "statusword bit 12"
 
 
+def _numbers(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
+    """What is no number passes every comparison below as if it were inside: it is one by itself."""
+    if not math.isfinite(axis.joint.position_si):
+        yield Cause.ENCODER_JUMP, 0.0, 0.0, "its position is no number"
+    if not math.isfinite(axis.joint.effort_si):
+        yield Cause.EFFORT_DEVIATION, 0.0, 0.0, "its effort is no number"
+
+
 def _encoder(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
     joint, limits = axis.joint, axis.limits
     sampled = joint.fresh and joint.elapsed_s > 0
     reach_si = jump_reach_si(joint, limits, thresholds)
     if sampled and abs(joint.step_si) > reach_si:
         yield Cause.ENCODER_JUMP, abs(joint.step_si), reach_si, "between two samples"
-    if not axis.referenced and not axis.preparing and not axis.feedback.rebooted:
+    known = (axis.referenced or axis.preparing) and not axis.feedback.reference_lost
+    if not known and not axis.feedback.rebooted:
         yield Cause.UNREFERENCED, 0.0, 1.0, ""
     if not sampled:
         return
@@ -349,6 +358,7 @@ DRIVING_CHECKS: tuple[Check, ...] = (
     _communication,
     _fault,
     _unasked,
+    _numbers,
     _encoder,
     _directions,
     _efforts,

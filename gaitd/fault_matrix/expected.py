@@ -50,6 +50,8 @@ class Law:
     categories: frozenset[StopCategory] = frozenset()
     """Of the first."""
     later: frozenset[Cause] = frozenset()
+    latches: frozenset[Cause] = frozenset()
+    """Where what shows first may be another thing: one of these is latched in the end."""
     within_cycles: float | None = None
     """To the frame that stops the last axis; None: no bound but that it stops."""
     by_drives: bool = False
@@ -109,6 +111,16 @@ _WIRED: Final = stops(
     within=30.0,
     later=(Cause.STOP_NOT_OBEYED, Cause.DRIVE_FAULT, Cause.EMERGENCY),
 )
+_WIRED_ENCODER: Final = replace(
+    _WIRED,
+    causes=_WIRED.causes
+    | {Cause.STOPPING_PATH, Cause.TRACKING_LIMIT, Cause.POSITION_LIMIT, Cause.VELOCITY_LIMIT},
+    categories=frozenset({S0, S1, S2}),
+    latches=_WIRED.causes | {Cause.STOP_NOT_OBEYED},
+    within_cycles=40.0,
+    later=_WIRED.later | {Cause.SINGULARITY, Cause.LIMIT_SWITCH},
+)
+"""What the service sees is a leg that runs the other way: towards a limit first, maybe."""
 _JUMP: Final = stops(Cause.ENCODER_JUMP, Cause.UNREFERENCED, by=(S0,), within=AT_ONCE)
 _PUSHED: Final = stops(
     Cause.POSITION_LIMIT,
@@ -136,6 +148,7 @@ _ALONE: Final = replace(
         *LOST,
         Cause.BUS_OFF,
         Cause.BUS_DOWN,
+        Cause.LAST_END_UNKNOWN,
         Cause.TRANSMIT_QUEUE_FULL,
         Cause.EMERGENCY,
         Cause.DRIVE_FAULT,
@@ -150,6 +163,7 @@ _BUG: Final = replace(
         Cause.DRIVE_FAULT,
         Cause.EMERGENCY,
         Cause.DRIVE_POWERED,
+        Cause.LAST_END_UNKNOWN,
         *LOST,
         within=AT_ONCE,
         resting=Resting.EITHER,
@@ -204,7 +218,7 @@ ROWS: Final[Mapping[str, Law]] = MappingProxyType(
         "encoder_frozen": _STUCK,
         "encoder_jump": _JUMP,
         "encoder_jump_once": _JUMP,
-        "encoder_reversed": _WIRED,
+        "encoder_reversed": _WIRED_ENCODER,
         "wrong_sign": _WIRED,
         "torque_offset": replace(
             stops(Cause.EFFORT_DEVIATION, Cause.STATIC_LOAD_WRONG, resting=Resting.EITHER),

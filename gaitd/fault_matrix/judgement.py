@@ -69,6 +69,9 @@ def _causes(found: Found, right: Law) -> Iterator[str]:
     first = {one.name for one in right.causes}
     if found.causes and found.causes[0] not in first:
         yield f"cause {found.causes[0]}, right is {_names(first)}"
+    latched = {one.name for one in right.latches}
+    if latched and found.final_cause not in latched:
+        yield f"latched is {found.final_cause}, right is {_names(latched)}"
     if strange:
         yield f"then {_names(set(strange))}, right may be {_names(allowed)}"
 

@@ -161,6 +161,26 @@ def test_an_axis_without_a_reference_stops():
     assert verdict_of(axis=replace(AXIS, referenced=False)).cause == Cause.UNREFERENCED
 
 
+def test_an_encoder_in_error_stops_its_axis_also_while_it_is_prepared():
+    preparing = replace(AXIS, referenced=False, preparing=True)
+    in_error = replace(preparing, feedback=replace(AXIS.feedback, reference_lost=True))
+
+    assert verdict_of(axis=preparing) == NO_VERDICT
+    assert verdict_of(axis=in_error).cause == Cause.UNREFERENCED
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize(
+    ("field", "cause"),
+    [("position_si", Cause.ENCODER_JUMP), ("effort_si", Cause.EFFORT_DEVIATION)],
+)
+def test_a_sample_that_is_no_number_stops_and_is_never_told_as_one(field, cause, number):
+    found = verdict_of(axis=with_joint(**{field: number}))
+
+    assert found.cause == cause
+    assert math.isfinite(found.value)
+
+
 def test_speed_that_is_lost_at_once_to_the_very_same_count_is_a_frozen_encoder():
     possible = FREEZE_DECELERATION_RATIO * 20.0 * 0.01
     frozen = {"still_cycles": 5, "velocity_si": 0.0}
