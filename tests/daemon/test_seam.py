@@ -94,6 +94,26 @@ def test_a_slot_that_is_being_written_is_not_read(tmp_path):
     assert [one.seq for one in RingReader(path).since(0)] == [1]
 
 
+def test_the_ring_has_all_its_room_before_the_first_record(tmp_path):
+    writer = RingWriter(tmp_path / seam.RING_NAME, HEADER)
+    found = (tmp_path / seam.RING_NAME).stat()
+    writer.close()
+
+    assert found.st_blocks * 512 >= found.st_size
+    assert found.st_size == seam.HEADER_SIZE + seam.SLOT_COUNT * seam.SLOT_SIZE
+
+
+def test_a_ring_that_finds_no_room_leaves_nothing(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(seam.os, "posix_fallocate", full)
+
+    with pytest.raises(OSError, match="No space left"):
+        RingWriter(tmp_path / seam.RING_NAME, HEADER)
+    assert not list(tmp_path.iterdir())
+
+
 def test_the_ring_outlives_its_writer(tmp_path):
     core = CoreSeam(tmp_path, HEADER)
     core.publish(record(1))

@@ -86,6 +86,29 @@ def test_it_serves_its_bus_until_sigterm_and_writes_the_truth_of_every_sync(conf
     assert not control.exists()
 
 
+def test_on_request_the_truth_goes_on_while_no_sync_comes_with_the_count_of_the_last_one(
+    configs, tmp_path
+):
+    truth = tmp_path / "truth.csv"
+    command = arguments(configs, "--truth", str(truth), "--truth-in-silence")
+    with running(command) as process:
+        address = process.stdout.readline().split()[-1]
+        with can.Bus(interface="remote", channel=address) as bus:
+            bus.send(can.Message(arbitration_id=0x080, is_extended_id=False))
+            while len(truth.read_text().splitlines()) < 20:
+                bus.recv(0.02)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(10) == 0
+
+    rows = list(csv.DictReader(truth.open()))
+    counts = [int(row["sync_count"]) for row in rows]
+    times = [int(row["sync_mono_ns"]) for row in rows]
+    assert set(counts) <= {0, 1}
+    assert counts == sorted(counts)
+    assert counts.count(1) >= 5
+    assert times == sorted(set(times))
+
+
 def test_it_ends_by_itself_after_its_duration(configs):
     done = subprocess.run(
         arguments(configs, "--duration", "0.1"), capture_output=True, timeout=START_S, check=False

@@ -27,6 +27,18 @@ def test_what_is_written_is_found_by_the_next_start(tmp_path):
     assert Notebook(tmp_path).notes == NOTES
 
 
+@pytest.mark.parametrize("before", [None, b"", b"{}"])
+def test_the_file_has_all_its_room_before_the_first_note(tmp_path, before):
+    if before is not None:
+        (tmp_path / NAME).write_bytes(before)
+
+    Notebook(tmp_path)
+
+    found = (tmp_path / NAME).stat()
+    assert found.st_size == SIZE
+    assert found.st_blocks * 512 >= SIZE
+
+
 def test_what_is_written_survives_a_process_that_never_closes_it(tmp_path):
     Notebook(tmp_path).write(NOTES)
 

@@ -1,0 +1,314 @@
+"""Clients that flood, hang, die and come in numbers, and a network that is cut, while it walks.
+
+The core must not notice any of them: nothing that it counts of requests and stops changes, and the
+gateway's word is never too old. The gateway goes on answering others.
+"""
+
+import contextlib
+import json
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import zenoh
+from cut_sockets import ESTABLISHED, LISTENING, cut
+from long_service import PATIENCE_S, TRIES
+from processes import Service
+from witnesses import Watch
+
+from daemon.record import Cause, Mode
+from gaitd.remote import client_settings
+
+CONFIGURATION_ERROR = 2
+FLOOD_S = 2.0
+ASKED_WHILE_FLOODED = 5
+SAMPLES = 100
+COMING_AND_GOING = 15
+HANDFUL = 4
+
+PLAIN = """
+import json, sys, time, zenoh
+config = zenoh.Config.from_json5(json.dumps({
+    "mode": "client", "connect": {"endpoints": [sys.argv[1]]},
+    "scouting": {"multicast": {"enabled": False}}}))
+session = zenoh.open(config)
+"""
+FLOOD = (
+    PLAIN
+    + """
+import random
+rng = random.Random(1)
+names = ("enable", "disable", "reset", "mode", "acquire", "release", "status", "config", "nothing")
+garbage = (b"", b"{", b"\\xff" * 100, b"[" * 3000, b'{"mode": 7}', b'{"unknown": 1}', b"x" * 100000)
+print("floods", flush=True)
+end_s = time.monotonic() + float(sys.argv[2])
+count = 0
+while time.monotonic() < end_s:
+    # What asks for nothing with an empty payload would be a request, and no garbage.
+    payload = rng.choice(garbage[1:])
+    session.get("gaitd/trainer/control/" + rng.choice(names), lambda reply: None, payload=payload)
+    count += 1
+print(count, flush=True)
+session.close()
+"""
+)
+DEAF = (
+    PLAIN
+    + """
+subscriber = session.declare_subscriber("gaitd/trainer/**", lambda sample: None)
+print("hears", flush=True)
+time.sleep(60)
+"""
+)
+ASKS_AND_WAITS = (
+    PLAIN
+    + """
+print("asks", flush=True)
+for reply in session.get("gaitd/trainer/control/" + sys.argv[2], payload=sys.argv[3].encode()):
+    print("answered", flush=True)
+"""
+)
+
+
+@pytest.fixture
+def walking(long_service):
+    return long_service.bring(Mode.GAIT)
+
+
+@contextlib.contextmanager
+def plain_client(service, program, *arguments):
+    """A process that knows Zenoh and nothing of ours, after its first line."""
+    endpoint = f"tcp/127.0.0.1:{service.zenoh_port}"
+    command = [sys.executable, "-I", "-c", program, endpoint, *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            process.stdout.readline()
+            yield process
+        finally:
+            process.kill()
+
+
+@contextlib.contextmanager
+def session_with(service):
+    config = zenoh.Config()
+    settings = client_settings((f"tcp/127.0.0.1:{service.zenoh_port}",))
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    session = zenoh.open(config)
+    try:
+        yield session
+    finally:
+        session.close()
+
+
+def hears(service, session, count=SAMPLES):
+    """Until so many samples of the activity have come."""
+    came = []
+    with session.declare_subscriber("gaitd/trainer/right/activity", came.append):
+        service.wait(lambda: len(came) >= count, PATIENCE_S)
+
+
+def answers(service):
+    return service.request("status").get("safety", {}).get("valid", False)
+
+
+def undisturbed(service, disturb):
+    """Do something beside the walking core; its records, once no stall has come between."""
+    for _ in range(TRIES):
+        with Watch(service.bring(Mode.GAIT)) as seen:
+            before = service.newest()
+            result = disturb(service)
+            records = seen.records_since()
+        causes = {record.verdict.cause for record in records}
+        # A machine that is too slow for the flood starves the gateway; then it says so.
+        if causes <= {Cause.NONE}:
+            break
+    assert causes == {Cause.NONE}
+    assert {record.mode for record in records} == {Mode.GAIT}
+    assert {record.stop_count for record in records} == {before.stop_count}
+    assert {record.request.id for record in records} == {before.request.id}
+    assert records[-1].tx_dropped_count == before.tx_dropped_count
+    return result, records
+
+
+def told(fault_table, fault, records, what, noticed="nobody"):
+    oldest = max(record.level_age_cycles for record in records)
+    reaction = f"{what}; the gateway's word is {oldest} cycles old at most"
+    fault_table.add(fault, "walking", noticed, reaction, None, "none", "gait")
+
+
+def flood(service):
+    with plain_client(service, FLOOD, str(FLOOD_S)) as client:
+        answered = sum(answers(service) for _ in range(ASKED_WHILE_FLOODED))
+        count = int(client.stdout.readline())
+    return answered, count
+
+
+def test_a_flood_of_garbage_to_control_reaches_the_core_with_nothing_and_others_are_answered(
+    long_service, fault_table
+):
+    (answered, count), records = undisturbed(long_service, flood)
+
+    assert count > 100
+    assert answered > 0
+    assert answers(long_service)
+    what = f"{count} queries in {FLOOD_S:g} s: none reached the core, others were answered"
+    told(fault_table, "flood of garbage queries to control/*", records, what)
+
+
+def hang(service):
+    with plain_client(service, DEAF) as client, session_with(service) as session:
+        client.send_signal(signal.SIGSTOP)
+        hears(service, session, 2 * SAMPLES)
+        client.send_signal(signal.SIGCONT)
+        hears(service, session, SAMPLES // 2)
+    return answers(service)
+
+
+def test_a_subscriber_that_never_reads_takes_nothing_from_the_others(long_service, fault_table):
+    answered, records = undisturbed(long_service, hang)
+
+    assert answered
+    told(fault_table, "subscriber that never reads", records, "others hear every cycle")
+
+
+def come_and_go(service):
+    folder = Path(f"/proc/{service.parts['gateway'].pid}/fd")
+    with session_with(service) as session:
+        hears(service, session, 1)
+    before = len(list(folder.iterdir()))
+    for _ in range(COMING_AND_GOING):
+        with session_with(service) as session:
+            hears(service, session, 1)
+            assert list(session.get("gaitd/trainer/control/status"))
+    service.wait(lambda: len(list(folder.iterdir())) <= before, PATIENCE_S)
+    return answers(service)
+
+
+def test_clients_that_come_and_go_leave_nothing_open_in_the_gateway(long_service, fault_table):
+    answered, records = undisturbed(long_service, come_and_go)
+
+    assert answered
+    what = f"{COMING_AND_GOING} clients: no descriptor stays open"
+    told(fault_table, "clients that come and go", records, what)
+
+
+def cut_all(service):
+    pid = service.parts["gateway"].pid
+    with session_with(service) as session:
+        hears(service, session, 1)
+        try:
+            count = cut(pid, service.zenoh_port, ESTABLISHED)
+        except OSError as error:
+            pytest.skip(f"no socket of another process may be cut here: {error}")
+        hears(service, session)  # connected again by itself
+    return count
+
+
+def test_a_session_that_is_cut_is_not_noticed_by_the_core_and_comes_back(long_service, fault_table):
+    count, records = undisturbed(long_service, cut_all)
+
+    assert count > 0
+    told(fault_table, "Zenoh sessions cut", records, "clients connect again", "the clients")
+
+
+def cut_listener(service):
+    with session_with(service) as session:
+        hears(service, session, 1)
+        try:
+            count = cut(service.parts["gateway"].pid, service.zenoh_port, LISTENING)
+        except OSError as error:
+            pytest.skip(f"no socket of another process may be cut here: {error}")
+        hears(service, session)
+        asked = list(session.get("gaitd/trainer/control/status"))
+    return count, asked, service.request("status")
+
+
+def test_a_listener_that_is_lost_keeps_new_clients_out_until_the_gateway_starts_again(
+    long_service, fault_table
+):
+    (count, asked, stranger), records = undisturbed(long_service, cut_listener)
+
+    assert count == 1
+    assert asked
+    assert stranger["outcome"] == "unanswered"
+    long_service.kill("gateway")
+    long_service.bring(Mode.HOLD)
+    what = "sessions that exist go on, new clients get no answer: start the gateway again"
+    told(fault_table, "Zenoh listener lost", records, what, "new clients")
+
+
+def run_out_of_descriptors(service):
+    pid = service.parts["gateway"].pid
+    limits = resource.prlimit(pid, resource.RLIMIT_NOFILE)
+    used = sum(1 for _ in Path(f"/proc/{pid}/fd").iterdir())
+    resource.prlimit(pid, resource.RLIMIT_NOFILE, (used + 2, limits[1]))
+    opened, refused = contextlib.ExitStack(), 0
+    with opened:
+        for _ in range(HANDFUL):
+            try:
+                opened.enter_context(session_with(service))
+            except zenoh.ZError:
+                refused += 1
+    resource.prlimit(pid, resource.RLIMIT_NOFILE, limits)
+    service.wait(lambda: answers(service), PATIENCE_S)
+    return refused
+
+
+def test_a_gateway_without_descriptors_refuses_clients_and_serves_again_when_there_are_some(
+    long_service, fault_table
+):
+    refused, records = undisturbed(long_service, run_out_of_descriptors)
+
+    assert refused > 0
+    what = f"{refused} of {HANDFUL} clients refused, all are served later"
+    told(fault_table, "gateway out of file descriptors", records, what, "new clients")
+
+
+def test_a_client_killed_while_its_request_is_answered_leaves_the_request_and_the_gateway(
+    long_service, fault_table
+):
+    service = long_service.bring(Mode.READY)
+    pid = service.parts["gateway"].pid
+    service.wait(lambda: all(not drive.velocity_si for drive in service.newest().drives), 20)
+    with plain_client(service, ASKS_AND_WAITS, "enable", "{}") as client:
+        service.until(lambda record: record.mode == Mode.HOLD, PATIENCE_S)
+        client.kill()
+        client.wait()
+    first = service.newest().seq
+    record = service.until(lambda record: record.seq > first + SAMPLES)
+
+    assert record.mode == Mode.HOLD
+    assert service.parts["gateway"].pid == pid
+    assert answers(service)
+    fault_table.add(
+        "client SIGKILL while enable is answered",
+        "ready",
+        "nobody",
+        "the request is carried out",
+        None,
+        "none",
+        "hold",
+    )
+
+
+def test_a_port_that_is_in_use_is_a_configuration_error_that_names_it_and_disturbs_nobody(
+    walking, tmp_path_factory, fault_table
+):
+    stranger = Service(tmp_path_factory.mktemp("stranger"))
+    text = stranger.config.read_text()
+    stranger.config.write_text(text.replace(str(stranger.zenoh_port), str(walking.zenoh_port)))
+    with Watch(walking) as seen:
+        ended = stranger.ask("gateway")
+        records = seen.records_since()
+
+    assert ended.returncode == CONFIGURATION_ERROR
+    assert f"tcp/127.0.0.1:{walking.zenoh_port}" in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert {record.verdict.cause for record in records} == {Cause.NONE}
+    fault_table.add(
+        "Zenoh port in use", "start", "gateway", "exit 2, names it", None, "said", "ended"
+    )
