@@ -93,7 +93,7 @@ def _run(
     refused = realtime.prepare(settings.trainer.cycle.realtime_priority)
     for line in (bus_load_line(settings, built), *refused):
         built.core.events.append(line)
-        print(f"gaitd core: {line}", file=sys.stderr)
+        _say(f"gaitd core: {line}")
     try:
         code = loop.run(asked_to_end)
     finally:
@@ -101,10 +101,16 @@ def _run(
         notebook.close()
         supervisor.close()
     if loop.bug is not None:
-        traceback.print_exception(loop.bug)
+        _say("".join(traceback.format_exception(loop.bug)))
     if code == ExitCode.REFUSED:
-        print(f"gaitd core: {built.core.verdict.detail}", file=sys.stderr)
+        _say(f"gaitd core: {built.core.verdict.detail}")
     return code
+
+
+def _say(text: str) -> None:
+    """For who reads the log: one that is full or gone is no reason to run or end otherwise."""
+    with contextlib.suppress(OSError):
+        print(text, file=sys.stderr)
 
 
 def bus_load_line(settings: Settings, built: Built) -> str:

@@ -19,6 +19,7 @@ from witnesses import Watch
 from daemon.record import Cause, Mode
 
 CONFIGURATION_ERROR = 2
+FULL = Path("/dev/full")
 NOBODY = 65534
 AS_ANYBODY = ("setpriv", "--bounding-set=-dac_override,-dac_read_search", "--inh-caps=-all")
 """Without the right of root to write what belongs to others."""
@@ -178,6 +179,29 @@ def test_a_place_where_no_directory_can_be_made_is_refused_by_its_key(folder, fa
         None,
         "said",
         "ended",
+    )
+
+
+def test_a_log_on_a_full_disk_keeps_no_core_from_running_and_from_ending_with_0(
+    folder, fault_table
+):
+    service = Service(folder)
+    command = [sys.executable, *GAITD, "core", "--config", str(service.config)]
+    with FULL.open("w") as full, subprocess.Popen(command, stderr=full) as core:
+        try:
+            service.until(lambda record: record.seq > 1, PATIENCE_S)
+        finally:
+            core.terminate()
+
+    assert core.returncode == 0
+    fault_table.add(
+        "log of the core on a full disk",
+        "start and end",
+        "nobody",
+        "none: what it says is in its records, too",
+        None,
+        "none",
+        "off",
     )
 
 
