@@ -173,16 +173,3 @@ class Service:
         """A station of python-can on the same bus, that only listens."""
         with can.Bus(interface="remote", channel=f"ws://127.0.0.1:{self.bus_port}/") as bus:
             yield bus
-
-
-def emergencies(bus: can.BusABC, within_s: float, count: int) -> dict[int, list[tuple[float, int]]]:
-    """EMCY codes by node, with the time since this call, until so many nodes have sent one."""
-    begun_s = time.monotonic()
-    found: dict[int, list[tuple[float, int]]] = {}
-    while len(found) < count and time.monotonic() - begun_s < within_s:
-        message = bus.recv(0.1)
-        if message is not None and 0x081 <= message.arbitration_id <= 0x0FF:
-            code = int.from_bytes(message.data[:2], "little")
-            node = message.arbitration_id - 0x080
-            found.setdefault(node, []).append((time.monotonic() - begun_s, code))
-    return found
