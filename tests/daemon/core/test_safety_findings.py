@@ -1,0 +1,499 @@
+"""What a verdict tells, which of several is told, and who is exempt from what and why."""
+
+import math
+from dataclasses import replace
+
+import msgspec
+import pytest
+from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL
+
+from daemon.core.safety import NO_VERDICT, bound, bound_position, judge
+from daemon.record import Cause, StopCategory
+from drives.signals import Emergency, Input, NmtState, OperationMode, PowerState
+
+EMERGENCY = Emergency(5, 0x8611, 0x21, b"\0" * 5, "following error", 0)
+LOW_CODE = Emergency(5, 0x0100, 0x21, b"\0" * 5, "something", 0)
+
+
+def verdict_of(service=WELL, axes=(AXIS,), legs=(LEG,), *, driving=True, categories=CATEGORIES):
+    return judge(service, axes, legs, THRESHOLDS, categories, driving=driving)
+
+
+def told(*, driving=True, **where):
+    verdict = verdict_of(**where, driving=driving)
+    return verdict.cause, verdict.drive, verdict.value, verdict.limit, verdict.detail
+
+
+def fed(axis=AXIS, **change):
+    return replace(axis, feedback=replace(axis.feedback, **change))
+
+
+def moved(axis=AXIS, **change):
+    return replace(axis, joint=axis.joint._replace(**change))
+
+
+# --- what a verdict tells -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"stop_requested": True}, (Cause.STOP_REQUESTED, 0, 0, "")),
+        ({"shutdown_requested": True}, (Cause.SHUTDOWN, 0, 0, "")),
+        ({"level_age_cycles": 31}, (Cause.GATEWAY_SILENT, 31, 30, "cycles since the gateway's")),
+        ({"overruns_in_a_row": 4}, (Cause.CYCLE_OVERRUN, 4, 3, "grid points missed in a row")),
+        ({"bus_error": "can0: gone"}, (Cause.BUS_DOWN, 0, 0, "can0: gone")),
+        ({"bus_off": True}, (Cause.BUS_OFF, 0, 0, "the controller reports bus-off")),
+        ({"tx_dropped_in_a_row": 4}, (Cause.TRANSMIT_QUEUE_FULL, 4, 3, "frames were not all")),
+    ],
+)
+def test_a_stop_of_the_service_is_told_with_value_limit_and_unit_and_blames_no_drive(
+    change, expected
+):
+    cause, drive, value, limit, detail = told(service=replace(WELL, **change))
+
+    assert (cause, drive, value, limit) == (expected[0], "", expected[1], expected[2])
+    assert expected[3] in detail
+    assert bool(detail) == bool(expected[3])
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"inputs": Input.STO_RELEASED}, (Cause.HAND_SWITCH_OPEN, 0, 1, "")),
+        ({"inputs": Input.HAND_SWITCH_CLOSED}, (Cause.STO_ACTIVE, 0, 1, "")),
+        ({"rebooted": True}, (Cause.DRIVE_REBOOTED, 0, 0, "boot-up message in operation")),
+        (
+            {"heartbeat_age_ns": 250_000_000},
+            (Cause.HEARTBEAT_LOST, 250, 100, "ms since its last heartbeat"),
+        ),
+        ({"nmt_state": NmtState.STOPPED}, (Cause.DRIVE_NOT_OPERATIONAL, 0, 0, "STOPPED")),
+        (
+            {"sample_age_cycles": 4},
+            (Cause.DRIVE_SILENT, 4, 2, "cycles without a complete sample"),
+        ),
+        ({"power_state": PowerState.FAULT}, (Cause.DRIVE_FAULT, 0, 0, "no EMCY seen")),
+        (
+            {"power_state": PowerState.FAULT, "emergency": EMERGENCY},
+            (Cause.DRIVE_FAULT, 0, 0, "8611h following error"),
+        ),
+        (
+            {"power_state": PowerState.FAULT, "emergency": LOW_CODE},
+            (Cause.DRIVE_FAULT, 0, 0, "0100h something"),
+        ),
+        (
+            {"power_state": PowerState.SWITCHED_ON},
+            (Cause.DRIVE_LEFT_ENABLED, 0, 0, "SWITCHED_ON"),
+        ),
+        ({"temperature_degc": 91.5}, (Cause.TEMPERATURE_LIMIT, 91.5, 80, "degC")),
+    ],
+)
+def test_what_a_drive_says_is_told_with_value_limit_and_unit(change, expected):
+    cause, value, limit, detail = expected
+
+    got = told(axes=[fed(**change)])
+
+    assert got[:2] == (cause, "right/hip")
+    assert got[2] == pytest.approx(value)
+    assert got[3] == pytest.approx(limit)
+    assert got[4] == detail
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"position_si": 0.75}, (Cause.POSITION_LIMIT, 0.75, LIMITS.position_max_si, "above")),
+        ({"position_si": -0.35}, (Cause.POSITION_LIMIT, -0.35, LIMITS.position_min_si, "below")),
+        ({"velocity_si": -3.5, "effort_si": 0.0}, (Cause.VELOCITY_LIMIT, 3.5, 3.0, "")),
+        ({"effort_si": -70.0, "velocity_si": 0.0}, (Cause.EFFORT_LIMIT, 70.0, 66.0, "")),
+        ({"effort_si": -50.0, "velocity_si": -2.0}, (Cause.POWER_LIMIT, 100.0, 80.0, "")),
+        ({"step_si": -0.06}, (Cause.ENCODER_JUMP, 0.06, 0.045, "between two samples")),
+    ],
+)
+def test_what_a_joint_does_is_told_with_value_limit_and_unit(change, expected):
+    cause, value, limit, detail = expected
+
+    got = told(axes=[moved(**change)])
+
+    assert got[:2] == (cause, "right/hip")
+    assert got[2] == pytest.approx(value)
+    assert got[3] == pytest.approx(limit)
+    assert got[4] == detail
+
+
+def test_the_rest_is_told_too():
+    tracking = replace(AXIS, tracking_si=-0.25)
+    unreferenced = replace(AXIS, referenced=False)
+    unasked = replace(AXIS, enable_wanted=False, unasked_cycles=26)
+    mode = fed(replace(AXIS, unready_cycles=6), mode_display=OperationMode.CYCLIC_SYNC_POSITION)
+    ignoring = fed(replace(AXIS, unready_cycles=6), following=False)
+    emergency = replace(fed(emergency=EMERGENCY), new_emergency=True)
+    stretched = replace(LEG, singularity_ratio=0.1)
+    blind = replace(LEG, observer_bad_cycles=51)
+
+    hip = "right/hip"
+    assert told(axes=[tracking]) == (Cause.TRACKING_LIMIT, hip, 0.25, 0.2, "")
+    assert told(axes=[unreferenced]) == (Cause.UNREFERENCED, hip, 0.0, 1.0, "")
+    assert told(axes=[unasked]) == (Cause.DRIVE_ENABLED_UNASKED, hip, 26.0, 25.0, "cycles")
+    assert told(axes=[mode]) == (
+        *(Cause.MODE_NOT_SHOWN, hip),
+        *(float(OperationMode.CYCLIC_SYNC_POSITION), float(OperationMode.CYCLIC_SYNC_TORQUE)),
+        "mode of operation display",
+    )
+    assert told(axes=[ignoring]) == (Cause.NOT_FOLLOWING, hip, 0.0, 1.0, "statusword bit 12")
+    assert told(axes=[emergency]) == (Cause.EMERGENCY, hip, 0.0, 0.0, "8611h following error")
+    assert told(legs=[stretched])[:4] == (Cause.SINGULARITY, "right", 0.1, 0.15)
+    assert "between shank and shoe" in told(legs=[stretched])[4]
+    assert told(legs=[blind])[:4] == (Cause.OBSERVER_INVALID, "right", 51.0, 50.0)
+    assert "usable estimate" in told(legs=[blind])[4]
+
+
+def test_a_low_code_of_an_emergency_is_told_in_four_digits():
+    emergency = replace(fed(emergency=LOW_CODE), new_emergency=True)
+
+    assert verdict_of(axes=[emergency]).detail == "0100h something"
+
+
+@pytest.mark.parametrize(
+    ("switch", "sign", "words"),
+    [
+        (Input.NEGATIVE_LIMIT, -1, "towards the drive's negative limit switch"),
+        (Input.POSITIVE_LIMIT, 1, "towards the drive's positive limit switch"),
+    ],
+)
+def test_a_limit_switch_is_told_with_the_speed_towards_it(switch, sign, words):
+    axis = fed(moved(velocity_si=0.5 * sign), inputs=FEEDBACK.inputs | switch)
+
+    assert told(axes=[axis]) == (
+        Cause.LIMIT_SWITCH,
+        "right/hip",
+        0.5,
+        LIMITS.standstill_si_per_s,
+        words,
+    )
+
+
+def test_at_the_speed_of_standstill_a_joint_stands_on_its_limit_switch():
+    axis = fed(moved(velocity_si=LIMITS.standstill_si_per_s), inputs=FEEDBACK.inputs | SWITCH)
+
+    assert verdict_of(axes=[axis]) == NO_VERDICT
+
+
+SWITCH = Input.POSITIVE_LIMIT
+
+
+def test_speed_lost_at_once_is_told_with_what_a_joint_could_have_lost():
+    axis = moved(still_cycles=5, velocity_si=0.0, speed_before_still_si=0.7)
+    cause, _, value, limit, detail = told(axes=[axis])
+
+    assert (cause, value, detail) == (Cause.ENCODER_FROZEN, 0.7, "speed lost at once")
+    assert limit == pytest.approx(0.6)  # three quick stops of 20 rad/s² for 10 ms
+
+
+# --- which of several is told ---------------------------------------------------------------------
+
+
+def test_of_equal_stops_the_one_that_a_person_made_is_told():
+    axis = fed(moved(velocity_si=9.0), inputs=Input.STO_RELEASED)
+
+    assert verdict_of(axes=[axis]).cause == Cause.HAND_SWITCH_OPEN
+
+
+def test_of_equal_stops_that_of_the_service_is_told_before_that_of_an_axis():
+    requested = replace(WELL, stop_requested=True)
+
+    assert verdict_of(requested, axes=[moved(velocity_si=9.0)]).cause == Cause.STOP_REQUESTED
+
+
+def test_of_equal_stops_that_of_the_first_axis_is_told_and_that_of_a_leg_last():
+    first = replace(moved(velocity_si=9.0), name="right/hip")
+    second = replace(moved(velocity_si=9.0), name="right/slide")
+    stretched = replace(LEG, singularity_ratio=0.0)
+
+    assert verdict_of(axes=[first, second]).drive == "right/hip"
+    assert verdict_of(axes=[second, first], legs=[stretched]).drive == "right/slide"
+
+
+def test_a_finding_of_the_second_axis_or_leg_alone_is_found():
+    second = replace(moved(velocity_si=9.0), name="left/hip")
+    stretched = replace(LEG, name="left", singularity_ratio=0.0)
+
+    assert verdict_of(axes=[AXIS, second]).drive == "left/hip"
+    assert verdict_of(legs=[LEG, stretched]).drive == "left"
+
+
+@pytest.mark.parametrize(
+    ("worse_one", "milder", "cause"),
+    [
+        ({"rebooted": True}, {"heartbeat_age_ns": 10**9}, Cause.DRIVE_REBOOTED),
+        ({"heartbeat_age_ns": 10**9}, {"nmt_state": NmtState.STOPPED}, Cause.HEARTBEAT_LOST),
+        ({"nmt_state": NmtState.STOPPED}, {"sample_age_cycles": 9}, Cause.DRIVE_NOT_OPERATIONAL),
+    ],
+)
+def test_a_drive_is_lost_for_the_first_of_its_reasons(worse_one, milder, cause):
+    """Each explains those behind it: who has rebooted beats no more, and sends no samples."""
+    assert verdict_of(axes=[fed(**worse_one, **milder)]).cause == cause
+
+
+# --- when what counts -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("change", [{"bus_error": "gone"}, {"bus_off": True}])
+def test_a_bus_that_is_gone_counts_at_rest_too(change):
+    assert verdict_of(replace(WELL, **change), driving=False) != NO_VERDICT
+
+
+def test_frames_that_cannot_be_sent_count_from_the_third_cycle_on_also_at_rest():
+    assert verdict_of(replace(WELL, tx_dropped_in_a_row=3), driving=False) != NO_VERDICT
+    assert verdict_of(replace(WELL, tx_dropped_in_a_row=2), driving=False) == NO_VERDICT
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"stop_requested": True},
+        {"shutdown_requested": True},
+        {"level_age_cycles": 99},
+        {"overruns_in_a_row": 99},
+    ],
+)
+def test_where_nothing_moves_there_is_nothing_of_the_service_to_stop(change):
+    assert verdict_of(replace(WELL, **change), driving=False) == NO_VERDICT
+
+
+@pytest.mark.parametrize(
+    "axis",
+    [
+        fed(power_state=PowerState.FAULT),
+        fed(rebooted=True),
+        fed(nmt_state=NmtState.STOPPED),
+        fed(heartbeat_age_ns=10**9),
+        replace(fed(emergency=EMERGENCY), new_emergency=True),
+        replace(AXIS, enable_wanted=False, unasked_cycles=26),
+    ],
+)
+def test_a_drive_that_is_lost_faulty_or_enabled_by_others_counts_at_rest_too(axis):
+    assert verdict_of(axes=[axis], driving=False) != NO_VERDICT
+
+
+def test_what_the_leg_does_at_rest_is_nobody_s_stop():
+    stretched = replace(LEG, singularity_ratio=0.0, observer_bad_cycles=99)
+
+    assert verdict_of(axes=[moved(velocity_si=9.0)], legs=[stretched], driving=False) == NO_VERDICT
+
+
+def test_an_emergency_of_before_the_last_reset_stops_nothing():
+    assert verdict_of(axes=[fed(emergency=EMERGENCY)]) == NO_VERDICT
+
+
+def test_a_new_emergency_that_the_drive_took_back_at_once_stops_nothing_more():
+    assert verdict_of(axes=[replace(AXIS, new_emergency=True)]) == NO_VERDICT
+
+
+def test_a_drive_is_taken_for_enabled_by_others_after_a_quarter_of_a_second():
+    asked_lately = replace(AXIS, unasked_cycles=25)
+    by_others = replace(AXIS, unasked_cycles=26)
+
+    assert verdict_of(axes=[asked_lately]) == NO_VERDICT
+    assert verdict_of(axes=[by_others]).cause == Cause.DRIVE_ENABLED_UNASKED
+
+
+def test_before_the_first_sample_neither_inputs_nor_joint_are_judged():
+    nothing_yet = fed(
+        moved(known=False, position_si=9.0, velocity_si=99.0, effort_si=999.0),
+        inputs=Input.NONE,
+        temperature_degc=200.0,
+    )
+
+    assert verdict_of(axes=[nothing_yet]) == NO_VERDICT
+
+
+# --- enabled, in its mode, following --------------------------------------------------------------
+
+STARTING = replace(AXIS, reached_enabled=False)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"power_state": PowerState.READY_TO_SWITCH_ON},
+        {"mode_display": OperationMode.CYCLIC_SYNC_POSITION},
+        {"following": False},
+    ],
+)
+def test_a_drive_that_starts_has_a_quarter_of_a_second_to_get_there(change):
+    within = fed(replace(STARTING, unready_cycles=25), **change)
+    beyond = fed(replace(STARTING, unready_cycles=26), **change)
+
+    assert verdict_of(axes=[within]) == NO_VERDICT
+    assert verdict_of(axes=[beyond]) != NO_VERDICT
+
+
+@pytest.mark.parametrize("power_state", [PowerState.QUICK_STOP_ACTIVE, PowerState.SWITCHED_ON])
+def test_a_drive_that_was_enabled_and_is_no_more_stops_at_once(power_state):
+    axis = fed(replace(AXIS, unready_cycles=0), power_state=power_state)
+
+    assert verdict_of(axes=[axis]).cause == Cause.DRIVE_LEFT_ENABLED
+
+
+def test_a_drive_that_is_not_enabled_is_told_so_and_not_by_its_mode():
+    axis = fed(
+        replace(AXIS, unready_cycles=99),
+        power_state=PowerState.SWITCHED_ON,
+        mode_display=OperationMode.CYCLIC_SYNC_POSITION,
+        following=False,
+    )
+
+    assert verdict_of(axes=[axis]).cause == Cause.DRIVE_LEFT_ENABLED
+
+
+def test_a_drive_that_shows_another_mode_is_told_so_and_not_that_it_does_not_follow():
+    axis = fed(
+        replace(AXIS, unready_cycles=6),
+        mode_display=OperationMode.CYCLIC_SYNC_POSITION,
+        following=False,
+    )
+
+    assert verdict_of(axes=[axis]).cause == Cause.MODE_NOT_SHOWN
+
+
+@pytest.mark.parametrize(
+    "change", [{"enable_wanted": False}, {"joint": JOINT._replace(fresh=False)}]
+)
+def test_nobody_expects_power_who_did_not_ask_or_sees_nothing_new(change):
+    axis = fed(replace(AXIS, unready_cycles=99, **change), power_state=PowerState.SWITCHED_ON)
+
+    assert verdict_of(axes=[axis]) == NO_VERDICT
+
+
+# --- one axis alone -------------------------------------------------------------------------------
+
+HOMING = replace(AXIS, homing=True)
+
+
+@pytest.mark.parametrize("position_si", [-9.0, 9.0])
+def test_where_a_joint_is_means_nothing_while_it_homes(position_si):
+    assert verdict_of(axes=[moved(HOMING, position_si=position_si)]) == NO_VERDICT
+
+
+@pytest.mark.parametrize("position_si", [-9.0, 9.0])
+def test_where_a_joint_is_means_nothing_before_it_is_referenced(position_si):
+    lost = moved(replace(AXIS, referenced=False), position_si=position_si)
+
+    assert verdict_of(axes=[lost]).cause == Cause.UNREFERENCED
+    assert verdict_of(axes=[replace(lost, preparing=True)]) == NO_VERDICT
+
+
+def test_a_homing_runs_on_to_its_switch_and_may_stand_there_at_full_torque_and_does_not_follow():
+    on_switch = fed(
+        moved(HOMING, still_cycles=99, velocity_si=0.0, speed_before_still_si=9.0),
+        inputs=FEEDBACK.inputs | Input.POSITIVE_LIMIT,
+        following=False,
+    )
+
+    assert verdict_of(axes=[replace(on_switch, unready_cycles=99)]) == NO_VERDICT
+    towards = moved(on_switch, velocity_si=0.5, still_cycles=0)
+    assert verdict_of(axes=[towards]) == NO_VERDICT
+
+
+def test_a_homing_has_its_limits_of_speed_and_effort_all_the_same():
+    assert verdict_of(axes=[moved(HOMING, velocity_si=9.0)]).cause == Cause.VELOCITY_LIMIT
+    assert (
+        verdict_of(axes=[moved(HOMING, effort_si=99.0, velocity_si=0.0)]).cause
+        == Cause.EFFORT_LIMIT
+    )
+
+
+def test_a_drive_that_rebooted_is_lost_and_not_told_to_be_unreferenced():
+    """It is the loss that has to be mended; S0 for its axis would let go of what still holds."""
+    axis = fed(replace(AXIS, referenced=False), rebooted=True)
+
+    assert verdict_of(axes=[axis]).cause == Cause.DRIVE_REBOOTED
+
+
+# --- the encoder ----------------------------------------------------------------------------------
+
+
+def test_of_a_first_sample_there_is_no_distance_to_judge():
+    assert verdict_of(axes=[moved(step_si=9.0, elapsed_s=0.0)]) == NO_VERDICT
+
+
+def test_speed_lost_at_once_counts_once_and_not_for_ever_after():
+    """Later only effort that changes without a count tells a frozen encoder from a rest."""
+    later = moved(still_cycles=6, velocity_si=0.0, speed_before_still_si=9.0)
+
+    assert verdict_of(axes=[later]) == NO_VERDICT
+
+
+def test_a_frozen_encoder_is_no_other_axis_s_stop_category():
+    frozen = moved(still_cycles=5, velocity_si=0.0, speed_before_still_si=9.0)
+
+    assert verdict_of(axes=[frozen]).category == StopCategory.S0
+
+
+# --- bounds ---------------------------------------------------------------------------------------
+
+STEP_SI = LIMITS.effort_rate_max_si_per_s * 0.01
+MAX_SI = LIMITS.effort_max_si
+
+
+@pytest.mark.parametrize(
+    ("wanted_si", "last_si", "sent_si"),
+    [
+        (10.0, 8.0, 10.0),
+        (40.0, 8.0, 8.0 + STEP_SI),
+        (-40.0, 8.0, 8.0 - STEP_SI),
+        (8.0 + STEP_SI, 8.0, 8.0 + STEP_SI),
+        (MAX_SI, MAX_SI - 1.0, MAX_SI),
+        (MAX_SI + 1.0, MAX_SI - 1.0, MAX_SI),
+        (-MAX_SI - 1.0, -MAX_SI + 1.0, -MAX_SI),
+        (0.0, 2 * MAX_SI, MAX_SI),
+        (0.0, -2 * MAX_SI, -MAX_SI),
+    ],
+)
+def test_effort_goes_its_way_by_steps_and_ends_at_its_limit(wanted_si, last_si, sent_si):
+    assert bound(wanted_si, last_si, LIMITS, 0.01) == pytest.approx(sent_si)
+
+
+def test_twice_the_time_allows_twice_the_step():
+    assert bound(MAX_SI, 0.0, LIMITS, 0.02) == pytest.approx(2 * STEP_SI)
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+def test_an_effort_that_is_not_finite_is_never_sent_nor_made_to_something_else(number):
+    assert bound(number, 0.0, LIMITS, 0.01) is None
+    assert bound(0.0, number, LIMITS, 0.01) is None
+
+
+WAY_SI = LIMITS.velocity_max_si * 0.01
+SOFT_MIN_SI = LIMITS.position_min_si + LIMITS.soft_margin_si
+SOFT_MAX_SI = LIMITS.position_max_si - LIMITS.soft_margin_si
+
+
+@pytest.mark.parametrize(
+    ("wanted_si", "last_si", "sent_si"),
+    [
+        (0.21, 0.2, 0.21),
+        (9.0, 0.2, 0.2 + WAY_SI),
+        (-9.0, 0.2, 0.2 - WAY_SI),
+        (9.0, SOFT_MAX_SI - 0.001, SOFT_MAX_SI),
+        (-9.0, SOFT_MIN_SI + 0.001, SOFT_MIN_SI),
+        (9.0, SOFT_MAX_SI + 0.02, SOFT_MAX_SI + 0.02),
+        (-9.0, SOFT_MIN_SI - 0.02, SOFT_MIN_SI - 0.02),
+        (0.2, SOFT_MAX_SI + 0.04, SOFT_MAX_SI + 0.04 - WAY_SI),
+        (0.2, SOFT_MIN_SI - 0.04, SOFT_MIN_SI - 0.04 + WAY_SI),
+    ],
+)
+def test_a_target_goes_its_way_by_steps_ends_at_the_soft_margin_and_may_always_come_back(
+    wanted_si, last_si, sent_si
+):
+    assert bound_position(wanted_si, last_si, LIMITS, 0.01) == pytest.approx(sent_si)
+
+
+def test_twice_the_time_allows_twice_the_way():
+    assert bound_position(9.0, 0.2, LIMITS, 0.02) == pytest.approx(0.2 + 2 * WAY_SI)
+
+
+def test_a_verdict_that_nobody_made_is_none():
+    assert msgspec.structs.asdict(NO_VERDICT)["category"] == StopCategory.NONE
+    assert NO_VERDICT.cause == Cause.NONE
