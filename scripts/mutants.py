@@ -49,11 +49,14 @@ from rich.progress import Progress  # noqa: E402
 from rich.table import Table  # noqa: E402
 
 SUBJECTS = {
-    "drives/cia402.py": ("tests/drives", "test_cia402*.py"),
-    "daemon/core/modes.py": ("tests/daemon/core", "test_modes*.py"),
-    "daemon/core/safety.py": ("tests/daemon/core", "test_safety*.py"),
+    "drives/cia402.py": ("drives/test_cia402*.py",),
+    "daemon/core/modes.py": ("daemon/core/test_modes*.py",),
+    "daemon/core/safety.py": (
+        *("daemon/core/test_safety_findings.py", "daemon/core/test_every_limit.py"),
+        *("daemon/core/test_safety.py", "daemon/core/test_bounds.py"),
+    ),
 }
-"""What is mutated, and where the unit tests are that must notice."""
+"""What is mutated, and the unit tests that must notice, under `tests`; the quick ones first."""
 
 SOURCES = {file: (PROJECT / file).read_text(encoding="utf-8") for file in SUBJECTS}
 TREES = {file: get_ast(source) for file, source in SOURCES.items()}
@@ -197,13 +200,18 @@ class _Mutated(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
 
 
 class _Hurried:
-    """A pytest plugin: hypothesis need not find the smallest example, nor remember any."""
+    """A pytest plugin: hypothesis tries less, and need not find the smallest example."""
 
     @pytest.hookimpl
     def pytest_collection(self) -> None:
         phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)
         hypothesis.settings.register_profile(
-            "mutants", phases=phases, database=None, derandomize=True, deadline=None
+            "mutants",
+            phases=phases,
+            database=None,
+            derandomize=True,
+            deadline=None,
+            max_examples=30,
         )
         hypothesis.settings.load_profile("mutants")
 
@@ -213,8 +221,8 @@ def tests_fail(file: str, source: str) -> bool:
     if module_name(file) in sys.modules:
         raise RuntimeError(f"{file} was imported before its mutation")
     sys.meta_path.insert(0, _Mutated(file, source))
-    folder, pattern = SUBJECTS[file]
-    tests = sorted(str(test) for test in (PROJECT / folder).glob(pattern))
+    found = [sorted((PROJECT / "tests").glob(pattern)) for pattern in SUBJECTS[file]]
+    tests = [str(test) for tests in found for test in tests]
     options = ["-x", "-q", "-W", "ignore", "-o", f"timeout={TEST_TIMEOUT_S}", "--rootdir=."]
     with Path(os.devnull).open("w") as nowhere, contextlib.redirect_stdout(nowhere):
         code = pytest.main([*options, *tests], plugins=[_Hurried()])
@@ -320,6 +328,11 @@ def _watched(results: Iterable[Judged], total_count: int) -> Iterator[Judged]:
         task = progress.add_task("mutants", total=total_count)
         for number, one in enumerate(results, 1):
             survived += one.outcome is Outcome.SURVIVED
+            if one.outcome is Outcome.SURVIVED:
+                told = (
+                    f"{one.key.file} {one.key.function}\n  - {one.key.before}\n  + {one.key.after}"
+                )
+                progress.console.print(f"survived: {told}", markup=False, highlight=False)
             progress.update(task, advance=1, description=f"mutants ({survived} survived)")
             if not console.is_terminal and (number % 100 == 0 or number == total_count):
                 print(f"{number}/{total_count} mutants, {survived} survived", flush=True)
@@ -338,7 +351,7 @@ def _report(files: list[str], judged: list[Judged], *, whole: bool) -> int:
         table.add_row(file, *map(str, (*numbers, len(left & rows), len(left - rows))))
     Console().print(table)
     for key in sorted(survivors - rows):
-        print(f"survived: {key.file} {key.function}\n  - {key.before}\n  + {key.after}")
+        print(f"not argued: {key.file} {key.function}\n  - {key.before}\n  + {key.after}")
     stale = rows - survivors if whole else set()
     for key in sorted(stale):
         print(f"argued in {EQUIVALENTS.name}, and survives no more: {key}")

@@ -7,7 +7,8 @@ import msgspec
 import pytest
 from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL
 
-from daemon.core.safety import NO_VERDICT, bound, bound_position, judge
+from daemon.core.effort_watch import EffortWatch
+from daemon.core.safety import NO_VERDICT, bound, bound_assist, bound_position, judge
 from daemon.record import Cause, StopCategory
 from drives.signals import Emergency, Input, NmtState, OperationMode, PowerState
 
@@ -497,3 +498,119 @@ def test_twice_the_time_allows_twice_the_way():
 def test_a_verdict_that_nobody_made_is_none():
     assert msgspec.structs.asdict(NO_VERDICT)["category"] == StopCategory.NONE
     assert NO_VERDICT.cause == Cause.NONE
+
+
+# --- efforts, strides, paths to rest --------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("axis", "expected"),
+    [
+        (
+            replace(AXIS, watch=EffortWatch(gap_si=9.5, gap_cycles=99)),
+            (Cause.EFFORT_DEVIATION, 9.5, LIMITS.effort_deviation_max_si, "measured from sent"),
+        ),
+        (
+            replace(AXIS, watch=EffortWatch(gap_si=9.5, gap_cycles=99, unpowered_cycles=1)),
+            (Cause.EFFORT_DEVIATION, 9.5, LIMITS.effort_deviation_max_si, "measured without power"),
+        ),
+        (
+            replace(AXIS, watch=EffortWatch(opposed_si=25.5, opposed_cycles=99)),
+            (
+                *(Cause.SIGN_WRONG, 25.5, LIMITS.opposed_effort_min_si),
+                "effort one way, motion the other",
+            ),
+        ),
+        (
+            replace(AXIS, stride_drift_si=-99.0),
+            (
+                *(Cause.EFFORT_DEVIATION, 99.0, LIMITS.load_deviation_max_si),
+                "mean of a stride from what motion and load ask for",
+            ),
+        ),
+        (
+            replace(AXIS, stride_energy_j=999.0),
+            (Cause.ENERGY_LIMIT, 999.0, LIMITS.stride_energy_max_j, "J in a stride"),
+        ),
+        (
+            replace(AXIS, spasm_cycles=99, spasm_rise_si=-33.0),
+            (Cause.SPASM, 33.0, LIMITS.spasm_rise_si, "rise against the motion"),
+        ),
+        (
+            replace(AXIS, stopping_end_si=0.8),
+            (Cause.STOPPING_PATH, 0.8, LIMITS.position_max_si, "comes to rest above"),
+        ),
+        (
+            replace(AXIS, stopping_end_si=-0.4),
+            (Cause.STOPPING_PATH, -0.4, LIMITS.position_min_si, "comes to rest below"),
+        ),
+    ],
+)
+def test_what_is_watched_over_cycles_and_strides_is_told_with_value_limit_and_meaning(
+    axis, expected
+):
+    cause, value, limit, detail = expected
+
+    assert told(axes=[axis]) == (cause, "right/hip", value, limit, detail)
+
+
+def test_a_leg_that_would_come_to_rest_too_straight_is_told_unless_it_is_so_already():
+    going = replace(LEG, stopping_ratio=0.1)
+    there = replace(going, singularity_ratio=0.12)
+    cause, name, value, limit, detail = told(legs=[going])
+
+    assert (cause, name, value, limit) == (Cause.STOPPING_PATH, "right", 0.1, 0.15)
+    assert "on the way to rest" in detail
+    assert told(legs=[there])[:3] == (Cause.SINGULARITY, "right", 0.12)
+
+
+def test_an_axis_that_is_out_of_its_range_is_told_to_be_there_and_not_to_be_on_its_way():
+    below = moved(replace(AXIS, stopping_end_si=-9.0), position_si=-0.35)
+
+    assert told(axes=[below])[0] == Cause.POSITION_LIMIT
+
+
+@pytest.mark.parametrize("stopping_end_si", [-9.0, 9.0])
+@pytest.mark.parametrize("change", [{"homing": True}, {"joint": JOINT._replace(known=False)}])
+def test_an_axis_without_a_place_has_no_path_to_rest(change, stopping_end_si):
+    nowhere = replace(AXIS, stopping_end_si=stopping_end_si, **change)
+
+    assert verdict_of(axes=[nowhere]) == NO_VERDICT
+
+
+# --- assist ---------------------------------------------------------------------------------------
+
+ASSIST_STEP_SI = LIMITS.assist_rate_max_si_per_s * 0.01
+ASSIST_SI = LIMITS.assist_max_si
+POWER_W = LIMITS.assist_power_max_w
+FAST_SI = 2 * POWER_W / ASSIST_SI
+"""A speed at which only half of the assist is allowed along the motion."""
+
+
+@pytest.mark.parametrize(
+    ("wanted_si", "last_si", "velocity_si", "sent_si"),
+    [
+        (9e9, ASSIST_SI - ASSIST_STEP_SI / 2, 0.0, ASSIST_SI),
+        (-9e9, -ASSIST_SI + ASSIST_STEP_SI / 2, 0.0, -ASSIST_SI),
+        (9e9, 0.0, 0.0, ASSIST_STEP_SI),
+        (-9e9, 0.0, 0.0, -ASSIST_STEP_SI),
+        (9e9, ASSIST_SI / 2, FAST_SI, ASSIST_SI / 2),
+        (-9e9, -ASSIST_SI / 2, -FAST_SI, -ASSIST_SI / 2),
+        (9e9, ASSIST_SI, -FAST_SI, ASSIST_SI),
+        (-9e9, -ASSIST_SI, FAST_SI, -ASSIST_SI),
+        (9e9, ASSIST_SI, FAST_SI, max(ASSIST_SI - ASSIST_STEP_SI, ASSIST_SI / 2)),
+    ],
+)
+def test_assist_is_bounded_by_limit_by_rate_and_along_the_motion_by_power(
+    wanted_si, last_si, velocity_si, sent_si
+):
+    sent = bound_assist(wanted_si, last_si, LIMITS, velocity_si, 0.01)
+
+    assert sent == pytest.approx(sent_si)
+
+
+@pytest.mark.parametrize("velocity_si", [0.25, -0.25])
+def test_slow_motion_bounds_no_assist(velocity_si):
+    assert ASSIST_SI * 0.25 < POWER_W
+    for wanted_si in (ASSIST_SI, -ASSIST_SI):
+        assert bound_assist(wanted_si, wanted_si, LIMITS, velocity_si, 0.01) == wanted_si
