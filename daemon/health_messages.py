@@ -69,6 +69,9 @@ class Health(Stated, frozen=True, kw_only=True):
     record_skipped_count: Annotated[int, Meta(description="Records too old to publish.")]
     level_dropped_count: Annotated[int, Meta(description="Words to the core that it did not take.")]
     inquiry_dropped_count: Annotated[int, Meta(description="Queries never answered: too many.")]
+    not_kept_count: Annotated[
+        int, Meta(description="Times that black box or request log could not be written.")
+    ]
     gateway_wake_max_us: Annotated[
         float | None, Meta(description="Longest work of the gateway on one wake, last second.")
     ]

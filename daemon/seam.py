@@ -17,6 +17,10 @@ Layout of the ring file, little endian::
 
 A reader takes seq, copies, and takes seq again: a slot that was overwritten meanwhile shows in the
 numbers. The file outlives both processes: it is the black box. Sequence numbers begin at 1.
+
+A core that starts puts the ring of the core before it aside, so that nobody need be there to save
+it: the gateway keeps what is worth keeping of it and removes it (`gateway/blackbox.py`). As long as
+nobody has, it stays, and later rings are not put aside: what stopped the machine first is in it.
 """
 
 import contextlib
@@ -46,6 +50,8 @@ _OVERWRITTEN_SOON: Final = 100
 """The oldest slots of a full ring are not worth beginning with: the core is about to reuse them."""
 
 RING_NAME: Final = "records.ring"
+ASIDE_NAME: Final = "records.aside"
+"""The ring of a core before this one, until the gateway has looked at it."""
 GATEWAY_SOCKET_NAME: Final = "gateway.sock"
 CORE_SOCKET_NAME: Final = "core.sock"
 LEVEL_SIZE_MAX: Final = 8192
@@ -53,6 +59,24 @@ LEVEL_SIZE_MAX: Final = 8192
 
 class RingError(Exception):
     """A file is not a ring that we can read: names the file and what is wrong with it."""
+
+
+class Kept(msgspec.Struct, frozen=True):
+    """Why some seconds of a ring were kept as a file of their own; see `kept_ring.py`."""
+
+    cause: str
+    """Name of the cause of the stop, or how the records ended: CORE_SILENT, CORE_ENDED."""
+    drive: str
+    detail: str
+    stop_seq: int
+    """The record with which it stopped."""
+    stop_utc_ns: int
+    first_seq: int
+    last_seq: int
+    active: bool
+    """The drives were enabled on purpose in some of these records."""
+    also: tuple[str, ...] = ()
+    """What else stopped within these records, in their order."""
 
 
 class RingHeader(msgspec.Struct, frozen=True):
@@ -71,6 +95,8 @@ class RingHeader(msgspec.Struct, frozen=True):
     """robot.toml as it was read, so that a recording explains itself."""
     limits: dict[str, object]
     """limits.toml as it was read."""
+    kept: Kept | None = None
+    """Of a file of the black box; None in the ring of a core."""
 
 
 class RingWriter:
@@ -98,6 +124,9 @@ class RingWriter:
         with temporary.open("r+b") as file:
             self._map = mmap.mmap(file.fileno(), size)
         # A reader that has the old ring open keeps it; a new reader finds the whole new one.
+        aside = path.with_name(ASIDE_NAME)
+        if path.exists() and not aside.exists():
+            path.rename(aside)
         temporary.replace(path)
         self._encoder = msgspec.msgpack.Encoder()
 
@@ -137,6 +166,8 @@ class RingReader:
         magic, self._slot_size, self._slot_count, length = _PREFIX.unpack_from(self._map, 0)
         if magic != MAGIC:
             raise RingError(f"{path}: begins with {magic!r}, a ring of records with {MAGIC!r}")
+        if self._slot_size < _SLOT.size or not self._slot_count:
+            raise RingError(f"{path}: its header says {self._slot_count} slots, so it has no room")
         if len(self._map) < HEADER_SIZE + self._slot_size * self._slot_count:
             raise RingError(f"{path}: shorter than its header says")
         text = self._map[_PREFIX.size : _PREFIX.size + length]
@@ -152,6 +183,11 @@ class RingReader:
 
     def read(self, seq: int) -> CycleRecord | None:
         """The record with this number, or None if it is not there (yet, or any more)."""
+        data = self.raw(seq)
+        return None if data is None else self._decoder.decode(data)
+
+    def raw(self, seq: int) -> bytes | None:
+        """The same as it stands in the ring, in msgpack."""
         offset = HEADER_SIZE + (seq % self._slot_count) * self._slot_size
         found, length = _SLOT.unpack_from(self._map, offset)
         if found != seq or not 0 < length <= self._slot_size - _SLOT.size:
@@ -159,13 +195,16 @@ class RingReader:
         data = self._map[offset + _SLOT.size : offset + _SLOT.size + length]
         if _SEQ.unpack_from(self._map, offset)[0] != seq:
             return None
-        return self._decoder.decode(data)
+        return data
+
+    def oldest_seq(self) -> int:
+        """The lowest number that can still be there, which it need not be."""
+        return max(self.newest_seq() - self._slot_count + 1, 1)
 
     def since(self, seq: int) -> list[CycleRecord]:
         """All records after `seq` that are still there, oldest first."""
-        newest = self.newest_seq()
-        first = max(seq + 1, newest - self._slot_count + 1, 1)
-        found = (self.read(number) for number in range(first, newest + 1))
+        first = max(seq + 1, self.oldest_seq())
+        found = (self.read(number) for number in range(first, self.newest_seq() + 1))
         return [record for record in found if record is not None]
 
     def close(self) -> None:
@@ -281,6 +320,11 @@ class GatewaySeam:
         """Of the ring that is open now, None before the first core."""
         return self._ring.header if self._ring else None
 
+    @property
+    def ring(self) -> RingReader | None:
+        """The ring that is open now. Who holds it can read it after a new core's has come, too."""
+        return self._ring
+
     def fileno(self) -> int:
         """For poll(): readable when the core has written."""
         return self._datagrams.fileno()
@@ -329,7 +373,6 @@ class GatewaySeam:
         except FileNotFoundError:
             return
         if self._ring is None or self._ring.inode != inode:
-            before, self._ring = self._ring, RingReader(self._path)
-            if before:
-                before.close()
+            # The one before is unmapped when nobody holds it any more.
+            self._ring = RingReader(self._path)
             self._seq = 0

@@ -47,6 +47,7 @@ def command(
                 settings.trainer,
                 settings.listen,
                 file.runtime,
+                file.state,
                 MonotonicClock(),
                 ending.asked,
                 file.trainer.lease,

@@ -50,6 +50,7 @@ class Counters:
     record_skipped_count: int = 0
     level_dropped_count: int = 0
     inquiry_dropped_count: int = 0
+    not_kept_count: int = 0
     setpoint_refused_count: Mapping[SetpointRefusal, int] = field(
         default_factory=dict[SetpointRefusal, int]
     )
@@ -105,6 +106,7 @@ class HealthWindow:
             record_skipped_count=self.counters.record_skipped_count,
             level_dropped_count=self.counters.level_dropped_count,
             inquiry_dropped_count=self.counters.inquiry_dropped_count,
+            not_kept_count=self.counters.not_kept_count,
             gateway_wake_max_us=_max_us(wakes_ns),
             bus=_bus_health(newest.bus) if newest else None,
             setpoint_accepted_count=newest.assist.accepted_count if newest else None,

@@ -1,17 +1,19 @@
 """The gateway's process: opens the seam and Zenoh, turns until it is told to end, closes both.
 
-One thread of ours. It sleeps in poll() and is woken by the core's datagram, by a query, or after
+One thread of ours, beside those that wait for the disk. It sleeps in poll() and is woken by the core's datagram, by a query, or after
 20 ms without either, so that the core goes on hearing us.
 """
 
 import select
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
 from daemon.clock import Clock
 from daemon.config.settings import Lease
+from daemon.gateway.keeper import Keeper
 from daemon.gateway.publish import Mailbox, ZenohOutlet
 from daemon.gateway.service import LEVEL_PERIOD_NS, Gateway
 from daemon.gateway.session import open_session
@@ -26,6 +28,7 @@ def serve(
     trainer: str,
     listen: Sequence[str],
     runtime: Path,
+    state: Path,
     clock: Clock,
     ended: Callable[[], bool],
     lease: Lease,
@@ -45,6 +48,7 @@ def serve(
         closing(open_session(listen)) as session,
         closing(ZenohOutlet(session, trainer, mailbox)) as outlet,
         closing(SetpointSubscriber(session, trainer, box)),
+        closing(Keeper(state, runtime, clock, version("gaitd"))) as keeper,
         closing(Gateway(seam, outlet, clock, trainer, listen, lease)) as gateway,
     ):
         poller = select.poll()
@@ -54,7 +58,10 @@ def serve(
         while not ended():
             poller.poll(_POLL_MS)
             begun_ns = clock.now_ns()
-            gateway.turn(begun_ns, mailbox.drain(), box.drain(begun_ns))
+            inquiries = keeper.watch(mailbox.drain())
+            gateway.turn(begun_ns, inquiries, box.drain(begun_ns))
+            gateway.tell(keeper.turn(seam.ring, begun_ns))
+            gateway.health.counters.not_kept_count = keeper.not_kept_count
             box.expect(gateway.steering.lease)
             gateway.health.counters.inquiry_dropped_count = mailbox.dropped_count
             gateway.health.note_wake(clock.now_ns() - begun_ns)

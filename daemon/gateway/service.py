@@ -140,6 +140,11 @@ class Gateway:
         if level and not self._seam.send(level) and self._presence.heard:
             self.health.counters.level_dropped_count += 1
 
+    def tell(self, said: Sequence[events.Happening]) -> None:
+        """Say what others than the core have to tell."""
+        if said:
+            self._say(said, self._clock.utc_ns())
+
     def close(self) -> None:
         """Answer whoever still waits."""
         for ticket in tuple(self._waiting):

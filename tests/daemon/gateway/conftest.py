@@ -350,7 +350,11 @@ def endpoint(runtime: Path) -> Iterator[str]:
     where = f"unixsock-stream/{runtime}/zenoh.sock"
     ended = threading.Event()
     thread = threading.Thread(
-        target=serve, args=("trainer", (where,), runtime, MonotonicClock(), ended.is_set, LEASE)
+        target=serve,
+        args=(
+            *("trainer", (where,), runtime, runtime / "state"),
+            *(MonotonicClock(), ended.is_set, LEASE),
+        ),
     )
     thread.start()
     deadline = time.monotonic() + 10

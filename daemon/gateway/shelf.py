@@ -1,0 +1,112 @@
+"""The folder of the black box: what is in it, how a file gets into it, and which one goes.
+
+A file appears whole or not at all: it is written under another name, brought to the disk, renamed.
+When there are too many, or they are too large together, those go first in which the drives were
+never enabled, and of these the oldest; the newest file never goes.
+"""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from daemon.kept_ring import PART_SUFFIX, KeptFile, Slot, kept_files, name_of, trimmed
+from daemon.seam import Kept, RingHeader
+
+FILES_MAX: Final = 60
+BYTES_MAX: Final = 256 * 1024 * 1024
+
+
+class Shelf:
+    """What the gateway knows of the folder. `keep` runs in the thread of the disk."""
+
+    def __init__(
+        self, folder: Path, files_max: int = FILES_MAX, bytes_max: int = BYTES_MAX
+    ) -> None:
+        """Look what is there; a folder that is not there yet is made by the first file."""
+        self.folder = folder
+        self._files_max, self._bytes_max = files_max, bytes_max
+        self._files: tuple[KeptFile, ...] = ()
+        self.trouble = ""
+        try:
+            self._files = tuple(kept_files(folder))
+        except OSError as error:
+            self.trouble = f"{folder}: {error.strerror}"
+
+    def covers(self, core_boot_id: str, seq: int) -> bool:
+        """Whether some file holds this record."""
+        return any(
+            file.header.core_boot_id == core_boot_id and kept.first_seq <= seq <= kept.last_seq
+            for file in self._files
+            if file.header and (kept := file.kept)
+        )
+
+    def keep(self, header: RingHeader, kept: Kept, slots: Sequence[Slot]) -> Path:
+        """Put a file on the shelf, and make room.
+
+        Raises:
+            OSError: the disk is full, cannot be written, or fails.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        path = self.folder / name_of(header.core_boot_id, kept)
+        header = msgspec.structs.replace(header, kept=kept)
+        image = trimmed(header, slots)
+        part = path.with_suffix(PART_SUFFIX)
+        try:
+            _write(part, image)
+            part.replace(path)
+        except OSError:
+            part.unlink(missing_ok=True)
+            raise
+        _sync_folder(self.folder)
+        known = tuple(file for file in self._files if file.path != path)
+        self._files = (*known, KeptFile(path, len(image), header))
+        self._make_room()
+        return path
+
+    def _make_room(self) -> None:
+        for part in self.folder.glob(f"*{PART_SUFFIX}"):
+            part.unlink(missing_ok=True)
+        for file in surplus(self._files, self._files_max, self._bytes_max):
+            file.path.unlink(missing_ok=True)
+            self._files = tuple(one for one in self._files if one is not file)
+
+
+def surplus(files: Sequence[KeptFile], files_max: int, bytes_max: int) -> list[KeptFile]:
+    """Which files have to go so that the others fit; the last of `files` is the newest."""
+    count, size = len(files), sum(file.size for file in files)
+    gone: list[KeptFile] = []
+    for file in sorted(files[:-1], key=_worth):
+        if count <= files_max and size <= bytes_max:
+            break
+        count, size = count - 1, size - file.size
+        gone.append(file)
+    return gone
+
+
+def _worth(file: KeptFile) -> tuple[bool, str]:
+    kept = file.kept
+    return (kept is not None and kept.active, file.path.name)
+
+
+def _write(path: Path, data: bytes) -> None:
+    # Records of a patient: for the service's user and group only.
+    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o640)
+    try:
+        rest = memoryview(data)
+        while rest:
+            rest = rest[os.write(file, rest) :]
+        os.fsync(file)
+    finally:
+        os.close(file)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Bring a new name to the disk."""
+    opened = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(opened)
+    finally:
+        os.close(opened)
