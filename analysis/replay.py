@@ -1,10 +1,11 @@
 """Replay: the observer over a recording, whatever it comes from, with the robot that made it.
 
 The kernel is the service's own, in one compiled loop over all rows, so the same file gives the same
-bits again. A ring holds the newest 30 s only: its replay begins with a fresh filter, and agrees
-with what the service said then once the leg has moved for some seconds.
+bits again. A ring holds the newest 30 s only, a file of the black box less: its replay begins with a
+fresh filter, and agrees with what the service said then once the leg has moved for some seconds.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from analysis.number_text import csv_bytes
 from analysis.recording import Progress, Recording, RecordingError, read_csv, recording
+from analysis.stop_recording import about, read_stop
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Robot
 from daemon.record import CycleRecord
@@ -40,6 +42,8 @@ class Source(NamedTuple):
     """As the service had it; None where the recording does not say."""
     leg: str
     caller_bits: np.ndarray | None
+    about: tuple[tuple[str, str], ...] = ()
+    """What the file says of itself: names and values."""
 
 
 def read(path: Path, leg: str | None = None, progress: Progress | None = None) -> Source:
@@ -83,16 +87,16 @@ def _opened(path: Path) -> RingReader:
 
 
 def read_ring(path: Path, leg: str | None = None) -> Source:
-    """Read the ring of records: what the observer was given, and the robot it was given for.
+    """Read a ring of records, or a file of the black box, which is one.
+
+    What the observer was given is read, and the robot that it was given for.
 
     Raises:
         RecordingError: it is no ring, has no such leg, or no cycle in which the observer ran.
     """
-    ring = _opened(path)
-    try:
-        header, records = ring.header, ring.since(0)
-    finally:
-        ring.close()
+    _opened(path).close()
+    told = read_stop(path)
+    header, records = told.header, told.records
     name = leg or header.leg_names[0]
     if name not in header.leg_names:
         raise RecordingError(f"{path}: has no leg {name}, only {', '.join(header.leg_names)}")
@@ -104,10 +108,10 @@ def read_ring(path: Path, leg: str | None = None) -> Source:
     except msgspec.ValidationError as error:
         raise RecordingError(f"{path}: its robot cannot be used: {error}") from error
     made = recording(str(path), np.array(rows, dtype=np.float64))
-    return Source(made, robot, name, np.array(bits, dtype=np.int64))
+    return Source(made, robot, name, np.array(bits, dtype=np.int64), about(told))
 
 
-def _rows(records: list[CycleRecord], leg: int) -> tuple[list[tuple[float, ...]], list[int]]:
+def _rows(records: Sequence[CycleRecord], leg: int) -> tuple[list[tuple[float, ...]], list[int]]:
     """Columns as in a CSV, and the caller's bits, of the cycles in which the observer ran."""
     rows: list[tuple[float, ...]] = []
     bits: list[int] = []

@@ -26,7 +26,10 @@ EXIT_REFUSED = 2
 
 def command(
     recorded: Annotated[
-        list[Path], typer.Argument(metavar="IN...", help="a .csv, or a ring of records")
+        list[Path],
+        typer.Argument(
+            metavar="IN...", help="a .csv, a file of the black box, or a ring of records"
+        ),
     ],
     robot: Annotated[
         Path | None,
@@ -202,6 +205,8 @@ def _report(
     missing = np.count_nonzero(np.isnan(made.position).any(axis=1))
     rest = np.count_nonzero(estimates.validity == Validity.SPLIT_UNOBSERVABLE, axis=0)
     nis = estimates.nis[np.isfinite(estimates.nis) & ((estimates.status & Status.GATED) == 0)]
+    for title, words in source.about:
+        print(f"{title:<12} {words}")
     print(f"recording    {made.source}: {count} rows, {made.duration_s:.2f} s")
     print(f"robot        {robot}")
     print(f"missing      {missing} samples")

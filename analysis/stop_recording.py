@@ -1,0 +1,136 @@
+"""A ring as the story of a stop: the records around it, what it was, and how it reads in words.
+
+A file of the black box says itself what it was kept for. In the ring of a core it is the newest
+verdict that was latched in it; if there is none, its last record.
+"""
+
+import math
+from contextlib import closing
+from datetime import UTC, datetime
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+from analysis.recording import RecordingError
+from daemon.causes import CAUSE_TEXT
+from daemon.kept_ring import CORE_ENDED, CORE_SILENT
+from daemon.record import Cause, CycleRecord, StopCategory
+from daemon.seam import Kept, RingError, RingHeader, RingReader
+
+_ENDS = {
+    CORE_SILENT: "the core fell silent: killed, hanging, or ended in good order",
+    CORE_ENDED: "the core was gone, and nobody had seen it go",
+    "none": "no stop: as far as the ring goes",
+}
+
+
+class StopRecording(NamedTuple):
+    """Records around a stop; at least one."""
+
+    path: Path
+    header: RingHeader
+    records: tuple[CycleRecord, ...]
+    kept: Kept
+    """As the file says, or as it was found in a ring."""
+    whole: bool
+    """It is a ring of a core, and was not cut around a stop."""
+
+    def from_stop_s(self, record: CycleRecord) -> float:
+        """When a record was, seconds from the stop."""
+        return (record.sync_mono_ns - self.stop.sync_mono_ns) * 1e-9
+
+    @property
+    def stop(self) -> CycleRecord:
+        """The record with which it stopped, or the nearest that there is."""
+        return min(self.records, key=lambda record: abs(record.seq - self.kept.stop_seq))
+
+    @property
+    def missing_count(self) -> int:
+        """Records that should be between the first and the last, and are not."""
+        return self.records[-1].seq - self.records[0].seq + 1 - len(self.records)
+
+
+def read_stop(path: Path) -> StopRecording:
+    """Read a file of the black box, or the ring of a core.
+
+    Raises:
+        RecordingError: it is neither, or holds no record.
+    """
+    try:
+        with closing(RingReader(path)) as ring:
+            header, records = ring.header, tuple(ring.since(0))
+    except OSError as error:
+        raise RecordingError(f"{path}: {error.strerror}") from error
+    except RingError as error:
+        raise RecordingError(str(error)) from error
+    if not records:
+        raise RecordingError(f"{path}: holds no record")
+    return StopRecording(path, header, records, header.kept or _found(records), header.kept is None)
+
+
+def _found(records: tuple[CycleRecord, ...]) -> Kept:
+    """The newest stop in a ring that says nothing of itself."""
+    pairs = list(pairwise(records))
+    latched = (
+        now
+        for before, now in reversed(pairs)
+        if now.verdict.category is not StopCategory.NONE
+        and (before.verdict.cause, before.verdict.drive) != (now.verdict.cause, now.verdict.drive)
+    )
+    stop = next(latched, None)
+    last = stop or records[-1]
+    return Kept(
+        cause=last.verdict.cause.name.lower() if stop else "none",
+        drive=last.verdict.drive if stop else "",
+        detail=last.verdict.detail if stop else "",
+        stop_seq=last.seq,
+        stop_utc_ns=last.sync_utc_ns,
+        first_seq=records[0].seq,
+        last_seq=records[-1].seq,
+        active=any(record.mode.active for record in records),
+    )
+
+
+def cause_words(cause: str) -> str:
+    """A cause as a person reads it."""
+    if cause in _ENDS:
+        return _ENDS[cause]
+    known = Cause.__members__.get(cause.upper())
+    return CAUSE_TEXT[known].title if known is not None else cause.replace("_", " ")
+
+
+def remedy_of(cause: str) -> str:
+    """What a person can do; empty where nothing is known."""
+    known = Cause.__members__.get(cause.upper())
+    return CAUSE_TEXT[known].remedy if known is not None else ""
+
+
+def utc_words(utc_ns: int) -> str:
+    """A time of the world for people, to the millisecond."""
+    at = datetime.fromtimestamp(utc_ns // 1_000_000 / 1e3, UTC)
+    return f"{at:%Y-%m-%d %H:%M:%S}.{at.microsecond // 1000:03d} UTC"
+
+
+def about(told: StopRecording) -> tuple[tuple[str, str], ...]:
+    """What the file is: names and values, in the order of reading."""
+    header, kept, records = told.header, told.kept, told.records
+    before_s, after_s = -told.from_stop_s(records[0]), told.from_stop_s(records[-1])
+    gaps = f", {told.missing_count} missing" if told.missing_count else ""
+    where = f" ({kept.drive})" if kept.drive else ""
+    also = ", then " + ", ".join(kept.also) if kept.also else ""
+    what = "ring of a core" if told.whole else "black box"
+    return (
+        (what, f"{header.trainer}, gaitd {header.version}, core {header.core_boot_id}"),
+        ("cause", f"{kept.cause}{where}: {cause_words(kept.cause)}{also}"),
+        *((("detail", kept.detail),) if kept.detail else ()),
+        ("stopped", utc_words(kept.stop_utc_ns)),
+        (
+            "kept",
+            f"{before_s:.2f} s before it, {after_s:.2f} s after; {len(records)} records{gaps}",
+        ),
+    )
+
+
+def known(value: float | None) -> float:
+    """None as NaN, for arrays."""
+    return math.nan if value is None else value
