@@ -1,8 +1,8 @@
 """Replay: the observer over a recording, whatever it comes from, with the robot that made it.
 
 The kernel is the service's own, in one compiled loop over all rows, so the same file gives the same
-bits again. A ring holds the newest 30 s only, a file of the black box less: its replay begins with a
-fresh filter, and agrees with what the service said then once the leg has moved for some seconds.
+bits again. A ring holds the newest 30 s only, a file of the black box less: its replay begins with
+a fresh filter, and agrees with what the service said then once the leg has moved for some seconds.
 """
 
 from collections.abc import Sequence

@@ -27,6 +27,7 @@ COMMANDS: Final = {
     "sim": "The virtual drives of a configuration, in real time.",
     "demo": "Virtual drives, service and a scripted patient; a live view; the errors at the end.",
     "replay": "The observer over a recorded file, as fast as it can.",
+    "blackbox": "What was kept around each stop, and who asked for what.",
     "experiment": "The paper's experiment on the empty virtual machine: figures and numbers.",
     "delay": "How much later than its row an effort acts, measured from a recording.",
     "baseline": "What is taken for a patient while one only lies there, recorded once.",

@@ -1,0 +1,260 @@
+"""`gaitd blackbox`: what was kept around each stop, and who asked for what.
+
+    gaitd blackbox --config FILE             the files, newest last
+    gaitd blackbox show FILE                 one of them as a story; --csv, --plot
+    gaitd blackbox requests --config FILE    the request log; --verify checks its chain
+
+All of it works without a service. Exit codes: 0; 1 the chain does not hold; 2 usage, configuration,
+or a file that cannot be read.
+"""
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+if TYPE_CHECKING:
+    from daemon.gateway.request_chain import Check
+    from daemon.kept_ring import KeptFile
+    from gaitd.check import Section
+
+EXIT_BROKEN: Final = 1
+EXIT_REFUSED: Final = 2
+
+
+class Action(StrEnum):
+    """What to look at."""
+
+    LIST = "list"
+    SHOW = "show"
+    REQUESTS = "requests"
+
+
+class RefusedError(Exception):
+    """The command line asks for what cannot be done: says why."""
+
+
+def command(
+    action: Annotated[Action, typer.Argument(help="what to look at")] = Action.LIST,
+    file: Annotated[
+        Path | None, typer.Argument(metavar="[FILE]", help="show: a file of the black box, a ring")
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option("--config", help="trainer file: names the state directory")
+    ] = None,
+    state: Annotated[
+        Path | None, typer.Option(help="a state directory, also a copy of one", file_okay=False)
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
+    export: Annotated[
+        Path | None, typer.Option("--csv", help="show: write the recording for `gaitd replay`")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="PNG", help="show: draw it")] = None,
+    leg: Annotated[str | None, typer.Option(help="--csv, --plot: by default the first")] = None,
+    newest: Annotated[int, typer.Option("--last", min=1, help="requests: so many lines")] = 40,
+    verify: Annotated[bool, typer.Option("--verify", help="requests: check the chain")] = False,
+) -> None:
+    """What was kept around each stop, and who asked for what."""
+    from analysis.recording import RecordingError
+
+    try:
+        match action:
+            case Action.LIST:
+                _list(_state(config, state), as_json=as_json)
+            case Action.SHOW:
+                _show(file, leg, (export, plot), as_json=as_json)
+            case Action.REQUESTS if verify:
+                _verify(_state(config, state), as_json=as_json)
+            case Action.REQUESTS:
+                _requests(_state(config, state), newest, as_json=as_json)
+    except (RecordingError, RefusedError) as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(EXIT_REFUSED) from error
+    except OSError as error:
+        print(f"{error.filename}: {error.strerror}", file=sys.stderr)
+        raise typer.Exit(EXIT_REFUSED) from error
+
+
+def _state(config: Path | None, state: Path | None) -> Path:
+    if state is not None:
+        return state
+    if config is None:
+        raise RefusedError("--config FILE or --state DIRECTORY must say where it is")
+    from daemon.config.trainer import load_trainer
+
+    return load_trainer(config).state
+
+
+def _print(tables: "tuple[Section, ...]") -> None:
+    from gaitd.check import plain, print_tables
+
+    if sys.stdout.isatty():
+        print_tables(tables)
+    else:
+        print("\n\n".join(plain(section) for section in tables))
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+
+def _list(state: Path, *, as_json: bool) -> None:
+    import msgspec
+
+    from daemon.kept_ring import FOLDER, kept_files
+
+    files = kept_files(state / FOLDER)
+    if as_json:
+        print(msgspec.json.encode([_fields(file) for file in files]).decode())
+        return
+    from gaitd.check import Section
+
+    columns = ("stopped (UTC)", "cause", "drive", "before", "after", "driven", "size", "file")
+    title = f"{len(files)} stops in {state / FOLDER}"
+    _print((Section(title, columns, tuple(map(_row, files))),))
+
+
+def _row(file: "KeptFile") -> tuple[str, ...]:
+    kept, header, size = file.kept, file.header, f"{file.size / 1e6:.1f} MB"
+    if kept is None or header is None:
+        trouble = file.trouble or "is the ring of a core"
+        return ("-", trouble.removeprefix(f"{file.path}: "), *("-",) * 4, size, file.path.name)
+    from analysis.stop_recording import utc_words
+
+    period_s = header.period_ns * 1e-9
+    return (
+        utc_words(kept.stop_utc_ns).removesuffix(" UTC"),
+        ", ".join((kept.cause, *kept.also)),
+        kept.drive or "-",
+        f"{(kept.stop_seq - kept.first_seq) * period_s:.1f} s",
+        f"{(kept.last_seq - kept.stop_seq) * period_s:.1f} s",
+        "yes" if kept.active else "no",
+        size,
+        file.path.name,
+    )
+
+
+def _fields(file: "KeptFile") -> dict[str, object]:
+    import msgspec
+
+    kept = msgspec.to_builtins(file.kept) if file.kept else None
+    header = file.header
+    return {
+        "file": str(file.path),
+        "size_bytes": file.size,
+        "core_boot_id": header.core_boot_id if header else None,
+        "period_ns": header.period_ns if header else None,
+        "kept": kept,
+        "trouble": file.trouble,
+    }
+
+
+# --- one stop -------------------------------------------------------------------------------------
+
+
+def _show(
+    file: Path | None, leg: str | None, written: tuple[Path | None, Path | None], *, as_json: bool
+) -> None:
+    import msgspec
+
+    from analysis.stop_recording import about, read_stop
+    from gaitd.stop_story import sections, write_csv
+
+    if file is None:
+        raise RefusedError("show needs a FILE: one of `gaitd blackbox`, or a ring of records")
+    told = read_stop(file)
+    one = leg or told.header.leg_names[0]
+    if one not in told.header.leg_names:
+        raise RefusedError(f"{file}: has no leg {one}, only {', '.join(told.header.leg_names)}")
+    export, plot = written
+    for path in (path for path in written if path is not None):
+        if path.exists() and path.samefile(file):
+            raise RefusedError(f"{path}: is the recording itself; name another file")
+    if as_json:
+        print(msgspec.json.encode({"about": dict(about(told)), "kept": told.kept}).decode())
+    else:
+        _print(sections(told))
+    if export is not None:
+        print(f"\n{write_csv(told, one, export)} rows of the {one} leg in {export}")
+    if plot is not None:
+        from analysis.stop_figure import draw
+
+        draw(told, one, plot)
+        print(f"picture of the {one} leg in {plot}")
+
+
+# --- requests -------------------------------------------------------------------------------------
+
+
+def _requests(state: Path, newest: int, *, as_json: bool) -> None:
+    from daemon.gateway.request_chain import fields_of
+    from daemon.gateway.request_file import lines_of
+    from gaitd.check import Section
+
+    lines = lines_of(state)[-newest:]
+    if as_json:
+        print("\n".join(line.decode("utf-8", "backslashreplace") for _, _, line in lines))
+        return
+    rows = tuple(_request_row(fields_of(line)) for _, _, line in lines)
+    columns = ("UTC", "", "who", "what", "became of it")
+    _print((Section(f"The newest {len(rows)} lines in {state}", columns, rows),))
+
+
+def _request_row(fields: dict[str, object] | None) -> tuple[str, ...]:
+    if fields is None:
+        return ("-", "torn", "", "", "the line cannot be read")
+    kind, at = str(fields.get("kind")), str(fields.get("utc"))[:23].replace("T", " ")
+    if kind in {"asked", "answered", "summed"}:
+        count = f" {fields['count']} times" if kind == "summed" else ""
+        reason = f": {fields['reason']}" if fields.get("reason") else ""
+        what = f"{fields.get('name')}{_arguments(fields.get('payload'))}{count}"
+        client = str(fields.get("client") or "-")
+        return (at, kind, client, what, f"{fields.get('outcome', 'waits')}{reason}")
+    known = {"n", "before", "own", "utc", "kind", "core_boot_id", "cycle"}
+    rest = ", ".join(f"{key} {value}" for key, value in fields.items() if key not in known)
+    return (at, kind, "", rest, "")
+
+
+def _arguments(payload: object) -> str:
+    """What was asked for beside the name: keys of a JSON object, or the text that was none."""
+    if isinstance(payload, dict):
+        return "".join(f" {key}={value}" for key, value in payload.items() if key != "client")
+    return f" {payload!r}" if payload else ""
+
+
+def _verify(state: Path, *, as_json: bool) -> None:
+    import msgspec
+
+    from daemon.gateway.request_chain import check
+    from daemon.gateway.request_file import lines_of
+
+    lines = lines_of(state)
+    if not lines:
+        raise RefusedError(f"{state}: there is no request log")
+    found = check(line for _, _, line in lines)
+    where = [f"{lines[one.line - 1][0]}:{lines[one.line - 1][1]}" for one in found.breaks]
+    if as_json:
+        breaks = [
+            {"at": at, "why": one.reason} for at, one in zip(where, found.breaks, strict=True)
+        ]
+        told = {"lines": found.line_count, "torn": found.torn_count, "first_n": found.first_n}
+        told |= {"head": found.place.head, "breaks": breaks}
+        print(msgspec.json.encode(told).decode())
+    else:
+        _print_check(found, where)
+    if found.breaks:
+        raise typer.Exit(EXIT_BROKEN)
+
+
+def _print_check(found: "Check", where: list[str]) -> None:
+    for at, one in zip(where, found.breaks, strict=True):
+        print(f"{at}: {one.reason}")
+    if found.first_n > 1:
+        print(f"begins with line number {found.first_n}: files before it were removed")
+    if found.torn_count:
+        print(f"{found.torn_count} lines were torn by a power cut, or are damaged")
+    if found.breaks:
+        print(f"the chain of {found.line_count} lines breaks in {len(found.breaks)} places")
+    else:
+        print(f"the chain of {found.line_count} lines holds; the last one is {found.place.head}")

@@ -1,0 +1,160 @@
+"""A stop as a person reads it: what the file is, the machine around it, its events; and CSV."""
+
+import csv
+import math
+from bisect import bisect_left
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from gaitd.check import Section
+
+if TYPE_CHECKING:
+    from analysis.stop_recording import StopRecording
+    from daemon.record import CycleRecord, DriveRecord
+
+AROUND_S: Final = (
+    *(-10.0, -5.0, -2.0, -1.0, -0.5, -0.2, -0.1, -0.05, -0.03, -0.02, -0.01, 0.0),
+    *(0.01, 0.02, 0.03, 0.04, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0),
+)
+"""Seconds from the stop that are shown: the nearer, the closer together."""
+EVENT_COUNT: Final = 20
+_UNITS: Final = {"hip": ("rad", "rad/s", "N·m")}
+_SLIDE_UNITS: Final = ("m", "m/s", "N")
+
+
+def sections(told: "StopRecording") -> tuple[Section, ...]:
+    """The whole story as tables of words."""
+    from analysis.stop_recording import about, remedy_of
+
+    head = (*about(told), *((("remedy", r),) if (r := remedy_of(told.kept.cause)) else ()))
+    names = [drive.name for drive in told.stop.drives]
+    return (
+        Section(told.path.name, ("", ""), head),
+        Section("Mode and verdict", ("s", "mode", "verdict", "said"), tuple(_modes(told))),
+        *(_drive_section(told, name) for name in names),
+        Section("The last events", ("s", "", ""), tuple(_events(told))),
+    )
+
+
+def _shown(told: "StopRecording") -> "list[CycleRecord]":
+    """The records next to AROUND_S, and the first and the last, each once."""
+    times_s = [told.from_stop_s(record) for record in told.records]
+    wanted = [at_s for at_s in AROUND_S if times_s[0] <= at_s <= times_s[-1] + 1e-3]
+    half_s = told.header.period_ns * 0.5e-9
+    near = {min(bisect_left(times_s, at_s - half_s), len(times_s) - 1) for at_s in wanted}
+    return [told.records[index] for index in sorted({0, *near, len(times_s) - 1})]
+
+
+def _modes(told: "StopRecording") -> Iterator[tuple[str, ...]]:
+    """One row for each change of mode or verdict."""
+    before: tuple[object, ...] = ()
+    for record in told.records:
+        verdict = record.verdict
+        now = (record.mode, verdict.category, verdict.cause, verdict.drive)
+        if now != before:
+            before = now
+            where = f" ({verdict.drive})" if verdict.drive else ""
+            judged = f"{verdict.category.name} {verdict.cause.name.lower()}{where}"
+            yield (
+                f"{told.from_stop_s(record):+.2f}",
+                record.mode.name.lower(),
+                judged if verdict.category else "-",
+                verdict.detail or record.progress,
+            )
+
+
+def _drive_section(told: "StopRecording", name: str) -> Section:
+    position, speed, effort = _UNITS.get(name.rpartition("/")[2], _SLIDE_UNITS)
+    columns = ("s", position, speed, f"{effort} measured", f"{effort} commanded", "drive", "inputs")
+    rows = (
+        (f"{told.from_stop_s(record):+.2f}", *_drive_cells(drive))
+        for record in _shown(told)
+        for drive in record.drives
+        if drive.name == name
+    )
+    return Section(name, columns, tuple(rows))
+
+
+def _drive_cells(drive: "DriveRecord") -> tuple[str, ...]:
+    from daemon.words import POWER_STATES
+
+    troubles = {
+        "no sample": not drive.fresh,
+        "hand switch open": not drive.hand_switch_closed,
+        "STO": not drive.sto_released,
+        "not referenced": not drive.referenced,
+        f"EMCY 0x{drive.emergency_code:04X}": bool(drive.emergency_code),
+    }
+    return (
+        _number(drive.position_si, 4),
+        _number(drive.velocity_si, 3),
+        _number(drive.effort_si, 1),
+        _number(drive.target_effort_si, 1),
+        POWER_STATES[drive.power_state].replace("_", " "),
+        ", ".join(text for text, there in troubles.items() if there),
+    )
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None or not math.isfinite(value) else f"{value:+.{digits}f}"
+
+
+def _events(told: "StopRecording") -> Iterator[tuple[str, ...]]:
+    """What people were told, as the gateway says it, the newest of it."""
+    from itertools import pairwise
+
+    from daemon.gateway.events import happenings
+
+    said = [
+        (f"{told.from_stop_s(now):+.2f}", item.priority.value, item.text)
+        for before, now in pairwise(told.records)
+        for item in happenings(before, now)
+    ]
+    yield from said[-EVENT_COUNT:] or [("", "", "none")]
+
+
+# --- CSV ------------------------------------------------------------------------------------------
+
+MORE_COLUMNS: Final = ("from_stop_s", "mode", "category", "cause")
+"""Beside those of a recording; readers of recordings leave them out."""
+
+
+def write_csv(told: "StopRecording", leg: str, path: Path) -> int:
+    """Write the recording of one leg, as `gaitd replay` reads it; how many rows it has.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    from analysis.recording import COLUMNS
+
+    rows = list(_rows(told, leg))
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow((*COLUMNS, *MORE_COLUMNS))
+        writer.writerows(rows)
+    return len(rows)
+
+
+def _rows(told: "StopRecording", leg: str) -> Iterator[tuple[str, ...]]:
+    """Of the cycles in which the observer ran, as a replay of the ring takes them."""
+    index = told.header.leg_names.index(leg)
+    first_ns, last_ns = None, 0
+    for record in told.records:
+        if len(record.legs) <= index or record.sync_mono_ns <= last_ns:
+            continue
+        last_ns = record.sync_mono_ns
+        first_ns = last_ns if first_ns is None else first_ns
+        one = record.legs[index]
+        yield (
+            *_cells(((last_ns - first_ns) * 1e-9, *one.measured, *one.effort_used)),
+            f"{told.from_stop_s(record):.6f}",
+            record.mode.name.lower(),
+            record.verdict.category.name,
+            record.verdict.cause.name.lower(),
+        )
+
+
+def _cells(values: Sequence[float]) -> Iterator[str]:
+    """Every number to its last bit; a missing one as an empty cell."""
+    return ("" if math.isnan(value) else repr(value) for value in values)
