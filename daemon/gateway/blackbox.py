@@ -241,8 +241,13 @@ class BlackBox:
 
     def _ended(self, trail: Trail, now_ns: int) -> None:
         stop = trail.end()
-        if stop is not None:
-            self._stopped(trail, stop, now_ns)
+        if stop is None:
+            return
+        self._stopped(trail, stop, now_ns)
+        if not trail.grown:
+            # Nobody has ever been heard from it: there is nothing to wait for.
+            for window in (one for one in self._windows if one.trail is trail):
+                window.due_ns = now_ns
 
     def _stopped(self, trail: Trail, stop: Stop, now_ns: int) -> None:
         """Keep it, in a file of its own or in one that still grows; unless it is kept already."""
