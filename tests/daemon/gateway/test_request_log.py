@@ -1,0 +1,361 @@
+"""The request log: what is noted, that the chain shows every change, and what a bad disk does."""
+
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from unittest import mock
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from daemon import wire
+from daemon.gateway.disk import Disk
+from daemon.gateway.request_chain import BEGINNING, Place, check, fields_of, sealed
+from daemon.gateway.request_file import LINES_WAITING_MAX, NAME, RequestFile, files_of, lines_of
+from daemon.gateway.request_log import LINES_PER_S, RequestLog
+from daemon.gateway.trail import glance_of
+from daemon.record import Cause, Mode, StopCategory, Verdict
+
+MS = 1_000_000
+UTC_NS = 1_760_000_000_123_456_789
+
+
+@dataclass
+class Ask:
+    name: str
+    payload: bytes = b""
+    replies: list = field(default_factory=list)
+
+    def answer(self, message, *, failed=False):
+        self.replies.append((message, failed))
+
+
+def reply(name: str, outcome: str = "done", reason: str = "") -> wire.Reply:
+    return wire.Reply(
+        seq=1,
+        core_boot_id="boot-a",
+        cycle=1,
+        sample_time_ns=1,
+        request=name,
+        outcome=outcome,
+        reason=reason,
+        mode="hold",
+    )
+
+
+class Book:
+    """A log on a real folder."""
+
+    def __init__(self, folder: Path, **limits) -> None:
+        self.folder = folder
+        self.disk = Disk()
+        self.file = RequestFile(folder, **limits)
+        self.log = RequestLog(self.file, self.disk, UTC_NS, "0.1.0")
+        self.now_ns = 0
+
+    def turn(self, after_ms: int = 10) -> None:
+        self.now_ns += after_ms * MS
+        self.log.turn(self.now_ns, UTC_NS + self.now_ns)
+
+    def ask(self, name: str, payload: bytes = b"{}", outcome: str = "done", reason: str = ""):
+        (watched,) = self.log.watch([Ask(name, payload)], UTC_NS + self.now_ns)
+        watched.answer(reply(name, outcome, reason))
+
+    def end(self) -> None:
+        self.log.close()
+        self.disk.close()
+        self.file.close()
+
+    def lines(self) -> list[dict]:
+        self.turn()
+        self.disk.settle()
+        return [json.loads(line) for _, _, line in lines_of(self.folder)]
+
+    def check(self):
+        return check(line for _, _, line in lines_of(self.folder))
+
+
+@pytest.fixture
+def book(tmp_path):
+    made = Book(tmp_path)
+    yield made
+    made.end()
+
+
+def test_a_request_is_noted_with_who_what_and_what_became_of_it(book):
+    book.ask("enable", b'{"client": "display"}', "refused", "the hand switch is open")
+
+    line = book.lines()[-1]
+
+    assert (line["kind"], line["name"], line["client"]) == ("answered", "enable", "display")
+    assert (line["outcome"], line["reason"]) == ("refused", "the hand switch is open")
+    assert line["payload"] == {"client": "display"}
+    assert line["utc"] == "2025-10-09T08:53:20.123456Z"
+
+
+def test_a_request_that_is_answered_later_has_a_line_of_its_own_before_its_answer(book):
+    (watched,) = book.log.watch([Ask("mode", b'{"mode": "gait", "client": "a"}')], UTC_NS)
+    book.turn()
+    book.turn()
+    watched.answer(reply("mode"))
+
+    asked, answered = book.lines()[-2:]
+
+    assert (asked["kind"], asked["payload"]["mode"]) == ("asked", "gait")
+    assert (answered["kind"], answered["ticket"]) == ("answered", asked["ticket"])
+
+
+def test_the_answer_goes_out_before_the_line_is_made(book):
+    ask = Ask("stop")
+    (watched,) = book.log.watch([ask], UTC_NS)
+    full = mock.patch.object(RequestFile, "add", side_effect=AssertionError)
+    with full, pytest.raises(AssertionError):
+        watched.answer(reply("stop"))
+
+    assert len(ask.replies) == 1
+
+
+def test_what_only_asks_for_knowledge_is_not_noted(book):
+    before = len(book.lines())
+
+    for name in ("status", "config", "schema"):
+        ask = Ask(name)
+        assert book.log.watch([ask], UTC_NS) == [ask]
+
+    assert len(book.lines()) == before
+
+
+@pytest.mark.parametrize(
+    ("payload", "shown"),
+    [
+        (b"no json", "no json"),
+        (b"\xff\x00", "\\xff\x00"),
+        (b"[" * 4000, "[" * 4000),
+        (b'{"client": {"a": 1}}', '{"client": {"a": 1}}'),
+        (b'{"a": ' + b"9" * 40 + b"}", '{"a": ' + "9" * 40 + "}"),
+        (b'{"client": 7}', {"client": 7}),
+    ],
+)
+def test_a_malformed_query_is_noted_as_it_came(book, payload, shown):
+    book.ask("enable", payload, "refused", "payload of enable")
+
+    assert book.lines()[-1]["payload"] == shown
+    assert book.lines()[-1]["client"] is None
+
+
+def test_the_number_of_a_lease_is_not_noted(book):
+    book.ask("release", b'{"client": "controller", "lease": 123456789}')
+
+    book.lines()
+    assert b"123456789" not in (book.folder / NAME).read_bytes()
+
+
+def test_mode_and_verdict_follow_as_they_change_and_not_as_they_stay(book, make_record):
+    def hear(seq, **changes):
+        made = make_record(seq, **changes)
+        book.log.record(glance_of(msgspec.msgpack.encode(made)))
+
+    opened = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN, "right/hip", detail="x")
+    book.log.core("boot-a", True)
+    hear(1, mode=Mode.GAIT)
+    hear(2, mode=Mode.GAIT)
+    hear(3, mode=Mode.STOPPING, verdict=opened)
+    hear(4, mode=Mode.STOPPING, verdict=msgspec.structs.replace(opened, value=1.0))
+    hear(5, mode=Mode.READY)
+
+    said = [
+        (line["kind"], line["cycle"], line.get("mode") or line.get("cause"))
+        for line in book.lines()
+        if line["kind"] in {"mode", "verdict"}
+    ]
+
+    assert said == [
+        ("mode", 1, "gait"),
+        ("mode", 3, "stopping"),
+        ("verdict", 3, "hand_switch_open"),
+        ("mode", 5, "ready"),
+        ("verdict", 5, "none"),
+    ]
+    assert {line["core_boot_id"] for line in book.lines()} == {None, "boot-a"}
+
+
+def test_a_flood_of_refusals_is_counted_and_summed_up_and_a_request_among_them_is_not_lost(book):
+    for _ in range(500):
+        book.ask("enable", b'{"client": "flood"}', "refused", "busy")
+    book.ask("enable", b'{"client": "display"}', "done")
+    book.turn(1000)
+
+    lines = book.lines()
+
+    single = [line for line in lines if line.get("client") == "flood" and line["kind"] != "summed"]
+    assert len(single) == LINES_PER_S
+    assert [line["count"] for line in lines if line["kind"] == "summed"] == [500 - LINES_PER_S]
+    assert any(line.get("client") == "display" and line["outcome"] == "done" for line in lines)
+
+
+def test_clients_without_end_are_summed_up_as_others(book):
+    for number in range(500):
+        book.ask("enable", b'{"client": "c%d"}' % number, "refused", "busy")
+    book.turn(1000)
+
+    summed = [line for line in book.lines() if line["kind"] == "summed"]
+
+    assert len(summed) <= 21
+    assert sum(line["count"] for line in summed) == 500 - LINES_PER_S
+
+
+def test_the_chain_goes_on_over_a_restart_and_over_files(tmp_path):
+    for _ in range(3):
+        book = Book(tmp_path, bytes_max=4000)
+        for _ in range(40):
+            book.ask("enable", b'{"client": "display"}')
+            book.turn()
+            book.disk.settle()
+        book.end()
+
+    found = check(line for _, _, line in lines_of(tmp_path))
+
+    assert not found.breaks
+    assert found.first_n == 1
+    assert found.place.n == found.line_count == 3 * 42
+    assert len(files_of(tmp_path)) > 5
+
+
+def test_old_files_are_removed_and_the_rest_still_holds(tmp_path):
+    book = Book(tmp_path, bytes_max=2000, files_max=3)
+    for _ in range(60):
+        book.ask("enable", b'{"client": "display"}')
+        book.turn()
+        book.disk.settle()
+    book.end()
+
+    found = book.check()
+
+    assert len(files_of(tmp_path)) == 3
+    assert not found.breaks
+    assert found.first_n > 1
+
+
+@pytest.mark.parametrize("cut", [1, 2, 40, 200])
+def test_a_torn_last_line_is_left_and_followed_by_a_line_that_says_so(tmp_path, cut):
+    book = Book(tmp_path)
+    book.ask("enable", b'{"client": "display"}')
+    book.end()
+    path = tmp_path / NAME
+    torn = path.read_bytes()[:-cut]
+    path.write_bytes(torn)
+
+    again = Book(tmp_path)
+    again.turn()
+    again.disk.settle()
+    again.end()
+
+    assert path.read_bytes().startswith(torn + b"\n")
+    assert not again.check().breaks
+    said = [fields_of(line) for _, _, line in lines_of(tmp_path)]
+    assert [one["kind"] for one in said if one].count("repaired") == 1
+
+
+def test_a_disk_that_is_full_loses_nothing_when_it_has_room_again(book):
+    real = os.write
+
+    def half(file, data):
+        if len(data) < 100:
+            raise OSError(28, "No space left on device")
+        return real(file, data[: len(data) // 2])
+
+    with mock.patch.object(os, "write", half):
+        for _ in range(20):
+            book.ask("enable", b'{"client": "display"}')
+            book.turn()
+            book.disk.settle()
+        assert [one.what for one in book.disk.troubles()] == ["request log"]
+        # Not more often than once a second.
+        assert book.disk.failed_count == 1
+    book.turn(2000)
+    book.turn(2000)
+
+    assert len([line for line in book.lines() if line["kind"] == "answered"]) == 20
+    assert not book.check().breaks
+
+
+def test_lines_for_which_there_is_no_room_are_counted_and_the_chain_holds(tmp_path):
+    book = Book(tmp_path)
+    with mock.patch.object(os, "write", side_effect=OSError(28, "No space left on device")):
+        for _ in range(LINES_WAITING_MAX + 100):
+            book.ask("enable")
+        book.turn()
+        book.disk.settle()
+    assert book.log.lost_count > 0
+    lost = book.log.lost_count
+    book.turn(2000)
+    book.turn(2000)
+    book.disk.settle()
+    book.ask("enable")
+
+    lines = book.lines()
+    book.end()
+
+    assert [line["count"] for line in lines if line["kind"] == "lost"] == [lost]
+    assert not book.check().breaks
+
+
+def test_a_log_that_was_moved_away_is_begun_anew_and_goes_on(book):
+    book.ask("enable")
+    book.lines()
+    (book.folder / NAME).rename(book.folder / "moved")
+    book.ask("disable")
+    book.lines()
+    (book.folder / "moved").unlink()
+    book.ask("reset")
+
+    assert [line["name"] for line in book.lines()][-1] == "reset"
+
+
+# --- the chain ------------------------------------------------------------------------------------
+
+
+def chain(count: int) -> list[bytes]:
+    place, lines = Place(), []
+    for number in range(count):
+        line, place = sealed(place, {"kind": "asked", "client": f"ä{number}", "x": number * 0.1})
+        lines.append(line)
+    return lines
+
+
+def test_a_chain_that_nobody_touched_holds():
+    lines = chain(50)
+
+    found = check(lines)
+
+    assert not found.breaks
+    assert found.place.n == 50
+    assert json.loads(lines[0])["before"] == BEGINNING
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.data())
+def test_every_byte_that_is_changed_shows(data):
+    lines = chain(data.draw(st.integers(1, 6)))
+    text = bytearray(b"\n".join(lines))
+    at = data.draw(st.integers(0, len(text) - 1))
+    text[at] ^= data.draw(st.integers(1, 255))
+
+    assert check(bytes(text).split(b"\n")).breaks
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.data())
+def test_every_line_that_is_taken_out_moved_or_put_in_twice_shows(data):
+    lines = chain(data.draw(st.integers(3, 8)))
+    at = data.draw(st.integers(1, len(lines) - 2))
+    other = data.draw(st.integers(0, len(lines) - 1).filter(lambda number: number != at))
+    swapped = list(lines)
+    swapped[at], swapped[other] = swapped[other], swapped[at]
+
+    assert check(lines[:at] + lines[at + 1 :]).breaks
+    assert check([*lines[:at], lines[other], *lines[at:]]).breaks
+    assert check(swapped).breaks
