@@ -14,7 +14,7 @@ import numpy as np
 
 from analysis.number_text import csv_bytes
 from analysis.recording import Progress, Recording, RecordingError, read_csv, recording
-from analysis.stop_recording import about, read_stop
+from analysis.stop_recording import about, stop_of
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Robot
 from daemon.record import CycleRecord
@@ -94,9 +94,11 @@ def read_ring(path: Path, leg: str | None = None) -> Source:
     Raises:
         RecordingError: it is no ring, has no such leg, or no cycle in which the observer ran.
     """
-    _opened(path).close()
-    told = read_stop(path)
-    header, records = told.header, told.records
+    ring = _opened(path)
+    try:
+        header, records = ring.header, ring.since(0)
+    finally:
+        ring.close()
     name = leg or header.leg_names[0]
     if name not in header.leg_names:
         raise RecordingError(f"{path}: has no leg {name}, only {', '.join(header.leg_names)}")
@@ -107,8 +109,9 @@ def read_ring(path: Path, leg: str | None = None) -> Source:
         robot = msgspec.convert(header.robot, Robot)
     except msgspec.ValidationError as error:
         raise RecordingError(f"{path}: its robot cannot be used: {error}") from error
+    said = about(stop_of(path, header, records))
     made = recording(str(path), np.array(rows, dtype=np.float64))
-    return Source(made, robot, name, np.array(bits, dtype=np.int64), about(told))
+    return Source(made, robot, name, np.array(bits, dtype=np.int64), said)
 
 
 def _rows(records: Sequence[CycleRecord], leg: int) -> tuple[list[tuple[float, ...]], list[int]]:

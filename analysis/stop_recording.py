@@ -5,6 +5,7 @@ verdict that was latched in it; if there is none, its last record.
 """
 
 import math
+from collections.abc import Sequence
 from contextlib import closing
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -65,10 +66,16 @@ def read_stop(path: Path) -> StopRecording:
         raise RecordingError(str(error)) from error
     if not records:
         raise RecordingError(f"{path}: holds no record")
-    return StopRecording(path, header, records, header.kept or _found(records), header.kept is None)
+    return stop_of(path, header, records)
 
 
-def _found(records: tuple[CycleRecord, ...]) -> Kept:
+def stop_of(path: Path, header: RingHeader, records: Sequence[CycleRecord]) -> StopRecording:
+    """The same of what was read already; at least one record."""
+    kept = header.kept or _found(records)
+    return StopRecording(path, header, tuple(records), kept, header.kept is None)
+
+
+def _found(records: Sequence[CycleRecord]) -> Kept:
     """The newest stop in a ring that says nothing of itself."""
     pairs = list(pairwise(records))
     latched = (

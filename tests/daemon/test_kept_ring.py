@@ -1,0 +1,119 @@
+"""Files of the black box: exactly the records of the window, in a ring that every reader opens."""
+
+import struct
+from contextlib import closing
+
+import msgspec
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from records import HEADER, record
+
+from daemon import seam
+from daemon.gateway.blackbox import Window
+from daemon.gateway.trail import Stop, Trail
+from daemon.kept_ring import kept_file, kept_files, name_of, trimmed
+from daemon.seam import ASIDE_NAME, RING_NAME, Kept, RingError, RingReader, RingWriter
+
+KEPT = Kept("hand_switch_open", "right/hip", "", 5, 1_795_261_054_847_122_612, 1, 9, True)
+
+
+@pytest.fixture(scope="module")
+def ring(tmp_path_factory):
+    """A ring that has gone round once and a half, with some records that were never written."""
+    path = tmp_path_factory.mktemp("ring") / RING_NAME
+    writer = RingWriter(path, HEADER)
+    for seq in range(1, seam.SLOT_COUNT * 3 // 2):
+        if seq % 97:
+            writer.write(record(seq))
+    writer.close()
+    with closing(RingReader(path)) as opened:
+        yield opened
+
+
+def read(path):
+    with closing(RingReader(path)) as opened:
+        return opened.header, opened.since(0)
+
+
+@settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    first=st.integers(1, seam.SLOT_COUNT * 2),
+    count=st.integers(1, 400),
+    piece=st.integers(1, 150),
+)
+def test_a_window_keeps_exactly_those_of_its_records_that_the_ring_has(
+    ring, tmp_path, first, count, piece
+):
+    last = first + count - 1
+    there = [one for one in map(ring.read, range(first, last + 1)) if one is not None]
+    stop = Stop("cause", "", "", first, 0)
+    window = Window(Trail.of(ring), stop, first, last, due_ns=0)
+
+    while not window.copy(piece):
+        pass
+
+    assert [seq for seq, _ in window.copied] == [one.seq for one in there]
+    if not there:
+        return
+    path = tmp_path / "kept.ring"
+    path.write_bytes(trimmed(HEADER, window.copied))
+    header, found = read(path)
+    assert header == HEADER
+    assert msgspec.msgpack.encode(found) == msgspec.msgpack.encode(there)
+
+
+def test_a_file_says_what_it_was_kept_for_and_its_name_does(tmp_path):
+    header = msgspec.structs.replace(HEADER, kept=KEPT)
+    path = tmp_path / name_of(HEADER.core_boot_id, KEPT)
+    path.write_bytes(trimmed(header, [(5, msgspec.msgpack.encode(record(5)))]))
+
+    assert path.name == "20261121T113734.847Z_hand_switch_open_boot_5.ring"
+    assert kept_file(path).kept == KEPT
+    assert read(path)[0] == header
+
+
+def test_a_header_of_a_service_before_the_black_box_is_read(tmp_path):
+    old = msgspec.to_builtins(HEADER)
+    del old["kept"]
+
+    assert msgspec.convert(old, seam.RingHeader).kept is None
+
+
+def test_files_are_listed_by_time_and_one_that_is_damaged_is_named(tmp_path):
+    (tmp_path / "2.ring").write_bytes(b"")
+    (tmp_path / "1.ring").write_bytes(trimmed(HEADER, [(1, msgspec.msgpack.encode(record(1)))]))
+    (tmp_path / "other.txt").write_text("no ring")
+
+    first, second = kept_files(tmp_path)
+
+    assert (first.path.name, first.header) == ("1.ring", HEADER)
+    assert (second.path.name, second.header) == ("2.ring", None)
+    assert "is empty" in second.trouble
+    assert kept_files(tmp_path / "nowhere") == []
+
+
+def test_nothing_makes_no_file():
+    with pytest.raises(ValueError, match="0 records"):
+        trimmed(HEADER, [])
+
+
+def test_a_header_without_slots_is_refused(tmp_path):
+    path = tmp_path / "some.ring"
+    image = bytearray(trimmed(HEADER, [(1, msgspec.msgpack.encode(record(1)))]))
+    struct.pack_into("<I", image, 12, 0)
+    path.write_bytes(image)
+
+    with pytest.raises(RingError, match="no room"):
+        RingReader(path)
+
+
+def test_the_ring_that_stopped_first_stays_aside_until_somebody_takes_it(tmp_path):
+    for boot_id in ("first", "second", "third"):
+        header = msgspec.structs.replace(HEADER, core_boot_id=boot_id)
+        RingWriter(tmp_path / RING_NAME, header).close()
+
+    assert read(tmp_path / ASIDE_NAME)[0].core_boot_id == "first"
+    assert read(tmp_path / RING_NAME)[0].core_boot_id == "third"

@@ -1,0 +1,177 @@
+"""`gaitd blackbox` on files of the black box and a request log, without a service."""
+
+import json
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from records import HEADER, record
+from typer.testing import CliRunner
+
+from analysis.recording import read_csv
+from analysis.replay import read
+from daemon.gateway.request_chain import Place, sealed
+from daemon.gateway.request_file import NAME
+from daemon.gateway.shelf import Shelf
+from daemon.kept_ring import FOLDER
+from daemon.record import Cause, Mode, StopCategory, Verdict
+from daemon.seam import Kept
+from gaitd.__main__ import build
+
+OPEN = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN, "right/hip", detail="let go")
+ROBOT = Path(__file__).parents[2] / "configs" / "robot.toml"
+
+
+def gaitd(*words: str | Path):
+    return CliRunner().invoke(build(str(words[0])), [str(word) for word in words])
+
+
+def records():
+    for seq in range(1, 301):
+        made = record(seq)
+        swing = 0.2 + 0.1 * float(np.sin(seq / 60))
+        legs = tuple(msgspec.structs.replace(leg, measured=(swing, 0.5)) for leg in made.legs)
+        stopped = {"mode": Mode.STOPPING, "verdict": OPEN} if seq > 200 else {}
+        yield msgspec.structs.replace(made, legs=legs, **stopped)
+
+
+@pytest.fixture
+def state(tmp_path):
+    """A state directory with one stop and a log of two requests."""
+    import tomllib
+
+    header = msgspec.structs.replace(HEADER, robot=tomllib.loads(ROBOT.read_text()))
+    slots = [(one.seq, msgspec.msgpack.encode(one)) for one in records()]
+    at_ns = record(201).sync_utc_ns
+    kept = Kept(
+        "hand_switch_open", "right/hip", "let go", 201, at_ns, 1, 300, True, ("sto_active",)
+    )
+    Shelf(tmp_path / FOLDER).keep(header, kept, slots)
+    place = Place()
+    with (tmp_path / NAME).open("wb") as file:
+        for name in ("enable", "stop"):
+            said = {"utc": "2026-01-01T00:00:00.000000Z", "kind": "answered", "name": name}
+            said |= {"client": "display", "payload": {"client": "display"}, "outcome": "done"}
+            line, place = sealed(place, said)
+            file.write(line + b"\n")
+    return tmp_path
+
+
+@pytest.fixture
+def stop(state):
+    (path,) = (state / FOLDER).iterdir()
+    return path
+
+
+def test_the_list_names_time_cause_drive_seconds_and_size(state, stop):
+    shown = gaitd("blackbox", "--state", state)
+
+    assert shown.exit_code == 0
+    for words in ("hand_switch_open, sto_active", "right/hip", "2.0 s", "1.0 s", "MB", stop.name):
+        assert words in shown.stdout
+
+
+def test_a_program_gets_the_list_as_json(state, stop):
+    (one,) = json.loads(gaitd("blackbox", "--state", state, "--json").stdout)
+
+    assert one["file"] == str(stop)
+    assert one["size_bytes"] == stop.stat().st_size
+    assert one["kept"]["stop_seq"] == 201
+
+
+def test_a_damaged_file_is_in_the_list_and_hides_no_other(state, stop):
+    (state / FOLDER / "0.ring").write_bytes(b"rubbish")
+
+    shown = gaitd("blackbox", "--state", state)
+
+    assert shown.exit_code == 0
+    assert "too few" in shown.stdout
+    assert stop.name in shown.stdout
+
+
+def test_show_tells_the_story_of_a_stop(stop):
+    shown = gaitd("blackbox", "show", stop)
+
+    assert shown.exit_code == 0
+    for words in (
+        "hand_switch_open (right/hip): the hand switch is open, then sto_active",
+        "let go",
+        "2.00 s before it, 0.99 s after; 300 records",
+        "+0.00  stopping  S1 hand_switch_open (right/hip)",
+        "operation enabled",
+        "mode gait → stopping",
+    ):
+        assert words in shown.stdout
+
+
+def test_the_exported_csv_is_the_recording_bit_for_bit(stop, tmp_path):
+    out = tmp_path / "out.csv"
+
+    assert gaitd("blackbox", "show", stop, "--csv", out).exit_code == 0
+
+    ours, theirs = read_csv(out), read(stop).recording
+    for name in ("time_s", "position", "effort"):
+        assert getattr(ours, name).tobytes() == getattr(theirs, name).tobytes()
+    assert out.read_text().splitlines()[1].endswith("gait,NONE,none")
+
+
+def test_the_picture_is_drawn(stop, tmp_path):
+    out = tmp_path / "out.png"
+
+    assert gaitd("blackbox", "show", stop, "--plot", out).exit_code == 0
+
+    assert out.read_bytes().startswith(b"\x89PNG")
+
+
+def test_replay_says_what_the_file_is(stop, tmp_path):
+    shown = gaitd("replay", stop, "--output", tmp_path / "out.csv")
+
+    assert shown.exit_code == 0, shown.stderr
+    assert "core boot" in shown.stdout
+    assert "cause        hand_switch_open" in shown.stdout
+    assert "stopped      2023-11-14 22:13:22.010 UTC" in shown.stdout
+
+
+def test_the_log_is_shown_and_its_chain_holds(state):
+    shown = gaitd("blackbox", "requests", "--state", state)
+    whole = gaitd("blackbox", "requests", "--verify", "--state", state)
+
+    assert "display" in shown.stdout
+    assert (whole.exit_code, "the chain of 2 lines holds" in whole.stdout) == (0, True)
+
+
+def test_a_byte_that_was_flipped_is_found_with_file_and_line(state):
+    path = state / NAME
+    path.write_bytes(path.read_bytes().replace(b'"enable"', b'"enablf"'))
+
+    broken = gaitd("blackbox", "requests", "--verify", "--state", state)
+    told = json.loads(gaitd("blackbox", "requests", "--verify", "--json", "--state", state).stdout)
+
+    assert broken.exit_code == 1
+    assert f"{path}:1: it was changed" in broken.stdout
+    assert told["breaks"][0] == {"at": f"{path}:1", "why": "it was changed"}
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["blackbox"], "--config FILE or --state DIRECTORY"),
+        (["blackbox", "show"], "show needs a FILE"),
+        (["blackbox", "show", "nowhere.ring"], "nowhere.ring: No such file"),
+        (["blackbox", "show", ROBOT], "robot.toml"),
+        (["blackbox", "requests", "--verify", "--state", "."], "there is no request log"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_with_2_and_why(words, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    refused = gaitd(*words)
+
+    assert refused.exit_code == 2
+    assert said in refused.stderr
+
+
+def test_a_leg_that_is_not_there_and_a_file_that_is_the_recording_are_refused(stop):
+    assert "only right" in gaitd("blackbox", "show", stop, "--leg", "left").stderr
+    assert "is the recording itself" in gaitd("blackbox", "show", stop, "--csv", stop).stderr
