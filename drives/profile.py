@@ -108,6 +108,28 @@ class OptionalObjects(Table, frozen=True, kw_only=True):
     """1007h: synchronous window length."""
 
 
+class Keeps(Enum):
+    """Whether a drive itself keeps to a limit in a mode."""
+
+    KEPT = "kept"
+    NOT_KEPT = "not_kept"
+    UNKNOWN = "unknown"
+    """No public document says."""
+
+
+class TorqueMode(Table, frozen=True, kw_only=True):
+    """Which limits bind the drive in cyclic synchronous torque, where CiA 402 names only 6072h.
+
+    Makers differ: Beckhoff's EP7412 limits its speed in cyclic position and velocity alone, Lenze's
+    i700 and Nanotec's PD4-E in cyclic torque, too.
+    """
+
+    speed_limit: Keeps
+    """6080h."""
+    position_limits: Keeps
+    """607Dh."""
+
+
 class Pdo(Table, frozen=True, kw_only=True):
     """Which PDO communication parameters this drive has."""
 
@@ -156,6 +178,7 @@ class DriveProfile(Table, frozen=True, kw_only=True):
     """Absent: the drive has none that can be mapped, and its limit is not watched."""
     inputs: Inputs
     optional_objects: OptionalObjects
+    torque_mode: TorqueMode
     pdo: Pdo
     heartbeat: Heartbeat
     fault_reset: FaultReset

@@ -17,7 +17,7 @@ from drives import eds
 from drives.errors import DescriptionError
 from drives.option_codes import in_words, without_torque
 from drives.plan import plan
-from drives.profile import DriveDescription
+from drives.profile import DriveDescription, Keeps
 from drives.torque import TorqueObject, TorqueSampling, base_in_words, count_nm
 from drives.units import DriveLimits, axis_scaling, expected_base, raw_limits
 
@@ -217,6 +217,34 @@ def _eds_says(
     return tuple(eds.objections(steps, dictionary)), eds.unused(has, dictionary)
 
 
+_TORQUE_MODE = {
+    "speed_limit": (
+        "6080h",
+        "max_runaway counts on it",
+        "max_runaway is computed without it",
+    ),
+    "position_limits": (
+        "607Dh",
+        "in that mode only gaitd may be keeping the position",
+        "in that mode only gaitd keeps the position",
+    ),
+}
+"""Objects, and what it means that nobody knows whether they bind in torque mode, or that they do
+not; by the keys of [torque_mode] and [optional_objects]."""
+
+
+def _torque_mode(drive: DriveDescription) -> Iterator[str]:
+    profile = drive.profile
+    for name, (place, doubt, lack) in _TORQUE_MODE.items():
+        keeps: Keeps = getattr(profile.torque_mode, name)
+        if not getattr(profile.optional_objects, name) or keeps is Keeps.KEPT:
+            continue
+        if keeps is Keeps.UNKNOWN:
+            yield f"no document says that {place} binds it in cyclic torque: {doubt}"
+        else:
+            yield f"{place} does not bind it in cyclic torque: {lack}"
+
+
 def _warnings(drive: DriveDescription, brake: bool, unused: list[str]) -> Iterator[str]:
     profile = drive.profile
     if not profile.verified_on_hardware:
@@ -230,6 +258,7 @@ def _warnings(drive: DriveDescription, brake: bool, unused: list[str]) -> Iterat
         if not getattr(profile.optional_objects, name):
             seen = ", though its EDS has the object" if name in unused else ""
             yield f"{warning}{seen}"
+    yield from _torque_mode(drive)
     if not brake:
         for entry, _ in without_torque(profile.written):
             yield f"{in_words(entry)}, and it has no brake"

@@ -18,7 +18,7 @@ from daemon.config.runaway import AxisRunaway, Runaway, worst_runaways
 from daemon.config.settings import Cycle
 from daemon.config.strict import ConfigError
 from daemon.config.workspace import Pair
-from drives.profile import DriveDescription
+from drives.profile import DriveDescription, Keeps
 from drives.units import DriveLimits
 
 POSES: Final = 24
@@ -61,6 +61,12 @@ def detection_ms(drive: DriveDescription, cycle: Cycle) -> int:
     return min(ms for ms, there in watches if there)
 
 
+def keeps_speed(drive: DriveDescription) -> bool:
+    """6080h is written, and not known to be without effect in cyclic torque."""
+    written = drive.profile.optional_objects.speed_limit
+    return written and drive.profile.torque_mode.speed_limit is not Keeps.NOT_KEPT
+
+
 def runaway_meanings(settings: Settings) -> tuple[RunawayMeaning, ...]:
     """All axes, each leg's hip before its slide."""
     return tuple(meaning for leg in settings.legs for meaning in _meanings(settings, leg))
@@ -88,7 +94,7 @@ def _meanings(settings: Settings, leg: LegDrives) -> Iterator[RunawayMeaning]:
             name=drive.name,
             rotary=axis == 0,
             detection_ms=detection_ms(drive, cycle),
-            keeps_speed=drive.profile.optional_objects.speed_limit,
+            keeps_speed=keeps_speed(drive),
             until_noticed_si=runaway.until_noticed_si,
             distance_si=runaway.distance_si,
             speed_max_si=runaway.speed_max_si,
@@ -118,11 +124,11 @@ def _axes(settings: Settings, leg: LegDrives) -> tuple[AxisRunaway, AxisRunaway]
 
 def axis_runaway(drive: DriveDescription, limits: DriveLimits, cycle: Cycle) -> AxisRunaway:
     """What one drive does without its master."""
-    keeps_speed = drive.profile.optional_objects.speed_limit
+    own_limit_si = limits.velocity_max_si if keeps_speed(drive) else math.inf
     return AxisRunaway(
         effort_max_si=limits.effort_max_si,
         velocity_max_si=limits.velocity_max_si,
-        drive_velocity_max_si=limits.velocity_max_si if keeps_speed else math.inf,
+        drive_velocity_max_si=own_limit_si,
         deceleration_si_per_s2=limits.quick_stop_deceleration_si_per_s2,
         detection_s=detection_ms(drive, cycle) * _MS,
     )
