@@ -65,7 +65,7 @@ lock: $(VENV)/dev.stamp  ## write requirements/*.txt anew from pyproject.toml
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links --no-header pyproject.toml --extra build --extra dev --output-file requirements/dev.txt
 
 golden: $(VENV)/dev.stamp  ## write the golden traces of sessions anew; read the difference
-	$(BIN)/pytest tests/conformance/test_golden_traces_of_sessions.py --write-traces
+	$(BIN)/pytest tests/conformance/test_golden_traces_of_sessions.py tests/drive_backstop/test_table.py --write-traces
 
 clean:  ## remove the virtual environment and caches
 	rm -rf $(VENV) .ruff_cache .pytest_cache .hypothesis

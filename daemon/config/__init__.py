@@ -6,6 +6,6 @@ and its paths; all that the gateway reads), `baseline.py` (a leg without a patie
 files into `bundle.Settings`, in `bundle.py`), `cross.py`, `cross_assist.py`, `cross_drives.py`,
 `cross_motion.py` and `cross_homing.py` (the files compared with each other), `robot.py` and
 `axes.py` (in the terms of observer and drives), `workspace.py` (where the leg goes when it is
-stopped), `runaway.py` (and when nobody stops it), `check.py`, `check_axes.py` and
-`check_runaway.py` (the report).
+stopped), `runaway.py` (and when nobody stops it), `backstop.py` (what the drives hold), `check.py`,
+`check_axes.py` and `check_runaway.py` (the report).
 """

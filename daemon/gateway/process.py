@@ -1,7 +1,7 @@
 """The gateway's process: opens the seam and Zenoh, turns until it is told to end, closes both.
 
-One thread of ours, beside those that wait for the disk. It sleeps in poll() and is woken by the core's datagram, by a query, or after
-20 ms without either, so that the core goes on hearing us.
+One thread of ours, beside those that wait for the disk. It sleeps in poll() and is woken by the
+core's datagram, by a query, or after 20 ms without either, so that the core goes on hearing us.
 """
 
 import select

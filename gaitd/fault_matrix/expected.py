@@ -83,7 +83,14 @@ def stops(
     later: tuple[Cause, ...] = (),
 ) -> Law:
     """Both axes stop, for one of these causes."""
-    return Law(True, frozenset(causes), frozenset(by), frozenset(later), within, resting=resting)
+    return Law(
+        stops=True,
+        causes=frozenset(causes),
+        categories=frozenset(by),
+        later=frozenset(later),
+        within_cycles=within,
+        resting=resting,
+    )
 
 
 _SILENT: Final = stops(
