@@ -72,7 +72,9 @@ def test_a_drive_notices_silence_within_a_tenth_of_a_second(tmp_path, make):
     leg = settings.legs[0]
 
     for axis, described in enumerate((leg.hip, leg.slide)):
-        watch = {row.index: row.value for row in rows(settings, described, axis)}[0x1016]
+        watch = {(row.index, row.sub): row.value for row in rows(settings, described, axis)}[
+            0x1016, 1
+        ]
         assert watch >> 16 == settings.trainer.cycle.master_node_id
         assert 0 < watch & 0xFFFF <= 100
 
