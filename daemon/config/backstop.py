@@ -7,7 +7,7 @@ step that writes is either a row here or belongs to communication and mapping (C
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from daemon.config.axes import cycle_settings, drive_limits
 from daemon.config.bundle import Settings
@@ -24,7 +24,7 @@ class Source(NamedTuple):
     key: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, order=True, slots=True)
 class Row:
     """One object of one drive."""
 

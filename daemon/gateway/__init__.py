@@ -5,6 +5,6 @@ Reading order: `service.py` (one turn of the loop), `translate.py` (what may be 
 `events.py`, `emergencies.py`, `strides.py` and `health.py` (what is made from many records),
 `keeper.py` with `blackbox.py` (what is kept around each stop, by `trail.py`, on `shelf.py`) and
 `request_log.py` (who asked for what, by `request_chain.py` and `request_file.py`), then the
-outside: `endpoints.py`, `session.py`, `publish.py` and `subscribe.py` (Zenoh), `notes_disk.py` (fsync),
-`disk.py` (a thread that waits for it), `process.py` (the loop itself).
+outside: `endpoints.py`, `session.py`, `publish.py` and `subscribe.py` (Zenoh), `notes_disk.py`
+(fsync), `disk.py` (a thread that waits for it), `process.py` (the loop itself).
 """
