@@ -35,7 +35,7 @@ COMMANDS: Final = {
     "calibrate": "Friction, springs and encoder noise from recordings of the empty machine.",
     "doctor": "What this machine can and cannot do for gaitd.",
     "honesty": "Whether what the observer says of itself is true: sigmas, gaps, rest, drift.",
-    "matrix": "Every fault in every mode on both axes: what happens, and is it right.",
+    "matrix": "Every fault in every mode on both axes, in lock-step: is what happens right.",
     "torture": "Random commands and faults in lock-step, watched by invariants.",
     "bench": "The project's benchmarks.",
     "status": "What a running service does.",

@@ -12,7 +12,7 @@ Reading order:
     conduct, modes, requests, transition, stopping    what becomes of reasons and requests
     assist, assisting                what a controller may add
     plans, reference, guidance, targets               where a leg is wanted, what its drives get
-    exercises, release, self_test    hand guiding and self-test: how they begin, what they do
+    exercises, playing, release, self_test           how plans begin and go on: by hand, self-test
     daily                            what was seen and passed today, for how long it counts
     preparation, preparing           one axis at a time: homing, proof of its sign
     axis_notes, poses, latching      what outlives a restart

@@ -10,9 +10,8 @@ from daemon.core import (
     daily,
     latching,
     plans,
+    playing,
     preparing,
-    reference,
-    release,
     requests,
     self_test,
     stopping,
@@ -20,7 +19,7 @@ from daemon.core import (
 from daemon.core.inbox import Orders
 from daemon.core.joints import Joint
 from daemon.core.modes import Event
-from daemon.core.reference import ExcitePlay, GaitPlay, Hold, Stage, TorquePlay
+from daemon.core.reference import Stage
 from daemon.core.release import ReleasePlay
 from daemon.core.safety import worse
 from daemon.core.self_test import SelfTestPlay
@@ -227,7 +226,7 @@ def _move_on(core: Core, cycle: int, utc_ns: int) -> None:
         _settle(core, cycle)
     _let_lapse(core, cycle)
     for leg in core.legs:
-        _advance_plan(core, leg)
+        playing.advance(core, leg, changing=_changes_mode(core, leg))
     if core.mode.active and _exercise_is_over(core):
         _end_exercise(core, cycle, utc_ns)
     if core.mode in {Mode.STOPPING, Mode.FAULT}:
@@ -269,54 +268,9 @@ def _settle(core: Core, cycle: int) -> None:
     core.load_checked = True
 
 
-def _advance_plan(core: Core, leg: Leg) -> None:
-    period_s = core.config.period_s
-    plan = leg.plan
-    if isinstance(plan, Hold):
-        leg.plan = reference.advance_hold(plan, period_s)
-    elif isinstance(plan, GaitPlay) and not _awaits_mode(core, leg, plan):
-        leg.plan = reference.advance_gait(plan, period_s)
-    elif isinstance(plan, ExcitePlay):
-        leg.plan = reference.advance_excite(plan, period_s, plans.measured(leg))
-    elif isinstance(plan, TorquePlay):
-        leg.plan = reference.advance_torque(plan, period_s)
-    elif isinstance(plan, ReleasePlay):
-        leg.plan = release.advance_release(plan, period_s, ready=_in_torque_mode(leg))
-    elif isinstance(plan, SelfTestPlay):
-        seen = _seen(leg.axes[0]), _seen(leg.axes[1])
-        ready = _in_torque_mode(leg)
-        leg.plan = self_test.advance_self_test(plan, period_s, seen, ready=ready)
-    if isinstance(plan, Play) and isinstance(leg.plan, Play):
-        _tell_stage(core, leg, plan.stage, leg.plan.stage)
-
-
-def _in_torque_mode(leg: Leg) -> bool:
-    wanted = OperationMode.CYCLIC_SYNC_TORQUE
-    return all(
-        axis.mode_sent == wanted
-        and axis.feedback is not None
-        and axis.feedback.mode_display == wanted
-        for axis in leg.axes
-    )
-
-
-def _seen(axis: Axis) -> self_test.Seen:
-    joint = axis.joint
-    return self_test.Seen(joint.fresh, joint.position_si, joint.effort_si - axis.gravity_si)
-
-
-def _awaits_mode(core: Core, leg: Leg, play: GaitPlay) -> bool:
-    """A gait stays announced until its drives could change to the mode in which it is played."""
-    changing = any(axis.mode_sent != mode_wanted(core, axis) for axis in leg.axes)
-    return play.stage == Stage.ANNOUNCE and changing
-
-
-def _tell_stage(core: Core, leg: Leg, before: Stage, after: Stage) -> None:
-    if before == after:
-        return
-    core.events.append(f"{leg.name}: {core.mode.name.lower()} {after.value}")
-    if isinstance(leg.plan, ReleasePlay):
-        leg.takes_over = True  # from being held into somebody's hands
+def _changes_mode(core: Core, leg: Leg) -> bool:
+    """Whether a drive of this leg is not yet asked for the mode that is wanted."""
+    return any(axis.mode_sent != mode_wanted(core, axis) for axis in leg.axes)
 
 
 def _exercise_is_over(core: Core) -> bool:

@@ -11,6 +11,7 @@ from daemon.core.energy import stride_cycles
 from daemon.core.reference import GaitPlay, Stage
 from daemon.core.spasm import STILL_CYCLES, softened
 from daemon.core.state import Axis, Core, Leg
+from daemon.record import Mode
 from drives.signals import OperationMode, PowerState
 from observer.leg_observer import LegEstimate
 from observer.status import Validity
@@ -112,7 +113,8 @@ def slowed(leg: Leg, efforts: tuple[float, float]) -> tuple[float, float]:
 def watch_patient(core: Core, leg: Leg, estimate: LegEstimate) -> None:
     """Look for a spasm in the estimate, and let guidance yield to it."""
     for index, axis in enumerate(leg.axes):
-        if estimate.validity[index] is Validity.BAD or not core.mode.active:
+        led_by_hand = core.mode is Mode.RELEASE  # whoever leads the leg is its motion
+        if estimate.validity[index] is Validity.BAD or led_by_hand or not core.mode.active:
             axis.spasm.forget()
             continue
         limits = axis.limits
