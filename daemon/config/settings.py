@@ -280,9 +280,9 @@ class SelfTest(Table, frozen=True):
     slide_motion_m: Annotated[float, Meta(gt=0.005, le=0.2)]
     slide_speed_m_per_s: Annotated[float, Meta(gt=0, le=0.5)]
     slide_load_tolerance_n: Annotated[float, Meta(gt=0, le=600)]
-    friction_ratio_min: Annotated[float, Meta(gt=0, lt=1)]
+    friction_min_ratio: Annotated[float, Meta(gt=0, lt=1)]
     """Of half the difference of the efforts forth and back to friction as robot.toml has it."""
-    friction_ratio_max: Annotated[float, Meta(gt=1, le=10)]
+    friction_max_ratio: Annotated[float, Meta(gt=1, le=10)]
 
 
 class Reference(Table, frozen=True):

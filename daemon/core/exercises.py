@@ -42,7 +42,7 @@ def begin_self_test(core: Core) -> None:
         leg.plan = SelfTestPlay(
             start=plans.present(leg),
             ways=its_ways,
-            ratios=(rules.friction_ratio_min, rules.friction_ratio_max),
+            ratios=(rules.friction_min_ratio, rules.friction_max_ratio),
             wait_s=wait_s,
         )
 

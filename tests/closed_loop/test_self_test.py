@@ -155,7 +155,7 @@ def test_hand_guiding_does_not_wait_for_a_self_test(tmp_path):
             "friction: more",
         ),
         (
-            [("coulomb_n = 65.0", "coulomb_n = 16.0"), ("stribeck_n = 75.0", "stribeck_n = 22.0")],
+            [("coulomb_n = 65.0", "coulomb_n = 28.0"), ("stribeck_n = 75.0", "stribeck_n = 32.0")],
             "right/slide",
             "friction: less",
         ),
@@ -187,7 +187,7 @@ def test_a_machine_that_is_not_as_configured_is_found_and_named(tmp_path, worn, 
 
 def test_a_failed_test_is_tested_again_before_anything_moves(tmp_path):
     configs = changed_configs(
-        tmp_path, DAILY, ("demo.toml", "friction_ratio_max = 1.6", "friction_ratio_max = 1.001")
+        tmp_path, DAILY, ("demo.toml", "friction_max_ratio = 1.6", "friction_max_ratio = 1.001")
     )
     session = put_to_test(enabled(seen_to_act(Session(configs))))
     assert session.lockstep.record.verdict.cause == Cause.SELF_TEST_FAILED
