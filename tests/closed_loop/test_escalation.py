@@ -1,0 +1,66 @@
+"""A stop that is not obeyed goes further, step by step, by drives that ignore more and more."""
+
+import pytest
+from sessions import Session
+from wire import SYNC, change_what_drives_hear
+
+from daemon.core.stopping import Step
+from daemon.record import Cause, Mode
+from sim_drives.frame import Frame
+
+HIP = 5
+NMT = 0x000
+NMT_STOP = 0x02
+ENABLED_WORD = 0x000F
+QUICK_STOP_WORD = 0x0002
+DISABLE_VOLTAGE_WORD = 0x0000
+
+
+def ignoring(words, *, nmt):
+    """The hip drive takes these controlwords for operation enabled, and NMT stop for nothing."""
+
+    def change(frame: Frame) -> Frame:
+        if frame.can_id == 0x200 + HIP and int.from_bytes(frame.data[:2], "little") in words:
+            return Frame(frame.can_id, ENABLED_WORD.to_bytes(2, "little") + frame.data[2:])
+        if nmt and frame.can_id == NMT and frame.data[:2] == bytes((NMT_STOP, HIP)):
+            return Frame(0x7E0, b"")
+        return frame
+
+    return change
+
+
+QS, OFF = QUICK_STOP_WORD, DISABLE_VOLTAGE_WORD
+
+
+@pytest.mark.parametrize(
+    ("ignored", "nmt", "reached"),
+    [
+        ((), False, Step.QUICK_STOP),
+        ((QS,), False, Step.DISABLE),
+        ((QS, OFF), False, Step.NMT_STOP),
+        ((QS, OFF), True, Step.SILENCE),
+    ],
+    ids=["nothing", "quick stop", "disable voltage, too", "NMT stop, too"],
+)
+def test_what_a_drive_ignores_takes_it_one_step_further_and_no_further(ignored, nmt, reached):
+    session = Session().walking(warm_s=1.5)
+    change_what_drives_hear(session, ignoring(set(ignored), nmt=nmt))
+
+    session.machine.command("hand_switch_open *")
+    session.lockstep.run(3.0)
+
+    stops = [axis.stop for axis in session.lockstep.core.axes]
+    assert stops[0] is not None
+    assert stops[0].step == reached
+    record = session.lockstep.record
+    assert record.mode == Mode.FAULT
+    disobeyed = Cause.STOP_NOT_OBEYED if ignored else Cause.HAND_SWITCH_OPEN
+    assert record.verdict.cause == disobeyed
+    last = session.lockstep.bus.sent[-1].time_ns
+    silent = session.lockstep.bus.now_ns - last > 1_000_000_000
+    assert silent == (reached == Step.SILENCE)
+    # However deaf it was: in the end its own detection, or one of the steps, has stopped it.
+    truth = session.truth.rows[-1]
+    assert abs(truth.hip_velocity_rad_per_s) < 0.05
+    assert abs(truth.slide_velocity_m_per_s) < 0.05
+    assert any(frame.can_id == SYNC for frame in session.lockstep.bus.sent)
