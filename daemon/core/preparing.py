@@ -127,7 +127,6 @@ def cancel(core: Core, why: str) -> None:
 def bring_up_anew(core: Core) -> None:
     """Let go of the drives: the loop brings them up again, with the limits of what comes next."""
     core.drives = None
-    latching.clear(core)  # it was READY: nothing is latched, and nobody enabled
     enter(core, Event.BRING_UP_ANEW)
     latching.clear(core)  # only out of READY, where nothing is latched
 

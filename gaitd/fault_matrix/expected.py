@@ -110,24 +110,29 @@ _STUCK: Final = stops(
     within=60.0,
     later=(Cause.STOP_NOT_OBEYED, Cause.OBSERVER_INVALID),
 )
-_WIRED: Final = stops(
-    Cause.SIGN_WRONG,
-    Cause.ENCODER_JUMP,
-    Cause.ENCODER_FROZEN,
-    by=(S0,),
-    within=30.0,
-    later=(Cause.STOP_NOT_OBEYED, Cause.DRIVE_FAULT, Cause.EMERGENCY),
+_DOUBTFUL: Final = frozenset({Cause.SIGN_WRONG, Cause.ENCODER_JUMP, Cause.ENCODER_FROZEN})
+_WIRED: Final = replace(
+    stops(
+        *_DOUBTFUL,
+        Cause.STOPPING_PATH,
+        Cause.TRACKING_LIMIT,
+        Cause.POSITION_LIMIT,
+        Cause.VELOCITY_LIMIT,
+        Cause.SPASM,
+        by=(S0, S1, S2),
+        within=45.0,
+        later=(
+            Cause.STOP_NOT_OBEYED,
+            Cause.DRIVE_FAULT,
+            Cause.EMERGENCY,
+            Cause.SINGULARITY,
+            Cause.LIMIT_SWITCH,
+        ),
+    ),
+    latches=_DOUBTFUL | {Cause.STOP_NOT_OBEYED},
 )
-_WIRED_ENCODER: Final = replace(
-    _WIRED,
-    causes=_WIRED.causes
-    | {Cause.STOPPING_PATH, Cause.TRACKING_LIMIT, Cause.POSITION_LIMIT, Cause.VELOCITY_LIMIT},
-    categories=frozenset({S0, S1, S2}),
-    latches=_WIRED.causes | {Cause.STOP_NOT_OBEYED},
-    within_cycles=40.0,
-    later=_WIRED.later | {Cause.SINGULARITY, Cause.LIMIT_SWITCH},
-)
-"""What the service sees is a leg that runs the other way: towards a limit first, maybe."""
+"""What is seen first may be a leg that runs the wrong way, towards a limit; what is latched in the
+end is that its feedback is doubtful, or that it did not obey."""
 _JUMP: Final = stops(Cause.ENCODER_JUMP, Cause.UNREFERENCED, by=(S0,), within=AT_ONCE)
 _PUSHED: Final = stops(
     Cause.POSITION_LIMIT,
@@ -139,11 +144,13 @@ _PUSHED: Final = stops(
     Cause.SPASM,
     Cause.SINGULARITY,
     Cause.LIMIT_SWITCH,
+    Cause.EFFORT_DEVIATION,
+    Cause.SIGN_WRONG,
     Cause.DRIVE_FAULT,
     Cause.EMERGENCY,
-    by=(S1, S2),
-    within=120.0,
-    later=(Cause.STOP_NOT_OBEYED, Cause.ENCODER_FROZEN),
+    by=(S0, S1, S2),
+    within=150.0,
+    later=(Cause.STOP_NOT_OBEYED, Cause.ENCODER_FROZEN, Cause.ENCODER_JUMP),
 )
 _NOT_FINITE: Final = stops(Cause.COMMAND_NOT_FINITE, within=AT_ONCE)
 _DOUBTFUL_NUMBER: Final = stops(
@@ -225,10 +232,17 @@ ROWS: Final[Mapping[str, Law]] = MappingProxyType(
         "encoder_frozen": _STUCK,
         "encoder_jump": _JUMP,
         "encoder_jump_once": _JUMP,
-        "encoder_reversed": _WIRED_ENCODER,
+        "encoder_reversed": _WIRED,
         "wrong_sign": _WIRED,
         "torque_offset": replace(
-            stops(Cause.EFFORT_DEVIATION, Cause.STATIC_LOAD_WRONG, resting=Resting.EITHER),
+            stops(
+                Cause.EFFORT_DEVIATION,
+                Cause.STATIC_LOAD_WRONG,
+                *_PUSHED.causes,
+                by=(S1, S2),
+                resting=Resting.EITHER,
+                later=tuple(_PUSHED.later),
+            ),
             may_go_on=True,
             why="the drive regulates what its sensor shows: at once nobody can tell it from a"
             " patient's effort; it shows without power, at the next enable, or over a stride",
@@ -311,6 +325,8 @@ _HOMING: Final = (
     "a homing runs against its stop on purpose: what does not move is ended by the drive's own time"
     " limit, and by the current limit of the homing"
 )
+_TESTED: Final = "that is what the test is for: it ends without a proof, or its end shows it"
+_OPEN_LOOP: Final = "an open loop moves slowly and stands at times: it shows as far as it moves"
 _AT_REST: Final = "the joint stands: it would give the same counts anyway, until it has to move"
 
 EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
@@ -364,6 +380,21 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
         **{
             ("spasm", mode, ""): _unseen("spasm", "nobody is in the machine, and little moves")
             for mode in ("reference", "commission")
+        },
+        **{
+            (fault, mode, "right/hip"): replace(
+                _unseen(fault, why),
+                causes=ROWS[fault].causes | {Cause.VELOCITY_LIMIT, Cause.ENCODER_JUMP},
+                within_cycles=None,
+            )
+            for mode, why in (("commission", _TESTED), ("excite", _OPEN_LOOP))
+            for fault in (*_SEEN_IN_MOTION[:3], "blocked_rotor", "brake_stuck")
+        },
+        **{
+            (fault, "excite", "right/slide"): replace(
+                _unseen(fault, _OPEN_LOOP), within_cycles=None
+            )
+            for fault in (*_SEEN_IN_MOTION[:3], "blocked_rotor", "brake_stuck")
         },
         ("limit_switch", "excite", ""): replace(
             _unseen("limit_switch", "an open loop turns round: it stops once it moves on to it"),

@@ -19,11 +19,11 @@ from gaitd.fault_matrix.cell import Found
 from gaitd.fault_matrix.expected import DETECTION_CYCLES, Law, Resting, law
 from gaitd.fault_matrix.modes import COLUMNS, Group
 
-STOP_HIP_DEG: Final = 6.9
+STOP_HIP_DEG: Final = 8.9
 """plant.toml's stop is 3 deg behind the limit. Its spring k takes in whoever weighs on it with
-F = PUSH_NM and comes at v = 2 rad/s: k x^2 / 2 = F x + J v^2 / 2 gives 3.9 deg with 1.5 kg m2."""
-STOP_SLIDE_MM: Final = 53.0
-"""In the same way 20 mm, and 33 mm of its spring by PUSH_N and 20 kg at 1 m/s."""
+F = PUSH_NM and comes with the speed limit: k x^2 / 2 = F x + J v^2 / 2 gives 5.9 deg."""
+STOP_SLIDE_MM: Final = 96.0
+"""In the same way 20 mm, and 76 mm of its spring by PUSH_N and 20 kg at the speed limit."""
 REST_CYCLES: Final = 250.0
 LOST_MODES: Final = frozenset({Mode.OFF, Mode.BRINGING_UP, Mode.READY})
 RESTING_MODES: Final = {
