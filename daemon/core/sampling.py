@@ -26,8 +26,9 @@ def effort_std(leg: Leg) -> tuple[float, float]:
         axis.acceleration_sent_si if axis.torque_sampling is not TorqueSampling.FILTERED else 0.0
         for axis in leg.axes
     ]
-    if not any(acceleration):
-        return 0.0, 0.0
+    placed = leg.singularity_ratio > 0 and all(axis.referenced for axis in leg.axes)
+    if not any(acceleration) or not placed:
+        return 0.0, 0.0  # of a pose that no leg can have nothing is known, and nothing is estimated
     pose = np.array([axis.joint.position_si for axis in leg.axes])
     hip_nm, slide_n = mass_matrix(leg.parameters, pose) @ np.array(acceleration)
     return MISSED_RATIO * abs(float(hip_nm)), MISSED_RATIO * abs(float(slide_n))

@@ -345,3 +345,13 @@ def test_doubtful_feedback_while_walking_is_found_as_in_torque_mode(tmp_path, fa
         Cause.EMERGENCY,
         Cause.TRACKING_LIMIT,
     }
+
+
+def test_an_encoder_that_jumps_to_where_no_leg_can_be_stops_and_ends_no_process(tmp_path):
+    session = Session(position_guidance(tmp_path)).walking(warm_s=2)
+
+    session.machine.command("encoder_glitch right/hip - 60000")
+    session.lockstep.run(0.5)
+
+    assert session.lockstep.record.verdict.cause == Cause.ENCODER_JUMP
+    assert not session.lockstep.record.mode.active
