@@ -191,6 +191,19 @@ def test_speed_lost_at_once_is_told_with_what_a_joint_could_have_lost():
     assert limit == pytest.approx(0.6)  # three quick stops of 20 rad/s² for 10 ms
 
 
+def test_effort_without_a_count_is_told_with_what_friction_could_have_held():
+    still = moved(replace(AXIS, watch=EffortWatch(held_before_still_si=0.0)), still_cycles=20)
+    stuck = moved(replace(still, held_si=-30.0), velocity_si=0.0)
+
+    assert told(axes=[stuck]) == (
+        Cause.ENCODER_FROZEN,
+        "right/hip",
+        30.0,
+        2.5 * LIMITS.breakaway_si,
+        "effort changed without a count of motion",
+    )
+
+
 # --- which of several is told ---------------------------------------------------------------------
 
 

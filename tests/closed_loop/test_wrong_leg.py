@@ -1,0 +1,59 @@
+"""Another leg in the machine than the one that it is configured for."""
+
+import pytest
+from sessions import Session, changed_configs
+
+from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind
+from drives.signals import PowerState
+
+GAIT = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=10.0)
+HEAVIER = ("robot.toml", "mass_kg = 80.0", "mass_kg = 120.0")
+FAR_TOO_HEAVY = ("robot.toml", "mass_kg = 80.0", "mass_kg = 130.0")
+OTHER_SPRING = ("robot.toml", "hip_rest_rad = 2.3132", "hip_rest_rad = 1.3132")
+GROSS = {Cause.STATIC_LOAD_WRONG, Cause.ENCODER_FROZEN}
+
+
+def configured_for(tmp_path, *changes):
+    """The plant keeps the shipped robot file under another name; the service believes `changes`."""
+    configs = changed_configs(tmp_path, ("plant.toml", '"robot.toml"', '"plant_robot.toml"'))
+    (configs / "plant_robot.toml").write_text((configs / "robot.toml").read_text())
+    for name, old, new in changes:
+        text = (configs / name).read_text()
+        assert old in text
+        (configs / name).write_text(text.replace(old, new))
+    return configs
+
+
+@pytest.mark.parametrize(
+    ("believed", "causes"),
+    [
+        pytest.param(HEAVIER, {Cause.STATIC_LOAD_WRONG}, id="another-patient"),
+        # So wrong that friction cannot hold the difference, and the joint does not move: the
+        # encoder is doubted before the load is compared.
+        pytest.param(FAR_TOO_HEAVY, GROSS, id="quite-another-patient"),
+        pytest.param(OTHER_SPRING, GROSS, id="another-spring"),
+    ],
+)
+def test_a_leg_that_weighs_other_than_configured_is_stopped_before_any_exercise(
+    tmp_path, believed, causes
+):
+    session = Session(configured_for(tmp_path, believed)).until_ready()
+    start = session.lockstep.record.legs[0].measured
+
+    session.lockstep.request(RequestKind.ENABLE)
+    session.lockstep.run(2.0)
+
+    record = session.lockstep.record
+    assert record.verdict.cause in causes
+    assert abs(record.verdict.value) > record.verdict.limit
+    assert record.mode in {Mode.STOPPING, Mode.FAULT}
+    assert session.lockstep.request(RequestKind.MODE, GAIT).outcome == Outcome.REFUSED
+    assert record.legs[0].measured == pytest.approx(start, abs=0.1)
+    assert PowerState.OPERATION_ENABLED not in {one.power_state for one in record.drives}
+
+
+def test_a_leg_that_weighs_as_configured_is_held(tmp_path):
+    session = Session(configured_for(tmp_path)).enabled()
+    session.lockstep.run(2.0)
+
+    assert session.lockstep.record.mode == Mode.HOLD
