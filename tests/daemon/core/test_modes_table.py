@@ -67,6 +67,16 @@ def test_an_exercise_begins_in_hold_alone_and_ends_there_by_itself_and_on_reques
     assert set(rows_of(mode).values()) == {Mode.HOLD, Mode.STOPPING}
 
 
+def test_assist_that_lapses_ends_torque_and_gait_in_hold_and_is_no_matter_elsewhere():
+    lapses = {mode: to for (mode, event), to in TRANSITIONS.items() if event is Event.LEASE_LAPSED}
+
+    assert lapses == {Mode.GAIT: Mode.HOLD, Mode.TORQUE: Mode.HOLD}
+
+
+def test_a_stop_that_was_latched_before_this_start_ends_bring_up_in_fault():
+    assert rows_of(Mode.BRINGING_UP)[Event.STILL_LATCHED] == Mode.FAULT
+
+
 @pytest.mark.parametrize("mode", PREPARATIONS)
 def test_one_axis_alone_is_moved_out_of_ready_and_stops_however_it_ends(mode):
     assert rows_into(mode) == {(Mode.READY, PREPARATIONS[mode])}
@@ -158,6 +168,11 @@ def test_going_back_to_hold_needs_nothing_to_be_well(mode):
 @pytest.mark.parametrize("mode", EXERCISES)
 def test_no_exercise_begins_while_the_drives_do_not_hold_yet(mode):
     assert ask(mode, drives_powered=False)
+
+
+def test_torque_is_for_whoever_holds_the_lease():
+    assert ask(Mode.TORQUE, lease_held=True) == ""
+    assert "needs a lease" in ask(Mode.TORQUE, lease_held=False)
 
 
 def test_enable_names_every_axis_whose_sign_is_not_proven_and_what_to_do():
