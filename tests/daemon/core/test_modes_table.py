@@ -167,7 +167,7 @@ def test_going_back_to_hold_needs_nothing_to_be_well(mode):
 
 @pytest.mark.parametrize("mode", EXERCISES)
 def test_no_exercise_begins_while_the_drives_do_not_hold_yet(mode):
-    assert ask(mode, drives_powered=False)
+    assert ask(mode, drives_powered=False, lease_held=True) == "the drives are not holding yet"
 
 
 def test_torque_is_for_whoever_holds_the_lease():
