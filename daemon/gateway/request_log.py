@@ -12,9 +12,10 @@ reason; `status`, `config` and `schema` ask for nothing. Kinds of lines (fields:
     summed               what came so often that single lines would only fill the disk
     lost                 lines that a slow disk had no room for
 
-Limits. Of refusals, of stops and of queries without an answer yet LINES_PER_S each are written out
-in a second, the rest is counted by name, client and outcome and said in one line after it. What the
-core was asked and decided is never summed up: there is one such request at a time.
+Limits. Of refusals, stops and queries without an answer yet LINES_PER_MINUTE each are written out in
+a minute; the rest is counted by name, client and outcome and said in one line after it, so that
+nobody can push what has been out of the log with a flood. What the core was asked to do and has
+decided is never summed up: there is one such request at a time. A renewed lease is no news.
 
 A line is written and brought to the disk by another thread, within milliseconds where the disk is
 well: nothing waits for it, least of all a stop. A power cut loses at most what came in the last
@@ -39,12 +40,14 @@ from daemon.gateway.trail import Glance, identity
 from daemon.record import Verdict
 from daemon.words import name_of
 
-LINES_PER_S: Final = 20
-SECOND_NS: Final = 1_000_000_000
+LINES_PER_MINUTE: Final = 20
+MINUTE_NS: Final = 60_000_000_000
+RETRY_NS: Final = 1_000_000_000
 SUMMED_MAX: Final = 20
-"""Different ones in a second; what is beyond is counted as of others."""
+"""Different ones in a minute; what is beyond is counted as of others."""
 NAME_LENGTH_MAX: Final = 64
 WHAT: Final = "request log"
+DONE: Final = "done"
 REFUSED: Final = "refused"
 UNANSWERED: Final = "unanswered"
 SECRET: Final = "..."
@@ -76,6 +79,12 @@ class Noted:
     written: bool = False
     """There is a line of it already."""
 
+    @property
+    def renews(self) -> bool:
+        """It names a lease that its client holds already."""
+        payload = self.said["payload"]
+        return isinstance(payload, dict) and "lease" in payload
+
     def answer(self, message: msgspec.Struct, *, failed: bool = False) -> None:
         """As of `Inquiry`: the answer first, then the line."""
         self.inquiry.answer(message, failed=failed)
@@ -96,7 +105,7 @@ class RequestLog:
         self._open: dict[int, Noted] = {}
         self._budget: Counter[str] = Counter()
         self._summed: Counter[tuple[str, str, str]] = Counter()
-        self._second_ns = self._flush_due_ns = 0
+        self._minute_ns = self._flush_due_ns = 0
         self._flushing = self._flush_failed = False
         self.lost_count = 0
         self._lost_said = 0
@@ -127,6 +136,8 @@ class RequestLog:
     def answered(self, noted: Noted, reply: wire.Reply) -> None:
         """A query got its answer."""
         self._open.pop(noted.ticket, None)
+        if noted.name == "acquire" and noted.renews and reply.outcome == DONE:
+            return
         stop = ROUTES.get(noted.name) is Route.STOP
         if (stop or reply.outcome == REFUSED) and not noted.written:
             kind = "stop" if stop else REFUSED
@@ -155,7 +166,7 @@ class RequestLog:
             self._write("verdict", **what, detail=now.detail)
 
     def turn(self, now_ns: int, utc_ns: int) -> None:
-        """The end of a turn: what has no answer yet is noted; once a second what was summed up."""
+        """The end of a turn: what has no answer yet is noted; once a minute what was summed up."""
         self._utc_ns = utc_ns
         for noted in self._open.values():
             if noted.looked_at:
@@ -166,11 +177,11 @@ class RequestLog:
                 self._write(
                     "asked", ticket=noted.ticket, name=noted.name[:NAME_LENGTH_MAX], **noted.said
                 )
-        if now_ns - self._second_ns >= SECOND_NS:
-            self._second_ns = now_ns
+        if now_ns - self._minute_ns >= MINUTE_NS:
+            self._minute_ns = now_ns
             self._sum_up()
         if self._flush_failed:
-            self._flush_failed, self._flush_due_ns = False, now_ns + SECOND_NS
+            self._flush_failed, self._flush_due_ns = False, now_ns + RETRY_NS
         if self._file.waits and not self._flushing and now_ns >= self._flush_due_ns:
             self._flushing = True
             if not self._disk.ask(WHAT, self._flush):
@@ -203,9 +214,9 @@ class RequestLog:
         return noted
 
     def _affordable(self, kind: str, noted: Noted, outcome: str) -> bool:
-        """Whether this one still gets a line in this second; else it is counted."""
+        """Whether this one still gets a line in this minute; else it is counted."""
         self._budget[kind] += 1
-        if self._budget[kind] <= LINES_PER_S:
+        if self._budget[kind] <= LINES_PER_MINUTE:
             return True
         client = str(noted.said.get("client"))
         key = (noted.name[:NAME_LENGTH_MAX], client, outcome)

@@ -15,7 +15,7 @@ from daemon import wire
 from daemon.gateway.disk import Disk
 from daemon.gateway.request_chain import BEGINNING, Place, check, fields_of, sealed
 from daemon.gateway.request_file import LINES_WAITING_MAX, NAME, RequestFile, files_of, lines_of
-from daemon.gateway.request_log import LINES_PER_S, RequestLog
+from daemon.gateway.request_log import LINES_PER_MINUTE, RequestLog
 from daemon.gateway.trail import glance_of
 from daemon.record import Cause, Mode, StopCategory, Verdict
 
@@ -186,25 +186,25 @@ def test_a_flood_of_refusals_is_counted_and_summed_up_and_a_request_among_them_i
     for _ in range(500):
         book.ask("enable", b'{"client": "flood"}', "refused", "busy")
     book.ask("enable", b'{"client": "display"}', "done")
-    book.turn(1000)
+    book.turn(60_000)
 
     lines = book.lines()
 
     single = [line for line in lines if line.get("client") == "flood" and line["kind"] != "summed"]
-    assert len(single) == LINES_PER_S
-    assert [line["count"] for line in lines if line["kind"] == "summed"] == [500 - LINES_PER_S]
+    assert len(single) == LINES_PER_MINUTE
+    assert [line["count"] for line in lines if line["kind"] == "summed"] == [500 - LINES_PER_MINUTE]
     assert any(line.get("client") == "display" and line["outcome"] == "done" for line in lines)
 
 
 def test_clients_without_end_are_summed_up_as_others(book):
     for number in range(500):
         book.ask("enable", b'{"client": "c%d"}' % number, "refused", "busy")
-    book.turn(1000)
+    book.turn(60_000)
 
     summed = [line for line in book.lines() if line["kind"] == "summed"]
 
     assert len(summed) <= 21
-    assert sum(line["count"] for line in summed) == 500 - LINES_PER_S
+    assert sum(line["count"] for line in summed) == 500 - LINES_PER_MINUTE
 
 
 def test_the_chain_goes_on_over_a_restart_and_over_files(tmp_path):
@@ -313,6 +313,17 @@ def test_a_log_that_was_moved_away_is_begun_anew_and_goes_on(book):
     book.ask("reset")
 
     assert [line["name"] for line in book.lines()][-1] == "reset"
+
+
+def test_that_a_lease_was_renewed_is_no_news_and_that_it_was_not_is(book):
+    book.ask("acquire", b'{"client": "controller"}')
+    for _ in range(5):
+        book.ask("acquire", b'{"client": "controller", "lease": 7}')
+    book.ask("acquire", b'{"client": "controller", "lease": 8}', "refused", "another one holds it")
+
+    outcomes = [line["outcome"] for line in book.lines() if line.get("name") == "acquire"]
+
+    assert outcomes == ["done", "refused"]
 
 
 # --- the chain ------------------------------------------------------------------------------------
