@@ -9,7 +9,7 @@ ring reads it. Names sort by time and say what it is about::
 """
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
@@ -53,8 +53,8 @@ class KeptFile(NamedTuple):
         return self.header.kept if self.header else None
 
 
-def trimmed(header: RingHeader, slots: Sequence[Slot]) -> bytes:
-    """A ring of exactly these records.
+def trimmed(header: RingHeader, slots: Sequence[Slot]) -> Iterator[bytes]:
+    """A ring of exactly these records, piece by piece: head, and slot after slot.
 
     Args:
         header: what to say at its head.
@@ -69,14 +69,11 @@ def trimmed(header: RingHeader, slots: Sequence[Slot]) -> bytes:
     count = slots[-1][0] - slots[0][0] + 1
     longest = max(len(data) for _, data in slots) + _SLOT.size
     size = -(-longest // _ALIGNMENT) * _ALIGNMENT
-    image = bytearray(HEADER_SIZE + count * size)
-    _PREFIX.pack_into(image, 0, MAGIC, size, count, len(text))
-    image[_PREFIX.size : _PREFIX.size + len(text)] = text
-    for seq, data in slots:
-        offset = HEADER_SIZE + (seq % count) * size
-        _SLOT.pack_into(image, offset, seq, len(data))
-        image[offset + _SLOT.size : offset + _SLOT.size + len(data)] = data
-    return bytes(image)
+    yield (_PREFIX.pack(MAGIC, size, count, len(text)) + text).ljust(HEADER_SIZE, b"\0")
+    placed = {seq % count: (seq, data) for seq, data in slots}
+    for index in range(count):
+        seq, data = placed.get(index, (0, b""))
+        yield (_SLOT.pack(seq, len(data)) + data).ljust(size, b"\0")
 
 
 def name_of(core_boot_id: str, kept: Kept) -> str:

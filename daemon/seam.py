@@ -197,14 +197,15 @@ class RingReader:
             return None
         return data
 
-    def oldest_seq(self) -> int:
-        """The lowest number that can still be there, which it need not be."""
-        return max(self.newest_seq() - self._slot_count + 1, 1)
+    def oldest_seq(self, newest: int) -> int:
+        """The lowest number that can still be there beside the newest; it need not be."""
+        return max(newest - self._slot_count + 1, 1)
 
     def since(self, seq: int) -> list[CycleRecord]:
         """All records after `seq` that are still there, oldest first."""
-        first = max(seq + 1, self.oldest_seq())
-        found = (self.read(number) for number in range(first, self.newest_seq() + 1))
+        newest = self.newest_seq()
+        first = max(seq + 1, self.oldest_seq(newest))
+        found = (self.read(number) for number in range(first, newest + 1))
         return [record for record in found if record is not None]
 
     def close(self) -> None:

@@ -12,8 +12,8 @@ reason; `status`, `config` and `schema` ask for nothing. Kinds of lines (fields:
     summed               what came so often that single lines would only fill the disk
     lost                 lines that a slow disk had no room for
 
-Limits. Of refusals, stops and queries without an answer yet LINES_PER_MINUTE each are written out in
-a minute; the rest is counted by name, client and outcome and said in one line after it, so that
+Limits. Of refusals, stops and queries without an answer yet LINES_PER_MINUTE each are written out
+in a minute; the rest is counted by name, client and outcome and said in one line after it, so that
 nobody can push what has been out of the log with a flood. What the core was asked to do and has
 decided is never summed up: there is one such request at a time. A renewed lease is no news.
 

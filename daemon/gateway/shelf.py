@@ -6,7 +6,7 @@ never enabled, and of these the oldest; the newest file never goes.
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -17,6 +17,7 @@ from daemon.seam import Kept, RingHeader
 
 FILES_MAX: Final = 60
 BYTES_MAX: Final = 256 * 1024 * 1024
+CHUNK_BYTES: Final = 64 * 1024
 
 
 class Shelf:
@@ -52,17 +53,16 @@ class Shelf:
         self.folder.mkdir(parents=True, exist_ok=True)
         path = self.folder / name_of(header.core_boot_id, kept)
         header = msgspec.structs.replace(header, kept=kept)
-        image = trimmed(header, slots)
         part = path.with_suffix(PART_SUFFIX)
         try:
-            _write(part, image)
+            size = _write(part, trimmed(header, slots))
             part.replace(path)
         except OSError:
             part.unlink(missing_ok=True)
             raise
         _sync_folder(self.folder)
         known = tuple(file for file in self._files if file.path != path)
-        self._files = (*known, KeptFile(path, len(image), header))
+        self._files = (*known, KeptFile(path, size, header))
         self._make_room()
         return path
 
@@ -91,14 +91,20 @@ def _worth(file: KeptFile) -> tuple[bool, str]:
     return (kept is not None and kept.active, file.path.name)
 
 
-def _write(path: Path, data: bytes) -> None:
+def _write(path: Path, pieces: Iterable[bytes]) -> int:
+    """Write and sync; how many bytes. Never so much at once that the loop notices."""
     # Records of a patient: for the service's user and group only.
     file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o640)
     try:
-        rest = memoryview(data)
+        rest = b""
+        for piece in pieces:
+            rest += piece
+            while len(rest) >= CHUNK_BYTES:
+                rest = rest[os.write(file, rest) :]
         while rest:
             rest = rest[os.write(file, rest) :]
         os.fsync(file)
+        return os.fstat(file).st_size
     finally:
         os.close(file)
 

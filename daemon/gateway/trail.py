@@ -65,7 +65,8 @@ class Trail:
     @classmethod
     def of(cls, ring: RingReader, *, live: bool = True) -> "Trail":
         """From the oldest record on."""
-        return cls(ring, ring.newest_seq(), ring.oldest_seq() - 1, live=live)
+        newest = ring.newest_seq()
+        return cls(ring, newest, ring.oldest_seq(newest) - 1, live=live)
 
     @property
     def boot_id(self) -> str:

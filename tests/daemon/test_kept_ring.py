@@ -31,6 +31,10 @@ def ring(tmp_path_factory):
         yield opened
 
 
+def slots_of(*seqs):
+    return [(seq, msgspec.msgpack.encode(record(seq))) for seq in seqs]
+
+
 def read(path):
     with closing(RingReader(path)) as opened:
         return opened.header, opened.since(0)
@@ -59,7 +63,7 @@ def test_a_window_keeps_exactly_those_of_its_records_that_the_ring_has(
     if not there:
         return
     path = tmp_path / "kept.ring"
-    path.write_bytes(trimmed(HEADER, window.copied))
+    path.write_bytes(b"".join(trimmed(HEADER, window.copied)))
     header, found = read(path)
     assert header == HEADER
     assert msgspec.msgpack.encode(found) == msgspec.msgpack.encode(there)
@@ -68,7 +72,7 @@ def test_a_window_keeps_exactly_those_of_its_records_that_the_ring_has(
 def test_a_file_says_what_it_was_kept_for_and_its_name_does(tmp_path):
     header = msgspec.structs.replace(HEADER, kept=KEPT)
     path = tmp_path / name_of(HEADER.core_boot_id, KEPT)
-    path.write_bytes(trimmed(header, [(5, msgspec.msgpack.encode(record(5)))]))
+    path.write_bytes(b"".join(trimmed(header, slots_of(5))))
 
     assert path.name == "20261121T113734.847Z_hand_switch_open_boot_5.ring"
     assert kept_file(path).kept == KEPT
@@ -84,7 +88,7 @@ def test_a_header_of_a_service_before_the_black_box_is_read(tmp_path):
 
 def test_files_are_listed_by_time_and_one_that_is_damaged_is_named(tmp_path):
     (tmp_path / "2.ring").write_bytes(b"")
-    (tmp_path / "1.ring").write_bytes(trimmed(HEADER, [(1, msgspec.msgpack.encode(record(1)))]))
+    (tmp_path / "1.ring").write_bytes(b"".join(trimmed(HEADER, slots_of(1))))
     (tmp_path / "other.txt").write_text("no ring")
 
     first, second = kept_files(tmp_path)
@@ -97,12 +101,12 @@ def test_files_are_listed_by_time_and_one_that_is_damaged_is_named(tmp_path):
 
 def test_nothing_makes_no_file():
     with pytest.raises(ValueError, match="0 records"):
-        trimmed(HEADER, [])
+        list(trimmed(HEADER, []))
 
 
 def test_a_header_without_slots_is_refused(tmp_path):
     path = tmp_path / "some.ring"
-    image = bytearray(trimmed(HEADER, [(1, msgspec.msgpack.encode(record(1)))]))
+    image = bytearray(b"".join(trimmed(HEADER, slots_of(1))))
     struct.pack_into("<I", image, 12, 0)
     path.write_bytes(image)
 
