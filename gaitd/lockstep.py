@@ -1,8 +1,8 @@
 """The real loop against the virtual machine in one thread, faster than time, bit for bit the same.
 
 Nothing of the service is replaced but its ends: `WorldBus` stands in for the CAN socket, and time
-passes only while somebody waits on it; `Gateway` stands in for the other process, keeps every
-record and asks for what a script says. What runs in between is the product.
+passes only while somebody waits on it; `Gateway` (`lockstep_gateway.py`) stands in for the other
+process, keeps every record and asks for what a script says. What runs in between is the product.
 """
 
 import errno
@@ -17,23 +17,14 @@ from daemon.core.axis_notes import Notes
 from daemon.core.build import build
 from daemon.core.loop import Loop
 from daemon.core.process import loop_settings
-from daemon.record import (
-    CycleRecord,
-    Level,
-    ModeRequest,
-    Outcome,
-    Request,
-    RequestKind,
-    RequestResult,
-    Setpoint,
-)
+from daemon.record import CycleRecord, ModeRequest, Outcome, RequestKind, RequestResult
 from drives.bus import Clock, Frame
 from drives.errors import BusError
 from drives.nmt import SYNC_ID
+from gaitd.lockstep_gateway import BOOT_ID, Gateway
 from sim_drives.frame import Frame as WorldFrame
 from sim_drives.frame import TimedFrame
 
-BOOT_ID: Final = "lockstep"
 NS_PER_S: Final = 1_000_000_000
 UTC_OF_START_NS: Final = 1_767_225_600_000_000_000
 RETRY_NS: Final = 200_000
@@ -231,77 +222,6 @@ class WorldBus:
             if not self.trouble.is_off:
                 heard_ns = timed.time_ns - self.behind_ns
                 self._waiting.append(Frame(timed.can_id, timed.data, heard_ns))
-
-
-Controller = Callable[[CycleRecord], tuple[Setpoint, ...]]
-"""A controller in the script's hand: a record in, the setpoints that the gateway forwards out."""
-
-
-class Gateway:
-    """The other end of the seam: hears every record, and asks when a script tells it to."""
-
-    def __init__(self, on_record: Callable[[CycleRecord], None] | None = None) -> None:
-        self.records: list[CycleRecord] = []
-        self.silent = False
-        """A gateway that hangs: no levels any more."""
-        self.lease = 0
-        """That is held, as the gateway tells it; 0: none."""
-        self.controller: Controller | None = None
-        """Answers each record with the newest setpoint of each leg."""
-        self._setpoints: tuple[Setpoint, ...] = ()
-        self._on_record = on_record
-        self._lease_count = 0
-        self._seq = 0
-        self._stop_count = 0
-        self._request = Request()
-
-    # --- the loop's side --------------------------------------------------------------------
-
-    def publish(self, record: CycleRecord) -> None:
-        """Keep it, and let the script look at it."""
-        self.records.append(record)
-        if self._on_record is not None:
-            self._on_record(record)
-        if self.controller is not None:
-            self._setpoints = self.controller(record)
-
-    def levels(self) -> list[Level]:
-        """One level for each turn, made when the newest record had been read."""
-        if self.silent or not self.records:
-            return []
-        self._seq += 1
-        cycle = self.records[-1].cycle
-        stop_count, request = self._stop_count, self._request
-        return [Level(BOOT_ID, self._seq, cycle, stop_count, request, self._setpoints, self.lease)]
-
-    # --- the script's side ------------------------------------------------------------------
-
-    def lend(self, controller: Controller) -> int:
-        """Give a new lease to a controller that answers each record from now on.
-
-        Returns: the lease, which its setpoints must carry.
-        """
-        self.lease = self._lease_count = self._lease_count + 1
-        self.controller = controller
-        return self.lease
-
-    def end_lease(self) -> None:
-        """Nobody holds it any more; whoever sends setpoints goes on doing so."""
-        self.lease = 0
-
-    def ask(self, kind: RequestKind, wanted: ModeRequest | None = None) -> None:
-        """Ask for something once; the answer comes in the records."""
-        cycle = self.records[-1].cycle if self.records else 0
-        self._request = Request(self._request.id + 1, kind, cycle, wanted or ModeRequest())
-
-    def stop(self) -> None:
-        """Stop, whatever else is going on."""
-        self._stop_count += 1
-
-    def outcome(self) -> RequestResult:
-        """What became of the newest request."""
-        result = self.records[-1].request
-        return result if result.id == self._request.id else RequestResult(self._request.id)
 
 
 class MemoryNotebook:

@@ -11,7 +11,7 @@ Reading order:
     situation, safety                what is known, and the reasons to stop in it
     conduct, modes, requests, transition, stopping    what becomes of reasons and requests
     assist, assisting                what a controller may add
-    plans, reference, guidance, targets               where a leg is wanted, what its drives get
+    plans, reference, guidance, targets, bounds       where a leg is wanted, what its drives get
     exercises, playing, release, self_test           how plans begin and go on: by hand, self-test
     daily                            what was seen and passed today, for how long it counts
     preparation, preparing           one axis at a time: homing, proof of its sign

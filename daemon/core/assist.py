@@ -6,7 +6,7 @@ Rules:
    mode takes it. What does not count is refused with a reason, once, and changes nothing.
 2. Modes that take no assist take a neutral setpoint, which asks for nothing: so a controller can
    show that it lives before its mode begins.
-3. Assist in force follows what is wanted inside limit, rate and power (`safety.bound_assist`).
+3. Assist in force follows what is wanted inside limit, rate and power (`bounds.bound_assist`).
 4. Without a setpoint that counts and is fresh, in a mode that takes it, assist fades to nothing
    within `stop.assist_fade_ms`, whatever it was, and stiffness is full again as soon. The leg is
    then braked from where it is (`plans.hold_from`): nothing pulls it back to a reference.
@@ -20,7 +20,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from daemon.core import safety
+from daemon.core import bounds
 from daemon.core.limits import AxisLimits
 from daemon.record import Mode, Setpoint
 from daemon.refusals import SetpointRefusal
@@ -175,7 +175,7 @@ def advance(
     )
     asked = zip(wanted_si(wanted), assist.effort_si, limits, velocity_si, strict=True)
     hip_si, slide_si = (
-        safety.bound_assist(aim_si, last_si, of, speed_si, dt_s)
+        bounds.bound_assist(aim_si, last_si, of, speed_si, dt_s)
         for aim_si, last_si, of, speed_si in asked
     )
     if hip_si is None or slide_si is None:

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from daemon.config.settings import Impedance
-from daemon.core import assisting, conduct, preparing, safety, stopping, targets, watching
+from daemon.core import assisting, bounds, conduct, preparing, stopping, targets, watching
 from daemon.core.reference import GaitPlay, Reference
 from daemon.core.state import Axis, Core, Leg
 from daemon.record import Cause, Verdict
@@ -182,7 +182,7 @@ def _prepared(core: Core, axis: Axis, wish: Wish, *, pushing: bool) -> Target | 
     """While one axis is homed or its sign proven: its own small effort, no target position."""
     limits = preparing.limits_in_force(core, axis)
     last_si = axis.effort_sent_si if pushing else 0.0
-    effort_si = safety.bound(wish.effort_si, last_si, limits, core.config.period_s)
+    effort_si = bounds.bound(wish.effort_si, last_si, limits, core.config.period_s)
     if effort_si is None:
         return None
     return Target(effort_si if pushing else 0.0, axis.joint.position_si)

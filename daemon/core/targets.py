@@ -23,7 +23,7 @@ wait for a fade: its torque goes to what brakes as fast as the rate allows.
 import math
 from typing import Final, NamedTuple
 
-from daemon.core import safety
+from daemon.core import bounds
 from daemon.core.state import Axis
 from drives.signals import OperationMode, PowerState
 
@@ -65,7 +65,7 @@ def effort(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
         return _guided_effort(axis, wanted_si, ask)
     present_si = axis.joint.effort_si
     axis.effort_offset_si = present_si - wanted_si if ask.mode == TORQUE else 0.0
-    return safety.bound(present_si, present_si, axis.limits, ask.dt_s)
+    return bounds.bound(present_si, present_si, axis.limits, ask.dt_s)
 
 
 def _guided_effort(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
@@ -74,8 +74,8 @@ def _guided_effort(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
     before_si = last_si - wanted_si if ask.takes_over else axis.effort_offset_si
     axis.effort_offset_si = before_si if ask.takes_over else _faded(before_si, ask.dt_s)
     if ask.leaving and abs(axis.joint.velocity_si) < axis.limits.standstill_si_per_s:
-        return safety.bound(axis.effort_mean_si, last_si, axis.limits, ask.dt_s)
-    sent_si = safety.bound(wanted_si + axis.effort_offset_si, last_si, axis.limits, ask.dt_s)
+        return bounds.bound(axis.effort_mean_si, last_si, axis.limits, ask.dt_s)
+    sent_si = bounds.bound(wanted_si + axis.effort_offset_si, last_si, axis.limits, ask.dt_s)
     if sent_si is not None:
         axis.effort_mean_si = sent_si + _faded(axis.effort_mean_si - sent_si, ask.dt_s)
     return sent_si
@@ -93,7 +93,7 @@ def position(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
     if obeys and asked and ask.pushing and _follows(axis):
         axis.position_offset_si = _faded(axis.position_offset_si, ask.dt_s)
         aim_si = wanted_si + axis.position_offset_si
-        return safety.bound_position(aim_si, axis.position_sent_si, axis.limits, ask.dt_s)
+        return bounds.bound_position(aim_si, axis.position_sent_si, axis.limits, ask.dt_s)
     seeded = asked and axis.mode_sent == POSITION and _is_enabled(axis)
     sent_si = axis.position_sent_si if obeys or seeded else axis.joint.position_si
     axis.position_offset_si = sent_si - wanted_si if ask.pushing else 0.0

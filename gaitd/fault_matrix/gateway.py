@@ -4,7 +4,7 @@ import errno
 from collections.abc import Callable
 
 from daemon.record import CycleRecord, Level
-from gaitd.lockstep import Gateway
+from gaitd.lockstep_gateway import Gateway
 
 Change = Callable[[list[Level]], list[Level]]
 

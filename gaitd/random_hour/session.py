@@ -18,7 +18,8 @@ from daemon.record import CycleRecord, Mode, Outcome, Request, StopCategory
 from drives.errors import BringUpRefused
 from drives.torque import count_nm
 from drives.units import expected_base
-from gaitd.lockstep import Gateway, Lockstep
+from gaitd.lockstep import Lockstep
+from gaitd.lockstep_gateway import Gateway
 from gaitd.random_hour.chances import Action, Chances, Kind
 from gaitd.random_hour.invariants import AxisRules, Watch, WatchedDrive
 from gaitd.random_hour.tally import Broken, Tally

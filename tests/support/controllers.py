@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from daemon.record import CycleRecord, Mode, Setpoint
-from gaitd.lockstep import Gateway
+from gaitd.lockstep_gateway import Gateway
 
 NEUTRAL = (0.0, 0.0, 1.0)
 Law = Callable[[CycleRecord], tuple[float, float, float]]

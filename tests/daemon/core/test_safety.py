@@ -11,6 +11,7 @@ from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLD
 
 from daemon.core.effort_watch import EffortWatch
 from daemon.core.limits import Categories
+from daemon.core.bounds import bound, bound_position
 from daemon.core.safety import (
     EFFORT_MARGIN_RATIO,
     ENABLE_CYCLES,
@@ -20,8 +21,6 @@ from daemon.core.safety import (
     NO_VERDICT,
     OBSERVER_BAD_MAX_CYCLES,
     TX_DROPPED_MAX,
-    bound,
-    bound_position,
     judge,
     worse,
 )
