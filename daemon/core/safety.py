@@ -12,6 +12,7 @@ Rules:
 Nothing here knows whether the drives are real.
 """
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 
 from daemon.core.joints import jump_reach_si
