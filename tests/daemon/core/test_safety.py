@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL
 
+from daemon.core.bounds import bound, bound_position
 from daemon.core.effort_watch import EffortWatch
 from daemon.core.limits import Categories
-from daemon.core.bounds import bound, bound_position
 from daemon.core.safety import (
     EFFORT_MARGIN_RATIO,
     ENABLE_CYCLES,

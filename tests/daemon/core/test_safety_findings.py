@@ -7,8 +7,9 @@ import msgspec
 import pytest
 from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL
 
+from daemon.core.bounds import bound, bound_assist, bound_position
 from daemon.core.effort_watch import EffortWatch
-from daemon.core.safety import NO_VERDICT, bound, bound_assist, bound_position, judge
+from daemon.core.safety import NO_VERDICT, judge
 from daemon.record import Cause, StopCategory
 from drives.signals import Emergency, Input, NmtState, OperationMode, PowerState
 
