@@ -175,6 +175,26 @@ def test_torque_is_for_whoever_holds_the_lease():
     assert "needs a lease" in ask(Mode.TORQUE, lease_held=False)
 
 
+MOVING = {Mode.GAIT: GAIT, Mode.TORQUE: ModeRequest(Mode.TORQUE)} | {
+    Mode.EXCITE: ModeRequest(Mode.EXCITE, duration_s=1.0, scenario="friction")
+}
+
+
+@pytest.mark.parametrize("mode", EXERCISES)
+def test_before_the_test_of_the_day_no_leg_is_moved_but_by_hand_and_by_the_test(mode):
+    answer = ask(MOVING.get(mode, mode), lease_held=True, self_test_due="not tested today")
+
+    assert answer == ("not tested today: `gaitd self-test`" if mode in MOVING else "")
+
+
+def test_enable_names_what_was_not_seen_to_act_today():
+    now = replace(ALL_WELL, inputs_unseen=("hand switch", "safe torque off"))
+
+    answer = refusal(RequestKind.ENABLE, ModeRequest(), now)
+
+    assert answer == "not seen to act today: hand switch, safe torque off"
+
+
 def test_enable_names_every_axis_whose_sign_is_not_proven_and_what_to_do():
     now = replace(ALL_WELL, unproven=("right/hip", "right/slide"))
 

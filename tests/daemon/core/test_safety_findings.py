@@ -192,17 +192,57 @@ def test_speed_lost_at_once_is_told_with_what_a_joint_could_have_lost():
     assert limit == pytest.approx(0.6)  # three quick stops of 20 rad/s² for 10 ms
 
 
-def test_effort_without_a_count_is_told_with_what_friction_could_have_held():
-    still = moved(replace(AXIS, watch=EffortWatch(held_before_still_si=0.0)), still_cycles=20)
-    stuck = moved(replace(still, held_si=-30.0), velocity_si=0.0)
+def standing(**change):
+    """A joint without a count for long, under an effort that was 0 when it came to stand."""
+    watch = EffortWatch(**{"effort_before_still_si": 10.0, **change})
+    return moved(replace(AXIS, watch=watch), still_cycles=20, velocity_si=0.0)
 
-    assert told(axes=[stuck]) == (
+
+def test_effort_without_a_count_is_told_with_what_friction_could_have_held():
+    assert told(axes=[standing(held_si=-30.0)]) == (
         Cause.ENCODER_FROZEN,
         "right/hip",
         30.0,
         2.5 * LIMITS.breakaway_si,
         "effort changed without a count of motion",
     )
+
+
+def test_the_whole_effort_of_a_drive_that_has_lost_its_joint_counts_and_of_no_other():
+    """Where effort is what we command, the load may change it as it likes."""
+    loaded = moved(standing(effort_before_still_si=-20.0), effort_si=12.0)
+    held_off = replace(loaded, loop_distance_si=LIMITS.tracking_max_si / 2)
+    held_near = replace(loaded, loop_distance_si=LIMITS.tracking_max_si / 20)
+
+    assert verdict_of(axes=[loaded]) == NO_VERDICT
+    assert verdict_of(axes=[held_near]) == NO_VERDICT
+    assert told(axes=[held_off])[:3] == (Cause.ENCODER_FROZEN, "right/hip", 32.0)
+    both = replace(held_off, watch=held_off.watch._replace(held_si=40.0))
+    assert told(axes=[both])[2] == 40.0
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize(
+    ("key", "cause", "words"),
+    [
+        ("position_si", Cause.ENCODER_JUMP, "its position is no number"),
+        ("effort_si", Cause.EFFORT_DEVIATION, "its effort is no number"),
+    ],
+)
+def test_what_is_no_number_is_a_finding_by_itself(key, cause, words, number):
+    """It would pass every comparison as if it were inside."""
+    found = told(axes=[moved(**{key: number})])
+
+    assert found[:2] == (cause, "right/hip")
+    if math.isnan(number):
+        assert found[2:] == (0.0, 0.0, words)
+
+
+def test_an_encoder_that_lost_its_reference_is_doubted_also_while_it_is_prepared():
+    lost = fed(replace(AXIS, preparing=True), reference_lost=True)
+
+    assert verdict_of(axes=[lost]).cause == Cause.UNREFERENCED
+    assert verdict_of(axes=[fed(lost, rebooted=True)]).cause == Cause.DRIVE_REBOOTED
 
 
 # --- which of several is told ---------------------------------------------------------------------
