@@ -49,19 +49,13 @@ from rich.progress import Progress  # noqa: E402
 from rich.table import Table  # noqa: E402
 
 SUBJECTS = {
-<<<<<<< HEAD
     "drives/cia402.py": ("drives/test_cia402*.py",),
     "daemon/core/modes.py": ("daemon/core/test_modes*.py",),
     "daemon/core/safety.py": (
         *("daemon/core/test_safety_findings.py", "daemon/core/test_every_limit.py"),
-        *("daemon/core/test_safety.py", "daemon/core/test_bounds.py"),
+        "daemon/core/test_safety.py",
     ),
-=======
-    "drives/cia402.py": ("tests/drives", "test_cia402*.py"),
-    "daemon/core/modes.py": ("tests/daemon/core", "test_modes*.py"),
-    "daemon/core/safety.py": ("tests/daemon/core", "test_safety*.py"),
-    "daemon/core/bounds.py": ("tests/daemon/core", "test_safety*.py"),
->>>>>>> 5d99df1 (core, gaitd: Bounds and the lock-step gateway in files of their own; the bounds are mutated like safety)
+    "daemon/core/bounds.py": ("daemon/core/test_safety_bounds.py", "daemon/core/test_safety.py"),
 }
 """What is mutated, and the unit tests that must notice, under `tests`; the quick ones first."""
 
