@@ -199,7 +199,7 @@ ROWS: Final[Mapping[str, Law]] = MappingProxyType(
         "tpdo_late_2ms": goes_on("they come inside the window"),
         "tpdo_late_6ms": _SILENT,
         "rebooted": _SILENT,
-        "drive_bus_off": _SILENT,
+        "drive_bus_off": replace(_SILENT, resting=Resting.EITHER),
         "drive_error_passive": _EMERGENCY,
         **dict.fromkeys(_EMCY_NAMES, _EMERGENCY),
         **{
@@ -327,12 +327,16 @@ _HOMING: Final = (
 )
 _TESTED: Final = "that is what the test is for: it ends without a proof, or its end shows it"
 _OPEN_LOOP: Final = "an open loop moves slowly and stands at times: it shows as far as it moves"
+_INTERPOLATION: Final = (
+    "cyclic position: each drive watches over its own targets and stops by itself (8250h) when"
+    " one does not come in time (60C2h)"
+)
 _AT_REST: Final = "the joint stands: it would give the same counts anyway, until it has to move"
 
 EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
     {
         **{
-            (fault, "hold", ""): _unseen(fault, _AT_REST)
+            (fault, "hold", ""): replace(_unseen(fault, _AT_REST), within_cycles=None)
             for fault in (
                 "encoder_reversed",
                 "wrong_sign",
@@ -356,6 +360,7 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
         **{
             (fault, "torque", ""): replace(
                 _unseen(fault, "an open loop about g(q) that moves slowly: nothing need show it"),
+                causes=ROWS[fault].causes | {Cause.VELOCITY_LIMIT, Cause.ENCODER_JUMP},
                 within_cycles=None,
             )
             for fault in ("encoder_frozen", "blocked_rotor", "brake_stuck", "limit_switch")
@@ -382,19 +387,44 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
             for mode in ("reference", "commission")
         },
         **{
-            (fault, mode, "right/hip"): replace(
+            (fault, mode, axis): replace(
                 _unseen(fault, why),
-                causes=ROWS[fault].causes | {Cause.VELOCITY_LIMIT, Cause.ENCODER_JUMP},
+                causes=ROWS[fault].causes
+                | {Cause.VELOCITY_LIMIT, Cause.ENCODER_JUMP, Cause.SPASM, Cause.SINGULARITY},
+                categories=frozenset({S0, S1, S2}),
                 within_cycles=None,
+                latches=frozenset(),
             )
-            for mode, why in (("commission", _TESTED), ("excite", _OPEN_LOOP))
-            for fault in (*_SEEN_IN_MOTION[:3], "blocked_rotor", "brake_stuck")
+            for mode, axis, why in (
+                ("commission", "right/hip", _TESTED),
+                ("excite", "right/hip", _OPEN_LOOP),
+                ("excite", "right/slide", _OPEN_LOOP),
+            )
+            for fault in _SEEN_IN_MOTION
+            if fault != "limit_switch"
         },
         **{
-            (fault, "excite", "right/slide"): replace(
-                _unseen(fault, _OPEN_LOOP), within_cycles=None
+            (fault, "gait_position", ""): replace(
+                stops(
+                    Cause.EMERGENCY,
+                    Cause.DRIVE_FAULT,
+                    *LOST,
+                    *ROWS[fault].causes,
+                    within=None if ROWS[fault].by_drives else 9.0,
+                    later=tuple(ROWS[fault].later),
+                ),
+                by_drives=ROWS[fault].by_drives,
+                why=_INTERPOLATION,
             )
-            for fault in (*_SEEN_IN_MOTION[:3], "blocked_rotor", "brake_stuck")
+            for fault in (
+                "deaf",
+                "queue_full",
+                "queue_full_once",
+                "sync_late_6ms",
+                "overrun_3",
+                "overrun_6",
+                "core_35ms",
+            )
         },
         ("limit_switch", "excite", ""): replace(
             _unseen("limit_switch", "an open loop turns round: it stops once it moves on to it"),

@@ -141,7 +141,9 @@ def _reaction(found: Found, right: Law) -> Iterator[str]:
 
 def _place(found: Found, right: Law) -> Iterator[str]:
     ended = right.exit_code is not None
-    if found.final_mode != Mode.FAULT.name and not ended:
+    powerless = found.final_mode == Mode.STOPPING.name and found.rest_cycles is None
+    let_go = powerless and found.category == StopCategory.S0.name  # FAULT comes after 3 s
+    if found.final_mode != Mode.FAULT.name and not ended and not let_go:
         yield f"in mode {found.final_mode} at the end, right is FAULT"
     held = found.category != StopCategory.S0.name
     if held and (found.rest_cycles is None or found.rest_cycles > REST_CYCLES):

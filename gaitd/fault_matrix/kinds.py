@@ -10,7 +10,7 @@ from typing import Final, NoReturn
 
 from msgspec.structs import replace as changed
 
-from daemon.core import cycle, plans
+from daemon.core import plans, recording
 from daemon.core.axis_notes import Notes
 from daemon.core.reference import Reference
 from daemon.core.state import Axis, Core, Leg
@@ -398,14 +398,14 @@ def out_of_memory() -> Play:
     """One allocation in a cycle fails."""
 
     def begin(scene: Scene, _axis: str) -> None:
-        original = cycle.judge
+        original = recording.record
 
         def failing(*_args: object, **_named: object) -> NoReturn:
-            cycle.judge = original
+            recording.record = original
             raise MemoryError
 
-        cycle.judge = failing
-        scene.undo.append(lambda: setattr(cycle, "judge", original))
+        recording.record = failing
+        scene.undo.append(lambda: setattr(recording, "record", original))
 
     return Play(begin, _undo)
 
