@@ -421,6 +421,19 @@ def test_nobody_expects_power_who_did_not_ask_or_sees_nothing_new(change):
     assert verdict_of(axes=[axis]) == NO_VERDICT
 
 
+@pytest.mark.parametrize(
+    ("wanted", "shown"),
+    [
+        (OperationMode.CYCLIC_SYNC_POSITION, OperationMode.CYCLIC_SYNC_TORQUE),
+        (OperationMode.CYCLIC_SYNC_TORQUE, OperationMode.CYCLIC_SYNC_POSITION),
+    ],
+)
+def test_any_mode_but_the_one_that_was_asked_for_is_another_one(wanted, shown):
+    axis = fed(replace(AXIS, unready_cycles=6, mode_wanted=wanted), mode_display=shown)
+
+    assert verdict_of(axes=[axis]).cause == Cause.MODE_NOT_SHOWN
+
+
 # --- one axis alone -------------------------------------------------------------------------------
 
 HOMING = replace(AXIS, homing=True)
@@ -650,6 +663,8 @@ FAST_SI = 2 * POWER_W / ASSIST_SI
         (-9e9, 0.0, 0.0, -ASSIST_STEP_SI),
         (9e9, ASSIST_SI / 2, FAST_SI, ASSIST_SI / 2),
         (-9e9, -ASSIST_SI / 2, -FAST_SI, -ASSIST_SI / 2),
+        (9e9, 14.0, 3.0, POWER_W / 3),
+        (-9e9, -14.0, -3.0, -POWER_W / 3),
         (9e9, ASSIST_SI, -FAST_SI, ASSIST_SI),
         (-9e9, -ASSIST_SI, FAST_SI, -ASSIST_SI),
         (9e9, ASSIST_SI, FAST_SI, max(ASSIST_SI - ASSIST_STEP_SI, ASSIST_SI / 2)),
