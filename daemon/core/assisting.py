@@ -24,13 +24,20 @@ def hear(core: Core, cycle: int) -> None:
     """Judge what the newest level forwards; what was judged before is only older."""
     by_position = core.config.gait.guidance == "position"
     desk = Desk(core.lease, cycle, core.mode, by_position)
+    # What one holder has put in force lapses before another one may steer.
+    handed_over = {
+        leg.name
+        for leg in core.legs
+        if leg.assist.lease != core.lease and assist.is_in_force(leg.assist)
+    }
     for leg in core.legs:
         if leg.assist.lease != core.lease:
             leg.assist = replace(leg.assist, lease=core.lease, seq=-1, accepted=None)
         elif core.mode not in ASSISTED:
             leg.assist = replace(leg.assist, accepted=None)
     for setpoint in core.setpoints:
-        _hear_one(core, setpoint, desk)
+        if setpoint.leg not in handed_over:
+            _hear_one(core, setpoint, desk)
 
 
 def _hear_one(core: Core, setpoint: Setpoint, desk: Desk) -> None:

@@ -4,7 +4,9 @@
 to rest. This file applies them to the state of the core, once a cycle, in that order.
 """
 
-from daemon.causes import LOST_DRIVE
+from collections.abc import Sequence
+
+from daemon.causes import DOUBTFUL_FEEDBACK, LOST_DRIVE
 from daemon.core import (
     assisting,
     daily,
@@ -40,9 +42,11 @@ _BUS_CAUSES = frozenset({Cause.BUS_DOWN, Cause.TRANSMIT_QUEUE_FULL})
 """Tried again by itself when nothing is enabled. Not bus-off: somebody should look first."""
 
 
-def change_mode(core: Core, found: Verdict, orders: Orders, cycle: int, utc_ns: int) -> None:
-    """What this cycle's verdict, requests and time do to mode and plans."""
-    _take_verdict(core, found, cycle)
+def change_mode(
+    core: Core, found: Sequence[Verdict], orders: Orders, cycle: int, utc_ns: int
+) -> None:
+    """What this cycle's verdicts, requests and time do to mode and plans."""
+    _take_verdicts(core, found, cycle)
     daily.follow(core, utc_ns)
     requests.answer(core, orders, cycle, utc_ns)
     _move_on(core, cycle, utc_ns)
@@ -121,13 +125,12 @@ def _doing(core: Core, plan: Play) -> str:
 # --- verdicts -------------------------------------------------------------------------------
 
 
-def _take_verdict(core: Core, found: Verdict, cycle: int) -> None:
-    if found.cause == Cause.NONE:
-        return
+def _take_verdicts(core: Core, found: Sequence[Verdict], cycle: int) -> None:
     if driving(core):
-        stop(core, found, cycle)
-    elif core.mode == Mode.READY:
-        _take_resting_verdict(core, found)
+        for verdict in found:
+            stop(core, verdict, cycle)
+    elif found and core.mode == Mode.READY:
+        _take_resting_verdict(core, found[0])
 
 
 def _take_resting_verdict(core: Core, found: Verdict) -> None:
@@ -151,26 +154,35 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
     if core.mode.active:
         core.verdict = verdict
         core.disabling = False
-        core.causes_told = {verdict.cause}
+        core.causes_told = {(verdict.cause, verdict.drive)}
         _begin_stop(
             core, cycle, {axis.name: _first_step(core, verdict, axis) for axis in core.axes}
         )
         _hold_together(core, cycle)
         core.events.append(f"stop {verdict.category.name}: {describe(verdict)}")
         return
-    if worse(core.verdict, verdict) is verdict:
+    if _takes_its_place(core.verdict, verdict):
         core.verdict = verdict
         core.disabling = False
         core.events.append(f"stop {verdict.category.name}: {describe(verdict)}")
-        core.causes_told.add(verdict.cause)
-    elif verdict.cause not in core.causes_told:
+    elif (verdict.cause, verdict.drive) not in core.causes_told:
         core.events.append(f"also: {describe(verdict)}")
-        core.causes_told.add(verdict.cause)
+    core.causes_told.add((verdict.cause, verdict.drive))
     for axis in core.axes:
         if axis.stop is not None:
             step = _first_step(core, verdict, axis)
             axis.stop = stopping.harsher(axis.stop, step, axis.joint, cycle)
     _hold_together(core, cycle)
+
+
+def _takes_its_place(latched: Verdict, verdict: Verdict) -> bool:
+    """Whether a verdict is told, and latched, in place of the one before."""
+    if verdict.cause == Cause.SHUTDOWN and latched.cause != Cause.NONE:
+        # The end of the service makes nobody forget why the machine had stopped.
+        return False
+    # Why an axis could not obey says more than that it did not.
+    explains = latched.cause == Cause.STOP_NOT_OBEYED and verdict.cause in DOUBTFUL_FEEDBACK
+    return worse(latched, verdict) is verdict or (explains and verdict.drive == latched.drive)
 
 
 def _hold_together(core: Core, cycle: int) -> None:

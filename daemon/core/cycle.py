@@ -34,7 +34,7 @@ from daemon.core.sampling import effort_std
 from daemon.core.situation import AxisSituation, LegSituation, ServiceSituation
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.tick import Tick
-from daemon.record import Cause, CycleRecord, Level, Mode, Verdict
+from daemon.record import CycleRecord, Level, Mode, Verdict
 from drives.bus import Frame
 from drives.signals import DriveFeedback, OperationMode, PowerState
 from observer.leg_observer import PoseError
@@ -92,10 +92,11 @@ def react(core: Core, frames: Sequence[Frame], tick: Tick) -> list[Frame]:
     for axis, feedback in zip(core.axes, drives.peek(tick.sync_ns), strict=True):
         axis.feedback = feedback
     found = judge(core, inbox.NO_ORDERS, tick)
-    if found.cause == Cause.NONE:
+    if not found:
         return []
     before = [axis.stop and axis.stop.step for axis in core.axes]
-    conduct.stop(core, found, tick.cycle)
+    for verdict in found:
+        conduct.stop(core, verdict, tick.cycle)
     if before == [axis.stop and axis.stop.step for axis in core.axes]:
         return []
     return drives.frames(guidance.command(core, tick.cycle))
@@ -219,8 +220,8 @@ def _sampled_si(axis: Axis) -> float:
     return axis.joint.position_si if axis.joint.fresh else math.nan
 
 
-def judge(core: Core, orders: inbox.Orders, tick: Tick) -> Verdict:
-    """Gather what safety looks at, and let it judge."""
+def judge(core: Core, orders: inbox.Orders, tick: Tick) -> tuple[Verdict, ...]:
+    """Gather what safety looks at, and let it judge; the harshest verdict first."""
     drives = core.drives
     service = ServiceSituation(
         stop_requested=orders.stop,

@@ -97,7 +97,7 @@ def take_over(core: Core) -> bool:
     if noted is None or verdict is None:
         return False
     core.verdict = verdict
-    core.causes_told = {verdict.cause}
+    core.causes_told = {(verdict.cause, verdict.drive)}
     core.events.append(f"latched since {_said(noted.utc_ns)}: {describe(verdict)}")
     return True
 

@@ -258,8 +258,9 @@ def _refuse_reset(now: Circumstances) -> str:
 
 
 def _refuse_gait(wanted: ModeRequest, now: Circumstances) -> str:
-    if not 0 < wanted.cadence_hz <= now.cadence_max_hz:
-        return f"cadence_hz = {wanted.cadence_hz:g}, allowed > 0 and <= {now.cadence_max_hz:g}"
+    if not CADENCE_MIN_HZ <= wanted.cadence_hz <= now.cadence_max_hz:
+        allowed = f"{CADENCE_MIN_HZ:g} to {now.cadence_max_hz:g}"
+        return f"cadence_hz = {wanted.cadence_hz:g}, allowed {allowed}"
     if not 0 < wanted.amplitude_ratio <= 1:
         return f"amplitude_ratio = {wanted.amplitude_ratio:g}, allowed > 0 and <= 1"
     if not 0 < wanted.duration_s <= DURATION_MAX_S:
@@ -267,6 +268,8 @@ def _refuse_gait(wanted: ModeRequest, now: Circumstances) -> str:
     return ""
 
 
+CADENCE_MIN_HZ = 0.02
+"""A gait ends with a whole stride, and nobody waits longer than 50 s for one."""
 DURATION_MAX_S = 3600.0
 """One request plays an hour at most."""
 
@@ -282,4 +285,6 @@ def _refuse_excite(wanted: ModeRequest, now: Circumstances) -> str:
         return (
             "an artificial disturbance is only for the empty machine, and a patient is configured"
         )
+    if wanted.scenario in now.artificial and now.lease_held:
+        return "an artificial disturbance would mislead the controller that holds the lease"
     return ""

@@ -98,6 +98,8 @@ def _act(core: Core, kind: RequestKind, wanted: ModeRequest, cycle: int) -> None
         enter(core, Event.ENABLE)
         core.verdict = Verdict()
         core.load_checked, core.load_settle_cycles = False, 0
+        for axis in core.axes:
+            axis.energy.clear()
     elif kind == RequestKind.DISABLE:
         core.disabling = True
         enter(core, Event.DISABLE)

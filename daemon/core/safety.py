@@ -4,8 +4,9 @@ Rules:
 1. Everything is judged from raw drive values (encoder differences, measured current, statusword,
    inputs, ages). The observer may only add a stop (`_judge_leg`), never take one away.
 2. A cause has one category: fixed by the design, or chosen in `limits.toml` (`Categories`).
-3. The harshest verdict of a cycle counts; of equals the first in the order of the checks below,
-   which goes from what a person did to what follows from it.
+3. The harshest verdict of a cycle is the one that is told; of equals the first in the order of the
+   checks below, which goes from what a person did to what follows from it. Each axis is stopped by
+   its own as well.
 4. A milder verdict never replaces a harsher one (`worse`). Verdicts latch until a reset.
 5. A number that is not finite stops the machine; it is never replaced by zero.
 
@@ -57,8 +58,10 @@ def judge(
     categories: Categories,
     *,
     driving: bool,
-) -> Verdict:
-    """The harshest reason to stop that this cycle gives, or NO_VERDICT.
+) -> tuple[Verdict, ...]:
+    """The harshest reason to stop that each axis, each leg and the service give, harshest first.
+
+    Two axes may fail in the same cycle, and each is then to be stopped as its own cause asks.
 
     Args:
         service: bus, gateway and ourselves.
@@ -69,12 +72,12 @@ def judge(
         driving: the drives are, or were just, enabled. While they are not, only the loss or the
             fault of a drive counts, because there is no motion to stop.
     """
-    verdict = NO_VERDICT
+    found: dict[str, Verdict] = {}
     for name, (cause, value, limit, detail) in _findings(service, axes, legs, thresholds, driving):
         category = categories.of(cause)
-        if category > verdict.category:
-            verdict = Verdict(category, cause, name, value, limit, detail)
-    return verdict
+        if category > found.get(name, NO_VERDICT).category:
+            found[name] = Verdict(category, cause, name, value, limit, detail)
+    return tuple(sorted(found.values(), key=lambda verdict: -verdict.category))
 
 
 def _findings(

@@ -179,7 +179,7 @@ class Core:
     mode: Mode = Mode.OFF
     verdict: Verdict = field(default_factory=Verdict)
     """Latched until a reset; in mode OFF the reason why the drives are not there."""
-    causes_told: set[Cause] = field(default_factory=set[Cause])
+    causes_told: set[tuple[Cause, str]] = field(default_factory=set[tuple[Cause, str]])
     """Since the machine was stopped: each is told once."""
     disabling: bool = False
     """STOPPING because somebody asked to disable, not because of a verdict."""

@@ -110,11 +110,16 @@ def slowed(leg: Leg, efforts: tuple[float, float]) -> tuple[float, float]:
     )
 
 
+GUIDED_MOTION = frozenset({Mode.GAIT, Mode.SELF_TEST})
+
+
 def watch_patient(core: Core, leg: Leg, estimate: LegEstimate) -> None:
     """Look for a spasm in the estimate, and let guidance yield to it."""
     for index, axis in enumerate(leg.axes):
-        led_by_hand = core.mode is Mode.RELEASE  # whoever leads the leg is its motion
-        if estimate.validity[index] is Validity.BAD or led_by_hand or not core.mode.active:
+        # Where nothing guides a motion, whoever moves the leg is its motion; and what raw values
+        # call the wrong way round is theirs to judge.
+        guided = core.mode in GUIDED_MOTION and axis.watch.opposed_cycles == 0
+        if estimate.validity[index] is Validity.BAD or not guided:
             axis.spasm.forget()
             continue
         limits = axis.limits

@@ -122,7 +122,8 @@ class Gateway:
         records = self._records()
         self._hear(records, now_ns)
         self._steer(self.steering.take(batch, now_ns))
-        for inquiry in inquiries:
+        # A stop does not wait for those who asked before.
+        for inquiry in sorted(inquiries, key=lambda one: one.name != "stop"):
             self._take(inquiry, now_ns)
         self._settle(self._desk.tick(now_ns))
         self._steer(self.steering.tick(now_ns))

@@ -134,3 +134,16 @@ def test_with_position_guidance_assist_in_a_gait_is_refused_and_the_gait_goes_on
     assert record.mode == Mode.GAIT
     assert record.assist.refused_count[SetpointRefusal.GUIDANCE_IS_POSITION] >= 49
     assert record.assist.legs[0].assist == (0.0, 0.0)
+
+
+def test_assist_of_one_holder_is_not_taken_over_by_the_next_one():
+    session, _ = walking(constant(hip_nm=8.0))
+    session.lockstep.run(1)
+
+    Controller(session.lockstep.gateway, constant(hip_nm=-8.0))
+    session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=0.1)
+    session.lockstep.run(0.5)
+
+    record = session.lockstep.record
+    assert (record.mode, record.verdict.cause) == (Mode.HOLD, Cause.NONE)
+    assert all(one.assist.legs[0].assist[0] >= 0 for one in session.lockstep.records[-60:])

@@ -200,3 +200,16 @@ def test_a_cause_of_another_version_is_latched_all_the_same():
     assert again.record.mode == Mode.FAULT
     assert again.record.verdict.cause == Cause.LAST_END_UNKNOWN
     assert "METEORITE" in again.record.verdict.detail
+
+
+def test_an_end_of_the_service_while_it_stops_makes_nobody_forget_why():
+    session = Session().walking(warm_s=2)
+    session.lockstep.gateway.stop()
+    session.lockstep.run(0.05)
+    assert session.lockstep.record.mode == Mode.STOPPING
+
+    session.lockstep.shut_down()
+    again = up(restarted(session))
+
+    assert again.record.mode == Mode.FAULT
+    assert again.record.verdict.cause == Cause.STOP_REQUESTED

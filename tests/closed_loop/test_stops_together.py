@@ -29,7 +29,37 @@ def test_a_hold_that_one_axis_does_not_obey_is_a_quick_stop_of_both_in_the_same_
         )
         for node in (5, 6)
     }
-    assert disobeyed.verdict.drive == "right/slide"
+    assert disobeyed.verdict.drive in {"right/hip", "right/slide"}
     assert last_enabled_ns[5] == last_enabled_ns[6]
     states = {drive.power_state for drive in session.lockstep.record.drives}
     assert PowerState.OPERATION_ENABLED not in states
+
+
+def test_two_axes_that_fail_in_the_same_cycle_are_each_stopped_by_their_own_cause():
+    session = Session().enabled()
+
+    session.machine.command("encoder_glitch right/hip - 3000")
+    session.machine.command("encoder_glitch right/slide - 30000")
+    session.lockstep.run(1)
+
+    told = [event for record in session.lockstep.records for event in record.events]
+    states = {drive.power_state for drive in session.lockstep.record.drives}
+    assert session.lockstep.record.verdict.cause == Cause.ENCODER_JUMP
+    assert any("also" in event and "right/slide" in event for event in told)
+    # No axis is asked to hold by an encoder that cannot be trusted.
+    assert states <= {PowerState.SWITCH_ON_DISABLED, PowerState.FAULT}
+
+
+def test_two_drives_that_are_lost_together_are_both_told_to_stop():
+    session = Session().enabled()
+
+    session.machine.command("silent right/hip")
+    session.machine.command("silent right/slide")
+    session.lockstep.run(0.5)
+
+    stops = {
+        frame.data[1]
+        for frame in session.lockstep.bus.sent
+        if frame.can_id == 0 and frame.data[0] == 2
+    }
+    assert stops == {5, 6}

@@ -6,6 +6,7 @@ from daemon.causes import CHOSEN_CATEGORY
 from daemon.core.effort_watch import EffortWatch
 from daemon.core.joints import Joint
 from daemon.core.limits import AxisLimits, Categories, Thresholds
+from daemon.core.safety import NO_VERDICT, judge
 from daemon.core.situation import AxisSituation, LegSituation, ServiceSituation
 from drives.signals import (
     DriveFeedback,
@@ -124,3 +125,9 @@ AXIS = AxisSituation(
     spasm_cycles=0,
     spasm_rise_si=0.0,
 )
+
+
+def harshest(service, axes, legs, thresholds, categories, *, driving):
+    """The verdict of a cycle that is told."""
+    found = judge(service, axes, legs, thresholds, categories, driving=driving)
+    return found[0] if found else NO_VERDICT

@@ -8,7 +8,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL
+from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
 
 from daemon.core.effort_watch import EffortWatch
 from daemon.core.safety import (
@@ -19,7 +19,6 @@ from daemon.core.safety import (
     NO_VERDICT,
     OBSERVER_BAD_MAX_CYCLES,
     TX_DROPPED_MAX,
-    judge,
 )
 from daemon.record import Cause
 from drives.signals import Input, PowerState
@@ -171,7 +170,7 @@ JUDGED_ELSEWHERE = {
 def cause_of(situation):
     given = {"service": WELL, "axis": AXIS, "leg": LEG}
     given[type(situation).__name__.removesuffix("Situation").lower()] = situation
-    found = judge(
+    found = harshest(
         given["service"], [given["axis"]], [given["leg"]], THRESHOLDS, CATEGORIES, driving=True
     )
     assert found.cause != Cause.NONE or found == NO_VERDICT
@@ -223,6 +222,6 @@ def test_a_drive_that_shows_torque_without_power_stops_also_at_rest():
         AXIS, watch=EffortWatch(gap_si=9.0, gap_cycles=T.deviation_cycles, unpowered_cycles=20)
     )
 
-    found = judge(WELL, [showing], [LEG], THRESHOLDS, CATEGORIES, driving=False)
+    found = harshest(WELL, [showing], [LEG], THRESHOLDS, CATEGORIES, driving=False)
 
     assert (found.cause, found.detail) == (Cause.EFFORT_DEVIATION, "measured without power")

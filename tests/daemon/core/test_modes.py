@@ -107,7 +107,7 @@ def test_reset_of_a_fault_is_refused_while_its_cause_is_there(change, words):
     ("wanted", "words"),
     [
         (GAIT, ""),
-        (ModeRequest(Mode.GAIT, 0.6, 1.0, 10.0), "cadence_hz = 0.6, allowed > 0 and <= 0.5"),
+        (ModeRequest(Mode.GAIT, 0.6, 1.0, 10.0), "cadence_hz = 0.6, allowed 0.02 to 0.5"),
         (ModeRequest(Mode.GAIT, 0.0, 1.0, 10.0), "cadence_hz = 0"),
         (ModeRequest(Mode.GAIT, float("nan"), 1.0, 10.0), "cadence_hz = nan"),
         (ModeRequest(Mode.GAIT, 0.25, 1.1, 10.0), "amplitude_ratio = 1.1"),
@@ -145,3 +145,10 @@ def test_with_position_guidance_a_gait_is_granted_and_assist_is_refused():
 
     assert refusal(RequestKind.MODE, GAIT, position) == ""
     assert "assist is refused" in refusal(RequestKind.MODE, ModeRequest(Mode.TORQUE), position)
+
+
+def test_an_artificial_disturbance_is_refused_while_a_controller_holds_the_lease():
+    empty = replace(ALL_WELL, mode=Mode.HOLD)
+
+    assert refusal(RequestKind.MODE, PAPER, empty) == ""
+    assert "lease" in refusal(RequestKind.MODE, PAPER, replace(empty, lease_held=True))

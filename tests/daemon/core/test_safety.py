@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL
+from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
 
 from daemon.core.bounds import bound, bound_position
 from daemon.core.effort_watch import EffortWatch
@@ -21,7 +21,6 @@ from daemon.core.safety import (
     NO_VERDICT,
     OBSERVER_BAD_MAX_CYCLES,
     TX_DROPPED_MAX,
-    judge,
     worse,
 )
 from daemon.record import Cause, StopCategory, Verdict
@@ -31,7 +30,7 @@ EMERGENCY = Emergency(5, 0x8611, 0x21, b"\0" * 5, "following error", 0)
 
 
 def verdict_of(service=WELL, axis=AXIS, leg=LEG, *, driving=True, categories=CATEGORIES):
-    return judge(service, [axis], [leg], THRESHOLDS, categories, driving=driving)
+    return harshest(service, [axis], [leg], THRESHOLDS, categories, driving=driving)
 
 
 def with_feedback(**change):

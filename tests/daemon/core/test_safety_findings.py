@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import msgspec
 import pytest
-from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL
+from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
 
 from daemon.core.bounds import bound, bound_assist, bound_position
 from daemon.core.effort_watch import EffortWatch
-from daemon.core.safety import NO_VERDICT, judge
+from daemon.core.safety import NO_VERDICT
 from daemon.record import Cause, StopCategory
 from drives.signals import Emergency, Input, NmtState, OperationMode, PowerState
 
@@ -18,7 +18,7 @@ LOW_CODE = Emergency(5, 0x0100, 0x21, b"\0" * 5, "something", 0)
 
 
 def verdict_of(service=WELL, axes=(AXIS,), legs=(LEG,), *, driving=True, categories=CATEGORIES):
-    return judge(service, axes, legs, THRESHOLDS, categories, driving=driving)
+    return harshest(service, axes, legs, THRESHOLDS, categories, driving=driving)
 
 
 def told(*, driving=True, **where):
