@@ -55,7 +55,10 @@ SUBJECTS = {
         *("daemon/core/test_safety_findings.py", "daemon/core/test_every_limit.py"),
         "daemon/core/test_safety.py",
     ),
-    "daemon/core/bounds.py": ("daemon/core/test_safety_bounds.py", "daemon/core/test_safety.py"),
+    "daemon/core/bounds.py": (
+        *("daemon/core/test_safety_findings.py", "daemon/core/test_safety.py"),
+        "daemon/core/test_safety_bounds.py",
+    ),
 }
 """What is mutated, and the unit tests that must notice, under `tests`; the quick ones first."""
 

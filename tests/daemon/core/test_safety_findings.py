@@ -198,6 +198,35 @@ def standing(**change):
     return moved(replace(AXIS, watch=watch), still_cycles=20, velocity_si=0.0)
 
 
+@pytest.mark.parametrize("still_cycles", [0, 1, 4])
+def test_a_joint_that_has_given_a_count_lately_may_have_any_effort(still_cycles):
+    moving = replace(standing(held_si=-30.0), joint=JOINT._replace(still_cycles=still_cycles))
+
+    assert verdict_of(axes=[moving]) == NO_VERDICT
+
+
+def test_a_homing_that_meets_its_stop_loses_its_speed_at_once():
+    assert (
+        verdict_of(axes=[moved(HOMING, still_cycles=5, velocity_si=0.0, speed_before_still_si=9.0)])
+        == NO_VERDICT
+    )
+
+
+@pytest.mark.parametrize(("cycles", "cause"), [(2, Cause.NONE), (3, Cause.SIGN_WRONG)])
+def test_effort_one_way_and_motion_the_other_counts_from_its_cycles_on(cycles, cause):
+    against = replace(AXIS, watch=EffortWatch(opposed_si=25.5, opposed_cycles=cycles))
+
+    assert THRESHOLDS.opposed_cycles == 3
+    assert verdict_of(axes=[against]).cause == cause
+
+
+def test_effort_that_was_not_asked_for_counts_from_its_cycles_on():
+    last = THRESHOLDS.deviation_cycles
+    gap = [replace(AXIS, watch=EffortWatch(gap_si=9.5, gap_cycles=n)) for n in (last - 1, last)]
+
+    assert [verdict_of(axes=[axis]).cause for axis in gap] == [Cause.NONE, Cause.EFFORT_DEVIATION]
+
+
 def test_effort_without_a_count_is_told_with_what_friction_could_have_held():
     assert told(axes=[standing(held_si=-30.0)]) == (
         Cause.ENCODER_FROZEN,
@@ -676,6 +705,15 @@ def test_assist_is_bounded_by_limit_by_rate_and_along_the_motion_by_power(
     sent = bound_assist(wanted_si, last_si, LIMITS, velocity_si, 0.01)
 
     assert sent == pytest.approx(sent_si)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_small_power_bounds_assist_along_a_slow_motion_too(sign):
+    weak = LIMITS._replace(assist_power_max_w=4.0)
+
+    sent_si = bound_assist(sign * 20.0, sign * 8.5, weak, sign * 0.5, 0.01)
+
+    assert sent_si == pytest.approx(sign * 8.0)
 
 
 @pytest.mark.parametrize("velocity_si", [0.25, -0.25])
