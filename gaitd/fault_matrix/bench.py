@@ -1,6 +1,7 @@
 """One service and one virtual machine in lock-step, brought to where a cell begins.
 
-Beside what plant.toml says, the patient can push each joint into its stop. Everything random comes
+Beside what plant.toml says, the patient can push each joint into its stop, and the leg can be led
+by hand. Everything random comes
 from the seed: the same seed gives the same frames.
 """
 
@@ -22,7 +23,7 @@ from gaitd.fault_matrix.gateway import TroubledGateway
 from gaitd.lockstep import Lockstep
 from gaitd.virtual_machine import load_plant
 from sim_drives.build import Machine, MachineError, build_machine
-from sim_drives.plant_settings import Programme, Steady
+from sim_drives.plant_settings import Programme, Sine, Steady
 
 Guidance = Literal["impedance", "position"]
 
@@ -31,6 +32,10 @@ PUSH_NM: Final = 90.0
 PUSH_N: Final = 700.0
 """Into a stop: more than the drive is allowed to hold against."""
 PUSH_RISE_S: Final = 0.4
+LEAD_NM: Final = 11.0
+LEAD_N: Final = 100.0
+LEAD_HZ: Final = 0.3
+"""By hand: beyond breakaway friction, and slower than hand guiding allows."""
 HOUR_S: Final = 3600.0
 
 
@@ -108,7 +113,7 @@ class Bench:
         self.ask(RequestKind.ENABLE)
 
     def patient(self, programme: str) -> None:
-        """The patient begins a programme of plant.toml's, or `into_AXIS_stop`."""
+        """The patient begins a programme: plant.toml's, `into_AXIS_stop`, or `led`."""
         self.machine.command(f"patient {programme}")
 
 
@@ -133,7 +138,7 @@ def _machine(settings: Settings, variant: Variant, seed: int) -> Machine:
     path, plant = load_plant(settings.file)
     robot = load_toml(beside(path, EMPTY if variant.empty else plant.robot), Robot)
     patient = msgspec.structs.replace(
-        plant.patient, programme=(*plant.patient.programme, *_into_stops())
+        plant.patient, programme=(*plant.patient.programme, *_into_stops(), _led())
     )
     try:
         return build_machine(
@@ -150,18 +155,29 @@ def _machine(settings: Settings, variant: Variant, seed: int) -> Machine:
 def _into_stops() -> tuple[Programme, ...]:
     """Whoever leans with all their weight: each joint towards its upper stop."""
     return tuple(
-        Programme(
-            f"into_{axis}_stop",
-            effort=(
-                Steady(
-                    at_s=0.0,
-                    until_s=HOUR_S,
-                    rise_s=PUSH_RISE_S,
-                    fall_s=PUSH_RISE_S,
-                    hip_nm=hip_nm,
-                    slide_n=slide_n,
-                ),
-            ),
-        )
+        Programme(f"into_{axis}_stop", effort=(_lean(hip_nm, slide_n),))
         for axis, hip_nm, slide_n in (("hip", PUSH_NM, 0.0), ("slide", 0.0, PUSH_N))
     )
+
+
+def _lean(hip_nm: float, slide_n: float) -> Steady:
+    rise_s = PUSH_RISE_S
+    return Steady(
+        at_s=0.0, until_s=HOUR_S, rise_s=rise_s, fall_s=rise_s, hip_nm=hip_nm, slide_n=slide_n
+    )
+
+
+def _led() -> Programme:
+    """A hand that leads thigh and foot slowly up and down."""
+    leads = Sine(
+        at_s=0.0,
+        until_s=HOUR_S,
+        rise_s=1.0,
+        fall_s=1.0,
+        hip_nm=LEAD_NM,
+        slide_n=LEAD_N,
+        frequency_hz=LEAD_HZ,
+        hip_phase_deg=0.0,
+        slide_phase_deg=90.0,
+    )
+    return Programme("led", effort=(leads,))

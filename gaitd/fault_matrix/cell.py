@@ -24,7 +24,7 @@ from gaitd.fault_matrix.watch import AXES, CYCLE_NS, Told, Watch
 NS_PER_S: Final = 1_000_000_000
 AFTERWARDS_S: Final = 1.2
 """After the fault has gone away."""
-WATCHED_S: Final = 2.0
+WATCHED_S: Final = 1.8
 """At least, from the fault on."""
 ALIVE_CYCLES: Final = 3
 """Of the drives by themselves, together: their own watches over us are as exact as this."""

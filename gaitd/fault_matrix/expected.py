@@ -358,12 +358,29 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
             for fault in ("zenoh_lost", "nan_setpoint", "gateway_restarted", "gateway_200ms")
         },
         **{
-            (fault, "torque", ""): replace(
+            (fault, mode, ""): replace(
                 _unseen(fault, "an open loop about g(q) that moves slowly: nothing need show it"),
                 causes=ROWS[fault].causes | {Cause.VELOCITY_LIMIT, Cause.ENCODER_JUMP},
                 within_cycles=None,
             )
+            for mode in ("torque", "release")
             for fault in ("encoder_frozen", "blocked_rotor", "brake_stuck", "limit_switch")
+        },
+        **{
+            (fault, "self_test", ""): replace(
+                _unseen(fault, "an axis stands until its turn has come, and then moves slowly"),
+                causes=ROWS[fault].causes | {Cause.SELF_TEST_FAILED, Cause.VELOCITY_LIMIT},
+                categories=ROWS[fault].categories | {S2},
+                within_cycles=None,
+            )
+            for fault in _SEEN_IN_MOTION
+        },
+        **{
+            (fault, "release", ""): replace(
+                _unseen(fault, "by hand, and slowly: it shows as far as the leg is led"),
+                within_cycles=None,
+            )
+            for fault in ("encoder_reversed", "wrong_sign", "spasm")
         },
         **{
             (fault, "torque", "right/slide"): _unseen(fault, _AT_REST)

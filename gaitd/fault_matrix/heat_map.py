@@ -18,6 +18,8 @@ from gaitd.fault_matrix.modes import COLUMNS, Group
 Measure = Callable[[Found], float | None]
 
 SIZE_IN: Final = (10.0, 17.0)
+INK_RATIO: Final = 0.1
+"""Of the darkest colour: above, a number is white."""
 LEAST_CYCLES: Final = 0.1
 MOST_CYCLES: Final = 200.0
 LEAST_DEG: Final = 0.1
@@ -34,7 +36,7 @@ def draw(found: Sequence[Found], path: Path) -> None:
     figure = Figure(figsize=SIZE_IN, dpi=110, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     reaction = _grid(found, modes, _reaction_cycles)
-    distance = _grid(found, modes, lambda one: one.hip_deg if one.stopped else None)
+    distance = _grid(found, modes, lambda one: one.hip_deg if _is_stop(one) else None)
     _panel(figure, left, reaction, modes, (LEAST_CYCLES, MOST_CYCLES), "reaction, cycles")
     _panel(figure, right, distance, modes, (LEAST_DEG, MOST_DEG), "hip moved until rest, deg")
     left.set_yticks(range(len(FAULTS)), labels=list(FAULTS), fontsize=7)
@@ -42,8 +44,13 @@ def draw(found: Sequence[Found], path: Path) -> None:
     FigureCanvasAgg(figure).print_png(str(path))
 
 
+def _is_stop(one: Found) -> bool:
+    """Not what ended by itself, as a homing does."""
+    return one.stopped and bool(one.causes)
+
+
 def _reaction_cycles(one: Found) -> float | None:
-    if not one.stopped:
+    if not _is_stop(one):
         return None
     times = [t for t in (one.told_cycles, one.left_cycles) if t is not None]
     return min(times) if times else None
@@ -77,5 +84,7 @@ def _panel(
         for column in range(grid.shape[1]):
             value = grid[row, column]
             if np.isfinite(value):
-                axes.text(column, row, f"{value:.3g}", ha="center", va="center", fontsize=5.5)
-    figure.colorbar(image, ax=axes, location="bottom", shrink=0.8, aspect=30)
+                ink = "white" if value > INK_RATIO * span[1] else "black"
+                words = f"{value:.3g}"
+                axes.text(column, row, words, ha="center", va="center", fontsize=5.5, color=ink)
+    figure.colorbar(image, ax=axes, location="top", shrink=0.8, aspect=30, pad=0.005)

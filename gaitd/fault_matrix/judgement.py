@@ -6,7 +6,8 @@
     stop by themselves within the time of their own watches.
 3.  The cause is one that is right for the fault, its category is the one that it must have, and
     what is latched afterwards is the same or what followed from it.
-4.  The leg comes to rest, and no joint goes farther than its mechanical stop and what that gives.
+4.  The leg comes to rest, unless it has no power or somebody goes on leading it by hand; and no
+    joint goes farther than its mechanical stop and what that gives.
 5.  What need not stop goes on, and nothing is latched.
 6.  No exception leaves the loop but where one was thrown in, and then it ends with its exit code.
 """
@@ -141,11 +142,12 @@ def _reaction(found: Found, right: Law) -> Iterator[str]:
 
 def _place(found: Found, right: Law) -> Iterator[str]:
     ended = right.exit_code is not None
-    powerless = found.final_mode == Mode.STOPPING.name and found.rest_cycles is None
-    let_go = powerless and found.category == StopCategory.S0.name  # FAULT comes after 3 s
+    without_power = found.category == StopCategory.S0.name
+    let_go = without_power and found.final_mode == Mode.STOPPING.name  # FAULT comes after 3 s
     if found.final_mode != Mode.FAULT.name and not ended and not let_go:
         yield f"in mode {found.final_mode} at the end, right is FAULT"
-    held = found.category != StopCategory.S0.name
+    led = COLUMNS[found.mode].mode == Mode.RELEASE
+    held = not without_power and not led
     if held and (found.rest_cycles is None or found.rest_cycles > REST_CYCLES):
         yield f"at rest after {found.rest_cycles} cycles, right is {REST_CYCLES:g}"
     if found.beyond_hip_deg > STOP_HIP_DEG:

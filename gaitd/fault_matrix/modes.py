@@ -95,6 +95,20 @@ def _torque(bench: Bench) -> None:
     bench.lockstep.run(1.0)
 
 
+def _release(bench: Bench) -> None:
+    bench.enable()
+    bench.ask(RequestKind.MODE, ModeRequest(Mode.RELEASE))
+    bench.lockstep.run_until(lambda record: "by hand" in record.progress, within_s=2)
+    bench.patient("led")
+    bench.lockstep.run(2.0)
+
+
+def _self_test(bench: Bench) -> None:
+    bench.enable()
+    bench.ask(RequestKind.MODE, ModeRequest(Mode.SELF_TEST))
+    bench.lockstep.run(0.8)
+
+
 def _excite(bench: Bench) -> None:
     bench.enable()
     bench.ask(RequestKind.MODE, ModeRequest(Mode.EXCITE, duration_s=24.0, scenario="open_loop"))
@@ -209,6 +223,24 @@ COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
                 frozenset({Mode.EXCITE, Mode.HOLD}),  # out of its window it is over
             ),
             Column(
+                "release",
+                Mode.RELEASE,
+                Group.DRIVING,
+                "hand guiding without stiffness: somebody leads thigh and foot slowly",
+                _release,
+                3.3,
+                frozenset({Mode.RELEASE}),
+            ),
+            Column(
+                "self_test",
+                Mode.SELF_TEST,
+                Group.DRIVING,
+                "the test of the day: each axis a little forth and back",
+                _self_test,
+                3.0,
+                frozenset({Mode.SELF_TEST, Mode.HOLD}),
+            ),
+            Column(
                 "reference",
                 Mode.REFERENCE,
                 Group.ALONE,
@@ -253,5 +285,5 @@ COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
 )
 """By name, in the order of the pages."""
 
-LEFT_OUT: Final = frozenset({Mode.RELEASE, Mode.SELF_TEST})
-"""Modes without a column: those that the service does not offer yet."""
+LEFT_OUT: Final[frozenset[Mode]] = frozenset()
+"""Modes without a column."""

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
+from daemon.record import Mode
 from gaitd.fault_matrix.cell import Found
 from gaitd.fault_matrix.expected import EXCEPTIONS, ROWS, Law
 from gaitd.fault_matrix.faults import FAULTS
@@ -21,7 +22,8 @@ class Table(NamedTuple):
 
 
 TABLES: Final = (
-    Table("Both axes are enabled", ("hold", "gait_impedance", "gait_position", "torque", "excite")),
+    Table("Both axes are enabled", ("hold", "gait_impedance", "gait_position", "torque")),
+    Table("Both axes are enabled, otherwise", ("excite", "release", "self_test")),
     Table("One axis is enabled alone", ("reference", "commission")),
     Table("Already stopped", ("stopping", "fault")),
     Table("Nothing is enabled", ("off", "bringing_up", "ready")),
@@ -92,6 +94,9 @@ def _entry(cells: Sequence[Found]) -> str:
         quiet = "goes on" if one.driven else one.final_mode
         text = f"{quiet}, {cause}" if cause else quiet
         return f"{text}{ended}{_mark(cells)}"
+    column = COLUMNS[one.mode]
+    if not cause and column.mode not in {Mode.STOPPING, Mode.FAULT}:
+        return f"goes on{ended}{_mark(cells)}"
     what = f"{cause} {one.category}" if cause else "stopped as before"
     return f"{what} · {_reaction(cells)} · {_moved(cells)}{ended}{_mark(cells)}"
 
