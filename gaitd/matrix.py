@@ -88,6 +88,8 @@ def _played(trainer: Path, wanted: "list[Cell]", seed: int, jobs: int) -> "list[
         for part in run(trainer, wanted, seed, jobs):
             found += part
             progress.advance(task, len(part))
+            if not progress.console.is_terminal:
+                print(f"{len(found)} of {len(wanted)} cells", file=sys.stderr)
     place = {cell: number for number, cell in enumerate(wanted)}
     return sorted(found, key=lambda one: place[one.cell])
 
