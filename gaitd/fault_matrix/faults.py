@@ -3,70 +3,15 @@
 What is right for each is in `expected.py`.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-from gaitd.fault_matrix import kinds
-from gaitd.fault_matrix.kinds import MS, Play
+from gaitd.fault_matrix import core_kinds, kinds
+from gaitd.fault_matrix.emergencies import emergencies
+from gaitd.fault_matrix.kinds import MS, Fault, Play
 
-LASTS_S: Final = 1.4
-EMERGENCY_LASTS_S: Final = 0.6
 HOUR_NS: Final = 3_600_000 * MS
-
-
-@dataclass(frozen=True, slots=True)
-class Fault:
-    """One row."""
-
-    name: str
-    text: str
-    play: Play
-    of_an_axis: bool = True
-    lasts_s: float = LASTS_S
-    """Then it goes away."""
-
-
-EMERGENCIES: Final[Mapping[int, tuple[int, str]]] = MappingProxyType(
-    {
-        0x1: (0x1000, "generic error"),
-        0x2: (0x2310, "overcurrent"),
-        0x3: (0x3210, "overvoltage"),
-        0x4: (0x4210, "power stage too hot"),
-        0x5: (0x5280, "hardware defect"),
-        0x6: (0x6320, "software parameter"),
-        0x7: (0x7320, "position sensor"),
-        0x8: (0x8611, "following error"),
-        0x9: (0x9000, "external error"),
-        0xF: (0xFF0B, "system peak overloaded"),
-    }
-)
-"""One code of each error class of CiA 301 (table of 7.2.7.1), as an EPOS4 means it."""
-WARNING_CODE: Final = 0xFF01
-"""The only one that an EPOS4 says and goes on with: system overloaded."""
-
-
-def _emergencies() -> Iterator[Fault]:
-    for error_class, (code, text) in EMERGENCIES.items():
-        yield Fault(
-            f"emcy_{error_class:x}xxx_fault",
-            f"EMCY {code:04X}h ({text}), and the drive goes into fault",
-            kinds.machine(f"emcy {{}} - {code:#06x}"),
-            lasts_s=EMERGENCY_LASTS_S,
-        )
-        yield Fault(
-            f"emcy_{error_class:x}xxx_told",
-            f"EMCY {code:04X}h ({text}), and the drive goes on as if nothing were amiss",
-            kinds.machine(f"emcy_warning {{}} - {code:#06x}"),
-            lasts_s=EMERGENCY_LASTS_S,
-        )
-    yield Fault(
-        "emcy_warning",
-        f"EMCY {WARNING_CODE:04X}h, which its maker calls a warning",
-        kinds.machine(f"emcy_warning {{}} - {WARNING_CODE:#06x}"),
-        lasts_s=EMERGENCY_LASTS_S,
-    )
 
 
 _DRIVE: Final = (
@@ -203,19 +148,19 @@ _NUMBERS: Final = (
     Fault(
         "observer_diverged",
         "the observer's state is far from anything",
-        kinds.observer_state(1e4),
+        core_kinds.observer_state(1e4),
         of_an_axis=False,
     ),
     Fault(
         "observer_nan",
         "the observer's state is no number",
-        kinds.observer_state(kinds.NAN),
+        core_kinds.observer_state(kinds.NAN),
         of_an_axis=False,
     ),
     Fault(
         "observer_nan_stays",
         "the observer's state is no number, again and again",
-        kinds.observer_lost(),
+        core_kinds.observer_lost(),
         of_an_axis=False,
     ),
     Fault(
@@ -224,16 +169,18 @@ _NUMBERS: Final = (
         kinds.levels(kinds.nan_setpoint),
         of_an_axis=False,
     ),
-    Fault("nan_guidance", "where the plan wants the axis is no number", kinds.nan_in_guidance()),
+    Fault(
+        "nan_guidance", "where the plan wants the axis is no number", core_kinds.nan_in_guidance()
+    ),
     Fault(
         "nan_position",
         "the position scaled from the drive's is no number",
-        kinds.nan_in_scaling("offset_si"),
+        core_kinds.nan_in_scaling("offset_si"),
     ),
     Fault(
         "nan_effort",
         "the effort scaled from the drive's is no number",
-        kinds.nan_in_scaling("effort_per_torque_count_si"),
+        core_kinds.nan_in_scaling("effort_per_torque_count_si"),
     ),
 )
 
@@ -373,21 +320,21 @@ _PROCESS: Final = (
     Fault(
         "out_of_memory",
         "an allocation in a cycle fails; a new core starts later",
-        kinds.out_of_memory(),
+        core_kinds.out_of_memory(),
         of_an_axis=False,
         lasts_s=1.0,
     ),
     Fault(
         "notebook_full",
         "the notebook cannot be written (disk full)",
-        kinds.notebook_full(),
+        core_kinds.notebook_full(),
         of_an_axis=False,
         lasts_s=1.0,
     ),
     Fault(
         "ring_full",
         "the ring cannot be written (disk full)",
-        kinds.ring_full(),
+        core_kinds.ring_full(),
         of_an_axis=False,
         lasts_s=1.0,
     ),
@@ -403,7 +350,7 @@ FAULTS: Final[Mapping[str, Fault]] = MappingProxyType(
         for fault in (
             _NONE,
             *_DRIVE,
-            *_emergencies(),
+            *emergencies(),
             *_BUS,
             *_SENSORS,
             *_MECHANICS,

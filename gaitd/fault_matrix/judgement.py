@@ -17,7 +17,8 @@ from typing import Final
 
 from daemon.record import Cause, Mode, StopCategory
 from gaitd.fault_matrix.cell import Found
-from gaitd.fault_matrix.expected import DETECTION_CYCLES, Law, Resting, law
+from gaitd.fault_matrix.exceptions import law
+from gaitd.fault_matrix.expected import DETECTION_CYCLES, Law, Resting
 from gaitd.fault_matrix.modes import COLUMNS, Group
 
 STOP_HIP_DEG: Final = 8.9

@@ -1,23 +1,18 @@
-"""How faults begin and end: in the machine, on our bus, in the gateway, in the core, to it.
+"""What a fault is, and how it begins and ends: in the machine, on our bus, in the gateway, in time.
 
-A fault is begun at any moment of a cycle, also while the service waits. What is replaced in the
-core for a NaN or an exception is replaced in a fork that ends with its cell.
+A fault is begun at any moment of a cycle, also while the service waits.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final, NoReturn
+from typing import Final
 
 from msgspec.structs import replace as changed
 
-from daemon.core import plans, recording
-from daemon.core.axis_notes import Notes
-from daemon.core.reference import Reference
-from daemon.core.state import Axis, Core, Leg
+from daemon.core.state import Axis, Core
 from daemon.record import Level, Request, RequestKind, Setpoint
 from drives.bus import Frame
 from gaitd.fault_matrix.bench import Bench
-from observer.states import STATE_COUNT
 
 NAN: Final = float("nan")
 MS: Final = 1_000_000
@@ -59,11 +54,27 @@ class Play:
     end: Act
 
 
+LASTS_S: Final = 1.4
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One row."""
+
+    name: str
+    text: str
+    play: Play
+    of_an_axis: bool = True
+    lasts_s: float = LASTS_S
+    """Then it goes away."""
+
+
 def nothing(_scene: Scene, _axis: str) -> None:
     """It goes away by itself, or not at all."""
 
 
-def _undo(scene: Scene, _axis: str) -> None:
+def undo(scene: Scene, _axis: str) -> None:
+    """Take back what was replaced, the newest first."""
     while scene.undo:
         scene.undo.pop()()
 
@@ -316,120 +327,6 @@ def nan_setpoint(sent: list[Level]) -> list[Level]:
         )
         for own in sent
     ]
-
-
-# --- in the core ----------------------------------------------------------------------------------
-
-
-def nan_in_guidance() -> Play:
-    """Where the plan wants one axis is no number."""
-
-    def begin(scene: Scene, axis: str) -> None:
-        original = plans.reference_of
-        index = 0 if axis.endswith("hip") else 1
-
-        def broken(core: Core, leg: Leg) -> Reference | None:
-            wanted = original(core, leg)
-            if wanted is None:
-                return None
-            position = list(wanted.position)
-            position[index] = NAN
-            return wanted._replace(position=(position[0], position[1]))
-
-        plans.reference_of = broken
-        scene.undo.append(lambda: setattr(plans, "reference_of", original))
-
-    return Play(begin, _undo)
-
-
-def nan_in_scaling(field_name: str) -> Play:
-    """A factor between a drive's numbers and SI is none any more."""
-
-    def begin(scene: Scene, axis: str) -> None:
-        one = scene.axis(axis)
-        before = one.scaling
-        one.scaling = before._replace(**{field_name: NAN})
-
-        def back() -> None:
-            one.scaling = before
-
-        scene.undo.append(back)
-
-    return Play(begin, _undo)
-
-
-def observer_state(value: float) -> Play:
-    """The observer's own numbers are overwritten, once."""
-
-    def begin(scene: Scene, _axis: str) -> None:
-        for leg in scene.core.legs:
-            memory, _, _ = leg.observer.buffers
-            memory[:STATE_COUNT] = value
-
-    return Play(begin, nothing)
-
-
-RUIN_NS: Final = 5 * MS
-
-
-def observer_lost() -> Play:
-    """Whatever the observer begins anew is no number again before the next cycle."""
-
-    def begin(scene: Scene, axis: str) -> None:
-        ruin = observer_state(NAN)
-        ruined = True
-
-        def again() -> None:
-            if ruined:
-                ruin.begin(scene, axis)
-                scene.bench.bus.at(scene.bench.world_ns + RUIN_NS, again)
-
-        def leave() -> None:
-            nonlocal ruined
-            ruined = False
-
-        scene.undo.append(leave)
-        again()
-
-    return Play(begin, _undo)
-
-
-def out_of_memory() -> Play:
-    """One allocation in a cycle fails."""
-
-    def begin(scene: Scene, _axis: str) -> None:
-        original = recording.record
-
-        def failing(*_args: object, **_named: object) -> NoReturn:
-            recording.record = original
-            raise MemoryError
-
-        recording.record = failing
-        scene.undo.append(lambda: setattr(recording, "record", original))
-
-    return Play(begin, _undo)
-
-
-# --- where it writes ------------------------------------------------------------------------------
-
-
-def notebook_full() -> Play:
-    """The notebook cannot be written, and there is something to note."""
-
-    def begin(scene: Scene, _axis: str) -> None:
-        scene.bench.lockstep.notebook.is_full = True
-        scene.core.notes = Notes(scene.core.notes.axes)
-
-    return Play(begin, nothing)
-
-
-def ring_full() -> Play:
-    """A record cannot be written into the ring."""
-
-    def begin(scene: Scene, _axis: str) -> None:
-        scene.bench.gateway.ring_is_full = True
-
-    return Play(begin, nothing)
 
 
 # --- its process ----------------------------------------------------------------------------------

@@ -5,7 +5,8 @@ from typing import Final, NamedTuple
 
 from daemon.record import Mode
 from gaitd.fault_matrix.cell import Found
-from gaitd.fault_matrix.expected import EXCEPTIONS, ROWS, Law
+from gaitd.fault_matrix.exceptions import EXCEPTIONS
+from gaitd.fault_matrix.expected import ROWS, Law
 from gaitd.fault_matrix.faults import FAULTS
 from gaitd.fault_matrix.judgement import broken
 from gaitd.fault_matrix.modes import COLUMNS

@@ -101,14 +101,16 @@ def _forked(bench: Bench, column: Column, cell: Cell, seed: int) -> Found:
 
 
 def _play_and_exit(bench: Bench, column: Column, cell: Cell, seed: int, writer: int) -> None:
+    """Whatever happens: say it, and end here. A fork must not go on as a copy of its parent."""
     signal.alarm(CELL_MAX_S)
+    found: Found | None = None
     try:
         found = play(bench, column, FAULTS[cell.fault], cell.axis, seed)
-    except BaseException:  # noqa: BLE001 - said by the parent: a fork must not go on as its copy
-        found = _unknown(cell, seed, traceback.format_exc())
-    with open(writer, "wb") as pipe:
-        pipe.write(msgspec.json.encode(found))
-    os._exit(0)
+    finally:
+        said = found or _unknown(cell, seed, traceback.format_exc())
+        with open(writer, "wb") as pipe:
+            pipe.write(msgspec.json.encode(said))
+        os._exit(0)
 
 
 def _unknown(cell: Cell, seed: int, trouble: str) -> Found:

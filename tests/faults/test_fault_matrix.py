@@ -8,8 +8,10 @@ import pytest
 from daemon.record import Cause, Mode
 from gaitd.fault_matrix import page
 from gaitd.fault_matrix.cell import Cell, Found
-from gaitd.fault_matrix.expected import EXCEPTIONS, OPEN, ROWS, is_open
-from gaitd.fault_matrix.faults import EMERGENCIES, FAULTS
+from gaitd.fault_matrix.emergencies import EMERGENCIES
+from gaitd.fault_matrix.exceptions import EXCEPTIONS, OPEN, is_open
+from gaitd.fault_matrix.expected import ROWS
+from gaitd.fault_matrix.faults import FAULTS
 from gaitd.fault_matrix.judgement import broken
 from gaitd.fault_matrix.modes import COLUMNS, LEFT_OUT
 from gaitd.fault_matrix.run import cells, run
@@ -64,8 +66,10 @@ def test_every_mode_has_its_column_or_is_named_as_left_out():
 
 
 def test_every_fault_of_the_virtual_drives_has_a_row_or_its_test_elsewhere():
-    text = (PROJECT / "gaitd/fault_matrix/faults.py").read_text()
-    text += (PROJECT / "gaitd/fault_matrix/kinds.py").read_text()
+    text = "".join(
+        (PROJECT / f"gaitd/fault_matrix/{name}.py").read_text()
+        for name in ("faults", "emergencies", "kinds")
+    )
 
     without = {kind for kind in FaultKind if f'"{kind.value} ' not in text}
 
