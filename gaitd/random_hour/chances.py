@@ -33,6 +33,9 @@ class Kind(Enum):
     LOOP_LATE = "loop late"
     GATEWAY_SILENT = "gateway silent"
     GATEWAY_RESTART = "gateway restarted"
+    LEASE = "lease acquired"
+    LEASE_ENDED = "lease ended"
+    CONTROLLER_DEAD = "controller dead"
     CORE_KILLED = "core killed"
     CORE_ENDED = "core ended in order"
     NOTHING = "nothing"
@@ -107,20 +110,31 @@ class Chances:
         """Until the next action."""
         return max(PAUSE_MIN_S, self._dice.expovariate(1.0 / PAUSE_MEAN_S))
 
-    def next(self, mode: Mode) -> Action:
+    def next(self, mode: Mode, *, lease_held: bool = False) -> Action:
         """What happens now."""
         helpful = self._dice.random() < HELPFUL_RATIO
-        return self._helpful(mode) if helpful else self._anything()
+        return self._helpful(mode, lease_held=lease_held) if helpful else self._anything()
 
-    def _helpful(self, mode: Mode) -> Action:
+    def _helpful(self, mode: Mode, *, lease_held: bool) -> Action:
         """Whatever brings the machine nearer to walking."""
         if mode == Mode.FAULT:
             return Action(Kind.REQUEST, RequestKind.RESET)
         if mode == Mode.READY:
             return Action(Kind.REQUEST, RequestKind.ENABLE)
         if mode == Mode.HOLD:
-            return Action(Kind.REQUEST, RequestKind.MODE, self._walk())
+            return self._leave_hold(lease_held=lease_held)
+        if mode == Mode.GAIT and not lease_held and self._dice.random() < 0.5:
+            return Action(Kind.LEASE)
         return Action(Kind.NOTHING)
+
+    def _leave_hold(self, *, lease_held: bool) -> Action:
+        """Mostly a walk; or a controller's torque, a hand that guides, a test of the day."""
+        drawn = self._dice.choices(tuple(_FROM_HOLD), tuple(_FROM_HOLD.values()))[0]
+        if drawn == Mode.GAIT:
+            return Action(Kind.REQUEST, RequestKind.MODE, self._walk())
+        if drawn == Mode.TORQUE and not lease_held:
+            return Action(Kind.LEASE)
+        return Action(Kind.REQUEST, RequestKind.MODE, ModeRequest(drawn))
 
     def _walk(self) -> ModeRequest:
         dice = self._dice
@@ -199,6 +213,8 @@ _OF_ALL: Final = frozenset(
 )
 """Faults that may come over all drives at once: of the bus, the supply, and the safety chain."""
 
+_FROM_HOLD: Final = {Mode.GAIT: 10, Mode.TORQUE: 8, Mode.RELEASE: 3, Mode.SELF_TEST: 3}
+
 _WEIGHTS: Final = {
     Kind.REQUEST: 30,
     Kind.FAULT: 30,
@@ -208,6 +224,9 @@ _WEIGHTS: Final = {
     Kind.LOOP_LATE: 6,
     Kind.GATEWAY_SILENT: 4,
     Kind.GATEWAY_RESTART: 3,
+    Kind.LEASE: 5,
+    Kind.LEASE_ENDED: 4,
+    Kind.CONTROLLER_DEAD: 4,
     Kind.CORE_KILLED: 3,
     Kind.CORE_ENDED: 2,
 }

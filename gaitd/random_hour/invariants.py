@@ -16,10 +16,12 @@ what it has asked for itself. The rules, by the names that a violation carries:
 6. Beyond the limit: a joint is not more than a margin beyond its hard limit (see below).
 7. Torque jumps: 6071h changes by no more than limits.toml's rate times the time between two
    commands, while the drive is told to enable in cyclic torque.
-8. Verdict milder: a latched verdict never becomes milder, and fault is not left, without RESET.
+8. Verdict milder: a latched verdict never becomes milder, and fault is not left, without RESET;
+   nor does a core that was left a debt become ready without it.
 9. Answers: each request is answered once, within PATIENCE_S of a living core and gateway.
 10. Records: those of one core have no gap, and each can be encoded.
 11. Our own bug: no exception comes out of a cycle.
+12. Assist outlives its lease, assist beyond its limit: `assisted.py`.
 
 Beyond the limit is allowed where no drive could have held the joint: a drive of the leg was without
 its power stage within BEFORE_S (springs and gravity move the leg), the patient pushes outwards, or
@@ -30,17 +32,20 @@ no excuse: `gaitd check` has swept its path.
 import math
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Final
 
 from daemon.record import (
+    Cause,
     CycleRecord,
+    Level,
     Mode,
     ModeRequest,
     Outcome,
     RequestKind,
     StopCategory,
 )
-from sim_drives.node import Node
+from gaitd.random_hour.assisted import AssistWatch
+from gaitd.random_hour.watched import Violation, WatchedDrive
 from sim_drives.power_state import POWER_STAGE_ON, PowerState
 from sim_drives.settings import FaultKind
 from sim_drives.truth import Truth
@@ -54,6 +59,9 @@ ENABLE_MASK, ENABLE_VALUE = 0x008F, 0x000F
 NMT_TAKES_AWAY: Final = frozenset({0x02, 0x80, 0x81, 0x82})
 """Stop, pre-operational, both resets: the drive leaves operational, and stops."""
 ALONE: Final = frozenset({Mode.REFERENCE, Mode.COMMISSION})
+NO_DEBT: Final = frozenset({Cause.NONE, Cause.SHUTDOWN, Cause.DRIVE_POWERED})
+"""Not remembered over a restart: none, an orderly end, and a drive that is seen again by itself."""
+BROUGHT_UP: Final = frozenset({m for m in Mode if m.active} | {Mode.READY})
 
 PATIENCE_S: Final = 15.0
 """For an answer: the longest request, a gait out of an unfavourable pose, takes some seconds."""
@@ -84,52 +92,6 @@ DELAYING: Final = frozenset({FaultKind.SLOW_STATE})
 """Faults after which a state may come later than its controlword."""
 
 
-class AxisRules(NamedTuple):
-    """What is known of one drive from the files of the plant and the limits; joint SI."""
-
-    name: str
-    node_id: int
-    axis: int
-    """0 hip, 1 slide."""
-    leg: str
-    low_si: float
-    high_si: float
-    effort_per_count_si: float
-    """Of 6071h, absolute."""
-    rate_si_per_s: float
-
-
-class Violation(NamedTuple):
-    """A rule that was broken."""
-
-    at_s: float
-    rule: str
-    what: str
-
-    def __str__(self) -> str:
-        return f"{self.at_s:.3f} s: {self.rule}: {self.what}"
-
-
-@dataclass
-class WatchedDrive:
-    """What the watch remembers of one drive."""
-
-    rules: AxisRules
-    node: Node
-    told_to_enable: bool = False
-    mode_told: int = 0
-    torque_told: int | None = None
-    """6071h, while it is told to enable in cyclic torque."""
-    told_ns: int = 0
-    state: PowerState = PowerState.NOT_READY_TO_SWITCH_ON
-    unpowered_ns: int = 0
-    """When it was last seen without its power stage."""
-    blinded_ns: int = -(10**18)
-    """Until when a fault of BLINDING counts, and BEFORE_S after it."""
-    delayed_ns: int = -(10**18)
-    was_off: bool = True
-
-
 @dataclass
 class Watch:
     """All rules over one session; `violations` fills."""
@@ -137,6 +99,7 @@ class Watch:
     drives: dict[int, WatchedDrive]
     period_s: float
     detection_s: float
+    assist: AssistWatch
     violations: list[Violation] = field(default_factory=list)
     checked: Counter[str] = field(default_factory=Counter)
     """How often each rule has been looked at."""
@@ -148,6 +111,10 @@ class Watch:
     _needs_reset: bool = False
     _orderly: bool = False
     """DISABLE or RESET was asked since the last ENABLE."""
+    _debt: bool = False
+    """The core, if it ended now, would leave something that only RESET pays."""
+    _inherited: bool = False
+    """An earlier core has left such a debt, and RESET was not asked since."""
     _stopping: set[int] = field(default_factory=set)
     """Drives that are still told to enable while another one was stopped since the last SYNC."""
     _spoken_ns: int = 0
@@ -170,6 +137,7 @@ class Watch:
             self._orderly = True
             self._needs_reset = self._needs_reset and kind != RequestKind.RESET
             self._reset_asked = self._reset_asked or kind == RequestKind.RESET
+            self._inherited = self._inherited and kind != RequestKind.RESET
         enables = kind == RequestKind.ENABLE
         alone = kind == RequestKind.MODE and wanted.mode in ALONE
         if (enables or alone) and not self._needs_reset:
@@ -195,7 +163,8 @@ class Watch:
     def core_gone(self) -> None:
         """The process ends: a new one enables nothing that nobody asks it for."""
         self._permitted = False
-        self._needs_reset = False
+        self._needs_reset = self._inherited = self._debt
+        self.assist.core_gone()
         self._asked.clear()
         self._answers.clear()
         self._seq = None
@@ -203,6 +172,10 @@ class Watch:
         for drive in self.drives.values():
             drive.told_to_enable, drive.torque_told = False, None
         self._stopping.clear()
+
+    def tells(self, level: Level) -> None:
+        """The gateway says something to the core."""
+        self.assist.tells(level)
 
     # --- the wire -------------------------------------------------------------------------------
 
@@ -235,6 +208,7 @@ class Watch:
     def _tell(self, drive: WatchedDrive, *, enable: bool) -> None:
         stops = drive.told_to_enable and not enable
         drive.told_to_enable = enable
+        self._debt = self._debt or enable
         self._stopping.discard(drive.rules.node_id)
         if not enable:
             drive.torque_told = None
@@ -336,8 +310,24 @@ class Watch:
         if self._seq is not None and record.seq != self._seq + 1:
             self._break("records", f"{record.seq} comes after {self._seq}")
         self._seq = record.seq
+        self._hear_debt(record)
         self._hear_verdict(record)
         self._hear_answer(record)
+        for rule, what in self.assist.hear(record):
+            self._break(rule, what)
+
+    def _hear_debt(self, record: CycleRecord) -> None:
+        """Before `_latched` is brought up to this record: what ended between the two."""
+        mode, cause = record.mode, record.verdict.cause
+        if self._inherited and mode in BROUGHT_UP:
+            self._break("verdict milder", f"{mode.name.lower()}, and an earlier core owes a reset")
+        stopped = mode in {Mode.STOPPING, Mode.FAULT}
+        if stopped and cause not in NO_DEBT:
+            self._debt = True
+        elif mode == Mode.READY or (mode == Mode.FAULT and cause == Cause.SHUTDOWN):
+            self._debt = False
+        elif self._latched > StopCategory.NONE and not stopped:
+            self._debt = mode.active
 
     def _hear_verdict(self, record: CycleRecord) -> None:
         self.checked["verdict milder"] += 1

@@ -6,7 +6,7 @@ from gaitd.random_hour.tally import Broken, Tally
 
 _PREFACE = """\
 Each session is a seed: the real loop on the virtual machine in lock-step, among random requests,
-stops, faults, lost frames, late loops, and deaths of core and gateway.
+stops, faults, lost frames, late loops, controllers good and bad, and deaths of each process.
 `gaitd/random_hour/invariants.py` says what must never happen and how it is judged: from the frames
 on the wire and the truth of the plant. The tests run some minutes of it
 (`tests/gaitd/test_torture.py`)."""
@@ -62,6 +62,7 @@ def _counts(tally: Tally) -> tuple[tuple[str, Counter[str]], ...]:
         ("Requests by outcome", tally.requests),
         ("What else happened", tally.events),
         ("Faults of drives", tally.faults),
+        ("Setpoints of controllers", tally.setpoints),
         ("Invariants, how often each was looked at", tally.checked),
     )
 

@@ -6,6 +6,7 @@ the plant. So a seed is a session, bit for bit.
 
 import random
 from collections import deque
+from collections.abc import Callable
 from typing import Final
 
 import msgspec
@@ -14,21 +15,25 @@ from daemon.config.axes import drive_limits, effort_per_motor_nm
 from daemon.config.bundle import Settings
 from daemon.core.axis_notes import Notes
 from daemon.core.modes import IllegalTransitionError
-from daemon.record import CycleRecord, Mode, Outcome, Request, StopCategory
+from daemon.record import CycleRecord, Level, Mode, Outcome, Request, StopCategory
 from drives.errors import BringUpRefused
 from drives.torque import count_nm
 from drives.units import expected_base
 from gaitd.lockstep import Lockstep
 from gaitd.lockstep_gateway import Gateway
+from gaitd.random_hour.assisted import AssistBounds, AssistWatch
 from gaitd.random_hour.chances import Action, Chances, Kind
-from gaitd.random_hour.invariants import AxisRules, Watch, WatchedDrive
+from gaitd.random_hour.controller import RandomController
+from gaitd.random_hour.invariants import Watch
 from gaitd.random_hour.tally import Broken, Tally
 from gaitd.random_hour.tap import Tap
+from gaitd.random_hour.watched import AxisRules, WatchedDrive
 from gaitd.virtual_machine import virtual_machine
 from sim_drives.build import Machine
 
 NS_PER_S: Final = 1_000_000_000
 PERIOD_NS: Final = 10_000_000
+MS: Final = 1_000_000
 TRACE_LINES: Final = 400
 """Kept for a violation: some four seconds of cycles."""
 RECORDS_KEPT: Final = 200
@@ -50,8 +55,9 @@ ENDING_S: Final = 8.0
 class Asker(Gateway):
     """The lock-step gateway, kept short, and able to hang and to be started anew."""
 
-    def __init__(self) -> None:
+    def __init__(self, on_level: Callable[[Level], None]) -> None:
         super().__init__()
+        self._on_level = on_level
         self._fresh: list[CycleRecord] = []
 
     def publish(self, record: CycleRecord) -> None:
@@ -66,6 +72,13 @@ class Asker(Gateway):
         fresh, self._fresh = self._fresh, []
         return fresh
 
+    def levels(self) -> list[Level]:
+        """What the core hears now, and the watch with it."""
+        levels = super().levels()
+        for level in levels:
+            self._on_level(level)
+        return levels
+
     @property
     def number(self) -> int:
         """Of the newest request."""
@@ -73,7 +86,8 @@ class Asker(Gateway):
 
     def begin_anew(self) -> None:
         """Another gateway process: it knows nothing but what the records tell it."""
-        self._seq = 0
+        self._seq, self._setpoints = 0, ()
+        self.lease, self.controller = 0, None
         newest = self.records[-1].request.id if self.records else 0
         self._request = Request(max(newest, self._request.id))
         self._stop_count = self.records[-1].stop_count if self.records else 0
@@ -92,6 +106,9 @@ class RandomSession:
         self._watch = _watch(settings, self._machine)
         self._tap = Tap(self._machine.world, random.Random(f"{seed}/thief"), self._watch.sent)
         self._chances = _chances(settings, self._machine, dice)
+        self._controller_dice = random.Random(f"{seed}/controller")
+        self._controller: RandomController | None = None
+        """The newest that has held the lease."""
         self._lockstep = self._start(Notes())
         self._dead_until_ns: int | None = None
         self._ending_until_ns: int | None = None
@@ -171,13 +188,15 @@ class RandomSession:
     def _happen(self) -> None:
         now_ns = self._tap.now_ns
         self._asker.silent = now_ns < self._silent_until_ns
+        self._end_stale_lease(now_ns)
         if now_ns >= self._loss_until_ns:
             self._tap.loss_ratio = 0.0
         if now_ns < self._next_ns or self._dead_until_ns is not None:
             return
         self._next_ns = now_ns + round(self._chances.pause_s() * NS_PER_S)
         records = self._asker.records
-        action = self._chances.next(records[-1].mode if records else Mode.OFF)
+        mode = records[-1].mode if records else Mode.OFF
+        action = self._chances.next(mode, lease_held=self._asker.lease != 0)
         self._note(str(action))
         self._do(action)
 
@@ -204,6 +223,13 @@ class RandomSession:
             case Kind.GATEWAY_RESTART:
                 self._silent_until_ns = until_ns
                 self._asker.begin_anew()
+            case Kind.LEASE:
+                self._lend()
+            case Kind.LEASE_ENDED:
+                self._asker.end_lease()
+            case Kind.CONTROLLER_DEAD:
+                if self._controller is not None:
+                    self._controller.dead_since_ns = now_ns
             case Kind.CORE_KILLED:
                 self._gone(action.duration_s)
             case Kind.CORE_ENDED:
@@ -219,6 +245,28 @@ class RandomSession:
             return
         asker.ask(action.request, action.wanted)
         self._watch.asks(asker.number, action.request, action.wanted)
+
+    def _lend(self) -> None:
+        """One holder at a time."""
+        asker = self._asker
+        if asker.lease or asker.silent:
+            return
+        limits = self._settings.limits
+        most_si = limits.hip.assist_max_nm, limits.slide.assist_max_n
+        legs = [leg.name for leg in self._settings.legs]
+        self._controller = RandomController(
+            self._controller_dice, legs, most_si, self.tally.setpoints
+        )
+        self._controller.lease = asker.lend(self._controller)
+
+    def _end_stale_lease(self, now_ns: int) -> None:
+        """As the gateway does it: a lease is not renewed by what is repeated."""
+        controller, asker = self._controller, self._asker
+        if controller is None or controller.dead_since_ns is None or asker.silent:
+            return
+        expired = now_ns - controller.dead_since_ns > self._settings.trainer.lease.duration_ms * MS
+        if expired and asker.lease == controller.lease:
+            asker.end_lease()
 
     def _stop(self) -> None:
         self._asker.stop()
@@ -241,7 +289,8 @@ class RandomSession:
         self._watch.core_gone()
 
     def _start(self, notes: Notes) -> Lockstep:
-        self._asker = Asker()
+        self._asker = Asker(self._watch.tells)
+        self._controller = None
         return Lockstep(self._settings, self._tap, notes=notes, gateway=self._asker)
 
     # --- the end ----------------------------------------------------------------------------------
@@ -253,7 +302,7 @@ class RandomSession:
         tally = self.tally
         tally.simulated_s = self._tap.now_ns / NS_PER_S
         tally.stolen_count = self._tap.stolen_count
-        tally.checked = self._watch.checked
+        tally.checked = self._watch.checked + self._watch.assist.checked
         tally.requests = self._watch.answered
         tally.broken = [
             Broken(violation, self._seed, self._variant, self._duration_s, tuple(self._trace))
@@ -298,6 +347,17 @@ def _watch(settings: Settings, machine: Machine) -> Watch:
         drives={rule.node_id: WatchedDrive(rule, machine.world.node(rule.name)) for rule in rules},
         period_s=cycle.period_ms * 1e-3,
         detection_s=cycle.drive_detection_ms * 1e-3,
+        assist=AssistWatch(_assist_bounds(settings)),
+    )
+
+
+def _assist_bounds(settings: Settings) -> AssistBounds:
+    limits = settings.limits
+    return AssistBounds(
+        most_si=(limits.hip.assist_max_nm, limits.slide.assist_max_n),
+        age_max_cycles=limits.assist.setpoint_age_max_cycles,
+        fade_cycles=limits.stop.assist_fade_ms // settings.trainer.cycle.period_ms,
+        first_cycles=limits.assist.first_setpoint_cycles,
     )
 
 

@@ -35,6 +35,8 @@ class Tally:
     events: Counter[str] = field(default_factory=Counter)
     """Everything else that was done, by kind."""
     faults: Counter[str] = field(default_factory=Counter)
+    setpoints: Counter[str] = field(default_factory=Counter)
+    """Of controllers, by what was wrong with them."""
     checked: Counter[str] = field(default_factory=Counter)
     """How often each invariant was looked at."""
     broken: list[Broken] = field(default_factory=list)
@@ -50,5 +52,6 @@ class Tally:
         self.requests += other.requests
         self.events += other.events
         self.faults += other.faults
+        self.setpoints += other.setpoints
         self.checked += other.checked
         self.broken += other.broken

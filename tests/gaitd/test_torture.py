@@ -9,18 +9,18 @@ import pytest
 from sessions import CONFIGS
 
 from daemon.record import Mode, ModeRequest, Outcome, RequestKind, RequestResult, StopCategory
+from gaitd.random_hour.assisted import AssistBounds, AssistWatch
 from gaitd.random_hour.chances import Chances, Kind
 from gaitd.random_hour.invariants import (
     NS_PER_S,
     PATIENCE_S,
-    AxisRules,
     Watch,
-    WatchedDrive,
 )
 from gaitd.random_hour.report import page, rerun, summary, told
 from gaitd.random_hour.series import session, sessions
 from gaitd.random_hour.tally import Broken, Tally
 from gaitd.random_hour.variants import VARIANTS
+from gaitd.random_hour.watched import AxisRules, WatchedDrive
 from sim_drives.power_state import PowerState
 from sim_drives.settings import FaultKind
 
