@@ -11,6 +11,7 @@ def command(
     minutes: Annotated[float, typer.Option(min=0.05, help="of simulated time")] = 5.0,
     seed: Annotated[int, typer.Option(min=0, help="of the first session")] = 0,
     session_minutes: Annotated[float, typer.Option(min=0.05, help="of one session")] = 5.0,
+    processes: Annotated[int, typer.Option(min=1, help="that share the sessions")] = 1,
     output: Annotated[
         Path | None, typer.Option(metavar="DIR", help="write random_hour.md there", file_okay=False)
     ] = None,
@@ -34,12 +35,12 @@ def command(
     if trainer.name != "demo.toml":
         raise ConfigError("command line", "--config", str(trainer), "a demo.toml, with its folder")
     tally = Tally()
-    for played in sessions(trainer.parent, seed, minutes * 60, session_minutes * 60):
+    for played in sessions(trainer.parent, seed, minutes * 60, session_minutes * 60, processes):
         tally.add(played.tally)
         said = (
             f"seed {played.seed}, {played.variant}: {played.tally.simulated_s:.0f} s, violations "
         )
-        print(f"{said}{len(played.tally.broken) or 'none'}", file=sys.stderr)
+        print(f"{said}{len(played.tally.broken) or 'none'}", file=sys.stderr, flush=True)
     for broken in tally.broken:
         print(told(broken))
     print(summary(tally))

@@ -7,8 +7,10 @@ depends on the hip angle. With D the distance from knee to slide joint, u the sh
 
 and D^2 is a parabola over the rail: everything here is a few operations on two angles, made anew
 in every cycle from raw encoder values. A path goes straight on for REACTION_S, then each axis
-follows its own quick-stop ramp: a verdict leaves in the cycle whose samples gave it, and the drives
-act on it at the next SYNC.
+follows its own quick-stop ramp. Of the three cycles of REACTION_S one is for the verdict on its way
+(it leaves in the cycle whose samples gave it, and the drives act at the next SYNC), one for what
+can still be said in the cycle after, and one for a leg that something accelerates meanwhile: a
+controller's assist does, a gait near its end does not.
 """
 
 import math
@@ -20,8 +22,8 @@ from observer.mechanism import LegParameters
 Pair = tuple[float, float]
 """Hip and slide: rad and m, rad/s and m/s, rad/s^2 and m/s^2."""
 
-REACTION_S: Final = 0.01
-"""One cycle. `gaitd check` sweeps the gait with three: a fault of a drive is seen later."""
+REACTION_S: Final = 0.03
+"""Three cycles, as `gaitd check` sweeps the gait with."""
 POINTS: Final = 6
 """Of the path on which the angle of shank and shoe is looked at."""
 

@@ -1,7 +1,8 @@
 """The random hour: the service in lock-step among random commands and random faults, watched.
 
-Reading order: `chances.py` (what may happen, and how often), `tap.py` (the wire, with a listener
-and a thief on it), `invariants.py` (what must never happen, judged from wire and truth),
+Reading order: `chances.py` (what may happen, and how often), `controller.py` (who holds the lease),
+`tap.py` (the wire, with a listener and a thief on it), `invariants.py` (what must never happen,
+judged from wire and truth; `assisted.py`: of a controller's assist; `watched.py`: one drive),
 `session.py` (one session from its seed), `variants.py` (makes of drives and kinds of guidance),
 `series.py` (session after session),
 `tally.py` (what has happened, counted), `report.py` (the same, told).

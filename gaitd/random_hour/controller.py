@@ -65,6 +65,7 @@ class RandomController:
         self._said: tuple[Setpoint, ...] = ()
 
     def __call__(self, record: CycleRecord) -> tuple[Setpoint, ...]:
+        """The newest setpoint of each leg, for the gateway to forward."""
         if self.dead_since_ns is None:
             self._seq += 1
             if self._dice.random() < CHANGES_PER_CYCLE:

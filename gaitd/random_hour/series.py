@@ -1,7 +1,11 @@
 """Session after session, until the simulated time is over."""
 
+import math
 import tempfile
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,7 +23,9 @@ class Played(NamedTuple):
     tally: Tally
 
 
-def sessions(configs: Path, seed: int, duration_s: float, session_s: float) -> Iterator[Played]:
+def sessions(
+    configs: Path, seed: int, duration_s: float, session_s: float, process_count: int = 1
+) -> Iterator[Played]:
     """Play sessions of at most `session_s` until `duration_s` is over.
 
     Args:
@@ -27,13 +33,17 @@ def sessions(configs: Path, seed: int, duration_s: float, session_s: float) -> I
         seed: of the first session; each next one has the next.
         duration_s: of simulated time, of all.
         session_s: of one.
+        process_count: that share the sessions; what is played does not depend on it.
     """
-    left_s = duration_s
-    while left_s > 0:
-        played = session(configs, seed, min(left_s, session_s))
-        yield played
-        left_s -= session_s
-        seed += 1
+    count = math.ceil(duration_s / session_s)
+    seeds = range(seed, seed + count)
+    lengths = [min(duration_s - number * session_s, session_s) for number in range(count)]
+    play = partial(session, configs)
+    if process_count == 1:
+        yield from map(play, seeds, lengths)
+        return
+    with ProcessPoolExecutor(process_count, mp_context=get_context("fork")) as pool:
+        yield from pool.map(play, seeds, lengths)
 
 
 def session(configs: Path, seed: int, duration_s: float) -> Played:
