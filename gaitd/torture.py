@@ -41,11 +41,11 @@ def command(
             f"seed {played.seed}, {played.variant}: {played.tally.simulated_s:.0f} s, violations "
         )
         print(f"{said}{len(played.tally.broken) or 'none'}", file=sys.stderr, flush=True)
+        if output is not None:  # after each session: a run that is cut short has its page as well
+            output.mkdir(parents=True, exist_ok=True)
+            told_as = " ".join(("gaitd", *sys.argv[1:]))
+            (output / "random_hour.md").write_text(page(tally, told_as), encoding="utf-8")
     for broken in tally.broken:
         print(told(broken))
     print(summary(tally))
-    if output is not None:
-        output.mkdir(parents=True, exist_ok=True)
-        told_as = " ".join(("gaitd", *sys.argv[1:]))
-        (output / "random_hour.md").write_text(page(tally, told_as), encoding="utf-8")
     sys.exit(1 if tally.broken else 0)
