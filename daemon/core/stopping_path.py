@@ -6,11 +6,12 @@ depends on the hip angle. With D the distance from knee to slide joint, u the sh
     cos(psi) = (u^2 + w^2 - D^2) / (2 u w)        |sin(psi)| is the singularity ratio
 
 and D^2 is a parabola over the rail: everything here is a few operations on two angles, made anew
-in every cycle from raw encoder values. A path goes straight on for REACTION_S, then each axis
-follows its own quick-stop ramp. Of the three cycles of REACTION_S one is for the verdict on its way
-(it leaves in the cycle whose samples gave it, and the drives act at the next SYNC), one for what
-can still be said in the cycle after, and one for a leg that something accelerates meanwhile: a
-controller's assist does, a gait near its end does not.
+in every cycle from raw encoder values. A path goes straight on for a reaction time, then each axis
+follows its own quick-stop ramp: a verdict leaves in the cycle whose samples gave it, and the drives
+act on it at the next SYNC. That is REACTION_S. A leg under a controller's assist is driven by
+somebody who knows no end of the range, at the same speed or faster from one cycle to the next:
+there ASSISTED_REACTION_S also holds the cycle in which it could still have been noticed, and one
+for the speed that is gained meanwhile. A gait is slow where it turns, and needs neither.
 """
 
 import math
@@ -22,24 +23,33 @@ from observer.mechanism import LegParameters
 Pair = tuple[float, float]
 """Hip and slide: rad and m, rad/s and m/s, rad/s^2 and m/s^2."""
 
-REACTION_S: Final = 0.03
-"""Three cycles, as `gaitd check` sweeps the gait with."""
+REACTION_S: Final = 0.01
+"""One cycle. `gaitd check` sweeps the gait with three: a fault of a drive is seen later."""
+ASSISTED_REACTION_S: Final = 0.03
+"""Three cycles, while assist is in force."""
 POINTS: Final = 6
 """Of the path on which the angle of shank and shoe is looked at."""
 
 
+def reaction_s(*, assisted: bool) -> float:
+    """How long a leg goes on before its drives brake it."""
+    return ASSISTED_REACTION_S if assisted else REACTION_S
+
+
 @inline
-def on_ramp(position: float, speed: float, deceleration: float, time_s: float) -> float:
+def on_ramp(
+    position: float, speed: float, deceleration: float, time_s: float, reaction_s: float
+) -> float:
     """Position of one axis: straight on for the reaction, then down the ramp."""
-    braking_s = min(max(time_s - REACTION_S, 0.0), abs(speed) / deceleration)
+    braking_s = min(max(time_s - reaction_s, 0.0), abs(speed) / deceleration)
     slope = math.copysign(deceleration, speed)
-    along = speed * (min(time_s, REACTION_S) + braking_s)
+    along = speed * (min(time_s, reaction_s) + braking_s)
     return position + along - 0.5 * slope * braking_s * braking_s
 
 
-def end_of(position: float, speed: float, deceleration: float) -> float:
+def end_of(position: float, speed: float, deceleration: float, reaction_s: float) -> float:
     """Where one axis comes to rest."""
-    return position + speed * (REACTION_S + 0.5 * abs(speed) / deceleration)
+    return position + speed * (reaction_s + 0.5 * abs(speed) / deceleration)
 
 
 @inline
@@ -57,14 +67,16 @@ def ratio_of(cosine_ratio: float) -> float:
 
 
 @kernel
-def least_ratio(leg: LegParameters, position: Pair, velocity: Pair, decelerations: Pair) -> float:
+def least_ratio(
+    leg: LegParameters, position: Pair, velocity: Pair, decelerations: Pair, reaction_s: float
+) -> float:
     """The smallest |sin(psi)| on the way to rest of both axes, each on its own ramp."""
     braking_s = max(abs(velocity[0]) / decelerations[0], abs(velocity[1]) / decelerations[1])
     worst = 0.0
     for index in range(POINTS + 1):
-        time_s = (REACTION_S + braking_s) * index / POINTS
-        hip = on_ramp(position[0], velocity[0], decelerations[0], time_s)
-        slide = on_ramp(position[1], velocity[1], decelerations[1], time_s)
+        time_s = (reaction_s + braking_s) * index / POINTS
+        hip = on_ramp(position[0], velocity[0], decelerations[0], time_s, reaction_s)
+        slide = on_ramp(position[1], velocity[1], decelerations[1], time_s, reaction_s)
         worst = max(worst, abs(cosine(leg, (hip, slide))))
     return ratio_of(worst)
 

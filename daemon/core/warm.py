@@ -21,7 +21,9 @@ def warm_up(built: Built) -> None:
         reference.angles_of_joints(leg.parameters, pose)
         load = reference.load_at(leg.parameters, pose)
         singularity_ratio(leg.parameters, np.array(pose))
-        stopping_path.least_ratio(leg.parameters, pose, (0.0, 0.0), (1.0, 1.0))
+        stopping_path.least_ratio(
+            leg.parameters, pose, (0.0, 0.0), (1.0, 1.0), stopping_path.REACTION_S
+        )
         stopping_path.gradient(leg.parameters, pose)
         balance.warm_up(leg.parameters, leg.friction)
         leg.observer.reset(np.array(pose))

@@ -88,9 +88,12 @@ def _look_ahead(core: Core, leg: Leg) -> None:
         hip.limits.quick_stop_deceleration_si_per_s2,
         slide.limits.quick_stop_deceleration_si_per_s2,
     )
+    reaction_s = stopping_path.reaction_s(assisted=leg.assist.effort_si != (0.0, 0.0))
     for axis, at, speed, ramp in zip(leg.axes, position, velocity, ramps, strict=True):
-        axis.stopping_end_si = stopping_path.end_of(at, speed, ramp)
-    leg.stopping_ratio = stopping_path.least_ratio(leg.parameters, position, velocity, ramps)
+        axis.stopping_end_si = stopping_path.end_of(at, speed, ramp, reaction_s)
+    leg.stopping_ratio = stopping_path.least_ratio(
+        leg.parameters, position, velocity, ramps, reaction_s
+    )
     leg.zone = soft_limits.zone_at(
         (hip.limits, slide.limits), core.config.thresholds, position, leg.singularity_ratio
     )
