@@ -9,7 +9,6 @@ import pytest
 from sessions import CONFIGS
 
 from daemon.record import Mode, ModeRequest, Outcome, RequestKind, RequestResult, StopCategory
-from gaitd.random_hour.assisted import AssistBounds, AssistWatch
 from gaitd.random_hour.chances import Chances, Kind
 from gaitd.random_hour.invariants import (
     NS_PER_S,

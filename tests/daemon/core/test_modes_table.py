@@ -255,7 +255,11 @@ TINY = 5e-324
 @pytest.mark.parametrize(
     ("key", "granted", "refused"),
     [
-        ("cadence_hz", (TINY, 0.25, 0.5), (-0.25, 0.0, 0.5000001, float("inf"), float("nan"))),
+        (
+            "cadence_hz",
+            (0.02, 0.25, 0.5),
+            (-0.25, 0.0, 0.01999, 0.5000001, float("inf"), float("nan")),
+        ),
         ("amplitude_ratio", (TINY, 0.5, 1.0), (-0.5, 0.0, 1.0000001, float("nan"))),
         ("duration_s", (TINY, 0.5, 3600.0), (-1.0, 0.0, 3600.001, float("inf"), float("nan"))),
     ],

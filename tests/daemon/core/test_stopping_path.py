@@ -44,13 +44,13 @@ def test_an_axis_on_its_ramp_goes_on_for_the_reaction_and_then_brakes_to_its_end
     ramp = 15.0
     braking_s = abs(speed) / ramp
 
-    assert on_ramp(position, speed, ramp, 0.0) == position
-    assert on_ramp(position, speed, ramp, REACTION_S) == pytest.approx(
+    assert on_ramp(position, speed, ramp, 0.0, REACTION_S) == position
+    assert on_ramp(position, speed, ramp, REACTION_S, REACTION_S) == pytest.approx(
         position + speed * REACTION_S
     )
-    end = end_of(position, speed, ramp)
-    assert on_ramp(position, speed, ramp, REACTION_S + braking_s) == pytest.approx(end)
-    assert on_ramp(position, speed, ramp, 10.0) == pytest.approx(end)
+    end = end_of(position, speed, ramp, REACTION_S)
+    assert on_ramp(position, speed, ramp, REACTION_S + braking_s, REACTION_S) == pytest.approx(end)
+    assert on_ramp(position, speed, ramp, 10.0, REACTION_S) == pytest.approx(end)
     # By energy: the ramp takes away just the speed's.
     assert abs(end - position) - abs(speed) * REACTION_S == pytest.approx(speed**2 / (2 * ramp))
 
@@ -61,11 +61,12 @@ def test_the_least_ratio_is_found_among_the_poses_on_the_way(position, velocity)
     whole_s = REACTION_S + max(abs(v) / a for v, a in zip(velocity, RAMPS, strict=True))
 
     def pose(time_s):
-        return tuple(map(on_ramp, position, velocity, RAMPS, (time_s, time_s)))
+        times, reactions = (time_s, time_s), (REACTION_S, REACTION_S)
+        return tuple(map(on_ramp, position, velocity, RAMPS, times, reactions))
 
     way = [pose(whole_s * k / POINTS) for k in range(POINTS + 1)]
     worst = min(float(singularity_ratio(LEG, np.array(one))) for one in way)
-    assert least_ratio(LEG, position, velocity, RAMPS) == pytest.approx(worst, abs=0.02)
+    assert least_ratio(LEG, position, velocity, RAMPS, REACTION_S) == pytest.approx(worst, abs=0.02)
 
 
 @settings(derandomize=True, deadline=None)
