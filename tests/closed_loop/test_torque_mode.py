@@ -408,3 +408,16 @@ def test_a_leg_whose_setpoints_stop_ends_the_assist_of_both(tmp_path):
     assert "stale" in held.assist.lapse_reason
     session.lockstep.run(0.3)
     assert {leg.assist for leg in session.lockstep.record.assist.legs} == {(0.0, 0.0)}
+
+
+@pytest.mark.parametrize("slide_n", [-150.0, -120.0])
+def test_a_controller_that_drives_on_to_an_end_does_not_pass_it(session, slide_n):
+    in_torque(session, constant(0.0, slide_n))
+    torque_cycle = session.lockstep.record.cycle
+
+    session.lockstep.run_until(lambda record: not record.mode.active, within_s=10)
+    session.lockstep.run(1.0)
+
+    assert session.lockstep.record.verdict.cause == Cause.STOPPING_PATH
+    at_m = [record.drives[1].position_si for record in records_since(session, torque_cycle)]
+    assert min(at_m) > 0.0

@@ -1,15 +1,32 @@
 """`gaitd torture`: some minutes of the random hour, and proof that its invariants can be broken."""
 
+import math
 import random
 import struct
+from collections import Counter
 from collections.abc import Iterator
 from types import SimpleNamespace
 
+import msgspec
 import pytest
 from sessions import CONFIGS
 
-from daemon.record import Mode, ModeRequest, Outcome, RequestKind, RequestResult, StopCategory
+from daemon.assist_record import AssistRecord, LegAssistRecord
+from daemon.record import (
+    Cause,
+    Level,
+    Mode,
+    ModeRequest,
+    Outcome,
+    Request,
+    RequestKind,
+    RequestResult,
+    Setpoint,
+    StopCategory,
+)
+from gaitd.random_hour.assisted import AssistBounds, AssistWatch
 from gaitd.random_hour.chances import Chances, Kind
+from gaitd.random_hour.controller import RandomController, Wrong
 from gaitd.random_hour.invariants import (
     NS_PER_S,
     PATIENCE_S,
@@ -26,6 +43,7 @@ from sim_drives.settings import FaultKind
 MS = 1_000_000
 NO_ANSWER = RequestResult()
 SESSION_S = 20.0
+BOUNDS = AssistBounds((20.0, 150.0), age_max_cycles=10, fade_cycles=20, first_cycles=50)
 SEEDS = range(100, 100 + len(VARIANTS))
 
 
@@ -75,7 +93,8 @@ class Bench:
             node: WatchedDrive(rules(node - 5, node), fake)  # type: ignore[arg-type]
             for node, fake in self.nodes.items()
         }
-        self.watch = Watch(drives, period_s=0.01, detection_s=0.1)
+        assist = AssistWatch(BOUNDS)
+        self.watch = Watch(drives, period_s=0.01, detection_s=0.1, assist=assist)
         self.now_ns = NS_PER_S
         self.effort = [0.0, 0.0]
         self.position = [0.2, 0.5]
@@ -111,16 +130,38 @@ class Bench:
         assert self.broken() == []
         return self
 
-    def record(self, mode: Mode, category=StopCategory.NONE, answer=NO_ANSWER, gap=1) -> None:
+    def record(
+        self,
+        mode: Mode,
+        category=StopCategory.NONE,
+        answer=NO_ANSWER,
+        gap=1,
+        cause=Cause.NONE,
+        assist=(0.0, 0.0),
+    ) -> None:
         self.seq += gap
         self.watch.hear(
             SimpleNamespace(  # type: ignore[arg-type]
                 seq=self.seq,
+                cycle=self.seq,
                 mode=mode,
-                verdict=SimpleNamespace(category=category),
+                verdict=SimpleNamespace(category=category, cause=cause),
                 request=answer,
+                assist=AssistRecord(legs=(LegAssistRecord(0, (0.0, 0.0), assist, 1.0),)),
             )
         )
+
+    def level(self, lease: int = 1, **changed: float) -> None:
+        """The gateway forwards a setpoint for the newest cycle."""
+        good = Setpoint(lease=1, seq=self.seq, for_cycle=self.seq, hip_assist_nm=5.0, leg="right")
+        setpoint = msgspec.structs.replace(good, **changed)
+        self.watch.tells(Level("boot", self.seq, self.seq, 0, Request(), (setpoint,), lease))
+
+    def assisted(self, count: int, mode=Mode.GAIT, **changed: float) -> None:
+        """Cycles with assist in force, and a setpoint before each."""
+        for _ in range(count):
+            self.level(**changed)
+            self.record(mode, assist=(5.0, 0.0))
 
     def broken(self) -> list[str]:
         return [violation.rule for violation in self.watch.violations]
@@ -158,6 +199,100 @@ def test_enabling_after_the_core_was_killed_is_found(bench):
     bench.both(0x000F)
 
     assert set(bench.broken()) == {"enables unasked"}
+
+
+@pytest.mark.parametrize("left", ["enabled", "verdict"])
+def test_what_a_core_leaves_behind_needs_a_reset_in_the_next_one(bench, left):
+    if left == "enabled":
+        bench.enabled()
+    else:
+        bench.record(Mode.FAULT, StopCategory.S1, cause=Cause.SPASM)
+    bench.watch.core_gone()
+    bench.watch.asks(2, RequestKind.ENABLE, ModeRequest())
+    bench.tell(5, 0x000F)
+    assert bench.broken() == ["enables unasked"]
+
+
+def test_a_new_core_that_forgets_what_was_latched_is_found(bench):
+    bench.record(Mode.FAULT, StopCategory.S1, cause=Cause.SPASM)
+    bench.watch.core_gone()
+    bench.record(Mode.OFF)
+    assert bench.broken() == []
+    bench.record(Mode.READY)
+    assert bench.broken() == ["verdict milder"]
+
+
+@pytest.mark.parametrize("paid", ["orderly end", "reset", "disabled"])
+def test_what_was_paid_for_needs_no_reset_after_a_restart(bench, paid):
+    bench.enabled()
+    if paid == "orderly end":
+        bench.both(0x000B)
+        bench.record(Mode.STOPPING, StopCategory.S1, cause=Cause.SHUTDOWN)
+        bench.record(Mode.FAULT, StopCategory.S1, cause=Cause.SHUTDOWN)
+    elif paid == "disabled":
+        bench.watch.asks(2, RequestKind.DISABLE, ModeRequest())
+        bench.record(Mode.READY)
+    bench.watch.core_gone()
+    if paid == "reset":
+        bench.watch.asks(3, RequestKind.RESET, ModeRequest())
+    bench.record(Mode.READY)
+    bench.watch.asks(4, RequestKind.ENABLE, ModeRequest())
+    bench.both(0x000F)
+    assert bench.broken() == []
+
+
+# Setpoints that count for nothing, as the watch judges them.
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"lease": 0},
+        {"seq": 3},
+        {"for_cycle": 3},
+        {"hip_assist_nm": math.nan},
+        {"slide_assist_n": 150.1},
+        {"stiffness_ratio": 1.1},
+        {"for_cycle": 10**6},
+    ],
+)
+def test_assist_that_outlives_its_last_good_setpoint_is_found(bench, changed):
+    bench.assisted(40)
+    bench.assisted(20, **changed)
+    assert bench.broken() == []
+    bench.assisted(13, **changed)
+    assert set(bench.broken()) == {"assist outlives its lease"}
+
+
+def test_assist_under_a_good_lease_is_well(bench):
+    bench.assisted(200)
+    assert bench.broken() == []
+
+
+def test_mode_torque_that_outlives_its_lease_is_found(bench):
+    bench.assisted(40, Mode.TORQUE)
+    assert bench.broken() == []
+    for _ in range(3):
+        bench.level(lease=0)
+        bench.record(Mode.TORQUE)
+    assert bench.broken() == ["assist outlives its lease"]
+
+
+@pytest.mark.parametrize("assist", [(20.1, 0.0), (0.0, -150.1), (math.nan, 0.0)])
+def test_assist_beyond_its_limit_is_found(bench, assist):
+    bench.assisted(3)
+    bench.level()
+    bench.record(Mode.GAIT, assist=assist)
+    assert "assist beyond its limit" in bench.broken()
+
+
+def test_a_drawn_controller_says_everything_that_is_wrong_until_it_dies():
+    sent = Counter()
+    controller = RandomController(random.Random(1), ("right",), (20.0, 150.0), sent)
+    said = [controller(SimpleNamespace(mode=Mode.GAIT, cycle=n)) for n in range(3000)]
+
+    assert set(sent) == {"good", *(wrong.value for wrong in Wrong)}
+    assert sent["good"] > 2000
+    controller.dead_since_ns = 0
+    assert controller(SimpleNamespace(mode=Mode.GAIT, cycle=3000)) is said[-1]
 
 
 def test_a_drive_that_is_enabled_by_itself_is_found(bench):
@@ -277,5 +412,6 @@ def test_every_kind_of_event_has_been_drawn_within_an_hour_of_dice():
     drawn = [chances.next(Mode.GAIT) for _ in range(3000)]
 
     assert {action.kind for action in drawn} == set(Kind)
+    drawn += [chances.next(Mode.HOLD, lease_held=True) for _ in range(200)]
     assert {action.fault.kind for action in drawn if action.fault} == set(FaultKind)
     assert {action.wanted.mode for action in drawn} >= set(Mode)
