@@ -27,6 +27,8 @@ Beyond the limit is allowed where no drive could have held the joint: a drive of
 its power stage within BEFORE_S (springs and gravity move the leg), the patient pushes outwards, or
 a fault made the drive see or push wrongly within BEFORE_S (BLINDING). A stop that begins inside is
 no excuse: `gaitd check` has swept its path.
+Where the joint was led by such a thing it may stay: a drive that stopped there holds it there, long
+after the patient pushes no more. Only a margin farther out is judged anew.
 """
 
 import math
@@ -290,7 +292,9 @@ class Watch:
         rules = drive.rules
         at = truth.position[rules.axis]
         beyond = max(rules.low_si - at, at - rules.high_si)
-        if beyond <= LIMIT_MARGIN[rules.axis]:
+        margin = LIMIT_MARGIN[rules.axis]
+        if beyond <= margin:
+            drive.led_beyond_si = 0.0
             return
         outwards = 1.0 if at > rules.high_si else -1.0
         pushed = truth.patient[rules.axis] * outwards > PUSH_FLOOR[rules.axis]
@@ -298,7 +302,9 @@ class Watch:
         before_ns = round(BEFORE_S * NS_PER_S)
         free = any(self.now_ns - other.unpowered_ns < before_ns for other in of_leg)
         blind = any(self.now_ns - other.blinded_ns < before_ns for other in of_leg)
-        if not (pushed or free or blind):
+        if pushed or free or blind:
+            drive.led_beyond_si = max(drive.led_beyond_si, beyond)
+        elif drive.led_beyond_si == 0.0 or beyond > drive.led_beyond_si + margin:
             what = f"{rules.name} at {at:.4g}, limits {rules.low_si:.4g} to {rules.high_si:.4g}"
             self._break("beyond the limit", what)
 

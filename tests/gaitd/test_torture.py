@@ -351,6 +351,20 @@ def test_what_no_drive_could_have_held_is_no_violation(bench, excuse):
     assert bench.broken() == []
 
 
+def test_a_joint_that_is_held_where_it_was_pushed_is_well_until_it_goes_farther(bench):
+    bench.enabled()
+    bench.now_ns += 4 * NS_PER_S
+    bench.sync()
+    bench.position[0], bench.patient[0] = 0.72, 5.0
+    bench.see()
+    bench.patient[0] = 0.0
+    bench.see()
+    assert bench.broken() == []
+    bench.position[0] = 0.74
+    bench.see()
+    assert bench.broken() == ["beyond the limit"]
+
+
 def test_a_jump_of_the_commanded_torque_is_found(bench):
     bench.enabled()
     bench.sync()
