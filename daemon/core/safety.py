@@ -32,7 +32,7 @@ ENABLE_CYCLES = 25
 """From the request to operation enabled: three transitions of two cycles each, and patience."""
 FREEZE_DECELERATION_RATIO = 3.0
 """Losing speed this many times faster than a quick stop, down to a standstill, is no motion."""
-FROZEN_PUSH_RATIO = 2.5
+FROZEN_PUSH_RATIO = 3.0
 """Friction hides a change of effort of twice the breakaway, from one sign to the other. More than
 that without a single count means that the count, or the joint, is stuck. A patient who leans
 steadily on a held leg changes nothing, and is not taken for a fault."""

@@ -232,7 +232,7 @@ def test_effort_without_a_count_is_told_with_what_friction_could_have_held():
         Cause.ENCODER_FROZEN,
         "right/hip",
         30.0,
-        2.5 * LIMITS.breakaway_si,
+        3.0 * LIMITS.breakaway_si,
         "effort changed without a count of motion",
     )
 
