@@ -7,7 +7,8 @@ what it has asked for itself. The rules, by the names that a violation carries:
 1. Enables unasked: an RPDO1 that begins to enable a drive comes only after ENABLE (or one axis)
    was asked, and since then no stop, kill or refusal. After a stop that was no DISABLE RESET must
    have been asked before.
-2. Powered unasked: a drive enters "operation enabled" only in such a time.
+2. Powered unasked: a drive enters "operation enabled" only in such a time, or just after: one that
+   quick-stopped by itself may obey the last word from before we had seen it (transition 16).
 3. Torque without power: a motor gives torque only in states with the power stage on.
 4. Left enabled in silence: a drive to which we have said nothing for 1016h and a margin is not
    enabled any more.
@@ -209,6 +210,8 @@ class Watch:
 
     def _tell(self, drive: WatchedDrive, *, enable: bool) -> None:
         stops = drive.told_to_enable and not enable
+        if stops:
+            drive.told_until_ns = self.now_ns
         drive.told_to_enable = enable
         self._debt = self._debt or enable
         self._stopping.discard(drive.rules.node_id)
@@ -269,7 +272,8 @@ class Watch:
         grace_s = ENABLING_GRACE_S
         if self.now_ns < drive.delayed_ns:
             grace_s += 1.0
-        lately = self.now_ns - self._permitted_ns < grace_s * NS_PER_S
+        since_ns = max(self._permitted_ns, drive.told_until_ns)
+        lately = self.now_ns - since_ns < grace_s * NS_PER_S
         if began and not (self._permitted or lately or drive.told_to_enable):
             self._break("powered unasked", f"{drive.rules.name} is enabled")
         self.checked["left enabled in silence"] += 1

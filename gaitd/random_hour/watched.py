@@ -44,6 +44,8 @@ class WatchedDrive:
     torque_told: int | None = None
     """6071h, while it is told to enable in cyclic torque."""
     told_ns: int = 0
+    told_until_ns: int = -(10**18)
+    """When it was last told to enable no more."""
     state: PowerState = PowerState.NOT_READY_TO_SWITCH_ON
     unpowered_ns: int = 0
     """When it was last seen without its power stage."""
