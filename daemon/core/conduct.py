@@ -297,7 +297,8 @@ def _end_exercise(core: Core, cycle: int, utc_ns: int) -> None:
         stop(core, failed, cycle)
         return
     for leg in core.legs:
-        leg.plan, leg.takes_over = plans.hold_from(leg), True
+        # Drives that hold by their own loops take the torque over themselves.
+        leg.plan, leg.takes_over = plans.hold_from(leg), core.config.gait.guidance == "impedance"
     enter(core, Event.EXERCISE_OVER)
 
 

@@ -69,6 +69,7 @@ def look(
     *,
     powered: bool,
     free: bool,
+    placed: bool,
 ) -> EffortWatch:
     """The watch after this cycle's sample; without a sample nothing is known, and nothing counts.
 
@@ -80,13 +81,15 @@ def look(
         limits: of this axis.
         powered: the drive's power stage may be on.
         free: no end stop pushes the joint; one that bounces off is no sign.
+        placed: both axes of the leg know where they are; else the balance says nothing.
     """
     if not joint.fresh:
         return watch
     unpowered_cycles = 0 if powered else watch.unpowered_cycles + 1
-    held_si = watch.held_si + HELD_RATIO * (balance.held(axis) - watch.held_si)
+    ratio = HELD_RATIO if placed else 0.0
+    held_si = watch.held_si + ratio * (balance.held(axis) - watch.held_si)
     gap_si = _gap(watch, joint.effort_si, unpowered_cycles)
-    opposed_si = _opposed(balance, axis) if powered and free else 0.0
+    opposed_si = _opposed(balance, axis) if powered and free and placed else 0.0
     return watch._replace(
         unpowered_cycles=unpowered_cycles,
         gap_si=gap_si,

@@ -133,7 +133,7 @@ def _begin_exercise(core: Core, wanted: ModeRequest) -> None:
         for leg in core.legs:
             leg.plan = _plan(core, leg, wanted)
     for leg in core.legs:
-        leg.takes_over = True
+        leg.takes_over = wanted.mode != Mode.HOLD or core.config.gait.guidance == "impedance"
     if wanted.mode == Mode.TORQUE:
         assisting.begin_torque(core)
     event = modes.event_of(RequestKind.MODE, wanted)

@@ -42,10 +42,16 @@ def watch_raw(core: Core, leg: Leg) -> None:
             preparing.limits_in_force(core, axis),
             powered=axis.feedback is not None and axis.feedback.power_state in POWERED,
             free=_free(core, leg, axis),
+            placed=_placed(core, leg),
         )
         _sum_up(core, leg, index)
     leg.window_cycles = _window(core, leg)
     _look_ahead(core, leg)
+
+
+def _placed(core: Core, leg: Leg) -> bool:
+    """Whether the pose is known, and with it what the mechanism asks of either axis."""
+    return all(one.referenced and not preparing.is_homing(core, one) for one in leg.axes)
 
 
 def _free(core: Core, leg: Leg, axis: Axis) -> bool:

@@ -210,7 +210,7 @@ def test_the_pose_is_stored_at_an_orderly_stop_and_followed_while_nothing_is_dri
 def test_an_unreferenced_axis_stores_no_pose(incremental):
     incremental.lockstep.run(3.0)
 
-    assert incremental.lockstep.notebook.notes == Notes()
+    assert incremental.lockstep.notebook.notes.axes == {}
 
 
 def test_a_service_that_is_asked_to_end_waits_for_the_leg_to_rest_and_stores_where(tmp_path):
