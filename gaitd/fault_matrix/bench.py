@@ -34,8 +34,11 @@ PUSH_N: Final = 700.0
 PUSH_RISE_S: Final = 0.4
 LEAD_NM: Final = 11.0
 LEAD_N: Final = 100.0
-LEAD_HZ: Final = 0.3
 """By hand: beyond breakaway friction, and slower than hand guiding allows."""
+LEAN_NM: Final = 8.0
+LEAN_N: Final = 50.0
+"""Who lies there, and is not quite at rest."""
+SLOWLY_HZ: Final = 0.3
 HOUR_S: Final = 3600.0
 
 
@@ -113,7 +116,7 @@ class Bench:
         self.ask(RequestKind.ENABLE)
 
     def patient(self, programme: str) -> None:
-        """The patient begins a programme: plant.toml's, `into_AXIS_stop`, or `led`."""
+        """The patient begins a programme: plant.toml's, `into_AXIS_stop`, `led`, `leans`."""
         self.machine.command(f"patient {programme}")
 
 
@@ -138,7 +141,7 @@ def _machine(settings: Settings, variant: Variant, seed: int) -> Machine:
     path, plant = load_plant(settings.file)
     robot = load_toml(beside(path, EMPTY if variant.empty else plant.robot), Robot)
     patient = msgspec.structs.replace(
-        plant.patient, programme=(*plant.patient.programme, *_into_stops(), _led())
+        plant.patient, programme=(*plant.patient.programme, *_into_stops(), *_by_hand())
     )
     try:
         return build_machine(
@@ -167,17 +170,21 @@ def _lean(hip_nm: float, slide_n: float) -> Steady:
     )
 
 
-def _led() -> Programme:
-    """A hand that leads thigh and foot slowly up and down."""
-    leads = Sine(
+def _by_hand() -> tuple[Programme, ...]:
+    return (_slowly("led", LEAD_NM, LEAD_N), _slowly("leans", LEAN_NM, LEAN_N))
+
+
+def _slowly(name: str, hip_nm: float, slide_n: float) -> Programme:
+    """Up and down, on one joint after the other."""
+    effort = Sine(
         at_s=0.0,
         until_s=HOUR_S,
         rise_s=1.0,
         fall_s=1.0,
-        hip_nm=LEAD_NM,
-        slide_n=LEAD_N,
-        frequency_hz=LEAD_HZ,
+        hip_nm=hip_nm,
+        slide_n=slide_n,
+        frequency_hz=SLOWLY_HZ,
         hip_phase_deg=0.0,
         slide_phase_deg=90.0,
     )
-    return Programme("led", effort=(leads,))
+    return Programme(name, effort=(effort,))

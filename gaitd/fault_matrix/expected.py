@@ -248,6 +248,7 @@ ROWS: Final[Mapping[str, Law]] = MappingProxyType(
         "blocked_rotor": STUCK,
         "brake_stuck": STUCK,
         "end_stop": _PUSHED,
+        "voluntary_push": goes_on("an effort that rises in 0.3 s is meant"),
         "spasm": _PUSHED,
         "limit_switch": stops(Cause.LIMIT_SWITCH, within=AT_ONCE),
         "hand_switch": stops(Cause.HAND_SWITCH_OPEN, within=AT_ONCE),

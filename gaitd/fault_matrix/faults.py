@@ -124,6 +124,13 @@ _MECHANICS: Final = (
     Fault("brake_stuck", "the brake has closed and does not open", kinds.machine("brake_stuck {}")),
     Fault("end_stop", "the patient pushes the joint into its stop", kinds.patient("into_{}_stop")),
     Fault(
+        "voluntary_push",
+        "the patient pushes at a leg that stands, 10 N m and 60 N within 0.3 s",
+        kinds.patient("pushes"),
+        of_an_axis=False,
+        lasts_s=6.2,
+    ),
+    Fault(
         "spasm",
         "the patient contracts hard against the motion",
         kinds.patient("spasm"),

@@ -72,7 +72,7 @@ def _plug_in(bench: Bench) -> None:
 
 def _hold(bench: Bench) -> None:
     bench.enable()
-    bench.patient("pushes")
+    bench.patient("leans")
     bench.lockstep.run(0.5)
 
 
@@ -180,7 +180,7 @@ COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
                 "hold",
                 Mode.HOLD,
                 Group.DRIVING,
-                "enabled, holding the pose; the patient pushes now and then",
+                "enabled, holding the pose; the patient is not quite at rest",
                 _hold,
                 5.0,
                 frozenset({Mode.HOLD}),

@@ -42,7 +42,7 @@ def test_every_fault_in_this_mode_does_what_is_right_on_both_axes(mode):
     wrong = [
         f"{page.command(one)}\n    {'; '.join(reasons)}"
         for one in found
-        if (reasons := broken(one)) and not is_open(one.cell)
+        if (reasons := broken(one)) and not is_open(one)
     ]
     assert not wrong, "\n".join(["", *wrong])
 
@@ -93,10 +93,18 @@ def test_every_row_has_its_law_and_every_exception_its_place_and_its_reason():
 
 
 def test_what_is_open_is_a_row_with_a_reason():
-    for (fault, mode), reason in OPEN.items():
-        assert fault in FAULTS
-        assert mode in {"*", *COLUMNS}
+    for (fault, mode, _), reason in OPEN.items():
+        assert fault in {"*", *FAULTS}
+        assert mode in COLUMNS
         assert reason
+
+
+def test_only_the_cause_that_is_known_is_open():
+    known = msgspec.structs.replace(WELL, mode="stopping", causes=("STOP_NOT_OBEYED",))
+
+    assert is_open(known)
+    assert not is_open(msgspec.structs.replace(known, causes=("STOP_NOT_OBEYED", "SPASM")))
+    assert not is_open(msgspec.structs.replace(known, mode="hold"))
 
 
 def test_all_cells_are_rows_times_columns_times_axes():
