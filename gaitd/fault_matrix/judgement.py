@@ -27,6 +27,7 @@ F = PUSH_NM and comes with the speed limit: k x^2 / 2 = F x + J v^2 / 2 gives 5.
 STOP_SLIDE_MM: Final = 96.0
 """In the same way 20 mm, and 76 mm of its spring by PUSH_N and 20 kg at the speed limit."""
 REST_CYCLES: Final = 250.0
+"""After the stop was told, or the drives began it."""
 LOST_MODES: Final = frozenset({Mode.OFF, Mode.BRINGING_UP, Mode.READY})
 RESTING_MODES: Final = {
     Resting.UNTOUCHED: frozenset({Mode.READY}),
@@ -149,7 +150,8 @@ def _place(found: Found, right: Law) -> Iterator[str]:
         yield f"in mode {found.final_mode} at the end, right is FAULT"
     led = COLUMNS[found.mode].mode == Mode.RELEASE
     held = not without_power and not led
-    if held and (found.rest_cycles is None or found.rest_cycles > REST_CYCLES):
+    stopped = min((one for one in (found.told_cycles, found.left_cycles) if one), default=0.0)
+    if held and (found.rest_cycles is None or found.rest_cycles - stopped > REST_CYCLES):
         yield f"at rest after {found.rest_cycles} cycles, right is {REST_CYCLES:g}"
     if found.beyond_hip_deg > STOP_HIP_DEG:
         yield (
