@@ -125,7 +125,9 @@ def prepared(columns: Columns) -> tuple[Vector, Matrix, Matrix, Integers]:
         if shape != wanted:
             raise ValueError(f"{name} has the shape {shape}, the times ask for {wanted}")
     time_s = np.asarray(columns.time_s, dtype=np.float64)
-    steps_s = np.diff(time_s, prepend=time_s[:1])
+    # Times beyond every number have no step between them; the kernels take that for a gap.
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps_s = np.diff(time_s, prepend=time_s[:1])
     steps_s[:1] = STEP_S
     return (
         steps_s,

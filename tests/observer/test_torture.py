@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from observer import batch
@@ -150,6 +150,7 @@ plausible = st.floats(-0.5, 1.2)
         max_size=60,
     )
 )
+@example([(0.0, 0.0, 0.0, 0.0, 9e307), (0.0, 0.0, 0.0, 0.0, 9e307), (0.0, 0.0, 0.0, 0.0, 0.01)])
 def test_no_recording_whatever_makes_an_estimate_unsound(samples):
     rows = np.array([(*MID_POSE, 0.0, 0.0, 0.01), *samples], dtype=np.float64)
     with np.errstate(all="ignore"):
