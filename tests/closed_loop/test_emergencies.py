@@ -65,7 +65,10 @@ def test_an_encoder_that_cannot_be_believed_costs_the_reference_and_the_hold_of_
     assert record.verdict.category == StopCategory.S0
     assert record.verdict.cause == Cause.UNREFERENCED
     assert record.verdict.drive == "right/hip"
-    assert any("EMCY" in event or "emergency" in event for event in events(session))
+    assert any("its encoder is in error" in event for event in events(session))
+    assert any(
+        one.code == HALL_SENSOR for r in session.lockstep.records for one in r.drives[0].emergencies
+    )
 
 
 def test_an_encoder_that_cannot_be_believed_at_rest_is_not_referenced_either():
