@@ -133,7 +133,10 @@ def _begin_exercise(core: Core, wanted: ModeRequest) -> None:
         for leg in core.legs:
             leg.plan = _plan(core, leg, wanted)
     for leg in core.legs:
-        leg.takes_over = wanted.mode != Mode.HOLD or core.config.gait.guidance == "impedance"
+        by_torque = core.config.gait.guidance == "impedance"
+        leg.takes_over = wanted.mode not in {Mode.HOLD, Mode.EXCITE} or (
+            wanted.mode == Mode.HOLD and by_torque
+        )
     if wanted.mode == Mode.TORQUE:
         assisting.begin_torque(core)
     event = modes.event_of(RequestKind.MODE, wanted)

@@ -91,6 +91,8 @@ BLINDING: Final = frozenset(
     }
 )
 """Faults after which a drive sees wrongly, pushes wrongly, or does not do what it shows."""
+ENABLED_STILL_NS: Final = 50_000_000
+"""A drive that has not obeyed DISABLE yet is told to go on, sees that end, and walks up anew."""
 DELAYING: Final = frozenset({FaultKind.SLOW_STATE})
 """Faults after which a state may come later than its controlword."""
 
@@ -218,7 +220,9 @@ class Watch:
         if not enable:
             drive.torque_told = None
         if stops:
-            self._permitted = False
+            # Just after ENABLE it is the end of the time before: a DISABLE that came through late.
+            if self.now_ns - self._permitted_ns > ENABLED_STILL_NS:
+                self._permitted = False
             self._needs_reset = self._needs_reset or not self._orderly
             if not self._alone:
                 self._stopping |= {n for n, other in self.drives.items() if other.told_to_enable}

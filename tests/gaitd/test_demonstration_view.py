@@ -56,7 +56,11 @@ def health() -> wire.Health:
         record_skipped_count=0,
         level_dropped_count=0,
         inquiry_dropped_count=0,
+        not_kept_count=0,
         gateway_wake_max_us=300.0,
+        setpoint_accepted_count=0,
+        setpoint_refused_count={},
+        assist_lapse_count=0,
     )
 
 
