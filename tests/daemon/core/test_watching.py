@@ -22,7 +22,7 @@ from observer.mechanism import coriolis, damping, gravity, mass_matrix
 ROBOT = load(CONFIGS / "demo.toml").robot
 LEG, FRICTIONS = leg_parameters(ROBOT), friction_parameters(ROBOT)
 DT_S = 0.01
-STILL = {"powered": True, "free": True}
+STILL = {"powered": True, "free": True, "placed": True}
 
 
 def joint(position, velocity, effort, **change):
@@ -175,8 +175,8 @@ def test_effort_one_way_and_motion_the_other_is_counted_and_less_than_the_limit_
         assert (watch.opposed_cycles == 3) == counted
 
 
-@pytest.mark.parametrize("change", [{"powered": False}, {"free": False}])
-def test_a_joint_without_power_or_at_its_end_stop_says_nothing_of_signs(change):
+@pytest.mark.parametrize("change", [{"powered": False}, {"free": False}, {"placed": False}])
+def test_a_joint_without_power_or_place_or_at_its_end_stop_says_nothing_of_signs(change):
     watch = looked(EffortWatch(), balance=opposing(90.0, -90.0), cycles=3, **change)
 
     assert watch.opposed_cycles == 0
