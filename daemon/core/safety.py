@@ -9,6 +9,8 @@ Rules:
    its own as well.
 4. A milder verdict never replaces a harsher one (`worse`). Verdicts latch until a reset.
 5. A number that is not finite stops the machine; it is never replaced by zero.
+6. A drive is silent only if it was asked: while our own frames do not leave, a quick stop is tried,
+   and no drive is taken for lost.
 
 Nothing here knows whether the drives are real.
 """
@@ -93,10 +95,12 @@ def _findings(
     for finding in _judge_bus(service):
         yield "", finding
     checks = DRIVING_CHECKS if driving else RESTING_CHECKS
+    mute = service.tx_dropped_in_a_row >= TX_DROPPED_MAX
     for axis in axes:
         for check in checks:
             for finding in check(axis, thresholds):
-                yield axis.name, finding
+                if not (mute and finding[0] == Cause.DRIVE_SILENT):
+                    yield axis.name, finding
     if driving:
         for leg in legs:
             for finding in _judge_leg(leg, thresholds):

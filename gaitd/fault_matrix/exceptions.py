@@ -37,6 +37,10 @@ _INTERPOLATION: Final = (
     "cyclic position: each drive watches over its own targets and stops by itself (8250h) when"
     " one does not come in time (60C2h)"
 )
+_NOBODY_GUIDES: Final = (
+    "nothing guides the leg: a hip that the drive moves slowly the other way looks like one that"
+    " the patient moves; the limits of motion hold it, and the daily test finds the sign"
+)
 _AT_REST: Final = "the joint stands: nothing shows, but what it does when it is free again"
 
 EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
@@ -94,6 +98,14 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
         },
         **{
             (fault, "torque", "right/slide"): _unseen(fault, _AT_REST)
+            for fault in ("encoder_reversed", "wrong_sign")
+        },
+        **{
+            (fault, "torque", "right/hip"): replace(
+                _unseen(fault, _NOBODY_GUIDES),
+                causes=ROWS[fault].causes | {Cause.VELOCITY_LIMIT, Cause.ENCODER_JUMP},
+                within_cycles=None,
+            )
             for fault in ("encoder_reversed", "wrong_sign")
         },
         **{
@@ -167,6 +179,10 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
         ),
         ("limit_switch", "hold", ""): _unseen(
             "limit_switch", "the joint stands: a switch stops what moves on to it, never away"
+        ),
+        ("spasm", "excite", ""): replace(
+            _unseen("spasm", "nothing guides the leg: whoever moves it is its motion"),
+            within_cycles=None,
         ),
         ("spasm", "hold", ""): _unseen("spasm", "the pose is held against it, within the limits"),
     }
