@@ -8,7 +8,7 @@ import contextlib
 import os
 
 import pytest
-from long_service import PATIENCE_S, WAITING_GATEWAY
+from long_service import PATIENCE_S, TRIES, WAITING_GATEWAY
 from processes import Service
 from witnesses import Watch
 
@@ -124,10 +124,8 @@ def test_a_second_process_beside_the_first_is_refused_by_name_and_disturbs_nobod
     )
 
 
-def test_a_second_core_with_directories_of_its_own_finds_the_other_master_and_sends_nothing(
-    walking, seen, fault_table, tmp_path_factory
-):
-    folder = tmp_path_factory.mktemp("stranger")
+def begin_elsewhere(walking, folder):
+    """A second core on the same bus, with directories of its own: what it told first."""
     stranger = Service(folder)
     stranger.config.write_text(
         stranger.config.read_text().replace(str(stranger.bus_port), str(walking.bus_port))
@@ -138,8 +136,19 @@ def test_a_second_core_with_directories_of_its_own_finds_the_other_master_and_se
         stranger.until(lambda record: record.seq > told.seq + TWO_TRIES_CYCLES)
     finally:
         stranger.end()
-    records = seen.records_since()
-    seen.read_bus()
+    return told
+
+
+def test_a_second_core_with_directories_of_its_own_finds_the_other_master_and_sends_nothing(
+    long_service, fault_table, tmp_path_factory
+):
+    for _ in range(TRIES):
+        with Watch(long_service.bring(Mode.GAIT)) as seen:
+            told = begin_elsewhere(long_service, tmp_path_factory.mktemp("stranger"))
+            records = seen.records_since()
+            seen.read_bus()
+        if records[-1].mode == Mode.GAIT:  # else the machine stalled; it does so now and then
+            break
 
     assert told.mode == Mode.OFF
     assert "another master" in told.verdict.detail

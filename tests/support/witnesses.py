@@ -170,6 +170,17 @@ class Watch:
         rest_ms = (stood_ns - self.begun_ns) * 1e-6 if stands else None
         return Moved(hip * 57.29578, slide * 1e3, rest_ms)
 
+    def until_rest(self, within_s: float) -> Moved:
+        """What the leg did until it stood; without power it may fall out of that pose again."""
+        found: list[Moved] = []
+
+        def stands() -> bool:
+            found.append(self.moved())
+            return found[-1].rest_ms is not None
+
+        self._service.wait(stands, within_s)
+        return found[-1]
+
     def _truth_rows(self) -> list[tuple[float, ...]]:
         """Time in ns, hip and slide: position, then velocity."""
         with self._service.truth_path.open() as file:

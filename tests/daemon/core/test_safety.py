@@ -21,6 +21,7 @@ from daemon.core.safety import (
     NO_VERDICT,
     OBSERVER_BAD_MAX_CYCLES,
     TX_DROPPED_MAX,
+    judge,
     worse,
 )
 from daemon.record import Cause, StopCategory, Verdict
@@ -332,6 +333,33 @@ def test_at_rest_only_the_loss_or_the_fault_of_a_drive_counts():
 
     assert verdict_of(axis=open_switch, driving=False) == NO_VERDICT
     assert verdict_of(axis=gone, driving=False).cause == Cause.DRIVE_SILENT
+
+
+@pytest.mark.parametrize(
+    ("dropped", "causes"),
+    [
+        (TX_DROPPED_MAX - 1, [Cause.DRIVE_SILENT]),
+        (TX_DROPPED_MAX, [Cause.TRANSMIT_QUEUE_FULL]),
+        (TX_DROPPED_MAX + 1, [Cause.TRANSMIT_QUEUE_FULL]),
+    ],
+)
+@pytest.mark.parametrize("driving", [False, True])
+def test_a_drive_that_our_frames_do_not_reach_is_not_taken_for_lost(dropped, causes, driving):
+    service = replace(WELL, tx_dropped_in_a_row=dropped)
+    unasked = with_feedback(sample_age_cycles=3)
+
+    found = judge(service, [unasked], [LEG], THRESHOLDS, CATEGORIES, driving=driving)
+
+    assert [verdict.cause for verdict in found] == causes
+
+
+def test_a_drive_that_says_something_else_is_lost_also_while_our_frames_do_not_leave():
+    service = replace(WELL, tx_dropped_in_a_row=TX_DROPPED_MAX)
+    rebooted = with_feedback(rebooted=True)
+
+    found = judge(service, [rebooted], [LEG], THRESHOLDS, CATEGORIES, driving=True)
+
+    assert Cause.DRIVE_REBOOTED in [verdict.cause for verdict in found]
 
 
 def test_the_harshest_of_several_findings_wins():
