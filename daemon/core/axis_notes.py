@@ -62,6 +62,8 @@ class InputsNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     hand_switch_closed_utc_ns: int = 0
     sto_active_utc_ns: int = 0
     sto_released_utc_ns: int = 0
+    serial_number: int = 0
+    """Of the drive; 0: it has none."""
 
 
 class AxisTestNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -71,6 +73,8 @@ class AxisTestNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     friction_ratio: float
     load_error_si: float
     moved_si: float
+    serial_number: int = 0
+    """Of the drive; 0: it has none."""
 
 
 class SelfTestNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -7,7 +7,8 @@ Rules:
 2. Active: what `self_test.py` has found of every axis, with its time. It is about one robot file:
    another leg, or the empty machine, asks for another test.
 3. Both count for `valid_h`. A time that lies in the future is not valid.
-4. UTC comes with the tick and decides nothing but this. The latest time ever read is noted, too: a
+4. Both are of one drive: another serial number asks for another test.
+5. UTC comes with the tick and decides nothing but this. The latest time ever read is noted, too: a
    clock that goes back makes what was tested void, so that it never counts for longer.
 """
 
@@ -60,7 +61,7 @@ def _look(core: Core, axis: Axis, utc_ns: int) -> None:
     feedback = axis.feedback
     if feedback is None or not feedback.fresh:
         return
-    noted = core.notes.inputs.get(axis.name, InputsNote())
+    noted = _inputs_noted(core, axis)
     closed = Input.HAND_SWITCH_CLOSED in feedback.inputs
     released = Input.STO_RELEASED in feedback.inputs
     seen = replace(
@@ -72,6 +73,18 @@ def _look(core: Core, axis: Axis, utc_ns: int) -> None:
     )
     if _is_news(noted, seen):
         core.notes = replace(core.notes, inputs={**core.notes.inputs, axis.name: seen})
+
+
+def _inputs_noted(core: Core, axis: Axis) -> InputsNote:
+    noted = core.notes.inputs.get(axis.name)
+    if noted is None or _is_other_drive(axis, noted.serial_number):
+        return InputsNote(serial_number=axis.serial_number)
+    return noted
+
+
+def _is_other_drive(axis: Axis, serial_number: int) -> bool:
+    """Before bring-up nobody knows which drive it is."""
+    return axis.serial_number not in {0, serial_number}
 
 
 def _is_news(noted: InputsNote, seen: InputsNote) -> bool:
@@ -103,9 +116,7 @@ def _unseen(core: Core, utc_ns: int) -> tuple[str, ...]:
     return tuple(
         f"{axis.name} {word}"
         for axis in core.axes
-        for word, seen_ns in zip(
-            _WORDS, _times(core.notes.inputs.get(axis.name, InputsNote())), strict=True
-        )
+        for word, seen_ns in zip(_WORDS, _times(_inputs_noted(core, axis)), strict=True)
         if not counts(seen_ns, utc_ns, core.config.self_test.valid_h)
     )
 
@@ -122,6 +133,8 @@ def _due(core: Core, utc_ns: int) -> str:
         return f"the last self-test is older than {core.config.self_test.valid_h:g} h"
     if any(axis.name not in note.axes for axis in core.axes):
         return "the last self-test was of other axes"
+    if any(_is_other_drive(axis, note.axes[axis.name].serial_number) for axis in core.axes):
+        return "the last self-test was of another drive"
     return ""
 
 
@@ -144,16 +157,20 @@ def conclude(core: Core, utc_ns: int) -> Verdict | None:
         utc_ns=utc_ns,
         passed=passed,
         leg_digest=core.config.leg_digest,
-        axes={one.name: _test_note(one) for one in found},
+        axes={one.name: _test_note(one, _serial_number(core, one.name)) for one in found},
     )
     core.notes = replace(core.notes, self_test=note)
     core.events += [self_test.said(one) for one in found]
     return None if passed else _verdict(core, next(one for one in found if one.fault))
 
 
-def _test_note(found: Finding) -> AxisTestNote:
+def _serial_number(core: Core, name: str) -> int:
+    return next(axis.serial_number for axis in core.axes if axis.name == name)
+
+
+def _test_note(found: Finding, serial_number: int) -> AxisTestNote:
     return AxisTestNote(
-        found.friction_si, found.friction_ratio, found.load_error_si, found.moved_si
+        found.friction_si, found.friction_ratio, found.load_error_si, found.moved_si, serial_number
     )
 
 

@@ -280,3 +280,20 @@ def test_a_test_of_another_leg_does_not_count(passed):
 
     (configs / "robot.toml").write_text(text)
     assert later.core.self_test_due == "the last self-test was of another robot file"
+
+
+def test_what_was_tested_of_one_drive_does_not_count_for_the_one_in_its_place(passed, monkeypatch):
+    configs, notes = passed
+    monkeypatch.setattr(lockstep, "UTC_OF_START_NS", lockstep.UTC_OF_START_NS + HOUR_NS)
+    text = (configs / "plant.toml").read_text()
+    (configs / "plant.toml").write_text(text.replace("305_000_005", "305_000_099"))
+
+    later = Session(configs, notes).until_ready().lockstep
+
+    (configs / "plant.toml").write_text(text)
+    assert later.core.self_test_due == "the last self-test was of another drive"
+    # The power came on with the hand switch held: the new drive has seen neither act.
+    assert later.core.inputs_unseen == (
+        "right/hip hand switch open",
+        "right/hip emergency stop (STO) pressed",
+    )
