@@ -64,7 +64,9 @@ class StopRules(NamedTuple):
 HELD_SPEED_RATIO = 10.0
 """A drive at rest counts as loose when pushed this many times faster than standstill."""
 RAMP_FLOOR_RATIO = 3.0
-"""Around zero the ramp's bound is this many times standstill: encoder noise is no motion."""
+"""Around zero the ramp's bound is this many times standstill: encoder noise is no motion. While the
+core's own hold still settles it is that of a joint at rest: one that stood, at a reversal of the
+gait, is pushed by the other one's braking."""
 
 HOLD_GRACE_CYCLES = 30
 """The core's hold is softer than a drive's ramp: a spring, a damper, and friction in the way."""
@@ -164,6 +166,9 @@ def _allowed_speed_si(
     if stop.has_rested:
         return HELD_SPEED_RATIO * floor_si
     grace_cycles = HOLD_GRACE_CYCLES if stop.step == Step.HOLD else 0
-    ramp_s = max(elapsed_cycles - rules.obey_cycles - grace_cycles, 0) * rules.period_s
+    ramp_cycles = elapsed_cycles - rules.obey_cycles - grace_cycles
+    ramp_s = max(ramp_cycles, 0) * rules.period_s
     on_ramp_si = stop.start_speed_si - limits.quick_stop_deceleration_si_per_s2 * ramp_s
-    return rules.ramp_margin_ratio * max(on_ramp_si, 0.0) + RAMP_FLOOR_RATIO * floor_si
+    yields = stop.step == Step.HOLD and ramp_cycles <= 0
+    floor_ratio = HELD_SPEED_RATIO if yields else RAMP_FLOOR_RATIO
+    return rules.ramp_margin_ratio * max(on_ramp_si, 0.0) + floor_ratio * floor_si
