@@ -340,6 +340,9 @@ class CycleTiming(msgspec.Struct, frozen=True, array_like=True):
     """Python work of the previous cycle: decode to records."""
     overrun_count: int
     """Grid points missed since start; skipped, never caught up."""
+    answer_ns: int = 0
+    """From SYNC to the last TPDO's arrival at this machine, by the kernel's stamp, whenever we read
+    it; 0 where nobody knows (no answer, a bus without stamps, the wall clock was set meanwhile)."""
 
 
 class BusRecord(msgspec.Struct, frozen=True, array_like=True):

@@ -8,9 +8,11 @@ counted, because process data of this cycle are worthless in the next. `send_urg
 stop) tries again until its deadline, and listens meanwhile. Neither raises for a full queue.
 Any other failure is a BusError: the interface went down or away, or a remote bus's server did.
 
-Nothing here reads a clock: whoever waits brings one. `Frame.time_ns` is the stamp of whoever
-received the frame first (the kernel on socketcan, CLOCK_REALTIME): good for differences inside
-one SYNC window, not for anything else, since NTP moves that clock.
+Nothing here reads a clock: whoever waits brings one. `Frame.time_ns` is the kernel's stamp
+(SO_TIMESTAMPNS of a SocketCAN socket): the moment of arrival, by the wall clock, which NTP and
+operators move. What it means in monotonic time is known only to who reads both clocks before and
+after (`daemon/core/arrivals.py`). Stamps of other interfaces are those of another process or
+machine, and not taken.
 """
 
 import errno
@@ -21,6 +23,7 @@ from contextlib import contextmanager, suppress
 from typing import Final, NamedTuple, Protocol
 
 import can
+from can.interfaces.socketcan import SocketcanBus
 from can_remote.client import RemoteBus
 from can_remote.websocket import WebsocketClosed
 
@@ -50,7 +53,7 @@ class Frame(NamedTuple):
     can_id: int
     data: bytes
     time_ns: int = 0
-    """When it was received, in the receiver's time; 0 where unknown. Not monotonic."""
+    """When it arrived, by the wall clock of this machine's kernel; 0 where unknown."""
     is_error: bool = False
     """An error frame (`bus_state.py`): `can_id` holds the error class."""
 
@@ -109,6 +112,7 @@ class CanBus:
     def __init__(self, bus: can.BusABC, channel: str) -> None:
         self._bus = bus
         self._channel = channel
+        self._stamps = isinstance(bus, SocketcanBus)
         self._kept: list[Frame] = []  # received while an urgent frame waited
         self.dropped_count = 0
         """Frames that never left because the transmit queue was full."""
@@ -224,7 +228,7 @@ class CanBus:
         if not is_error and (message.is_extended_id or message.is_remote_frame or message.is_fd):
             self.foreign_count += 1
             return
-        time_ns = int(message.timestamp * 1e9)
+        time_ns = int(message.timestamp * 1e9) if self._stamps else 0
         frames.append(Frame(message.arbitration_id, bytes(message.data), time_ns, is_error))
 
 

@@ -36,8 +36,15 @@ class WorldClock:
 
     def __init__(self, bus: "WorldBus") -> None:
         self._bus = bus
-        self.utc_stepped_ns = 0
+
+    @property
+    def utc_stepped_ns(self) -> int:
         """By how much somebody has set the wall clock."""
+        return self._bus.utc_stepped_ns
+
+    @utc_stepped_ns.setter
+    def utc_stepped_ns(self, stepped_ns: int) -> None:
+        self._bus.utc_stepped_ns = stepped_ns
 
     def now_ns(self) -> int:
         """Simulated time."""
@@ -45,7 +52,7 @@ class WorldClock:
 
     def utc_ns(self) -> int:
         """A fixed date plus simulated time, and what somebody has set it by."""
-        return UTC_OF_START_NS + self._bus.now_ns + self.utc_stepped_ns
+        return self._bus.utc_of_ns(self._bus.now_ns)
 
     def sleep_until(self, deadline_ns: int) -> None:
         """Let the world go on; what it sends meanwhile waits on the bus."""
@@ -103,6 +110,8 @@ class WorldBus:
         self._held_until_ns = 0
         self.behind_ns = 0
         """By how much the service's clock is behind the world's."""
+        self.utc_stepped_ns = 0
+        """By how much somebody has set the wall clock."""
         self.trouble = BusTrouble()
         self.sent: list[Frame] = []
         """Every frame of the master's that was on the wire, in order, with the world's time."""
@@ -111,6 +120,10 @@ class WorldBus:
     def now_ns(self) -> int:
         """The service's monotonic time: the world's, less what the service was suspended for."""
         return self._world.now_ns - self.behind_ns
+
+    def utc_of_ns(self, service_ns: int) -> int:
+        """What the wall clock, as it is set now, shows at a monotonic time of the service."""
+        return UTC_OF_START_NS + service_ns + self.utc_stepped_ns
 
     # --- what happens ---------------------------------------------------------------------
 
@@ -220,8 +233,8 @@ class WorldBus:
     def _advance(self, world_ns: int) -> None:
         for timed in self._world.advance_to(world_ns):
             if not self.trouble.is_off:
-                heard_ns = timed.time_ns - self.behind_ns
-                self._waiting.append(Frame(timed.can_id, timed.data, heard_ns))
+                stamp_ns = self.utc_of_ns(timed.time_ns - self.behind_ns)
+                self._waiting.append(Frame(timed.can_id, timed.data, stamp_ns))
 
 
 class MemoryNotebook:

@@ -4,7 +4,7 @@ One turn, on absolute grid points:
 
     until the grid point  keep polling: an emergency is answered at once
     at the grid point     SYNC (and our heartbeat), then collect the drives' samples: until they are
-                          complete, or the window closes
+                          complete, or the window closes (`window.py`)
     then                  one cycle (`cycle.py`), its frames sent, its record published
     at the end            the watchdog is fed, once for every cycle finished in time
 
@@ -35,6 +35,7 @@ from daemon.core.loop_settings import ExitCode, LoopSettings, Seam, Supervisor
 from daemon.core.state import Core
 from daemon.core.stopping import Step
 from daemon.core.tick import Tick
+from daemon.core.window import Window
 from daemon.record import Cause, CycleRecord, CycleTiming, Level, Mode
 from drives.bus import Frame
 from drives.errors import BringUpRefused, BusError
@@ -73,6 +74,7 @@ class Loop:
             master_node_id=settings.master_node_id,
             bitrate_bit_per_s=settings.bitrate_bit_per_s,
         )
+        self._window = Window(self._line, clock, settings.window_ns)
         self._grid = Grid(clock, settings.period_ns)
         self._sync_ns = 0
         self._sync_count = 0
@@ -80,7 +82,6 @@ class Loop:
         self._shutdown = False
         self._timing = CycleTiming(0, 0, 0, 0)
         self._dropped_in_a_row = 0
-        self._was_complete = False
         self._stopped: tuple[int, ...] = ()
         """Node ids of the drives that have been told NMT stop."""
         self._power_off_cycles = 0
@@ -155,9 +156,10 @@ class Loop:
                 return  # somebody babbles: SYNC does not wait for silence
 
     def _cycle_once(self, levels: Sequence[Level]) -> CycleRecord:
-        begun_ns = self._clock.now_ns()
-        line, core = self._line, self._core
-        timing = replace(self._timing, lateness_ns=begun_ns - self._grid.due_ns)
+        begun_ns, begun_utc_ns = self._clock.now_ns(), self._clock.utc_ns()
+        line, core, window = self._line, self._core, self._window
+        window.begin()
+        timing = replace(self._timing, lateness_ns=begun_ns - self._grid.due_ns, answer_ns=0)
         core.events += line.take_notices()
         if not self._has_drives():
             self._timing = replace(timing, collect_ns=0, work_ns=0)
@@ -165,8 +167,9 @@ class Loop:
         dropped_count = line.dropped_count
         frames = self._sync_and_collect(begun_ns)
         collected_ns = self._clock.now_ns()
-        self._timing = replace(timing, collect_ns=collected_ns - begun_ns)
-        tick = self._tick(begun_ns)
+        collect_ns = collected_ns - begun_ns
+        self._timing = replace(timing, collect_ns=collect_ns, answer_ns=window.answer_ns)
+        tick = self._tick(begun_ns, begun_utc_ns)
         self._sync_ns = begun_ns
         outgoing, record = cycle.step(core, frames, levels, tick)
         if self._has_drives():
@@ -186,7 +189,6 @@ class Loop:
         line, settings, drives = self._line, self._settings, self._core.drives
         if conduct.silenced(self._core) or drives is None:
             return []
-        # What waits in the socket came before this SYNC: it is not an answer to it.
         drives.feed_between(line.drain(), sync_ns)
         if line.is_off:
             return []
@@ -194,20 +196,7 @@ class Loop:
         self._sync_count += 1
         if self._sync_count % settings.heartbeat_cycles == 0:
             outgoing.append(heartbeat_frame(settings.master_node_id))
-        line.send(outgoing)
-        missing = set(drives.cyclic_ids)
-        frames: list[Frame] = []
-        window_end_ns = sync_ns + settings.window_ns
-        # After an incomplete window the whole of this one is waited for: what comes first may be
-        # the answer that was late.
-        while missing or not self._was_complete:
-            came = line.receive_until(window_end_ns)
-            frames += came
-            missing -= {frame.can_id for frame in came}
-            if not came or self._clock.now_ns() >= window_end_ns:
-                break
-        self._was_complete = not missing
-        return frames
+        return self._window.collect(drives, outgoing, sync_ns)
 
     def _send(self, outgoing: Sequence[Frame]) -> None:
         """Commands, if they still belong to this cycle; NMT stop where escalation came so far."""
@@ -245,7 +234,8 @@ class Loop:
                 self._tell(cycle.rest(core, self._seam.levels(), self._tick(self._grid.due_ns)))
                 self._grid.jump()
         self._retry_ns = self._clock.now_ns() + RETRY_NS
-        self._was_complete, self._stopped = False, ()
+        self._window.forget()
+        self._stopped = ()
         if core.drives is not None:
             core.drives.bus_state = self._line.bus_state
         if core.verdict.cause == Cause.BUS_DOWN:
@@ -259,13 +249,13 @@ class Loop:
 
     # --- records and the grid ---------------------------------------------------------------
 
-    def _tick(self, sync_ns: int) -> Tick:
+    def _tick(self, sync_ns: int, sync_utc_ns: int | None = None) -> Tick:
         drives = self._core.drives
         since_ns = sync_ns - self._sync_ns if self._sync_ns else self._settings.period_ns
         return Tick(
             cycle=self._grid.cycle,
             sync_ns=sync_ns,
-            sync_utc_ns=self._clock.utc_ns(),
+            sync_utc_ns=self._clock.utc_ns() if sync_utc_ns is None else sync_utc_ns,
             dt_s=since_ns * 1e-9,
             timing=self._timing,
             late=self._grid.missed_in_a_row > 0,

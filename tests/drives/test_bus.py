@@ -147,7 +147,8 @@ def test_frames_that_no_drive_of_ours_sends_are_counted_and_left_out():
         can.Message(arbitration_id=0x705, data=b"\x05", is_extended_id=False, timestamp=12.5),
     ]
 
-    assert bus.drain() == [Frame(0x705, b"\x05", 12_500_000_000)]
+    # Without its stamp: only this machine's kernel is believed, on SocketCAN.
+    assert bus.drain() == [Frame(0x705, b"\x05")]
     assert bus.foreign_count == 2
 
 
