@@ -30,13 +30,13 @@ FAST = (0.5, 0.4)
 class LongService(Service):
     """Virtual drives, core and gateway that live for many tests."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, template: str = "demo.toml") -> None:
         configs = changed_configs(
             folder,
-            ("demo.toml", "announce_s = 3.0", "announce_s = 0.5"),
-            ("demo.toml", "ramp_strides = 2", "ramp_strides = 1"),
+            (template, "announce_s = 3.0", "announce_s = 0.5"),
+            (template, "ramp_strides = 2", "ramp_strides = 1"),
         )
-        super().__init__(folder, configs)
+        super().__init__(folder, configs, template)
 
     def bring(self, mode: Mode) -> "LongService":
         """Into READY, HOLD or GAIT, from wherever it is; what does not run is started."""
@@ -98,12 +98,19 @@ class LongService(Service):
 
 
 def walks(record: CycleRecord) -> bool:
-    speeds = [abs(drive.velocity_si or 0.0) for drive in record.drives]
-    fast = all(speed > limit for speed, limit in zip(speeds, FAST, strict=True))
-    return record.mode == Mode.GAIT and fast
+    """In a gait, and one leg fast in both axes."""
+    return record.mode == Mode.GAIT and any(
+        hip > FAST[0] and slide > FAST[1] for hip, slide in speeds_by_leg(record)
+    )
 
 
 def stands(record: CycleRecord) -> bool:
+    return record.mode == Mode.HOLD and all(
+        hip < STANDSTILL[0] and slide < STANDSTILL[1] for hip, slide in speeds_by_leg(record)
+    )
+
+
+def speeds_by_leg(record: CycleRecord) -> list[tuple[float, float]]:
+    """How fast the hip and the slide of each leg are, either way."""
     speeds = [abs(drive.velocity_si or 0.0) for drive in record.drives]
-    still = all(speed < limit for speed, limit in zip(speeds, STANDSTILL, strict=True))
-    return record.mode == Mode.HOLD and still
+    return list(zip(speeds[::2], speeds[1::2], strict=True))

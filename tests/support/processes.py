@@ -37,11 +37,11 @@ def free_port() -> int:
 class Service:
     """Virtual drives, core and gateway, each a process of its own."""
 
-    def __init__(self, folder: Path, configs: Path = CONFIGS) -> None:
+    def __init__(self, folder: Path, configs: Path = CONFIGS, template: str = "demo.toml") -> None:
         self.folder = folder
         self.bus_port, self.zenoh_port = free_port(), free_port()
         self.config = folder / "trainer.toml"
-        text = (configs / "demo.toml").read_text()
+        text = (configs / template).read_text()
         text = re.sub(r"ws://127.0.0.1:\d+/", f"ws://127.0.0.1:{self.bus_port}/", text)
         text = re.sub(r"tcp/127.0.0.1:\d+", f"tcp/127.0.0.1:{self.zenoh_port}", text)
         text = re.sub(r'runtime = "[^"]*"', f'runtime = "{folder}/run"', text)
@@ -131,13 +131,13 @@ class Service:
     def truth_path(self) -> Path:
         return self.folder / "truth.csv"
 
-    def wait(self, reached: Callable[[], object], within_s: float) -> None:
+    def wait(self, reached: Callable[[], object], within_s: float, poll_s: float = POLL_S) -> None:
         end_s = time.monotonic() + within_s
         while time.monotonic() < end_s:
             with contextlib.suppress(FileNotFoundError, RingError):
                 if reached():
                     return
-            time.sleep(POLL_S)
+            time.sleep(poll_s)
         logs = "\n".join(f"--- {part}\n{self.log(part)[-2000:]}" for part in self.parts)
         raise AssertionError(f"not reached within {within_s} s\n{logs}")
 

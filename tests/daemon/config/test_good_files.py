@@ -46,21 +46,46 @@ def test_the_generic_drives_and_the_empty_machine_load_too(tmp_path):
     assert settings.robot.patient is None
 
 
-def test_two_legs_make_four_drives_in_the_order_of_the_file(tmp_path):
-    configs = copied(tmp_path)
-    for axis, node in (("hip", 5), ("slide", 6)):
-        text = (configs / f"drives/{axis}_epos4.toml").read_text()
-        other = text.replace(f"node_id = {node}", f"node_id = {node + 10}")
-        (configs / f"drives/{axis}_left.toml").write_text(other)
-    left = (
-        '[[leg]]\nname = "left"\nhip = "drives/hip_left.toml"\nslide = "drives/slide_left.toml"\n'
-    )
-
-    settings = load(changed(configs, Change("demo.toml", "[hold]", f"{left}\n[hold]")))
+def test_two_legs_make_four_drives_in_the_order_of_the_file():
+    settings = load(CONFIGS / "two_legs.toml")
 
     names = [drive.name for drive in settings.drives]
     assert names == ["right/hip", "right/slide", "left/hip", "left/slide"]
-    assert [drive.node_id for drive in settings.drives] == [5, 6, 15, 16]
+    assert [drive.node_id for drive in settings.drives] == [5, 6, 7, 8]
+
+
+def lines_beside(name, other):
+    """Lines of one shipped file that another one does not have, without what is only said."""
+    both = [
+        [line.split("#")[0].rstrip() for line in (CONFIGS / file).read_text().splitlines()]
+        for file in (name, other)
+    ]
+    return {line for line in both[0] if line not in both[1]}
+
+
+def test_the_example_with_two_legs_is_the_demonstration_and_a_second_leg():
+    assert lines_beside("two_legs.toml", "demo.toml") == {
+        'sim = "plant_two_legs.toml"',
+        'channel = "ws://127.0.0.1:54702/"',
+        'name = "left"',
+        'hip = "drives/hip_left_epos4.toml"',
+        'slide = "drives/slide_left_epos4.toml"',
+        'runtime = "/dev/shm/gaitd-two-legs"',
+        'state = "../out/two_legs/state"',
+        'effect = "All four virtual drives brake, then go without power;'
+        ' the springs carry each leg to rest near mid pose."',
+    }
+    assert lines_beside("plant_two_legs.toml", "plant.toml") == {
+        "[drives.left.hip]",
+        "[drives.left.slide]",
+        "node_id = 7",
+        "node_id = 8",
+        "serial_number = 305_000_007",
+        "serial_number = 305_000_008",
+    }
+    for axis, node in (("hip", 7), ("slide", 8)):
+        left = lines_beside(f"drives/{axis}_left_epos4.toml", f"drives/{axis}_epos4.toml")
+        assert left == {f"node_id = {node}"}
 
 
 @pytest.mark.parametrize("name", SHIPPED)

@@ -1,0 +1,124 @@
+"""One boot for all that needs SocketCAN: the scenarios of tests/support/scenarios.py, and what they left.
+
+Numba's machine code is made on the host, for a processor without extensions ("generic"), because
+compiling in the virtual machine takes minutes; the guest finds it where `numba/` lies beside its
+results. The cache on the host outlives the tests.
+"""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import pytest
+from candump import candump_line
+from sessions import Session
+from wiretap import Wiretap
+
+from daemon.record import CycleRecord
+from drives.bus import Frame
+
+SUPPORT = Path(__file__).parents[1] / "support"
+CACHE = Path.home() / ".cache" / "gaitd" / "numba-generic"
+TIMEOUT_S = 2400
+"""Of a machine on which much else runs; two or three minutes on one that is free."""
+LINE = re.compile(r"\((\d+)\.(\d{6})\) \w+ ([0-9A-F]+)#([0-9A-F]*)")
+SCRIPT = """
+modprobe vcan; modprobe can-raw
+ip link add dev vcan0 type vcan; ip link set vcan0 up; ip link set lo up
+python exchange.py > exchange.log
+canbusload -e vcan0@1000000 > load < /dev/null & measuring=$!
+sleep 1.5
+canplayer vcan0=can0 -I session.candump
+sleep 2.5
+kill $measuring
+export NUMBA_CPU_NAME=generic NUMBA_CACHE_DIR=$PWD/numba PYTHONPATH={support}
+python {support}/inside.py $PWD service_on_vcan two_legs_on_vcan
+"""
+EXCHANGE = """
+import can
+with can.Bus(interface="socketcan", channel="vcan0") as drive, can.Bus(
+    interface="socketcan", channel="vcan0"
+) as master:
+    master.send(can.Message(arbitration_id=0x080, is_extended_id=False))
+    print(drive.recv(timeout=5))
+"""
+
+
+class Witnessed(NamedTuple):
+    """A frame as candump has seen it."""
+
+    time_ns: int
+    frame: Frame
+
+
+class World:
+    """What the small world has left in its folder."""
+
+    def __init__(self, folder: Path, wire: Wiretap) -> None:
+        self.folder = folder
+        self.wire = wire
+        """The lock-step session that canplayer has played."""
+
+    @cached_property
+    def facts(self) -> dict[str, Any]:
+        return json.loads((self.folder / "facts.json").read_text())
+
+    def text(self, name: str) -> str:
+        return (self.folder / name).read_text()
+
+    def records(self, name: str) -> list[CycleRecord]:
+        data = (self.folder / f"{name}.records").read_bytes()
+        return msgspec.msgpack.decode(data, type=list[CycleRecord])
+
+    def frames(self, name: str) -> list[Witnessed]:
+        """What candump has seen on the bus."""
+        found: list[Witnessed] = []
+        for line in self.text(f"{name}.candump").splitlines():
+            match = LINE.fullmatch(line)
+            assert match is not None, line
+            seconds, micros, can_id, data = match.groups()
+            time_ns = int(seconds) * 1_000_000_000 + int(micros) * 1000
+            frame = Frame(int(can_id, 16), bytes.fromhex(data), is_error=len(can_id) > 3)
+            found.append(Witnessed(time_ns, frame))
+        return found
+
+
+def compiled_for_any_processor(folder: Path) -> None:
+    """Machine code for the guest, made here and put into its folder."""
+    environment = {
+        **os.environ,
+        "NUMBA_CPU_NAME": "generic",
+        "NUMBA_CACHE_DIR": str(CACHE),
+        "PYTHONPATH": str(SUPPORT),
+    }
+    subprocess.run(
+        [sys.executable, str(SUPPORT / "inside.py"), "warm"], env=environment, check=True
+    )
+    shutil.copytree(CACHE, folder / "numba")
+
+
+@pytest.fixture(scope="session")
+def vcan_world(vcan_rig, tmp_path_factory):
+    """The one boot; its output, if it did not come to its end."""
+    folder = tmp_path_factory.mktemp("vcan")
+    session = Session().walking(warm_s=0.0)
+    wire = Wiretap(session.machine.world)
+    session.lockstep.run(1.0)
+    begun_ns = wire.lines[0].time_ns
+    dump = "".join(candump_line(line.time_ns - begun_ns, line.frame) + "\n" for line in wire.lines)
+    (folder / "session.candump").write_text(dump)
+    (folder / "exchange.py").write_text(EXCHANGE)
+    compiled_for_any_processor(folder)
+
+    finished = vcan_rig.run(SCRIPT.format(support=SUPPORT), folder, TIMEOUT_S)
+
+    logs = "\n".join(f"--- {path.name}\n{path.read_text()}" for path in folder.glob("*.log"))
+    assert finished.exit_code == 0, f"{finished.output}\n{logs}"
+    return World(folder, wire)

@@ -1,0 +1,50 @@
+"""Two legs, four drives, one bus: the shipped example as real processes on the loopback bus."""
+
+import tempfile
+from pathlib import Path
+
+import pytest
+from long_service import PATIENCE_S, TRIES, LongService
+from processes import MEMORY
+
+from daemon.record import Mode
+
+LEGS = ("right", "left")
+DRIVES = ["right/hip", "right/slide", "left/hip", "left/slide"]
+EMERGENCY = 0x2310
+
+
+@pytest.fixture(scope="module")
+def both_legs():
+    with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as folder:
+        service = LongService(Path(folder), "two_legs.toml")
+        try:
+            yield service
+        finally:
+            service.end()
+
+
+def test_both_legs_walk_half_a_stride_apart_and_a_fault_of_one_stops_both(both_legs):
+    for _ in range(TRIES):
+        service = both_legs.bring(Mode.GAIT)
+        first = service.newest().seq
+        service.until(lambda record: record.seq >= first + 300)  # noqa: B023 - used at once
+        records = [record for record in service.records(first) if record.seq > first]
+        if {record.mode for record in records} == {Mode.GAIT}:
+            break  # else the machine stalled; it does so now and then
+
+    assert {record.mode for record in records} == {Mode.GAIT}
+    assert [drive.name for drive in records[-1].drives] == DRIVES
+    assert [leg.name for leg in records[-1].legs] == list(LEGS)
+    hips = [(record.drives[0].position_si, record.drives[2].position_si) for record in records]
+    right, left = zip(*hips, strict=True)
+    assert max(right) - min(right) > 0.4
+    assert max(left) - min(left) > 0.4
+    furthest = max(range(len(right)), key=lambda index: right[index])
+    assert left[furthest] < (max(left) + min(left)) / 2
+
+    service.inject(f"emcy left/slide - {EMERGENCY}")
+    record = service.until(lambda one: one.mode == Mode.FAULT, PATIENCE_S)
+    service.inject("clear emcy left/slide")
+    assert record.verdict.drive == "left/slide"
+    assert all(abs(drive.velocity_si or 0.0) < 0.05 for drive in record.drives)

@@ -1,0 +1,192 @@
+"""The service inside the rig's small world: one Python that imports and warms once, then forks.
+
+    python inside.py warm                      compile what the service needs (on the host, too)
+    python inside.py FOLDER SCENARIO ...       run scenarios of `scenarios.py`; results in FOLDER
+
+In the virtual machine an import of numpy and numba costs half a minute. So the programs that people
+start (`gaitd sim`, `gaitd core`, `gaitd gateway`) are forked from this process and run `gaitd`'s own
+entry point with the words of their command line; from there on they are what they always are.
+
+Waiting for the host's disk lets the guest's clock run away (it counts instructions), so everything
+that runs has its files in the guest's memory, and waits here are generous: what is asserted later is
+counted in cycles, or measured by candump's stamps.
+"""
+
+import gc
+import json
+import os
+import signal
+import sys
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from processes import Service
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+PATIENCE_S = 600
+POLL_S = 0.1
+TEMPLATES = ("vcan.toml", "two_legs.toml")
+
+
+class Forked:
+    """A child that runs `gaitd WORDS`; of `subprocess.Popen` what `Service` uses."""
+
+    def __init__(self, words: list[str], log: Path) -> None:
+        sys.stdout.flush()
+        self.returncode: int | None = None
+        self.pid = os.fork()
+        if self.pid == 0:
+            os._exit(_run(words, log))
+
+    def poll(self) -> int | None:
+        if self.returncode is None:
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            self.returncode = os.waitstatus_to_exitcode(status) if pid else None
+        return self.returncode
+
+    def wait(self, within_s: float = PATIENCE_S) -> int:
+        end_s = time.monotonic() + within_s
+        while self.poll() is None:
+            if time.monotonic() > end_s:
+                raise AssertionError(f"{self.pid} does not end")
+            time.sleep(POLL_S)
+        assert self.returncode is not None
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def terminate(self) -> None:
+        self.send_signal(signal.SIGTERM)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+
+def _run(words: list[str], log: Path) -> int:
+    """What the `gaitd` script does, in a child that inherits nothing but warm code."""
+    from gaitd.__main__ import main
+
+    end = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    null = os.open(os.devnull, os.O_RDONLY)
+    for number, target in ((0, null), (1, end), (2, end)):
+        os.dup2(target, number)
+    sys.argv = ["gaitd", *words]
+    try:
+        main()
+    except SystemExit as ending:
+        return ending.code if isinstance(ending.code, int) else 1
+    except BaseException:  # noqa: BLE001 - a child must not return into its parent's code
+        traceback.print_exc()
+        return 1
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+    return 0
+
+
+class Inside(Service):
+    """Virtual drives, core and gateway as forks, on an interface of this world."""
+
+    def __init__(self, folder: Path, template: str, **channels: str) -> None:
+        """`channels`: of a part that is not on vcan0, such as sim="can1"."""
+        folder.mkdir(parents=True)
+        super().__init__(folder, CONFIGS, template)
+        self.channels = channels
+        text = self.config.read_text()
+        text = text.replace("announce_s = 3.0", "announce_s = 0.2")
+        text = text.replace("ramp_strides = 2", "ramp_strides = 1")
+        text = text.replace('interface = "remote"', 'interface = "socketcan"')
+        self.text = text.replace(f"ws://127.0.0.1:{self.bus_port}/", "vcan0")
+        self.config.write_text(self.text)
+
+    def start(self, part: str, *arguments: str, program: Any = None) -> Any:
+        del program
+        config = self.folder / f"{part}.toml"
+        channel = self.channels.get(part, "vcan0")
+        config.write_text(self.text.replace('"vcan0"', f'"{channel}"'))
+        words = [part, "--config", str(config), *arguments]
+        self.parts[part] = Forked(words, self.folder / f"{part}.log")  # type: ignore[assignment]
+        return self.parts[part]
+
+    def wait(self, reached: Any, within_s: float = PATIENCE_S) -> None:
+        super().wait(reached, max(within_s, PATIENCE_S), POLL_S)
+
+    def done(self, name: str, **payload: object) -> dict[str, Any]:
+        """Ask until it is done; what it said at last."""
+        answers: list[dict[str, Any]] = []
+
+        def asked() -> bool:
+            answers.append(self.request(name, **payload))
+            return answers[-1]["outcome"] == "done"
+
+        self.wait(asked)
+        return answers[-1]
+
+
+class Report:
+    """What a scenario has seen, for the tests on the host."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.facts: dict[str, Any] = {}
+
+    def __setitem__(self, name: str, fact: Any) -> None:
+        self.facts[name] = fact
+        print(f"{time.monotonic():.3f} {name}", flush=True)
+        (self.folder / "facts.json").write_text(json.dumps(self.facts))
+
+    def keep_records(self, name: str, service: Service, after_seq: int = 0) -> int:
+        """The records that the ring holds, as msgpack; the sequence number of the last."""
+        records = service.records(after_seq)
+        (self.folder / f"{name}.records").write_bytes(msgspec.msgpack.encode(records))
+        return records[-1].seq
+
+
+def warm() -> None:
+    """Import and compile what the parts of the service use."""
+    from daemon.config.load import load
+    from daemon.core.axis_notes import Notes
+    from daemon.core.build import build
+    from daemon.core.warm import warm_up
+    from gaitd.virtual_machine import virtual_machine
+
+    for template in TEMPLATES:
+        settings = load(CONFIGS / template)
+        warm_up(build(settings, "warm", Notes()))
+        virtual_machine(settings.file).world.advance_to(20_000_000)
+
+
+def _import_all() -> None:
+    import importlib
+
+    for name in ("sim", "core", "gateway", "status", "remote"):
+        importlib.import_module(f"gaitd.{name}")
+    for name in ("can.interfaces.socketcan", "daemon.gateway.process", "daemon.core.process"):
+        importlib.import_module(name)
+    importlib.import_module("sim_drives.realtime")
+
+
+def main() -> None:
+    _import_all()
+    warm()
+    if sys.argv[1:] == ["warm"]:
+        return
+    import scenarios
+
+    gc.freeze()
+    folder = Path(sys.argv[1])
+    report = Report(folder)
+    report["warm"] = time.monotonic()
+    for name in sys.argv[2:]:
+        begun_s = time.monotonic()
+        getattr(scenarios, name)(report)
+        report[f"{name}_s"] = time.monotonic() - begun_s
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,301 @@
+"""What happens to the service in the small world with SocketCAN, and what is kept of it.
+
+Each function is one scenario; `inside.py` calls it by name. Nothing is asserted here but that a
+scenario came to its end: facts, records and candump's lines go into a folder, and tests/rigs/ judges
+them by name. `candump` is the witness that is not ours.
+"""
+
+import contextlib
+import json
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from inside import Inside, Report
+
+from daemon.record import CycleRecord, Mode
+
+MEMORY = Path("/run/gaitd-tests")
+GAIT = {"mode": "gait", "cadence_hz": 0.5, "amplitude_ratio": 1.0, "duration_s": 600.0}
+WALK_S = 2.0
+STEP_PAUSE_S = 0.3
+EMERGENCY = 0x2310
+"""Continuous over-current, device output side (CiA 402 and 301's table)."""
+BUS_OFF, RESTARTED = "20000040#0000000000000000", "20000100#0000000000000000"
+PASSIVE, WARNING = "20000004#0030000000000000", "20000004#000C000000000000"
+ACTIVE_AGAIN = "20000004#0040000000000000"
+
+
+def shell(line: str) -> str:
+    """A command of this world's tools; what it said."""
+    ran = subprocess.run(line, shell=True, capture_output=True, text=True, check=False)
+    if ran.returncode:
+        raise AssertionError(f"{line}: {ran.returncode}\n{ran.stdout}{ran.stderr}")
+    return ran.stdout
+
+
+@contextlib.contextmanager
+def witnessed(report: Report, name: str, interface: str = "vcan0") -> Iterator[None]:
+    """candump over what happens, in memory while it does; `NAME.candump` afterwards."""
+    MEMORY.mkdir(exist_ok=True)
+    path = MEMORY / f"{name}.candump"
+    with path.open("wb") as file:
+        # Error frames too (#FFFFFFFF); by the kernel's stamps.
+        dump = subprocess.Popen(["candump", "-L", f"{interface},0:0,#FFFFFFFF"], stdout=file)
+    try:
+        time.sleep(STEP_PAUSE_S)
+        yield
+        time.sleep(STEP_PAUSE_S)
+    finally:
+        dump.send_signal(signal.SIGTERM)
+        dump.wait()
+        (report.folder / path.name).write_bytes(path.read_bytes())
+
+
+def walks(record: CycleRecord) -> bool:
+    return record.mode == Mode.GAIT and record.gait_phase >= 0
+
+
+def up(service: Inside) -> None:
+    """All three processes, to READY."""
+    service.start_all()
+    service.until(lambda record: record.mode == Mode.READY)
+
+
+def walking(service: Inside) -> CycleRecord:
+    service.done("enable")
+    service.done("mode", **GAIT)
+    return service.until(walks)
+
+
+def ready_again(service: Inside) -> None:
+    service.done("reset")
+    service.until(lambda record: record.mode == Mode.READY)
+
+
+def cycles(service: Inside, count: int) -> None:
+    """Let so many cycles of the core pass."""
+    first = service.newest().seq
+    service.until(lambda record: record.seq >= first + count)
+
+
+def service_on_vcan(report: Report) -> None:
+    """The whole service walks; faults, cable, wall clock; SIGTERM."""
+    service = Inside(MEMORY / "one_leg", "vcan.toml")
+    try:
+        with witnessed(report, "up"):
+            up(service)
+        report["core_log"] = service.log("core")
+        walking(service)
+        _quiet(report, service)
+        _wall_clock(report, service)
+        _fault(report, service)
+        _error_frames(report, service)
+        _queue_full(report, service)
+        _cable(report, service)
+        _end(report, service)
+    finally:
+        for part in service.parts:
+            (report.folder / f"{part}.log").write_text(service.log(part))
+        service.end()
+
+
+def _quiet(report: Report, service: Inside) -> None:
+    """Nothing but walking, with canbusload beside candump."""
+    load = MEMORY / "canbusload"
+    seq = service.newest().seq
+    with witnessed(report, "quiet"):
+        with load.open("wb") as file:
+            measuring = subprocess.Popen(
+                ["canbusload", "-e", "vcan0@1000000"], stdin=subprocess.DEVNULL, stdout=file
+            )
+        time.sleep(WALK_S)
+        measuring.terminate()
+        measuring.wait()
+    report.keep_records("quiet", service, seq)
+    report["canbusload"] = load.read_text()
+    report["health"] = service.request("status")
+
+
+def _wall_clock(report: Report, service: Inside) -> None:
+    """An operator and an NTP daemon set the clock, far and near, while the leg walks."""
+    seq = service.newest().seq
+    for step in ("+1 hour", "-2 hours", "+1 hour"):
+        shell(f"date -s '{step}' > /dev/null")
+        time.sleep(STEP_PAUSE_S)
+    for step_s in (0.007, -0.007, 0.0004, -0.0004, -0.003, 0.003):
+        time.clock_settime(time.CLOCK_REALTIME, time.time() + step_s)
+        time.sleep(STEP_PAUSE_S)
+    report.keep_records("wall_clock", service, seq)
+    report["drives_after_steps"] = service.truth()[-1]
+
+
+def _fault(report: Report, service: Inside) -> None:
+    """One drive reports a fault by EMCY, in the middle of the gait."""
+    seq = service.newest().seq
+    with witnessed(report, "fault"):
+        report["injected"] = service.inject(f"emcy right/hip - {EMERGENCY}")
+        service.until(lambda record: record.mode == Mode.FAULT)
+        cycles(service, 20)
+    report.keep_records("fault", service, seq)
+    service.inject("clear emcy right/hip")
+    ready_again(service)
+
+
+def _error_frames(report: Report, service: Inside) -> None:
+    """What a controller's driver would report, put on the interface as the kernel's error frames."""
+    walking(service)
+    seq = service.newest().seq
+    with witnessed(report, "error_frames"):
+        for frame in (WARNING, PASSIVE, ACTIVE_AGAIN):
+            shell(f"cansend vcan0 {frame}")
+            cycles(service, 10)
+        shell(f"cansend vcan0 {BUS_OFF}")
+        cycles(service, 30)
+        shell(f"cansend vcan0 {RESTARTED}")
+        service.until(lambda record: record.mode == Mode.FAULT)
+        cycles(service, 10)
+    report.keep_records("error_frames", service, seq)
+    ready_again(service)
+    report["bus_after_reset"] = service.newest().bus.condition
+
+
+def _queue_full(report: Report, service: Inside) -> None:
+    """The interface's transmit queue takes nothing for a while: ENOBUFS of a real kernel."""
+    walking(service)
+    seq = service.newest().seq
+    shell("tc qdisc replace dev vcan0 root netem delay 10s limit 1")
+    service.until(lambda record: record.tx_dropped_count > 0)
+    service.until(lambda record: record.mode == Mode.STOPPING or record.mode == Mode.FAULT)
+    shell("tc qdisc del dev vcan0 root")
+    service.until(lambda record: record.mode == Mode.FAULT)
+    report.keep_records("queue_full", service, seq)
+    ready_again(service)
+
+
+def _cable(report: Report, service: Inside) -> None:
+    """The interface goes down while the leg walks, and comes back with new drives on it."""
+    walking(service)
+    core = service.parts["core"].pid
+    seq = service.newest().seq
+    shell("ip link set vcan0 down")
+    service.until(lambda record: record.mode == Mode.FAULT)
+    cycles(service, 20)
+    report.keep_records("cable", service, seq)
+    service.parts["sim"].wait()
+    report["sim_without_bus"] = service.parts["sim"].returncode
+    shell("ip link set vcan0 up")
+    service.start_drives()
+    ready_again(service)
+    report["same_core"] = service.runs("core") and service.parts["core"].pid == core
+
+
+def _end(report: Report, service: Inside) -> None:
+    """SIGTERM while the leg walks."""
+    walking(service)
+    seq = service.newest().seq
+    with witnessed(report, "end"):
+        service.kill("core", signal.SIGTERM)
+        report["core_exit"] = service.parts["core"].wait()
+    report.keep_records("end", service, seq)
+
+
+def two_legs_on_vcan(report: Report) -> None:
+    """Four drives on one bus: both legs walk, and one request stops both."""
+    service = Inside(MEMORY / "two_legs", "two_legs.toml")
+    try:
+        up(service)
+        walking(service)
+        seq = service.newest().seq
+        load = MEMORY / "canbusload_two"
+        with witnessed(report, "two_legs"):
+            with load.open("wb") as file:
+                measuring = subprocess.Popen(
+                    ["canbusload", "-e", "vcan0@1000000"], stdin=subprocess.DEVNULL, stdout=file
+                )
+            time.sleep(WALK_S)
+            measuring.terminate()
+            measuring.wait()
+            service.inject(f"emcy left/slide - {EMERGENCY}")
+            service.until(lambda record: record.mode == Mode.FAULT)
+            cycles(service, 20)
+        report["canbusload_two"] = load.read_text()
+        report.keep_records("two_legs", service, seq)
+        service.kill("core", signal.SIGTERM)
+        report["two_legs_exit"] = service.parts["core"].wait()
+    finally:
+        for part in service.parts:
+            (report.folder / f"two_legs_{part}.log").write_text(service.log(part))
+        service.end()
+
+
+CONTROLLERS = """
+modprobe kvaser_pci
+for one in can0 can1; do
+    ip link set $one txqueuelen 100
+    ip link set $one type can bitrate 1000000 restart-ms 100
+    ip link set $one up
+done
+"""
+
+
+def service_on_two_controllers(report: Report) -> None:
+    """The core on one emulated controller (SJA1000 on a Kvaser card), the drives on the other.
+
+    The emulation carries frames and has registers and interrupts; it makes no errors: what is sent
+    counts as acknowledged, whoever hears it and at whatever bit rate, so no error counter rises.
+    """
+    shell(CONTROLLERS)
+    service = Inside(MEMORY / "controllers", "vcan.toml", core="can0", sim="can1")
+    try:
+        up(service)
+        report["controller"] = json.loads(shell("ip -details -json link show can0"))[0]
+        walking(service)
+        _between_controllers(report, service)
+        _other_controller_down(report, service)
+        _own_controller_down(report, service)
+        service.kill("core", signal.SIGTERM)
+        report["controllers_exit"] = service.parts["core"].wait()
+    finally:
+        for part in service.parts:
+            (report.folder / f"controllers_{part}.log").write_text(service.log(part))
+        service.end()
+
+
+def _between_controllers(report: Report, service: Inside) -> None:
+    seq = service.newest().seq
+    with witnessed(report, "controllers", "can1"):
+        time.sleep(WALK_S / 2)
+    report.keep_records("controllers", service, seq)
+    # Nothing to restart: the driver refuses unless the controller is bus-off.
+    tried = subprocess.run(
+        ["ip", "link", "set", "can0", "type", "can", "restart"], capture_output=True, check=False
+    )
+    report["restart_refused"] = tried.returncode != 0
+
+
+def _other_controller_down(report: Report, service: Inside) -> None:
+    """Nobody is left who could acknowledge; at another bit rate it would be the same."""
+    seq = service.newest().seq
+    shell("ip link set can1 down")
+    service.until(lambda record: record.mode == Mode.FAULT)
+    cycles(service, 20)
+    report.keep_records("other_down", service, seq)
+    report["controller_alone"] = json.loads(shell("ip -details -json link show can0"))[0]
+    service.parts["sim"].wait()
+    shell("ip link set can1 up")
+    service.start_drives()
+    ready_again(service)
+
+
+def _own_controller_down(report: Report, service: Inside) -> None:
+    walking(service)
+    seq = service.newest().seq
+    shell("ip link set can0 down")
+    service.until(lambda record: record.mode == Mode.FAULT)
+    cycles(service, 20)
+    report.keep_records("own_down", service, seq)
+    shell("ip link set can0 up")
+    ready_again(service)
