@@ -179,7 +179,7 @@ def pytest_terminal_summary(terminalreporter, config):
         terminalreporter.write_line(f"rigs not used: {said} (`make rigs` installs them)")
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def vcan_rig():
     """A world with SocketCAN."""
     return RIGS["rig_vcan"]

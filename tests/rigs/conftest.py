@@ -1,4 +1,4 @@
-"""One boot for all that needs SocketCAN: the scenarios of tests/support/scenarios.py, and what they left.
+"""One boot for all that needs SocketCAN: tests/support/scenarios.py, and what it has left.
 
 Numba's machine code is made on the host, for a processor without extensions ("generic"), because
 compiling in the virtual machine takes minutes; the guest finds it where `numba/` lies beside its
@@ -39,8 +39,12 @@ canplayer vcan0=can0 -I session.candump
 sleep 2.5
 kill $measuring
 export NUMBA_CPU_NAME=generic NUMBA_CACHE_DIR=$PWD/numba PYTHONPATH={support}
-python {support}/inside.py $PWD service_on_vcan two_legs_on_vcan
+python {support}/inside.py $PWD {scenarios}
 """
+ON_VCAN = ("service_on_vcan", "two_legs_on_vcan")
+ON_CONTROLLERS = ("service_on_two_controllers",)
+CONTROLLERS = " -object can-bus,id=c0 -device kvaser_pci,canbus=c0 -device kvaser_pci,canbus=c0"
+"""Two SJA1000 of QEMU on one bus: can0 and can1."""
 EXCHANGE = """
 import can
 with can.Bus(interface="socketcan", channel="vcan0") as drive, can.Bus(
@@ -104,10 +108,56 @@ def compiled_for_any_processor(folder: Path) -> None:
     shutil.copytree(CACHE, folder / "numba")
 
 
+def with_controllers(rig: Any, *, emulated: bool) -> Any:
+    """The rig, with two CAN controllers where it is a virtual machine, or `emulated` wants one."""
+
+    class WithControllers(type(rig)):
+        def native(self) -> bool:
+            return not emulated and super().native()
+
+        def command(self, script: Path, folder: Path) -> list[str]:
+            words = super().command(script, folder)
+            return [w + CONTROLLERS if w.startswith("--qemu-opts=") else w for w in words]
+
+    return WithControllers()
+
+
+def boot(rig: Any, folder: Path, scenarios: tuple[str, ...]) -> None:
+    """Run scenarios; what they said, if they did not come to their end."""
+    compiled_for_any_processor(folder)
+    script = SCRIPT.format(support=SUPPORT, scenarios=" ".join(scenarios))
+    finished = rig.run(script, folder, TIMEOUT_S)
+    logs = "\n".join(f"--- {path.name}\n{path.read_text()}" for path in folder.glob("*.log"))
+    assert finished.exit_code == 0, f"{finished.output}\n{logs}"
+
+
 @pytest.fixture(scope="session")
 def vcan_world(vcan_rig, tmp_path_factory):
-    """The one boot; its output, if it did not come to its end."""
+    """Everything on vcan0; in a virtual machine also what is on controllers, in the same boot."""
     folder = tmp_path_factory.mktemp("vcan")
+    wire = prepared(folder)
+    more = () if vcan_rig.native() else ON_CONTROLLERS
+    boot(with_controllers(vcan_rig, emulated=False), folder, ON_VCAN + more)
+    return World(folder, wire)
+
+
+@pytest.fixture(scope="session")
+def controllers_world(vcan_rig, vcan_world, tmp_path_factory):
+    """Everything on two controllers: always in a virtual machine."""
+    if not vcan_rig.native():
+        return vcan_world
+    rig = with_controllers(vcan_rig, emulated=True)
+    lack = rig.lacks()
+    if lack:
+        pytest.skip(f"emulated controllers: {lack}")
+    folder = tmp_path_factory.mktemp("controllers")
+    wire = prepared(folder)
+    boot(rig, folder, ON_CONTROLLERS)
+    return World(folder, wire)
+
+
+def prepared(folder: Path) -> Wiretap:
+    """What the script plays; the lock-step session that it is of."""
     session = Session().walking(warm_s=0.0)
     wire = Wiretap(session.machine.world)
     session.lockstep.run(1.0)
@@ -115,10 +165,4 @@ def vcan_world(vcan_rig, tmp_path_factory):
     dump = "".join(candump_line(line.time_ns - begun_ns, line.frame) + "\n" for line in wire.lines)
     (folder / "session.candump").write_text(dump)
     (folder / "exchange.py").write_text(EXCHANGE)
-    compiled_for_any_processor(folder)
-
-    finished = vcan_rig.run(SCRIPT.format(support=SUPPORT), folder, TIMEOUT_S)
-
-    logs = "\n".join(f"--- {path.name}\n{path.read_text()}" for path in folder.glob("*.log"))
-    assert finished.exit_code == 0, f"{finished.output}\n{logs}"
-    return World(folder, wire)
+    return wire

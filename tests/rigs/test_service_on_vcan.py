@@ -1,7 +1,7 @@
 """The whole service on a real SocketCAN interface, seen by can-utils and by its own records.
 
 In the virtual machine time counts instructions, so what is measured there does not depend on the
-host, and may be asserted. Its processor is some nine times slower than this one's, and there is one.
+host, and may be asserted. Its one processor is some nine times slower than the host's.
 """
 
 import itertools

@@ -1,15 +1,15 @@
 """The service inside the rig's small world: one Python that imports and warms once, then forks.
 
-    python inside.py warm                      compile what the service needs (on the host, too)
-    python inside.py FOLDER SCENARIO ...       run scenarios of `scenarios.py`; results in FOLDER
+    python inside.py warm                  compile what the service needs (on the host, too)
+    python inside.py FOLDER SCENARIO ...   run these of `scenarios.py`; results in FOLDER
 
 In the virtual machine an import of numpy and numba costs half a minute. So the programs that people
 start (`gaitd sim`, `gaitd core`, `gaitd gateway`) are forked from this process and run `gaitd`'s own
 entry point with the words of their command line; from there on they are what they always are.
 
 Waiting for the host's disk lets the guest's clock run away (it counts instructions), so everything
-that runs has its files in the guest's memory, and waits here are generous: what is asserted later is
-counted in cycles, or measured by candump's stamps.
+that runs has its files in the guest's memory, and waits here are generous: what is asserted later
+is counted in cycles, or measured by candump's stamps.
 """
 
 import gc

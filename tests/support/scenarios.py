@@ -1,8 +1,8 @@
 """What happens to the service in the small world with SocketCAN, and what is kept of it.
 
 Each function is one scenario; `inside.py` calls it by name. Nothing is asserted here but that a
-scenario came to its end: facts, records and candump's lines go into a folder, and tests/rigs/ judges
-them by name. `candump` is the witness that is not ours.
+scenario came to its end: facts, records and candump's lines go into a folder, and tests/rigs/
+judges them by name. `candump` is the witness that is not ours.
 """
 
 import contextlib
@@ -145,7 +145,7 @@ def _fault(report: Report, service: Inside) -> None:
 
 
 def _error_frames(report: Report, service: Inside) -> None:
-    """What a controller's driver would report, put on the interface as the kernel's error frames."""
+    """What a controller's driver would report, put on the interface as kernel error frames."""
     walking(service)
     seq = service.newest().seq
     with witnessed(report, "error_frames"):
@@ -168,7 +168,7 @@ def _queue_full(report: Report, service: Inside) -> None:
     seq = service.newest().seq
     shell("tc qdisc replace dev vcan0 root netem delay 10s limit 1")
     service.until(lambda record: record.tx_dropped_count > 0)
-    service.until(lambda record: record.mode == Mode.STOPPING or record.mode == Mode.FAULT)
+    service.until(lambda record: record.mode in {Mode.STOPPING, Mode.FAULT})
     shell("tc qdisc del dev vcan0 root")
     service.until(lambda record: record.mode == Mode.FAULT)
     report.keep_records("queue_full", service, seq)

@@ -1,0 +1,50 @@
+"""The service on one emulated CAN controller, the virtual drives on another: a driver with a bit rate.
+
+QEMU's SJA1000 carries frames, and takes bit rate, restart and queue length; it makes no errors:
+whatever is sent counts as acknowledged. So bus-off and error passive of a real driver cannot be
+provoked here. What our side does with the error frames of a driver is judged in
+test_service_on_vcan.py, where the kernel carries them.
+"""
+
+import pytest
+
+from daemon.record import Cause, Mode
+from drives.bus_state import BusCondition
+
+pytestmark = [pytest.mark.rig_vcan, pytest.mark.timeout(3000)]
+
+
+def test_the_leg_walks_over_two_controllers_at_1_mbit_per_s(controllers_world):
+    link = controllers_world.facts["controller"]
+    records = controllers_world.records("controllers")
+
+    assert link["linkinfo"]["info_data"]["bittiming"]["bitrate"] == 1_000_000
+    assert link["linkinfo"]["info_data"]["restart_ms"] == 100
+    assert link["linkinfo"]["info_data"]["state"] == "ERROR-ACTIVE"
+    assert link["txqlen"] == 100
+    assert {record.mode for record in records} == {Mode.GAIT}
+    assert all(drive.fresh for record in records for drive in record.drives)
+    assert {record.bus.condition for record in records} == {BusCondition.ACTIVE.value}
+
+
+def test_a_controller_that_is_not_bus_off_cannot_be_restarted(controllers_world):
+    assert controllers_world.facts["restart_refused"]
+
+
+def test_drives_whose_controller_is_down_are_lost_and_a_reset_finds_them_again(controllers_world):
+    records = controllers_world.records("other_down")
+
+    assert records[-1].mode == Mode.FAULT
+    assert records[-1].verdict.cause == Cause.DRIVE_SILENT
+    # The emulation's own: a frame that nobody has heard counts as sent.
+    info = controllers_world.facts["controller_alone"]["linkinfo"]["info_data"]
+    assert info["state"] == "ERROR-ACTIVE"
+    assert records[-1].bus.no_ack_count == 0
+
+
+def test_our_own_controller_may_be_set_down_and_up(controllers_world):
+    records = controllers_world.records("own_down")
+
+    assert records[-1].mode == Mode.FAULT
+    assert records[-1].verdict.cause == Cause.BUS_DOWN
+    assert controllers_world.facts["controllers_exit"] == 0
