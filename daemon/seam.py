@@ -55,6 +55,7 @@ ASIDE_NAME: Final = "records.aside"
 GATEWAY_SOCKET_NAME: Final = "gateway.sock"
 CORE_SOCKET_NAME: Final = "core.sock"
 LEVEL_SIZE_MAX: Final = 8192
+_SOCKET_MODE: Final = 0o660
 
 
 class RingError(Exception):
@@ -221,6 +222,9 @@ def _bound_socket(path: Path) -> socket.socket:
     bound = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
     bound.setblocking(False)
     bound.bind(str(path))
+    # Both halves are of one group. What else they make is written by its maker alone (UMask= of the
+    # units), but a datagram needs the right to write.
+    path.chmod(_SOCKET_MODE)
     return bound
 
 

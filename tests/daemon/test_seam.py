@@ -1,5 +1,6 @@
 """The ring of records and the two datagram sockets, without a core or a gateway."""
 
+import os
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,6 +81,19 @@ def test_the_ring_keeps_the_newest_records_and_knows_what_is_gone(tmp_path):
     assert reader.newest_seq() == seam.SLOT_COUNT + 10
     assert reader.read(10) is None
     assert [one.seq for one in reader.since(0)] == list(range(11, seam.SLOT_COUNT + 11))
+
+
+def test_the_group_may_send_to_the_core_but_not_shorten_what_it_has_mapped(tmp_path):
+    umask = os.umask(0o027)
+    try:
+        core = CoreSeam(tmp_path, HEADER)
+    finally:
+        os.umask(umask)
+
+    modes = {name: (tmp_path / name).stat().st_mode & 0o777 for name in os.listdir(tmp_path)}
+    core.close()
+
+    assert modes == {seam.CORE_SOCKET_NAME: 0o660, seam.RING_NAME: 0o640}
 
 
 def test_a_slot_that_is_being_written_is_not_read(tmp_path):
