@@ -2,6 +2,7 @@
 
 import json
 import logging
+import os
 import signal
 import sys
 from pathlib import Path
@@ -51,6 +52,7 @@ def command(
                 MonotonicClock(),
                 ending.asked,
                 file.trainer.lease,
+                os.environ.get("NOTIFY_SOCKET"),
             )
         except zenoh.ZError as error:
             listen = ", ".join(settings.listen)

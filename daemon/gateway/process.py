@@ -1,7 +1,8 @@
 """The gateway's process: opens the seam and Zenoh, turns until it is told to end, closes both.
 
 One thread of ours, beside those that wait for the disk. It sleeps in poll() and is woken by the
-core's datagram, by a query, or after 20 ms without either, so that the core goes on hearing us.
+core's datagram, by a query, or after 20 ms without either, so that the core goes on hearing us. The
+watchdog is fed from here alone.
 """
 
 import select
@@ -19,9 +20,12 @@ from daemon.gateway.service import LEVEL_PERIOD_NS, Gateway
 from daemon.gateway.session import open_session
 from daemon.gateway.setpoints import SetpointBox
 from daemon.gateway.subscribe import SetpointSubscriber
+from daemon.sd_notify import Notifier
 from daemon.seam import GatewaySeam
 
 _POLL_MS: Final = LEVEL_PERIOD_NS // 1_000_000
+_TELL_NS: Final = 500_000_000
+"""Between two words to the supervisor."""
 
 
 def serve(
@@ -32,6 +36,7 @@ def serve(
     clock: Clock,
     ended: Callable[[], bool],
     lease: Lease,
+    notify_address: str | None,
 ) -> None:
     """Run the gateway until `ended` says so, which is asked at least every 20 ms.
 
@@ -42,6 +47,7 @@ def serve(
     # Order matters at the end: the outlet undeclares, then the session closes (an open one would
     # hang the process), and only then mailbox and box go, because callbacks may use it until then.
     with (
+        closing(Notifier(notify_address)) as supervisor,
         closing(GatewaySeam(runtime)) as seam,
         closing(Mailbox()) as mailbox,
         closing(SetpointBox()) as box,
@@ -55,6 +61,8 @@ def serve(
         poller.register(seam.fileno(), select.POLLIN)
         poller.register(mailbox.fileno(), select.POLLIN)
         poller.register(box.fileno(), select.POLLIN)
+        supervisor.send("READY=1")
+        tell_ns = 0
         while not ended():
             poller.poll(_POLL_MS)
             begun_ns = clock.now_ns()
@@ -65,3 +73,7 @@ def serve(
             box.expect(gateway.steering.lease)
             gateway.health.counters.inquiry_dropped_count = mailbox.dropped_count
             gateway.health.note_wake(clock.now_ns() - begun_ns)
+            if begun_ns >= tell_ns:
+                supervisor.send("WATCHDOG=1", f"STATUS={gateway.status}")
+                tell_ns = begun_ns + _TELL_NS
+        supervisor.send("STOPPING=1")

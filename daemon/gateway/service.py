@@ -146,6 +146,12 @@ class Gateway:
         if said:
             self._say(said, self._clock.utc_ns())
 
+    @property
+    def status(self) -> str:
+        """One human line for the supervisor."""
+        record = self._newest if self._presence.heard else None
+        return f"core {name_of(record.mode)}" if record else "no records from a core"
+
     def close(self) -> None:
         """Answer whoever still waits."""
         for ticket in tuple(self._waiting):
