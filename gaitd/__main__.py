@@ -6,6 +6,7 @@ of configuration is one line on stderr and exit code 2 in every command.
 """
 
 import importlib
+import os
 import sys
 from collections.abc import Callable
 from importlib.metadata import version
@@ -55,7 +56,6 @@ COMMANDS: Final = {
 def build(chosen: str | None) -> typer.Typer:
     """The whole command line, in which only the chosen command is more than its name."""
     app = typer.Typer(
-        add_completion=False,
         no_args_is_help=True,
         pretty_exceptions_enable=False,
         help="Drive service of a home gait trainer.",
@@ -68,12 +68,18 @@ def build(chosen: str | None) -> typer.Typer:
 
 def main() -> None:
     """Entry point of the `gaitd` script."""
-    chosen = next((word for word in sys.argv[1:] if not word.startswith("-")), None)
+    chosen = next((word for word in _words()[1:] if word in COMMANDS), None)
     try:
         build(chosen)()
     except ConfigError as error:
         print(error.line, file=sys.stderr)
         sys.exit(EXIT_CONFIGURATION)
+
+
+def _words() -> list[str]:
+    """The line that runs us, or the one that a shell completes: that comes in a variable."""
+    lines = (os.environ.get(name) for name in ("COMP_WORDS", "_TYPER_COMPLETE_ARGS"))
+    return next((line.split() for line in lines if line), sys.argv)
 
 
 def _function(name: str) -> Callable[..., None]:

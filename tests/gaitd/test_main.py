@@ -1,7 +1,9 @@
 """The command line as a whole: what there is, what it costs, how a configuration error ends."""
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from config_files import CONFIGS, Change, changed, copied
@@ -77,3 +79,21 @@ def test_a_bus_that_cannot_carry_the_frames_is_refused_before_it_is_opened(name,
     assert "bus.bitrate_bit_per_s" in ended.stderr
     assert "250000" in ended.stderr
     assert len(set(ended.stderr.splitlines())) == 1  # `run` may say it for core and gateway
+
+
+def test_a_shell_completes_commands_and_their_options():
+    def completed(line, word):
+        environment = {
+            **os.environ,
+            "_GAITD_COMPLETE": "complete_bash",
+            "COMP_WORDS": line,
+            "COMP_CWORD": str(word),
+        }
+        program = [str(Path(sys.executable).with_name("gaitd"))]
+        ended = subprocess.run(
+            program, env=environment, capture_output=True, text=True, check=False
+        )
+        return ended.stdout.split()
+
+    assert {"check", "core", "commission"} <= set(completed("gaitd c", 1))
+    assert "--config" in completed("gaitd core --c", 2)
