@@ -8,10 +8,10 @@ SAFETY_TESTS := $(wildcard tests/drives/test_cia402*.py tests/daemon/core/test_m
 PACKAGES := drives observer daemon sim_drives gaitd analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check lint types imports pytest coverage mutants bench rigs lock format golden clean
+.PHONY: help demo test check lint types imports pytest coverage mutants bench install uninstall purge rigs lock format golden clean
 
 help:  ## list the targets
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-8s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-9s %s\n", $$1, $$2}'
 
 $(VENV)/run.stamp: requirements/run.txt pyproject.toml
 	@test -d $(VENV) || $(PYTHON) -m venv $(VENV)
@@ -56,6 +56,15 @@ bench: $(VENV)/dev.stamp  ## the project's benchmarks, as ratios in one run
 format: $(VENV)/dev.stamp  ## format, and fix what the linter can fix
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+
+install:  ## the service on this machine (root, Debian); leaves it stopped. DESTDIR= stages a package
+	PYTHON=$(PYTHON) DESTDIR=$(DESTDIR) bash scripts/install.sh install
+
+uninstall:  ## take the service off this machine; keeps configuration and state
+	DESTDIR=$(DESTDIR) bash scripts/install.sh uninstall
+
+purge:  ## the same, with configuration, state and users
+	DESTDIR=$(DESTDIR) bash scripts/install.sh purge
 
 rigs:  ## install what the rigs need (root, Debian)
 	bash scripts/rigs.sh

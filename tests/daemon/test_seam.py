@@ -90,7 +90,7 @@ def test_the_group_may_send_to_the_core_but_not_shorten_what_it_has_mapped(tmp_p
     finally:
         os.umask(umask)
 
-    modes = {name: (tmp_path / name).stat().st_mode & 0o777 for name in os.listdir(tmp_path)}
+    modes = {path.name: path.stat().st_mode & 0o777 for path in tmp_path.iterdir()}
     core.close()
 
     assert modes == {seam.CORE_SOCKET_NAME: 0o660, seam.RING_NAME: 0o640}

@@ -1,0 +1,188 @@
+#!/usr/bin/env bash
+# Puts gaitd on a machine, and takes it off again. For Debian 12 or newer, as root:
+#
+#   install.sh install      environment and files; leaves the service stopped, and disabled as it was
+#   install.sh files        the files alone, for an environment that is at $PREFIX already
+#   install.sh uninstall    takes away all but configuration and state
+#   install.sh purge        these, too, and the users
+#
+# DESTDIR=/somewhere stages the files for a package; nothing of the running system is touched then.
+set -Eeuo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+DESTDIR=${DESTDIR:-}
+PYTHON=${PYTHON:-python3}
+PREFIX=/opt/gaitd
+UNITS=/usr/lib/systemd/system
+NETWORK=/usr/lib/systemd/network
+DOCUMENTS=/usr/share/doc/gaitd
+BASH_COMPLETION=/usr/share/bash-completion/completions/gaitd
+ZSH_COMPLETION=/usr/share/zsh/vendor-completions/_gaitd
+PARTS=(gaitd.target gaitd-core.service gaitd-gateway.service gaitd-sim.service)
+NO_CAN=10-gaitd-no-can.conf
+WAIT=$UNITS/sys-subsystem-net-devices-can0.device.d
+
+say() { printf 'install: %s\n' "$*"; }
+refuse() { say "$*" >&2; exit 1; }
+put() { install -D -m "${3:-644}" "$1" "$DESTDIR$2"; }
+live() { [ -z "$DESTDIR" ]; }
+running() { live && [ -d /run/systemd/system ]; }
+
+idle() {
+    # What a running service imports or executes must not change under it, nor under a patient.
+    local unit
+    running || return 0
+    for unit in gaitd-core gaitd-gateway gaitd-sim; do
+        ! systemctl --quiet is-active "$unit" || refuse "$unit runs: \`systemctl stop gaitd.target gaitd-sim\` first"
+    done
+}
+
+environment() {
+    # Beside the old one, which goes when the link has been turned: there is always a whole one.
+    local version target
+    "$PYTHON" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || refuse "$PYTHON is older than 3.11"
+    "$PYTHON" -c 'import ensurepip, venv' 2> /dev/null || refuse "$PYTHON has no venv: apt-get install python3-venv"
+    version=$("$PYTHON" -c 'import tomllib; print(tomllib.load(open("pyproject.toml", "rb"))["project"]["version"])')
+    target="$PREFIX-$version-$(date -u +%Y%m%d%H%M%S)"
+    say "making $target, with all pinned dependencies"
+    "$PYTHON" -m venv "$DESTDIR$target"
+    "$DESTDIR$target/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/run.txt
+    "$DESTDIR$target/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation .
+    if ! live; then
+        # Staged for another place: what pip has written into the scripts is the place it is at now.
+        grep -rlIZ "$DESTDIR$target" "$DESTDIR$target/bin" "$DESTDIR$target/pyvenv.cfg" | xargs -0 sed -i "s#$DESTDIR$target#$target#g"
+    fi
+    ln -sfn "$target" "$DESTDIR$PREFIX.new"
+    mv -T "$DESTDIR$PREFIX.new" "$DESTDIR$PREFIX"
+    find "$DESTDIR$(dirname "$PREFIX")" -maxdepth 1 -type d -name "$(basename "$PREFIX")-*" ! -path "$DESTDIR$target" -exec rm -rf {} +
+}
+
+files() {
+    local name
+    for name in "${PARTS[@]}"; do
+        put "systemd/$name" "$UNITS/$name"
+    done
+    # Every other service is kept off the CAN bus; ours have a file of that name in their own folder.
+    put systemd/drop-ins/no-can.conf "$UNITS/service.d/$NO_CAN"
+    for name in core sim; do
+        put systemd/drop-ins/may-can.conf "$UNITS/gaitd-$name.service.d/$NO_CAN"
+    done
+    put systemd/drop-ins/bus-can0.conf "$UNITS/gaitd-core.service.d/20-gaitd-bus.conf"
+    put systemd/drop-ins/can0-wait.conf "$WAIT/10-gaitd-wait.conf"
+    for name in systemd/network/80-gaitd-can0.*; do
+        put "$name" "$NETWORK/$(basename "$name")"
+    done
+    # For a desk, to be copied by hand: a virtual bus, or the loopback bus.
+    for name in systemd/network/80-gaitd-vcan0.* systemd/drop-ins/bus-{vcan0,loopback}.conf; do
+        put "$name" "$DOCUMENTS/examples/$(basename "$name")"
+    done
+    put systemd/gaitd.sysusers /usr/lib/sysusers.d/gaitd.conf
+    put systemd/gaitd.tmpfiles /usr/lib/tmpfiles.d/gaitd.conf
+    for name in README.md CHANGELOG.md LICENSE docs/*; do
+        put "$name" "$DOCUMENTS/$name"
+    done
+    install -d "$DESTDIR/usr/bin"
+    ln -sfn "$PREFIX/bin/gaitd" "$DESTDIR/usr/bin/gaitd"
+    configuration
+    ! live || settle
+}
+
+configuration() {
+    # What is there stays, edited or not; what this version ships is beside it as FILE.dist.
+    local file target
+    while IFS= read -r file; do
+        target="/etc/gaitd/${file#configs/}"
+        if [ -e "$DESTDIR$target" ] && ! cmp -s "$file" "$DESTDIR$target"; then
+            put "$file" "$target.dist" 640
+            say "$target is kept; this version's is beside it as .dist"
+        else
+            [ -e "$DESTDIR$target" ] || put "$file" "$target" 640
+            rm -f "$DESTDIR$target.dist"
+        fi
+    done < <(find configs -type f | sort)
+    find "$DESTDIR/etc/gaitd" -type d -exec chmod 755 {} +
+}
+
+settle() {
+    # What only the machine itself can have: users, folders, completion, compiled kernels.
+    completion
+    systemd-sysusers gaitd.conf
+    systemd-tmpfiles --create gaitd.conf
+    chgrp -R gaitd /etc/gaitd
+    ! running || systemctl daemon-reload
+    warm
+}
+
+completion() {
+    install -d "$(dirname "$BASH_COMPLETION")" "$(dirname "$ZSH_COMPLETION")"
+    _GAITD_COMPLETE=source_bash "$PREFIX/bin/gaitd" > "$BASH_COMPLETION"
+    _GAITD_COMPLETE=source_zsh "$PREFIX/bin/gaitd" > "$ZSH_COMPLETION"
+}
+
+warm() {
+    # The kernels are compiled once for a version and a processor: now, not at the first start.
+    say "compiling for this processor"
+    runuser -u gaitd-core -- env -C / NUMBA_CACHE_DIR=/var/cache/gaitd "$PREFIX/bin/python" -P - << 'WARM' ||
+from pathlib import Path
+from daemon.config.load import load
+from daemon.core.axis_notes import Notes
+from daemon.core.build import build
+from daemon.core.warm import warm_up
+warm_up(build(load(Path("/etc/gaitd/trainer.toml")), "", Notes()))
+WARM
+        say "not compiled yet: the first start does it, and takes half a minute longer"
+}
+
+uninstall() {
+    local name
+    if running; then
+        # The core first: it brings both axes to rest.
+        systemctl disable --quiet --now "${PARTS[@]}" 2> /dev/null || true
+        systemctl reset-failed "${PARTS[@]}" 2> /dev/null || true
+    fi
+    for name in "${PARTS[@]}"; do
+        rm -f "$DESTDIR$UNITS/$name"
+    done
+    rm -f "$DESTDIR$UNITS"/{gaitd-core,gaitd-sim}.service.d/{$NO_CAN,20-gaitd-bus.conf} \
+        "$DESTDIR$UNITS/service.d/$NO_CAN" "$DESTDIR$WAIT/10-gaitd-wait.conf" \
+        "$DESTDIR$NETWORK"/80-gaitd-can0.{link,network} \
+        "$DESTDIR"/usr/lib/{sysusers,tmpfiles}.d/gaitd.conf \
+        "$DESTDIR/usr/bin/gaitd" "$DESTDIR$BASH_COMPLETION" "$DESTDIR$ZSH_COMPLETION"
+    for name in "$UNITS"/{gaitd-core.service.d,gaitd-sim.service.d,service.d} "$WAIT"; do
+        rmdir --ignore-fail-on-non-empty "$DESTDIR$name" 2> /dev/null || true
+    done
+    rm -rf "$DESTDIR$DOCUMENTS" "$DESTDIR$PREFIX" "$DESTDIR$PREFIX"-* "$DESTDIR/run/gaitd" "$DESTDIR/var/cache/gaitd"
+    ! running || systemctl daemon-reload
+    say "gone; /etc/gaitd and /var/lib/gaitd are kept (\`make purge\` removes them)"
+}
+
+purge() {
+    uninstall
+    rm -rf "$DESTDIR/etc/gaitd" "$DESTDIR/var/lib/gaitd" "$DESTDIR"/etc/systemd/system/gaitd-{core,gateway,sim}.service.d
+    if live; then
+        local user
+        for user in gaitd-core gaitd-gateway gaitd-sim; do
+            userdel "$user" 2> /dev/null || true
+        done
+        groupdel gaitd 2> /dev/null || true
+    fi
+    ! running || systemctl daemon-reload
+    say "configuration, state and users are gone, too"
+}
+
+usage() { sed -n '2,9p' "${BASH_SOURCE[0]}" | sed 's/^# \{0,1\}//'; exit 2; }
+
+case "${1:-}" in install | files | uninstall | purge) ;; *) usage ;; esac
+! live || [ "$(id -u)" -eq 0 ] || refuse "needs root (or DESTDIR=/somewhere to stage a package)"
+case "$1" in
+    install)
+        idle
+        environment
+        files
+        say "done; nothing was started or enabled. Next: edit /etc/gaitd/trainer.toml, then"
+        say "\`gaitd check --config /etc/gaitd/trainer.toml\`, \`gaitd doctor\`, \`systemctl enable --now gaitd.target\`"
+        ;;
+    files) idle; files ;;
+    uninstall) uninstall ;;
+    purge) purge ;;
+esac

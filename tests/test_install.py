@@ -1,0 +1,148 @@
+"""`make install`, staged into a folder: what lies where, what an upgrade keeps, what remains.
+
+The container of `rigs/test_service_under_systemd.py` has the same on a running system.
+"""
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+PROJECT = Path(__file__).parents[1]
+INSTALL = PROJECT / "scripts" / "install.sh"
+
+
+class Staged:
+    """A machine that is only a folder."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def run(self, what: str) -> str:
+        ended = subprocess.run(
+            ["bash", str(INSTALL), what],
+            env={**os.environ, "DESTDIR": str(self.root)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert ended.returncode == 0, ended.stdout + ended.stderr
+        return ended.stdout
+
+    def __truediv__(self, name: str) -> Path:
+        return self.root / name
+
+    def files(self) -> set[str]:
+        paths = (path for path in self.root.rglob("*") if path.is_symlink() or not path.is_dir())
+        return {f"/{path.relative_to(self.root)}" for path in paths}
+
+
+@pytest.fixture
+def machine(tmp_path):
+    staged = Staged(tmp_path / "machine")
+    staged.run("files")
+    return staged
+
+
+def test_units_configuration_and_documents_are_where_a_debian_machine_looks_for_them(machine):
+    units = "/usr/lib/systemd/system"
+
+    assert {
+        "/etc/gaitd/trainer.toml",
+        "/etc/gaitd/drives/profiles/epos4.toml",
+        "/usr/bin/gaitd",
+        "/usr/lib/systemd/network/80-gaitd-can0.link",
+        "/usr/lib/systemd/network/80-gaitd-can0.network",
+        "/usr/lib/sysusers.d/gaitd.conf",
+        "/usr/lib/tmpfiles.d/gaitd.conf",
+        "/usr/share/doc/gaitd/README.md",
+        f"{units}/gaitd-core.service",
+        f"{units}/gaitd-core.service.d/20-gaitd-bus.conf",
+        f"{units}/gaitd.target",
+        f"{units}/service.d/10-gaitd-no-can.conf",
+        f"{units}/sys-subsystem-net-devices-can0.device.d/10-gaitd-wait.conf",
+    } <= machine.files()
+    assert (machine / "usr/bin/gaitd").readlink() == Path("/opt/gaitd/bin/gaitd")
+
+
+def test_no_unit_is_enabled_and_no_bus_of_a_desk_is_in_force(machine):
+    assert not [name for name in machine.files() if ".wants/" in name]
+    assert not [
+        name
+        for name in machine.files()
+        if "vcan" in name and "/examples/" not in name and not name.startswith("/etc/gaitd/")
+    ]
+    in_force = machine / "usr/lib/systemd/system/gaitd-core.service.d/20-gaitd-bus.conf"
+    assert "AF_INET" not in in_force.read_text()
+
+
+def test_an_upgrade_keeps_what_was_edited_and_lays_its_own_beside_it(machine):
+    trainer = machine / "etc/gaitd/trainer.toml"
+    edited = trainer.read_text().replace('channel = "can0"', 'channel = "can1"')
+    trainer.write_text(edited)
+
+    said = machine.run("files")
+
+    assert trainer.read_text() == edited
+    shipped = (PROJECT / "configs" / "trainer.toml").read_bytes()
+    assert (machine / "etc/gaitd/trainer.toml.dist").read_bytes() == shipped
+    assert "/etc/gaitd/trainer.toml is kept" in said
+    assert [name for name in machine.files() if name.endswith(".dist")] == [
+        "/etc/gaitd/trainer.toml.dist"
+    ]
+
+
+def test_an_offer_goes_once_it_is_taken(machine):
+    trainer = machine / "etc/gaitd/trainer.toml"
+    shipped = trainer.read_bytes()
+    trainer.write_text("# mine")
+    machine.run("files")
+    trainer.write_bytes(shipped)
+
+    machine.run("files")
+
+    assert not [name for name in machine.files() if name.endswith(".dist")]
+
+
+def test_configuration_is_not_for_everybody_to_read(machine):
+    for path in (machine / "etc/gaitd").rglob("*"):
+        assert path.stat().st_mode & 0o777 == (0o755 if path.is_dir() else 0o640)
+
+
+def test_an_uninstall_leaves_configuration_and_state_and_nothing_else(machine):
+    state = machine / "var/lib/gaitd"
+    state.mkdir(parents=True)
+    (state / "axes.json").write_text("{}")
+    before = {name for name in machine.files() if name.startswith("/etc/gaitd/")}
+
+    machine.run("uninstall")
+
+    assert machine.files() == before | {"/var/lib/gaitd/axes.json"}
+
+
+def test_an_uninstall_leaves_what_somebody_else_has_put_beside_ours(machine):
+    theirs = machine / "usr/lib/systemd/system/service.d/50-theirs.conf"
+    theirs.write_text("[Service]\n")
+
+    machine.run("uninstall")
+
+    assert theirs.exists()
+
+
+def test_a_purge_leaves_nothing(machine):
+    machine.run("purge")
+
+    assert machine.files() == set()
+
+
+def test_what_it_cannot_do_is_a_matter_of_usage():
+    ended = subprocess.run(
+        ["bash", str(INSTALL), "dance"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+    assert ended.returncode == 2
+    assert "install.sh uninstall" in ended.stdout
