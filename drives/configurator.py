@@ -34,6 +34,8 @@ SDO_TIMEOUT_NS: Final = 300_000_000
 """For each reply."""
 SDO_TRANSFER_NS: Final = 1_000_000_000
 """For a transfer as a whole, however many segments the server makes of it."""
+SLICE_NS: Final = 10_000_000
+"""Longest wait for a reply in one piece."""
 SEND_PATIENCE_NS: Final = 20_000_000
 """How long a full transmit queue may refuse a frame of bring-up."""
 
@@ -62,13 +64,18 @@ class Configurator:
         sdo_timeout_ns: int = SDO_TIMEOUT_NS,
         sync: SyncProducer | None = None,
         bus_state: BusMonitor | None = None,
+        meanwhile: Callable[[], None] | None = None,
     ) -> None:
-        """`sync` and `bus_state` are those of whoever owns the bus for longer than this lives."""
+        """`sync` and `bus_state` are those of whoever owns the bus for longer than this lives.
+
+        `meanwhile` is called every 10 ms while a reply is waited for: what else there is to do.
+        """
         self._bus = bus
         self._clock = clock
         self._sdo_timeout_ns = sdo_timeout_ns
         self.sync = sync or SyncProducer()
         self.bus_state = bus_state or BusMonitor()
+        self._meanwhile = meanwhile
         self.foreign_sync_count = 0
         self._network = _Network(self._send_one)
         self._clients: dict[int, _Client] = {}
@@ -140,7 +147,9 @@ class Configurator:
             if self._clock.now_ns() >= deadline_ns:
                 client.timed_out = True
                 return
-            self.wait(deadline_ns)
+            self.wait(min(deadline_ns, self._clock.now_ns() + SLICE_NS))
+            if self._meanwhile is not None:
+                self._meanwhile()
 
     def _send_one(self, frame: Frame) -> None:
         self.send((frame,))

@@ -1,6 +1,8 @@
 """`gaitd core`: the process that owns the CAN bus, the cycle and safety."""
 
 import os
+import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
@@ -13,5 +15,8 @@ def command(
     """The core alone; `gaitd run` starts it together with the gateway."""
     from daemon.config.load import load
     from daemon.core.process import run_core
+    from daemon.journal import SOCKET, Journal, is_journal
 
-    raise typer.Exit(run_core(load(config), os.environ.get("NOTIFY_SOCKET")))
+    in_journal = is_journal(os.environ.get("JOURNAL_STREAM"), sys.stderr.fileno())
+    with closing(Journal("gaitd-core", SOCKET if in_journal else None)) as log:
+        raise typer.Exit(run_core(load(config), os.environ.get("NOTIFY_SOCKET"), log))

@@ -7,7 +7,7 @@ process, keeps every record and asks for what a script says. What runs in betwee
 
 import errno
 import heapq
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Final, Protocol
@@ -16,7 +16,9 @@ from daemon.config.bundle import Settings
 from daemon.core.axis_notes import Notes
 from daemon.core.build import build
 from daemon.core.loop import Loop
+from daemon.core.loop_settings import Log, Supervisor
 from daemon.core.process import loop_settings
+from daemon.core.supervision import Supervision
 from daemon.record import CycleRecord, ModeRequest, Outcome, RequestKind, RequestResult
 from drives.bus import Clock, Frame
 from drives.errors import BusError
@@ -266,6 +268,8 @@ class Lockstep:
         notes: Notes | None = None,
         bus: WorldBus | None = None,
         gateway: Gateway | None = None,
+        supervisor: Supervisor | None = None,
+        log: Log | None = None,
     ) -> None:
         """Build the service; nothing turns yet.
 
@@ -276,6 +280,8 @@ class Lockstep:
             notes: that an earlier life of the core has left.
             bus: to this world, with what is on its agenda; else a new one.
             gateway: in place of a well-behaved one.
+            supervisor: told what systemd is told.
+            log: told what the journal is told.
         """
         self.notebook = MemoryNotebook(notes or Notes())
         built = build(settings, BOOT_ID, self.notebook.notes)
@@ -285,7 +291,9 @@ class Lockstep:
         self.gateway = gateway or Gateway(on_record)
         grid = replace(loop_settings(settings, built, self.notebook), open_bus=self.bus.open)
         self.clock = WorldClock(self.bus)
-        self.loop = Loop(built.core, grid, self.gateway, self.clock, _NoSupervisor())
+        effect = settings.trainer.shutdown.effect
+        supervision = Supervision(supervisor or _NoSupervisor(), log or _NoLog(), effect)
+        self.loop = Loop(built.core, grid, self.gateway, self.clock, supervision)
 
     @property
     def record(self) -> CycleRecord:
@@ -346,3 +354,10 @@ class _NoSupervisor:
 
     def send(self, *lines: str) -> None:
         """Nobody listens."""
+
+
+class _NoLog:
+    """And nobody reads."""
+
+    def tell(self, text: str, priority: int, fields: Mapping[str, str]) -> None:
+        """Nobody reads."""

@@ -184,6 +184,8 @@ class Cycle(Table, frozen=True):
     rpdo_timeout_ms: Annotated[int, Meta(ge=20, le=100)]
     realtime_priority: Annotated[int, Meta(ge=0, le=90)]
     """SCHED_FIFO priority of the core where the machine allows it; 0 asks for none."""
+    realtime_cpus: tuple[Annotated[int, Meta(ge=0, le=1023)], ...] = ()
+    """Processors that the cycle may run on; empty: those that it is given."""
     sync_counter: Annotated[int, Meta(ge=0, le=240)] = 0
     """1019h: SYNC counts from 1 to this, 2 at least; 0: SYNC without counter."""
     sync_window_ms: Annotated[float, Meta(ge=0, le=10)] = 0.0

@@ -3,14 +3,27 @@
 Rules:
 1. Grid points that were missed are skipped and counted, never caught up in a burst.
 2. One that is late by more than LATE_MAX_NS is missed: its SYNC would come too close to the next.
+3. Each is put down to the part of the cycle that took longest beyond what it may.
 """
 
 from typing import Final
 
 from daemon.clock import Clock
+from daemon.record import CyclePart, CycleTiming
 
 LATE_MAX_NS: Final = 3_000_000
 """Two SYNCs are never closer than the period less this."""
+
+
+def longest_part(timing: CycleTiming, window_ns: int) -> CyclePart:
+    """The part of a cycle that is to blame if there was no time for the next grid point."""
+    beyond_ns = {
+        CyclePart.WAKE_UP: timing.lateness_ns,
+        CyclePart.WINDOW: timing.collect_ns - window_ns,
+        CyclePart.WORK: timing.work_ns,
+        CyclePart.PUBLISH: timing.publish_ns,
+    }
+    return max(beyond_ns, key=lambda part: beyond_ns[part])
 
 
 class Grid:

@@ -69,12 +69,18 @@ class Line:
             self._bus.close()
             self._bus = None
 
-    def port(self, *, requested: bool) -> Configurator:
+    def port(self, *, requested: bool, meanwhile: Callable[[], None]) -> Configurator:
         """What bring-up needs of an open bus; what the controller did before is forgiven."""
         self.bus_state.forgive()
         if requested:
             self.bus_state.revive()
-        return Configurator(self._existing(), self._clock, sync=self.sync, bus_state=self.bus_state)
+        return Configurator(
+            self._existing(),
+            self._clock,
+            sync=self.sync,
+            bus_state=self.bus_state,
+            meanwhile=meanwhile,
+        )
 
     # --- out --------------------------------------------------------------------------------
 

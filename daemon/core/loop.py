@@ -13,7 +13,8 @@ Rules:
 2. A command whose cycle is over is not sent late; it counts as dropped. One that finds a full
    queue is dropped too. Those that stop a drive leave however late it is, and are tried again
    within the cycle.
-3. The watchdog is fed in every mode, whatever the drives do. A silent drive is a verdict.
+3. The watchdog is fed in every mode, also during bring-up, whatever the drives do. A silent drive
+   is a verdict (`supervision.py`).
 4. SYNC and heartbeat leave only from here and from bring-up's steps, never from a timer.
 5. While the controller is bus-off nothing is sent (`line.py`).
 6. An exception in a cycle is a bug of ours: the drives are stopped once more, then the process
@@ -29,14 +30,15 @@ from msgspec.structs import replace
 from daemon.clock import Clock
 from daemon.core import conduct, cycle, guidance, poses
 from daemon.core.bringing import bring_up_core, fail
-from daemon.core.grid import Grid
+from daemon.core.grid import Grid, longest_part
 from daemon.core.line import Line
-from daemon.core.loop_settings import ExitCode, LoopSettings, Seam, Supervisor
+from daemon.core.loop_settings import ExitCode, LoopSettings, Seam
 from daemon.core.state import Core
 from daemon.core.stopping import Step
+from daemon.core.supervision import Supervision
 from daemon.core.tick import Tick
 from daemon.core.window import Window
-from daemon.record import Cause, CycleRecord, CycleTiming, Level, Mode
+from daemon.record import Cause, CyclePart, CycleRecord, CycleTiming, Level, Mode
 from drives.bus import Frame
 from drives.errors import BringUpRefused, BusError
 from drives.nmt import NmtCommand, heartbeat_frame, nmt_frame
@@ -53,20 +55,29 @@ POWER_OFF_CYCLES: Final = 50
 SETTLE_CYCLES: Final = 150
 """And the leg so long, with that, to find its rest: the pose that the next start compares with."""
 BLIND_STOP_CYCLES: Final = 50
-STATUS_CYCLES: Final = 100
+NOTHING_RELOADED: Final = (
+    "asked to reload: the core takes nothing new while it runs. With nobody in the machine: "
+    "systemctl restart gaitd-core"
+)
+"""At most EVENT_LENGTH_MAX long. docs/reload.md says why."""
 
 
 class Loop:
     """The grid around one core. `run` returns when the service was asked to end, and could."""
 
     def __init__(
-        self, core: Core, settings: LoopSettings, seam: Seam, clock: Clock, supervisor: Supervisor
+        self,
+        core: Core,
+        settings: LoopSettings,
+        seam: Seam,
+        clock: Clock,
+        supervision: Supervision,
     ) -> None:
         self._core = core
         self._settings = settings
         self._seam = seam
         self._clock = clock
-        self._supervisor = supervisor
+        self._supervision = supervision
         self._line = Line(
             open_bus=settings.open_bus,
             clock=clock,
@@ -85,15 +96,34 @@ class Loop:
         self._stopped: tuple[int, ...] = ()
         """Node ids of the drives that have been told NMT stop."""
         self._power_off_cycles = 0
-        self._status = ""
         self._noted = core.notes
         self.bug: Exception | None = None
         """What ended the loop with ExitCode.BUG."""
 
-    def run(self, asked_to_end: Callable[[], bool]) -> ExitCode:
-        """Turn until asked to end, and then until everything is at rest and without power."""
+    def run(
+        self, asked_to_end: Callable[[], bool], asked_to_reload: Callable[[], bool] = lambda: False
+    ) -> ExitCode:
+        """Turn until asked to end, and then until everything is at rest and without power.
+
+        Args:
+            asked_to_end: asked once a turn; true from then on.
+            asked_to_reload: true once for each time that somebody asks for a reload.
+        """
+        code = ExitCode.BUG
+        try:
+            code = self._run(asked_to_end, asked_to_reload)
+        finally:
+            self.leave()
+            self._supervision.end(self._core, code)
+        return code
+
+    def _run(
+        self, asked_to_end: Callable[[], bool], asked_to_reload: Callable[[], bool]
+    ) -> ExitCode:
         try:
             while not (asked_to_end() and self.may_end()):
+                if asked_to_reload():
+                    self._core.events.append(NOTHING_RELOADED)
                 self.turn(shutdown=asked_to_end())
         except BringUpRefused:
             self._tell(cycle.rest(self._core, [], self._tick(self._grid.due_ns)))
@@ -102,9 +132,6 @@ class Loop:
             self._stop_blindly()
             self.bug = bug
             return ExitCode.BUG
-        finally:
-            self._supervisor.send("STOPPING=1", f"STATUS={conduct.progress(self._core)}")
-            self.leave()
         return ExitCode.ENDED
 
     # --- one turn ---------------------------------------------------------------------------
@@ -119,6 +146,8 @@ class Loop:
             BringUpRefused: a drive is not the one of the files, or refuses what they ask.
         """
         self._shutdown = shutdown
+        if shutdown:
+            self._supervision.begin_end()
         if self._core.mode == Mode.OFF and self._clock.now_ns() >= self._retry_ns:
             self._bring_up()
         levels: list[Level] = []
@@ -130,8 +159,10 @@ class Loop:
         except BusError as error:
             self._lose_bus(error)
             record = cycle.rest(self._core, levels, self._tick(self._clock.now_ns()))
+        worked_ns = self._clock.now_ns()
         self._tell(record)
-        self._line.load.count(self._clock.now_ns())
+        self._line.load.count(worked_ns)
+        self._timing = replace(self._timing, publish_ns=self._clock.now_ns() - worked_ns)
         self._advance_grid()
 
     def _leave_out_missed(self) -> None:
@@ -140,7 +171,7 @@ class Loop:
             missed = self._grid.skip_missed()
             if not missed:
                 return
-            self._tell_missed(missed)
+            self._tell_missed(missed, CyclePart.WAKE_UP)
             self._await_grid_point()
 
     def _await_grid_point(self) -> None:
@@ -228,11 +259,9 @@ class Loop:
             fail(core, Cause.BUS_DOWN, "", error.what)
             return
         plans = settings.plans.of(core.preparation)
-        port = self._line.port(requested=core.reset_cycles_left > 0)
+        port = self._line.port(requested=core.reset_cycles_left > 0, meanwhile=self._tell_meanwhile)
         for _ in bring_up_core(core, plans, port, settings.cycle):
-            if self._clock.now_ns() >= self._grid.due_ns:
-                self._tell(cycle.rest(core, self._seam.levels(), self._tick(self._grid.due_ns)))
-                self._grid.jump()
+            self._tell_meanwhile()
         self._retry_ns = self._clock.now_ns() + RETRY_NS
         self._window.forget()
         self._stopped = ()
@@ -240,6 +269,16 @@ class Loop:
             core.drives.bus_state = self._line.bus_state
         if core.verdict.cause == Cause.BUS_DOWN:
             self._line.close()
+        self._grid.jump()
+
+    def _tell_meanwhile(self) -> None:
+        """The cycles of a bring-up: heard and told like any other, also while a drive is silent."""
+        late_ns = self._clock.now_ns() - self._grid.due_ns
+        if late_ns < 0:
+            return
+        self._tell(cycle.rest(self._core, self._seam.levels(), self._tick(self._grid.due_ns)))
+        if late_ns < self._settings.period_ns:
+            self._supervision.feed()
         self._grid.jump()
 
     def _lose_bus(self, error: BusError) -> None:
@@ -270,24 +309,26 @@ class Loop:
     def _tell(self, record: CycleRecord) -> None:
         self._seam.publish(record)
         self._keep_notes()
-        if record.seq == 1:
-            self._supervisor.send("READY=1")
-        if self._grid.cycle % STATUS_CYCLES == 0:
-            status = f"{record.mode.name.lower()}: {record.progress}"
-            if status != self._status:
-                self._supervisor.send(f"STATUS={status}")
-                self._status = status
+        self._supervision.hear(record)
 
     def _advance_grid(self) -> None:
         missed = self._grid.advance()
-        self._tell_missed(missed)
         if missed == 0:
-            self._supervisor.send("WATCHDOG=1")
+            self._supervision.feed()
+        else:
+            self._tell_missed(missed, longest_part(self._timing, self._settings.window_ns))
 
-    def _tell_missed(self, missed: int) -> None:
-        self._timing = replace(self._timing, overrun_count=self._grid.missed_count)
+    def _tell_missed(self, missed: int, part: CyclePart) -> None:
+        by_part = list(self._timing.overrun_by_part)
+        by_part[part] += missed
+        self._timing = replace(
+            self._timing, overrun_count=self._grid.missed_count, overrun_by_part=tuple(by_part)
+        )
         if missed > 1:
-            self._core.events.append(f"{missed} cycles in a row had no time and were left out")
+            name = part.name.lower().replace("_", " ")
+            self._core.events.append(
+                f"{missed} cycles in a row had no time and were left out: late by the {name}"
+            )
 
     # --- the end ----------------------------------------------------------------------------
 

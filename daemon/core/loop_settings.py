@@ -1,6 +1,6 @@
 """What the loop is given, and how it ends: grid and bus, the seam, whoever watches it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol
@@ -38,6 +38,14 @@ class Supervisor(Protocol):
 
     def send(self, *lines: str) -> None:
         """Tell it."""
+        ...
+
+
+class Log(Protocol):
+    """What the loop needs of the journal: `daemon.journal.Journal`."""
+
+    def tell(self, text: str, priority: int, fields: Mapping[str, str]) -> None:
+        """Put in a line; never waits."""
         ...
 
 

@@ -9,7 +9,7 @@ import signal
 import sys
 import traceback
 import uuid
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from importlib.metadata import version
 from types import FrameType
 from typing import Final
@@ -21,8 +21,10 @@ from daemon.core.build import NS_PER_MS, Built, build, ring_header
 from daemon.core.loop import Loop
 from daemon.core.loop_settings import ExitCode, LoopSettings
 from daemon.core.notebook import Notebook, NoteKeeper
+from daemon.core.supervision import ERROR, INFORMATIONAL, WARNING, Supervision
 from daemon.core.warm import warm_up
 from daemon.holding import directory_errors, hold
+from daemon.journal import Journal
 from daemon.sd_notify import Notifier
 from daemon.seam import CoreSeam, RingHeader
 from drives.bus import CanBus
@@ -52,35 +54,47 @@ def _seam(settings: Settings, header: RingHeader) -> CoreSeam:
         return CoreSeam(settings.runtime, header)
 
 
-class EndRequest:
-    """SIGTERM and SIGINT as a question that the loop asks once a turn."""
+class Wishes:
+    """SIGTERM, SIGINT and SIGHUP as questions that the loop asks once a turn."""
 
     def __init__(self) -> None:
-        self._asked = False
-        signal.signal(signal.SIGTERM, self._ask)
-        signal.signal(signal.SIGINT, self._ask)
+        self._end = self._reload = False
+        signal.signal(signal.SIGTERM, self._ask_end)
+        signal.signal(signal.SIGINT, self._ask_end)
+        signal.signal(signal.SIGHUP, self._ask_reload)
 
-    def __call__(self) -> bool:
+    def end(self) -> bool:
         """Whether somebody has asked the process to end."""
-        return self._asked
+        return self._end
 
-    def _ask(self, _signal: int, _frame: FrameType | None) -> None:
-        self._asked = True
+    def reload(self) -> bool:
+        """Whether somebody has asked to read the configuration again, since this was asked."""
+        asked, self._reload = self._reload, False
+        return asked
+
+    def _ask_end(self, _signal: int, _frame: FrameType | None) -> None:
+        self._end = True
+
+    def _ask_reload(self, _signal: int, _frame: FrameType | None) -> None:
+        self._reload = True
 
 
-def run_core(settings: Settings, notify_address: str | None) -> ExitCode:
+def run_core(settings: Settings, notify_address: str | None, log: Journal) -> ExitCode:
     """Run the core until it is asked to end; both axes are at rest and without power then.
 
     Raises:
         ConfigError: a directory cannot be written, is full, or another core holds it.
     """
-    asked_to_end = EndRequest()
+    wishes = Wishes()
     with _directories(settings):
-        return _run(settings, notify_address, asked_to_end)
+        return _run(settings, notify_address, log, wishes)
 
 
 def _run(
-    settings: Settings, notify_address: str | None, asked_to_end: Callable[[], bool]
+    settings: Settings,
+    notify_address: str | None,
+    log: Journal,
+    wishes: Wishes,
 ) -> ExitCode:
     clock = MonotonicClock()
     boot_id = uuid.uuid4().hex
@@ -89,28 +103,33 @@ def _run(
     warm_up(build(settings, boot_id, notebook.notes))
     seam = _seam(settings, ring_header(settings, boot_id, clock.utc_ns(), version("gaitd")))
     supervisor = Notifier(notify_address)
-    loop = Loop(built.core, loop_settings(settings, built, notebook), seam, clock, supervisor)
-    refused = realtime.prepare(settings.trainer.cycle.realtime_priority)
+    supervision = Supervision(supervisor, log, settings.trainer.shutdown.effect)
+    loop = Loop(built.core, loop_settings(settings, built, notebook), seam, clock, supervision)
+    cycle = settings.trainer.cycle
+    refused = realtime.prepare(cycle.realtime_priority, cycle.realtime_cpus)
     for line in (bus_load_line(settings, built), *refused):
         built.core.events.append(line)
-        _say(f"gaitd core: {line}")
+        _say(log, line, WARNING if line in refused else INFORMATIONAL)
     try:
-        code = loop.run(asked_to_end)
+        code = loop.run(wishes.end, wishes.reload)
     finally:
         seam.close()
         notebook.close()
         supervisor.close()
     if loop.bug is not None:
-        _say("".join(traceback.format_exception(loop.bug)))
+        _say(log, "".join(traceback.format_exception(loop.bug)), ERROR)
     if code == ExitCode.REFUSED:
-        _say(f"gaitd core: {built.core.verdict.detail}")
+        _say(log, built.core.verdict.detail, ERROR)
     return code
 
 
-def _say(text: str) -> None:
+def _say(log: Journal, text: str, priority: int) -> None:
     """For who reads the log: one that is full or gone is no reason to run or end otherwise."""
+    if log.is_open:
+        log.tell(text, priority, {"GAITD_EVENT": "core"})
+        return
     with contextlib.suppress(OSError):
-        print(text, file=sys.stderr)
+        print(f"gaitd core: {text}", file=sys.stderr)
 
 
 def bus_load_line(settings: Settings, built: Built) -> str:
