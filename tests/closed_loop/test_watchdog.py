@@ -1,0 +1,197 @@
+"""The watchdog is fed once for each cycle that was finished in time, whatever the drives do.
+
+And systemd's status line has mode and cause as soon as they are others. All in simulated time: what
+is not fed for 10 ms shows.
+"""
+
+import pytest
+from sessions import Session
+from supervised import watched
+
+from daemon.core.loop_settings import ExitCode
+from daemon.core.supervision import PROGRESS_CYCLES
+from daemon.record import Cause, Mode
+from drives.bus import Frame
+from drives.signals import PowerState
+
+CYCLE_MS = 10.0
+BUS_OFF = Frame(0x040, bytes(8), is_error=True)
+
+
+def gone(session):
+    session.lockstep.bus.trouble.is_gone = True
+
+
+def full(session):
+    session.lockstep.bus.trouble.queue_full = True
+
+
+def off(session):
+    session.lockstep.bus.report(BUS_OFF)
+
+
+def unplugged(session):
+    session.machine.command("unplugged right/hip")
+    session.machine.command("unplugged right/slide")
+
+
+def fed(session, seconds):
+    """How often it is fed while so much time passes, and the longest time between two."""
+    systemd = session.systemd
+    systemd.forget()
+    session.lockstep.run(seconds)
+    return len(systemd.fed_ns), systemd.longest_pause_ms()
+
+
+def test_a_drive_that_is_silent_for_60_s_costs_no_feeding_and_the_other_axis_is_held():
+    session = watched(Session().walking(warm_s=2))
+    session.machine.command("silent right/hip")
+
+    count, pause_ms = fed(session, 60)
+
+    record = session.lockstep.record
+    assert count == 6000
+    assert pause_ms <= CYCLE_MS
+    assert record.verdict.cause == Cause.DRIVE_SILENT
+    assert record.verdict.drive == "right/hip"
+    assert record.drives[1].power_state == PowerState.QUICK_STOP_ACTIVE
+    assert abs(record.drives[1].velocity_si) < 0.03
+    assert session.systemd.status[-1].endswith("[drive_silent right/hip]")
+
+
+@pytest.mark.parametrize("trouble", [gone, full, off, unplugged])
+def test_trouble_on_the_bus_costs_no_feeding(trouble):
+    session = watched(Session().until_ready())
+    trouble(session)
+
+    count, pause_ms = fed(session, 5)
+
+    assert count >= 485
+    assert pause_ms <= 3 * CYCLE_MS
+    assert session.lockstep.record.verdict.cause != Cause.NONE
+
+
+def test_a_bring_up_whose_drive_does_not_answer_is_fed_in_every_cycle():
+    session = watched(Session())
+    session.lockstep.bus.at(250_000_000, lambda: session.machine.command("deaf right/slide"))
+
+    count, pause_ms = fed(session, 5)
+
+    assert count >= 485
+    assert pause_ms <= 2 * CYCLE_MS
+    assert {record.mode for record in session.lockstep.records} == {Mode.OFF, Mode.BRINGING_UP}
+    assert session.lockstep.record.verdict.cause == Cause.DRIVE_SILENT
+
+
+@pytest.mark.parametrize("mode", [Mode.READY, Mode.HOLD, Mode.GAIT])
+def test_a_cycle_that_had_no_time_is_not_fed(mode):
+    session = Session()
+    begin = {Mode.READY: session.until_ready, Mode.HOLD: session.enabled}
+    watched(begin.get(mode, lambda: session.walking(warm_s=1))())
+    begun = session.lockstep.record
+
+    session.systemd.forget()
+    session.lockstep.bus.hold(35_000_000)
+    session.lockstep.run(0.5)
+
+    cycles = session.lockstep.record.cycle - begun.cycle
+    missed = session.lockstep.record.timing.overrun_count - begun.timing.overrun_count
+    assert missed == 3
+    assert len(session.systemd.fed_ns) < cycles - missed + 1
+    assert sum(session.lockstep.record.timing.overrun_by_part) == missed
+
+
+def test_the_status_line_has_mode_and_cause_in_the_cycle_in_which_they_are_new():
+    session = watched(Session().walking(warm_s=1))
+    session.machine.command("hand_switch_open right/hip")
+
+    stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
+
+    assert stopped.mode == Mode.STOPPING
+    assert session.systemd.status[-1].startswith("stopping")
+    assert session.systemd.status[-1].endswith("[hand_switch_open right/hip]")
+    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+    assert session.systemd.status[-1].startswith("fault: right/hip: ")
+
+
+def test_nothing_new_is_told_rarely():
+    session = watched(Session().walking(warm_s=1))
+    session.systemd.forget()
+
+    session.lockstep.run(12)
+
+    assert len(session.systemd.status) <= 12 * 100 / PROGRESS_CYCLES + 1
+    assert all(line.startswith("gait: ") for line in session.systemd.status)
+
+
+def test_ready_is_told_once_and_not_before_the_loop_turns():
+    session = watched(Session())
+    assert session.systemd.lines == []
+
+    session.until_ready()
+
+    assert session.systemd.lines.count("READY=1") == 1
+    assert session.systemd.lines[0] == "READY=1"
+
+
+def test_the_end_is_told_when_it_is_asked_for_and_the_last_line_says_what_remains():
+    session = watched(Session().walking(warm_s=1))
+
+    code = session.lockstep.loop.run(lambda: True)
+
+    lines, effect = session.systemd.lines, session.settings.trainer.shutdown.effect
+    stopping = lines.index("STOPPING=1")
+    assert code == ExitCode.ENDED
+    assert lines.count("STOPPING=1") == 1
+    assert any(line.startswith("STATUS=stopping") for line in lines[stopping:])
+    assert lines[-1].startswith("STATUS=ended: all axes are at rest and without power")
+    assert lines[-1].endswith(effect)
+    assert "WATCHDOG=1" in lines[stopping:]
+
+
+def test_the_end_without_drives_claims_nothing_about_their_power():
+    session = watched(Session())
+    gone(session)
+    session.lockstep.run(0.1)
+
+    session.lockstep.loop.run(lambda: True)
+
+    assert session.systemd.status[-1].startswith(
+        "ended without the drives: their power is not known"
+    )
+
+
+def test_a_change_of_mode_is_one_line_of_the_journal_with_its_fields():
+    session = watched(Session().walking(warm_s=1))
+    session.systemd.told.clear()
+    session.machine.command("hand_switch_open right/hip")
+
+    session.lockstep.run(3)
+
+    modes = [fields["GAITD_MODE"] for _, _, fields in session.systemd.told]
+    assert modes == ["stopping", "fault"]
+    for _, priority, fields in session.systemd.told:
+        assert priority == 3
+        assert fields["GAITD_EVENT"] == "mode"
+        assert fields["GAITD_CAUSE"] == "hand_switch_open"
+        assert fields["GAITD_DRIVE"] == "right/hip"
+        assert int(fields["GAITD_CYCLE"]) > 0
+
+
+def test_a_reload_is_answered_with_an_event_and_changes_nothing():
+    session = watched(Session().walking(warm_s=1))
+    before, asked = session.lockstep.core.config, iter([True])
+    first_seq = session.lockstep.record.seq
+
+    def ended():
+        if session.lockstep.record.seq > first_seq + 10:
+            raise KeyboardInterrupt
+        return False
+
+    with pytest.raises(KeyboardInterrupt):
+        session.lockstep.loop.run(ended, lambda: next(asked, False))
+
+    events = [text for record in session.lockstep.records for text in record.events]
+    assert session.lockstep.core.config is before
+    assert session.lockstep.record.mode == Mode.GAIT
+    assert len([text for text in events if "takes nothing new while it runs" in text]) == 1
