@@ -30,8 +30,10 @@ def command(
 
     from daemon.config.check import examine, refuse
     from daemon.config.load import load
+    from daemon.gateway import endpoints
 
     settings = load(config)
+    endpoints.check(settings.file)
     report = examine(settings)
     if json:
         print(msgspec.json.encode(report).decode())

@@ -1,15 +1,16 @@
 """`gaitd gateway`: the half of the service that a network can reach."""
 
-import json
-import logging
 import os
 import signal
 import sys
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
+
+if TYPE_CHECKING:
+    from daemon.config.trainer import TrainerFile
 
 EXIT_CONFIGURATION: Final = 2
 
@@ -23,23 +24,28 @@ def command(
     import zenoh
 
     from daemon.clock import MonotonicClock
-    from daemon.config.strict import ConfigError
     from daemon.config.trainer import load_trainer
-    from daemon.gateway import endpoints
+    from daemon.gateway import endpoints, log
     from daemon.gateway.notes_disk import NotesDisk
     from daemon.gateway.process import serve
+    from daemon.gateway.reload import Reload
     from daemon.holding import hold
+    from daemon.journal import SOCKET, Journal, is_journal
     from daemon.notes_file import NAME
 
-    file = load_trainer(config)
+    def read(path: Path) -> "TrainerFile":
+        return endpoints.check(load_trainer(path))
+
+    file = read(config)
     settings = file.trainer.zenoh
-    bad = endpoints.refused(settings.listen, beyond_loopback=settings.listen_beyond_loopback)
-    if bad:
-        raise ConfigError(config, f"zenoh.listen[{bad[0]}]", bad[1], endpoints.ALLOWED)
-    _log_to_stderr()
+    in_journal = is_journal(os.environ.get("JOURNAL_STREAM"), sys.stderr.fileno())
+    journal = Journal("gaitd-gateway", SOCKET if in_journal else None)
+    log.begin(journal, file.trainer.log.level)
     zenoh.init_log_from_env_or("error")
-    ending = _Ending()
+    ending, reload = _Ending(), Reload(file, read)
+    signal.signal(signal.SIGHUP, reload.ask)
     with (
+        closing(journal),
         hold(config, "paths.runtime", file.runtime, "gateway"),
         closing(NotesDisk(file.state / NAME)),
     ):
@@ -53,6 +59,7 @@ def command(
                 ending.asked,
                 file.trainer.lease,
                 os.environ.get("NOTIFY_SOCKET"),
+                reload,
             )
         except zenoh.ZError as error:
             listen = ", ".join(settings.listen)
@@ -73,23 +80,3 @@ class _Ending:
 
     def _ask(self, _signal: int, _frame: FrameType | None) -> None:
         self._asked = True
-
-
-class _Line(logging.Formatter):
-    """One event per line: level, text, and what is known of it as key=value."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        fields = {"level": record.levelname.lower(), "text": record.getMessage()}
-        event = getattr(record, "event", None)
-        if event is not None:
-            fields |= {"kind": event.kind, "priority": event.priority, "id": event.id}
-            fields |= {"cause": event.cause} if event.cause else {}
-        return " ".join(
-            f"{key}={json.dumps(str(value), ensure_ascii=False)}" for key, value in fields.items()
-        )
-
-
-def _log_to_stderr() -> None:
-    handler = logging.StreamHandler()
-    handler.setFormatter(_Line())
-    logging.basicConfig(level=logging.INFO, handlers=[handler])

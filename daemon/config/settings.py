@@ -347,6 +347,12 @@ class Shutdown(Table, frozen=True):
     effect: Annotated[str, Meta(min_length=10)]
 
 
+class Log(Table, frozen=True):
+    """What of the gateway's events goes into the log; the others are published all the same."""
+
+    level: Literal["debug", "info", "warning", "error"] = "info"
+
+
 class Trainer(Table, frozen=True):
     """The file that `--config` names."""
 
@@ -366,5 +372,6 @@ class Trainer(Table, frozen=True):
     zenoh: Zenoh
     paths: Paths
     shutdown: Shutdown
+    log: Log = Log()
     sim: Text | None = None
     """plant.toml of the virtual drives, for `gaitd sim` and `demo`; the service ignores it."""

@@ -21,6 +21,7 @@ Reading order:
 Around it, and not pure:
     loop, loop_settings, grid, line, load_meter      the 10 ms grid and the bus
     window, arrivals                 a SYNC and its answers; what the kernel's stamps mean
+    supervision                      what systemd and the journal are told
     notebook                         the file of the axis notes
     build, warm, realtime, process   a core from its configuration, in its process
 """

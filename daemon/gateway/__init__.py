@@ -6,5 +6,6 @@ Reading order: `service.py` (one turn of the loop), `translate.py` (what may be 
 `keeper.py` with `blackbox.py` (what is kept around each stop, by `trail.py`, on `shelf.py`) and
 `request_log.py` (who asked for what, by `request_chain.py` and `request_file.py`), then the
 outside: `endpoints.py`, `session.py`, `publish.py` and `subscribe.py` (Zenoh), `notes_disk.py`
-(fsync), `disk.py` (a thread that waits for it), `process.py` (the loop itself).
+(fsync), `disk.py` (a thread that waits for it), `log.py` (journal or stderr), `reload.py` (SIGHUP),
+`process.py` (the loop itself).
 """

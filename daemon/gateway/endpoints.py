@@ -8,6 +8,9 @@ import ipaddress
 from collections.abc import Sequence
 from typing import Final
 
+from daemon.config.strict import ConfigError
+from daemon.config.trainer import TrainerFile
+
 UNIX_SOCKET: Final = "unixsock-stream"
 
 ALLOWED: Final = (
@@ -29,6 +32,19 @@ def refused(listen: Sequence[str], *, beyond_loopback: bool) -> tuple[int, str] 
         if not (beyond_loopback or is_local(endpoint)):
             return index, endpoint
     return None
+
+
+def check(file: TrainerFile) -> TrainerFile:
+    """The same file, if what it listens on is allowed.
+
+    Raises:
+        ConfigError: somebody on another machine could reach an endpoint, and nobody decided so.
+    """
+    zenoh = file.trainer.zenoh
+    bad = refused(zenoh.listen, beyond_loopback=zenoh.listen_beyond_loopback)
+    if bad is not None:
+        raise ConfigError(file.path, f"zenoh.listen[{bad[0]}]", bad[1], ALLOWED)
+    return file
 
 
 def to_connect(endpoint: str) -> str:

@@ -16,6 +16,7 @@ from daemon.clock import Clock
 from daemon.config.settings import Lease
 from daemon.gateway.keeper import Keeper
 from daemon.gateway.publish import Mailbox, ZenohOutlet
+from daemon.gateway.reload import Reload
 from daemon.gateway.service import LEVEL_PERIOD_NS, Gateway
 from daemon.gateway.session import open_session
 from daemon.gateway.setpoints import SetpointBox
@@ -37,6 +38,7 @@ def serve(
     ended: Callable[[], bool],
     lease: Lease,
     notify_address: str | None,
+    reload: Reload,
 ) -> None:
     """Run the gateway until `ended` says so, which is asked at least every 20 ms.
 
@@ -69,6 +71,8 @@ def serve(
             inquiries = keeper.watch(mailbox.drain())
             gateway.turn(begun_ns, inquiries, box.drain(begun_ns))
             gateway.tell(keeper.turn(seam.ring, begun_ns))
+            hashes = seam.header.config_hashes if seam.header else {}
+            gateway.tell(reload.turn(gateway.steering.leases, hashes))
             gateway.health.counters.not_kept_count = keeper.not_kept_count
             box.expect(gateway.steering.lease)
             gateway.health.counters.inquiry_dropped_count = mailbox.dropped_count

@@ -275,7 +275,8 @@ class Gateway:
         )
         for event in made:
             self._outlet.put_event(event)
-            self._log.log(_LOG_LEVEL[event.priority], "%s", event.text, extra={"event": event})
+            extra = {"event": event, "mode": self._newest and name_of(self._newest.mode)}
+            self._log.log(_LOG_LEVEL[event.priority], "%s", event.text, extra=extra)
 
     # --- requests -----------------------------------------------------------------------------
 

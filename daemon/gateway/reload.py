@@ -1,0 +1,113 @@
+"""SIGHUP: what of the trainer file may change while the gateway runs, and what needs a restart.
+
+Rules:
+1. The file is read and checked as at the start. One that is wrong changes nothing: the error is
+   told as `gaitd check` tells it, and the gateway goes on with what it has.
+2. Taken over at once: `[log]`. Taken over if nobody holds the lease: `[lease]`.
+3. Everything else needs a restart, and is named: endpoints and paths that of the gateway, all
+   other tables and files that of the core. Nothing that acts on the drives changes in a running
+   core (docs/reload.md).
+"""
+
+import hashlib
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Final
+
+from daemon.config.strict import ConfigError
+from daemon.config.trainer import TrainerFile
+from daemon.gateway.events import Happening, Kind, Priority
+from daemon.gateway.lease import LeaseDesk
+from daemon.gateway.log import set_level
+
+OURS: Final = frozenset({"lease", "log", "zenoh", "paths"})
+"""Tables that the gateway reads. It shares `paths` with the core."""
+NOBODYS: Final = frozenset({"sim"})
+"""Of the virtual drives."""
+
+
+class Reload:
+    """The configuration in force, and what has been asked of it."""
+
+    def __init__(self, file: TrainerFile, read: Callable[[Path], TrainerFile]) -> None:
+        """`file` is in force now; `read` reads and checks one, or raises ConfigError."""
+        self._file = file
+        self._log = file.trainer.log
+        self._read = read
+        self._asked = False
+        self.needs_restart = ""
+        """What the newest reload found that only a restart takes over; empty if nothing."""
+
+    def ask(self, *_signal: object) -> None:
+        """SIGHUP has come: as a handler of `signal`."""
+        self._asked = True
+
+    def turn(self, leases: LeaseDesk, core_hashes: Mapping[str, str]) -> list[Happening]:
+        """Do what was asked, once.
+
+        Args:
+            leases: takes the new rules.
+            core_hashes: SHA-256 of each file that the core runs with, by its path.
+        """
+        if not self._asked:
+            return []
+        self._asked = False
+        try:
+            new = self._read(self._file.path)
+        except ConfigError as error:
+            text = f"reload refused, nothing has changed: {error}"
+            return [Happening(Priority.MEDIUM, Kind.NOTE, text, "correct it; see gaitd check")]
+        return [self._take(new, leases, core_hashes)]
+
+    def _take(
+        self, new: TrainerFile, leases: LeaseDesk, core_hashes: Mapping[str, str]
+    ) -> Happening:
+        taken: list[str] = []
+        waiting: list[str] = []
+        if new.trainer.log != self._log:
+            self._log = new.trainer.log
+            set_level(self._log.level)
+            taken.append("log")
+        if new.trainer.lease != leases.rules:
+            if leases.holder is None:
+                leases.rules = new.trainer.lease
+                taken.append("lease")
+            else:
+                waiting.append(f"lease waits, {leases.holder} holds it: reload again later")
+        waiting += restarts(self._file, new, changed_files(core_hashes, self._file.path))
+        self.needs_restart = "; ".join(waiting)
+        said = f"reloaded: {', '.join(taken) or 'nothing new that may change in operation'}"
+        text = f"{said}; {self.needs_restart}" if waiting else said
+        return Happening(Priority.LOW if waiting else Priority.INFO, Kind.NOTE, text)
+
+
+def changed_tables(old: TrainerFile, new: TrainerFile) -> set[str]:
+    """Names of the tables and keys of a trainer file that are others now."""
+    fields = old.trainer.__struct_fields__
+    return {name for name in fields if getattr(old.trainer, name) != getattr(new.trainer, name)}
+
+
+def changed_files(hashes: Mapping[str, str], trainer: Path) -> list[str]:
+    """Files but the trainer's own that are not any more what the core has read, by their names."""
+    others = {Path(path): sha256 for path, sha256 in hashes.items() if Path(path) != trainer}
+    return sorted(path.name for path, sha256 in others.items() if _sha256(path) != sha256)
+
+
+def _sha256(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return ""
+
+
+def restarts(old: TrainerFile, new: TrainerFile, files: Iterable[str]) -> list[str]:
+    """What each process takes over only when it is started again."""
+    changed = changed_tables(old, new)
+    gateway = sorted(changed & {"zenoh", "paths"})
+    core = sorted(changed - OURS - NOBODYS | changed & {"paths"}) + list(files)
+    said: list[str] = []
+    if gateway:
+        said.append(f"needs a restart of the gateway: {', '.join(gateway)}")
+    if core:
+        said.append(f"needs a restart of the core, with nobody in the machine: {', '.join(core)}")
+    return said

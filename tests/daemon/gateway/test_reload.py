@@ -1,0 +1,154 @@
+"""SIGHUP: what changes in a running gateway, and what is only named."""
+
+import hashlib
+import logging
+import shutil
+from pathlib import Path
+
+import pytest
+
+from daemon.config.strict import ConfigError
+from daemon.config.trainer import load_trainer
+from daemon.gateway import endpoints
+from daemon.gateway.events import Priority
+from daemon.gateway.lease import LeaseDesk
+from daemon.gateway.reload import Reload
+
+CONFIGS = Path(__file__).parents[3] / "configs"
+
+
+class Running:
+    """A gateway's configuration, as far as a reload is concerned."""
+
+    def __init__(self, folder):
+        self.configs = folder / "configs"
+        shutil.copytree(CONFIGS, self.configs)
+        self.path = self.configs / "demo.toml"
+        file = self.read(self.path)
+        self.desk = LeaseDesk(file.trainer.lease)
+        self.reload = Reload(file, self.read)
+        self.hashes = {
+            str(path): hashlib.sha256(path.read_bytes()).hexdigest()
+            for path in (self.path, self.configs / "robot.toml", self.configs / "limits.toml")
+        }
+
+    @staticmethod
+    def read(path):
+        return endpoints.check(load_trainer(path))
+
+    def change(self, name, old, new):
+        file = self.configs / name
+        text = file.read_text()
+        assert old in text
+        file.write_text(text.replace(old, new))
+
+    def hang_up(self):
+        self.reload.ask()
+        return self.reload.turn(self.desk, self.hashes)
+
+
+@pytest.fixture
+def running(tmp_path):
+    level = logging.getLogger().level
+    yield Running(tmp_path)
+    logging.getLogger().setLevel(level)
+
+
+def test_nobody_asked_nothing_is_read(running):
+    running.path.unlink()
+
+    assert running.reload.turn(running.desk, running.hashes) == []
+
+
+def test_a_reload_is_done_once_for_each_time_that_it_is_asked_for(running):
+    assert len(running.hang_up()) == 1
+    assert running.reload.turn(running.desk, running.hashes) == []
+
+
+def test_a_file_as_before_changes_nothing(running):
+    [said] = running.hang_up()
+
+    assert said.text == "reloaded: nothing new that may change in operation"
+    assert said.priority is Priority.INFO
+    assert running.reload.needs_restart == ""
+
+
+def test_lease_and_log_level_are_taken_over(running):
+    running.change("demo.toml", "duration_ms = 500", "duration_ms = 700")
+    running.change("demo.toml", "[lease]", '[log]\nlevel = "error"\n\n[lease]')
+
+    [said] = running.hang_up()
+
+    assert said.text == "reloaded: log, lease"
+    assert running.hang_up()[0].text == "reloaded: nothing new that may change in operation"
+    assert running.desk.rules.duration_ms == 700
+    assert logging.getLogger().level == logging.ERROR
+
+
+def test_a_lease_that_is_held_keeps_its_rules_and_the_next_reload_takes_them(running):
+    number = running.desk.acquire("controller", None, None, 0).number
+    running.change("demo.toml", "duration_ms = 500", "duration_ms = 700")
+
+    [said] = running.hang_up()
+    assert "lease waits, controller holds it" in said.text
+    assert running.desk.rules.duration_ms == 500
+
+    running.desk.release("controller", number)
+    [said] = running.hang_up()
+    assert running.desk.rules.duration_ms == 700
+    assert said.text == "reloaded: lease"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ("duration_ms = 500", "duration_ms = 5", "lease.duration_ms"),
+        ("duration_ms = 500", "duration = 500", "lease.duration"),
+        ('"tcp/127.0.0.1:7447"', '"tcp/192.168.1.5:7447"', "zenoh.listen"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_the_words_of_check_and_the_old_one_stays(
+    running, old, new, key
+):
+    running.change("demo.toml", "duration_max_ms = 5000", "duration_max_ms = 6000")
+    running.change("demo.toml", old, new)
+
+    [said] = running.hang_up()
+
+    with pytest.raises(ConfigError) as error:
+        Running.read(running.path)
+    assert said.text == f"reload refused, nothing has changed: {error.value}"
+    assert key in said.text
+    assert said.priority is Priority.MEDIUM
+    assert running.desk.rules.duration_max_ms == 5000
+
+
+def test_endpoints_need_a_restart_of_the_gateway_and_motion_one_of_the_core(running):
+    running.change("demo.toml", "tcp/127.0.0.1:7447", "tcp/127.0.0.1:7448")
+    running.change("demo.toml", "cadence_max_hz = 0.5", "cadence_max_hz = 0.4")
+    running.change("limits.toml", "[hip]", "[hip]  # looked at")
+
+    [said] = running.hang_up()
+
+    assert "needs a restart of the gateway: zenoh" in said.text
+    assert "needs a restart of the core, with nobody in the machine: gait, limits.toml" in said.text
+    assert said.priority is Priority.LOW
+    assert running.reload.needs_restart
+
+
+def test_what_was_changed_back_needs_no_restart_any_more(running):
+    running.change("limits.toml", "[hip]", "[hip]  # looked at")
+    running.hang_up()
+    running.change("limits.toml", "[hip]  # looked at", "[hip]")
+
+    running.hang_up()
+
+    assert running.reload.needs_restart == ""
+
+
+def test_a_file_of_the_core_that_is_gone_is_named(running):
+    (running.configs / "robot.toml").unlink()
+
+    [said] = running.hang_up()
+
+    assert "robot.toml" in said.text
