@@ -4,8 +4,8 @@
     python inside.py FOLDER SCENARIO ...   run these of `scenarios.py`; results in FOLDER
 
 In the virtual machine an import of numpy and numba costs half a minute. So the programs that people
-start (`gaitd sim`, `gaitd core`, `gaitd gateway`) are forked from this process and run `gaitd`'s own
-entry point with the words of their command line; from there on they are what they always are.
+start (`gaitd sim`, `gaitd core`, `gaitd gateway`) are forked from this process and run `gaitd`'s
+own entry point with the words of their command line; from there on they are what they always are.
 
 Waiting for the host's disk lets the guest's clock run away (it counts instructions), so everything
 that runs has its files in the guest's memory, and waits here are generous: what is asserted later

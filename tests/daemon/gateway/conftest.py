@@ -12,11 +12,14 @@ from typing import Any
 import msgspec
 import pytest
 import zenoh
+from processes import CONFIGS
 
 from daemon import wire
 from daemon.clock import MonotonicClock
 from daemon.config.settings import Lease
+from daemon.config.trainer import load_trainer
 from daemon.gateway.process import serve
+from daemon.gateway.reload import Reload
 from daemon.gateway.service import Gateway
 from daemon.record import (
     CycleRecord,
@@ -353,7 +356,8 @@ def endpoint(runtime: Path) -> Iterator[str]:
         target=serve,
         args=(
             *("trainer", (where,), runtime, runtime / "state"),
-            *(MonotonicClock(), ended.is_set, LEASE),
+            *(MonotonicClock(), ended.is_set, LEASE, None),
+            Reload(load_trainer(CONFIGS / "demo.toml"), load_trainer),
         ),
     )
     thread.start()
@@ -378,7 +382,7 @@ def session(endpoint: str) -> Iterator[zenoh.Session]:
 def eventually() -> Callable[..., None]:
     """Wait until something is so, or fail."""
 
-    def wait(is_so: Callable[[], object], within_s: float = 5.0) -> None:
+    def wait(is_so: Callable[[], object], within_s: float = 30.0) -> None:
         deadline = time.monotonic() + within_s
         while not is_so():
             assert time.monotonic() < deadline, "did not come true in time"

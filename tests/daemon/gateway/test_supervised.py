@@ -9,6 +9,7 @@ from processes import CONFIGS, free_port
 from daemon.clock import MonotonicClock
 from daemon.config.trainer import load_trainer
 from daemon.gateway.process import serve
+from daemon.gateway.reload import Reload
 
 TURNS = 40
 """Of at most 20 ms: longer than the half second between two words."""
@@ -21,6 +22,7 @@ def told(tmp_path):
         supervisor.bind(str(tmp_path / "notify"))
         supervisor.setblocking(False)
         turns = iter(range(TURNS))
+        file = load_trainer(CONFIGS / "demo.toml")
         serve(
             "trainer",
             [f"tcp/127.0.0.1:{free_port()}"],
@@ -28,8 +30,9 @@ def told(tmp_path):
             tmp_path / "state",
             MonotonicClock(),
             lambda: next(turns, None) is None,
-            load_trainer(CONFIGS / "demo.toml").trainer.lease,
+            file.trainer.lease,
             str(tmp_path / "notify"),
+            Reload(file, load_trainer),
         )
         words = []
         with contextlib.suppress(BlockingIOError):
