@@ -25,6 +25,9 @@ Rules:
 7.  Whoever else sends SYNC, or a heartbeat under our own number, is another master: no drive is
     brought up beside it, and it is looked for again at the next try. The bus is heard out before
     anything is sent.
+8.  Where somebody asked to switch off and a drive does not come up, all are told to switch off all
+    the same: their resets took their watch over us away, and nobody else is left who would. One
+    that does not answer may still hear.
 """
 
 from collections.abc import Generator, Sequence
@@ -145,11 +148,16 @@ def bring_up(
     done_count = 0
     for text in master.listen():
         yield Progress("", text, done_count, total_count)
-    for drive, step in _ordered(drives):
-        for text in _run(step, drive, port, cycle, may_switch_off):
-            master.check()
-            yield Progress(drive.name, text, done_count, total_count)
-        done_count += 1
+    try:
+        for drive, step in _ordered(drives):
+            for text in _run(step, drive, port, cycle, may_switch_off):
+                master.check()
+                yield Progress(drive.name, text, done_count, total_count)
+            done_count += 1
+    except (BringUpRefused, DriveSilent):
+        if may_switch_off:
+            _leave_without_power(drives, port)
+        raise
     for texts in (_start(drives, port, cycle), _first_samples(drives, port, cycle)):
         for text in texts:
             master.check()
@@ -235,6 +243,13 @@ def _without_power(step: Step, drive: _Found, port: DrivePort, may_switch_off: b
     if not (yield from until(port, deadline_ns, str(step), lambda: state() not in _POWERED)):
         what = f"it stays in {state().name} after disable voltage"
         raise DriveSilent(drive.name, BootFailure.WRONG_STATE, what)
+
+
+def _leave_without_power(drives: Sequence[_Found], port: DrivePort) -> None:
+    """Rule 8. What refuses or does not answer has been told, and can be told no more."""
+    for drive in drives:
+        with suppress(BringUpRefused, DriveSilent):
+            write(_DISABLE_VOLTAGE, drive.target(port), 0)
 
 
 def _await_heartbeat(drive: _Found, port: DrivePort, cycle: CycleSettings, text: str) -> Texts:

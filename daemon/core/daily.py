@@ -2,7 +2,7 @@
 
 Rules:
 1. Passive: for each drive it is noted when its hand switch input was seen open and closed, and its
-   STO active and released, in READY and later. Nobody has to say so: it happens when a person lets
+   STO active and released, in READY and FAULT. Nobody has to say so: it happens when a person lets
    go of the switch and presses the emergency stop once.
 2. Active: what `self_test.py` has found of every axis, with its time. It is about one robot file:
    another leg, or the empty machine, asks for another test.
@@ -10,6 +10,8 @@ Rules:
 4. Both are of one drive: another serial number asks for another test.
 5. UTC comes with the tick and decides nothing but this. The latest time ever read is noted, too: a
    clock that goes back makes what was tested void, so that it never counts for longer.
+6. While the drives are enabled nothing of this is noted: who writes a page that somebody else is
+   just bringing to the disk waits for the disk.
 """
 
 from typing import Final
@@ -33,7 +35,7 @@ SLEW_NS: Final = 2_000_000_000
 def follow(core: Core, utc_ns: int) -> None:
     """Look at clock and inputs once a cycle, and say what is missing today."""
     _watch_clock(core, utc_ns)
-    if core.mode in {Mode.READY, Mode.FAULT} or core.mode.active:
+    if core.mode in {Mode.READY, Mode.FAULT}:
         for axis in core.axes:
             _look(core, axis, utc_ns)
     if core.config.self_test.required == "daily":
@@ -53,7 +55,7 @@ def _watch_clock(core: Core, utc_ns: int) -> None:
         core.utc_newest_ns = utc_ns
         return
     core.utc_newest_ns = max(newest_ns, utc_ns)
-    if core.utc_newest_ns - core.notes.utc_newest_ns > NOTE_NS:
+    if not core.mode.active and core.utc_newest_ns - core.notes.utc_newest_ns > NOTE_NS:
         core.notes = replace(core.notes, utc_newest_ns=core.utc_newest_ns)
 
 

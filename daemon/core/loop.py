@@ -336,7 +336,8 @@ class Loop:
         """At rest, and without power for as far as the drives tell."""
         core = self._core
         if core.drives is None:
-            return True
+            # A reset is under way: its bring-up switches off whatever still holds the leg.
+            return core.reset_cycles_left == 0
         if core.mode.active or core.mode == Mode.STOPPING:
             return False
         conduct.power_off(core, self._grid.cycle)

@@ -58,10 +58,14 @@ class Wishes:
     """SIGTERM, SIGINT and SIGHUP as questions that the loop asks once a turn."""
 
     def __init__(self) -> None:
-        self._end = self._reload = False
+        self._end = self._reload = self._waits = False
         signal.signal(signal.SIGTERM, self._ask_end)
         signal.signal(signal.SIGINT, self._ask_end)
         signal.signal(signal.SIGHUP, self._ask_reload)
+
+    def wait(self) -> None:
+        """From now on who asks for the end is made to wait for it: drives may move."""
+        self._waits = True
 
     def end(self) -> bool:
         """Whether somebody has asked the process to end."""
@@ -74,6 +78,8 @@ class Wishes:
 
     def _ask_end(self, _signal: int, _frame: FrameType | None) -> None:
         self._end = True
+        if not self._waits:
+            raise SystemExit(int(ExitCode.ENDED))
 
     def _ask_reload(self, _signal: int, _frame: FrameType | None) -> None:
         self._reload = True
@@ -111,6 +117,7 @@ def _run(
         built.core.events.append(line)
         _say(log, line, WARNING if line in refused else INFORMATIONAL)
     try:
+        wishes.wait()
         code = loop.run(wishes.end, wishes.reload)
     finally:
         seam.close()

@@ -1,7 +1,7 @@
 """Brings the core's notes to the disk, so that a latched stop survives a power cut.
 
-The core writes its notes into a mapped page and never waits for a disk. A thread of ours here looks
-at the page a few times a second and calls fsync where it has changed: nothing waits for this
+The core writes its notes into a mapped page and calls no fsync. A thread of ours here looks at the
+page a few times a second and calls fsync where it has changed: nothing waits for this
 thread, and it takes nothing from the others, because reading and fsync let go of the interpreter.
 Until then a power cut leaves an older page. That one is never clean either where it matters: a page
 written while drives are enabled says that nobody knows how it ended (`core/latching.py`).

@@ -213,3 +213,22 @@ def test_an_end_of_the_service_while_it_stops_makes_nobody_forget_why():
 
     assert again.record.mode == Mode.FAULT
     assert again.record.verdict.cause == Cause.STOP_REQUESTED
+
+
+def test_nothing_is_written_while_the_drives_are_enabled_but_the_stop_that_ends_it():
+    session = Session().walking(warm_s=0.5)
+    modes_written = []
+    write = session.lockstep.notebook.write
+
+    def note(notes):
+        modes_written.append(session.lockstep.core.mode)
+        write(notes)
+
+    session.lockstep.notebook.write = note
+    session.lockstep.run(70)
+    assert modes_written == []
+
+    session.lockstep.gateway.stop()
+    session.lockstep.run(2)
+    assert modes_written
+    assert not any(mode.active for mode in modes_written)

@@ -293,6 +293,40 @@ def test_a_shutdown_ends_also_when_a_drive_does_not_answer(fault):
     assert not any(word & ENABLING for word in words)
 
 
+def power_states(session):
+    nodes = (session.machine.world.node(name) for name in ("right/hip", "right/slide"))
+    return {node.drive.state.name for node in nodes}
+
+
+def test_a_reset_that_one_drive_does_not_answer_leaves_no_other_one_with_power():
+    session = Session().enabled()
+    session.machine.command("silent right/hip 30")
+    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+    assert "QUICK_STOP_ACTIVE" in power_states(session)
+
+    session.lockstep.gateway.ask(RequestKind.RESET)
+    session.lockstep.run(4)
+
+    assert session.lockstep.record.mode == Mode.OFF
+    assert session.lockstep.record.verdict.cause == Cause.DRIVE_SILENT
+    # The silent one heard it, too.
+    assert power_states(session) == {"SWITCH_ON_DISABLED"}
+
+
+def test_a_shutdown_in_the_cycle_of_a_reset_waits_until_the_reset_has_switched_off():
+    session = Session().enabled()
+    session.lockstep.gateway.stop()
+    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+    session.lockstep.gateway.ask(RequestKind.RESET)
+    while session.lockstep.record.mode == Mode.FAULT:
+        session.lockstep.loop.turn()
+    assert power_states(session) == {"QUICK_STOP_ACTIVE"}
+
+    session.lockstep.shut_down()
+
+    assert power_states(session) == {"SWITCH_ON_DISABLED"}
+
+
 # --- one event for each cause ---------------------------------------------------------------------
 
 
