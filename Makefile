@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 # What safety rests on: the unit tests of these files alone must reach every branch of them.
 SAFETY_TESTS := $(wildcard tests/drives/test_cia402*.py tests/daemon/core/test_modes*.py \
 	tests/daemon/core/test_safety*.py tests/daemon/core/test_every_limit.py)
+COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
+	--no-emit-index-url --no-emit-find-links --no-header pyproject.toml
 PACKAGES := drives observer daemon sim_drives gaitd analysis
 
 .DEFAULT_GOAL := help
@@ -70,8 +72,9 @@ rigs:  ## install what the rigs need (root, Debian)
 	bash scripts/rigs.sh
 
 lock: $(VENV)/dev.stamp  ## write requirements/*.txt anew from pyproject.toml
-	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links --no-header pyproject.toml --extra build --output-file requirements/run.txt
-	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links --no-header pyproject.toml --extra build --extra dev --output-file requirements/dev.txt
+	$(COMPILE) --extra build --output-file requirements/run.txt
+	$(COMPILE) --extra build --extra dev --output-file requirements/dev.txt
+	$(COMPILE) --extra rigs --constraint requirements/dev.txt --output-file requirements/rigs.txt
 
 golden: $(VENV)/dev.stamp  ## write the golden traces of sessions anew; read the difference
 	$(BIN)/pytest tests/conformance/test_golden_traces_of_sessions.py tests/drive_backstop/test_table.py --write-traces

@@ -38,6 +38,7 @@ COMMANDS: Final = {
     "honesty": "Whether what the observer says of itself is true: sigmas, gaps, rest, drift.",
     "matrix": "Every fault in every mode on both axes, in lock-step: is what happens right.",
     "torture": "Random commands and faults in lock-step, watched by invariants.",
+    "rig": "Run a command where there is SocketCAN, or a systemd, though this machine has none.",
     "bench": "The project's benchmarks.",
     "status": "What a running service does.",
     "enable": "Let a running service enable its drives.",

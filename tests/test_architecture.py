@@ -41,6 +41,9 @@ FORBIDDEN = [
     ("daemon/core/planted.py", "import zenoh"),
     ("observer/planted.py", "import time"),
     ("analysis/planted.py", "import drives.signals"),
+    ("daemon/planted.py", "import pytest"),
+    ("gaitd/planted.py", "import pytest"),
+    ("gaitd/planted.py", "import gaitd.testing.service"),
 ]
 
 

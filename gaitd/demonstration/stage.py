@@ -5,13 +5,11 @@ and SIGTERM from the kernel should the demonstration itself be killed.
 """
 
 import contextlib
-import os
 import re
 import shutil
 import signal
 import socket
 import subprocess
-import sys
 import tempfile
 import tomllib
 from collections.abc import Callable, Generator
@@ -24,6 +22,7 @@ import numpy as np
 
 from daemon.config.robot import leg_parameters
 from daemon.config.settings import Robot
+from gaitd.children import free_ports, memory, tied
 from gaitd.demonstration.script import ActError
 from gaitd.remote import Target
 from observer.mechanism import gravity
@@ -31,15 +30,7 @@ from observer.mechanism import gravity
 SERVICE_END_S: Final = 15.0
 """The service stops both axes before it ends."""
 DRIVES_END_S: Final = 5.0
-SHARED_MEMORY: Final = "/dev/shm"
 TAIL_LINES: Final = 12
-END_WITH_PARENT: Final = (
-    "import ctypes, os, sys; ctypes.CDLL(None).prctl(1, 15); "
-    "os.getppid() == int(sys.argv[1]) and os.execv(sys.argv[2], sys.argv[2:])"
-)
-"""Asks the kernel for SIGTERM when we are gone, however we went (PR_SET_PDEATHSIG), and becomes the
-command behind it, if we are not gone already. A function between fork and exec would do the same,
-but not beside threads."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,19 +69,9 @@ class Troupe:
         """Start `python -m gaitd ARGUMENTS` in a session of its own: Ctrl-C reaches us alone."""
         self._name = name
         self._log = log
-        python = sys.executable
         with log.open("wb") as output:
             self._process = subprocess.Popen(
-                [
-                    python,
-                    "-c",
-                    END_WITH_PARENT,
-                    str(os.getpid()),
-                    python,
-                    "-m",
-                    "gaitd",
-                    *arguments,
-                ],
+                tied("-m", "gaitd", *arguments),
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
@@ -137,7 +118,7 @@ def stage(configs: Path, *, empty: bool) -> Generator[Stage]:
         configs: the project's folder of configurations.
         empty: nobody is in the trainer, and its springs carry it alone.
     """
-    folder = Path(tempfile.mkdtemp(prefix="gaitd-demo-", dir=_memory()))
+    folder = Path(tempfile.mkdtemp(prefix="gaitd-demo-", dir=memory()))
     with contextlib.ExitStack() as ending:
         ending.push(_tidy(folder))
         config, endpoint = write_configs(configs, folder / "configs", empty=empty)
@@ -154,14 +135,6 @@ def stage(configs: Path, *, empty: bool) -> Generator[Stage]:
         target = Target((endpoint,), table["zenoh"]["trainer"])
         leg = table["leg"][0]["name"]
         yield Stage(folder, config, truth, control, target, leg, drives, service)
-
-
-def _memory() -> str | None:
-    """A file system in memory where there is one: a disk that writes back stalls who writes to it.
-
-    Measured: 110 ms without an answer, half a minute after the truth was first written to a disk.
-    """
-    return SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK | os.X_OK) else None
 
 
 def _tidy(folder: Path) -> Callable[..., bool]:
@@ -183,7 +156,7 @@ def write_configs(configs: Path, folder: Path, *, empty: bool) -> tuple[Path, st
     Returns: the trainer file, and the Zenoh endpoint it listens on.
     """
     shutil.copytree(configs, folder)
-    bus_port, zenoh_port = _free_ports(2)
+    bus_port, zenoh_port = free_ports(2)
     endpoint = f"tcp/127.0.0.1:{zenoh_port}"
     trainer, plant = folder / "demo.toml", folder / "plant.toml"
     values = {
@@ -230,14 +203,3 @@ def _rewrite(file: Path, values: dict[str, str]) -> None:
         if count != 1:
             raise ValueError(f"{file.name} has {count} lines with the key {key}, 1 was expected")
     file.write_text(text, encoding="utf-8")
-
-
-def _free_ports(count: int) -> list[int]:
-    """Ports of the loopback interface that nobody listens on now."""
-    with contextlib.ExitStack() as holding:
-        ports: list[int] = []
-        for _ in range(count):
-            holder = holding.enter_context(socket.socket())
-            holder.bind(("127.0.0.1", 0))
-            ports.append(holder.getsockname()[1])
-        return ports

@@ -4,12 +4,13 @@ import contextlib
 import socket
 
 import pytest
-from processes import CONFIGS, free_port
+from processes import CONFIGS
 
 from daemon.clock import MonotonicClock
 from daemon.config.trainer import load_trainer
 from daemon.gateway.process import serve
 from daemon.gateway.reload import Reload
+from gaitd.children import free_ports
 
 TURNS = 40
 """Of at most 20 ms: longer than the half second between two words."""
@@ -25,7 +26,7 @@ def told(tmp_path):
         file = load_trainer(CONFIGS / "demo.toml")
         serve(
             "trainer",
-            [f"tcp/127.0.0.1:{free_port()}"],
+            [f"tcp/127.0.0.1:{free_ports(1)[0]}"],
             tmp_path,
             tmp_path / "state",
             MonotonicClock(),

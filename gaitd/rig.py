@@ -1,0 +1,94 @@
+"""`gaitd rig NAME -- COMMAND`: a command in a small world that has what this machine lacks."""
+
+import os
+import shlex
+import subprocess
+import sys
+import tempfile
+import time
+from enum import StrEnum
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Annotated, Final
+
+import typer
+
+if TYPE_CHECKING:
+    from gaitd.testing.rigs import Rig
+
+EXIT_LACKING: Final = 2
+EXIT_RIG: Final = 4
+"""The world did not come to life, or ended before the command."""
+POLL_S: Final = 0.1
+
+
+class Name(StrEnum):
+    """Which world."""
+
+    VCAN = "vcan"
+    SYSTEMD = "systemd"
+
+
+def command(
+    name: Annotated[Name, typer.Argument(help="vcan: SocketCAN; systemd: systemd as PID 1")],
+    words: Annotated[list[str], typer.Argument(help="command and arguments, behind `--`")],
+) -> None:
+    """Run a command there; this folder may be written to, the rest of the disk is read-only.
+
+    Where the kernel has SocketCAN, `vcan` is a network namespace of its own. Elsewhere it is a
+    virtual machine, which takes half a minute to boot and computes about ten times slower.
+    """
+    from gaitd.testing.rigs import RIGS
+
+    rig = RIGS[name.value]
+    lack = rig.lacks()
+    if lack is not None:
+        needs = "`make rigs` in a clone of gaitd installs it, as root on Debian"
+        print(f"gaitd rig {name.value}: {lack} ({needs})", file=sys.stderr)
+        raise typer.Exit(EXIT_LACKING)
+    with tempfile.TemporaryDirectory(prefix="gaitd-rig-") as folder:
+        raise typer.Exit(_run(rig, name.value, words, Path(folder)))
+
+
+def _run(rig: "Rig", name: str, words: list[str], folder: Path) -> int:
+    from gaitd.testing.rigs import PATH, finished, prepare
+
+    here = Path.cwd()
+    lines = f"{rig.set_up}cd {shlex.quote(str(here))}\nexec {shlex.join(words)}"
+    script, log, rig_log = prepare(lines, folder), folder / "log", folder / "rig"
+    log.touch()
+    with rig_log.open("wb") as said, log.open("rb") as seen:
+        running = subprocess.Popen(
+            rig.command(script, folder, (here,)),
+            stdin=subprocess.DEVNULL,
+            env={**os.environ, "PATH": PATH},
+            stdout=said,
+            stderr=subprocess.STDOUT,
+        )
+        try:
+            _show(running, name, seen)
+        finally:
+            running.terminate()
+            running.wait()
+    over = finished(folder, rig_log.read_text(encoding="utf-8", errors="replace"))
+    if over.exit_code < 0:
+        print(f"gaitd rig {name}: it ended before the command\n{over.output}", file=sys.stderr)
+        return EXIT_RIG
+    return over.exit_code
+
+
+def _show(running: subprocess.Popen[bytes], name: str, seen: IO[bytes]) -> None:
+    """Hand on what the command says, as it comes."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    out = sys.stdout.buffer
+    with console.status(f"{name} starts") as status:
+        while running.poll() is None:
+            said = seen.read()
+            if said:
+                status.stop()
+                out.write(said)
+                out.flush()
+            time.sleep(POLL_S)
+    out.write(seen.read())
+    out.flush()

@@ -1,0 +1,83 @@
+"""Copies of configurations with some keys changed: the text stays, comments too.
+
+A key is named by its place, `gait.announce_s`, or `leg.0.name` in the first of the `[[leg]]`
+tables. Its value must stand on the key's own line. That the file then says exactly what it said
+before, but for this key, is checked with a TOML reader: an edit is right or refused.
+"""
+
+import copy
+import json
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+Value = bool | int | float | str | Sequence[str]
+Edits = Mapping[str, Mapping[str, Value]]
+"""By file, relative to the folder of configurations: key and value."""
+
+HEADING: Final = re.compile(r"^\[(\[)?\s*([\w.]+)\s*\]")
+ENTRY: Final = re.compile(r"^(\w+)\s*=")
+
+
+class EditError(Exception):
+    """The test's: a key that cannot be changed as it is named."""
+
+
+def edit(folder: Path, edits: Edits) -> None:
+    """Change files below `folder` in place.
+
+    Raises:
+        EditError: a file or key that is not there, or whose value is longer than its line.
+    """
+    for name, values in edits.items():
+        path = folder / name
+        if not path.is_file():
+            raise EditError(f"there is no {name} among the configurations to edit")
+        text = path.read_text(encoding="utf-8")
+        for key, value in values.items():
+            text = _edited(name, text, key, value)
+        path.write_text(text, encoding="utf-8")
+
+
+def _edited(name: str, text: str, key: str, value: Value) -> str:
+    lines = text.splitlines()
+    number = _line_of(lines, key)
+    if number is None:
+        raise EditError(f"{name} has no key {key}")
+    last = key.rpartition(".")[2]
+    written = json.dumps(value if isinstance(value, bool | int | float | str) else list(value))
+    lines[number] = f"{last} = {written}"
+    after = "\n".join(lines) + "\n"
+    wanted = tomllib.loads(text)
+    _put(wanted, key.split("."), json.loads(written))
+    try:
+        said: dict[str, Any] = tomllib.loads(after)
+    except tomllib.TOMLDecodeError:
+        said = {}
+    if said != wanted:
+        raise EditError(f"{name}: the value of {key} does not stand on one line; edit a copy")
+    return after
+
+
+def _line_of(lines: Sequence[str], key: str) -> int | None:
+    """Where the key stands, by the headings above it."""
+    table, seen = "", dict[str, int]()
+    for number, line in enumerate(lines):
+        if heading := HEADING.match(line):
+            table = heading[2]
+            if heading[1]:
+                seen[table] = seen.get(table, -1) + 1
+                table = f"{table}.{seen[table]}"
+        elif (entry := ENTRY.match(line)) and f"{table}.{entry[1]}".lstrip(".") == key:
+            return number
+    return None
+
+
+def _put(tree: object, parts: Sequence[str], value: object) -> None:
+    """Give one place in a tree another value."""
+    table: Any = tree
+    for part in parts[:-1]:
+        table = table[int(part)] if isinstance(table, list) else table[part]
+    table[parts[-1]] = copy.copy(value)

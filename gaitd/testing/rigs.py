@@ -1,0 +1,178 @@
+"""Rigs: small worlds that have what this machine may lack, each running one bash script.
+
+`vcan` is a network with SocketCAN: a namespace of this kernel where it has it, and otherwise a
+virtual machine with a Debian kernel. `systemd` is a container with systemd as PID 1. Inside, this
+machine's programs and the project are where they are here, read-only; one folder may be written.
+`make rigs` installs what they need; each says in one line what it lacks.
+"""
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import sysconfig
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final, NamedTuple
+
+PROGRAMS: Final = Path(sysconfig.get_path("scripts"))
+"""Of the virtual environment that we run in."""
+VNG: Final = PROGRAMS / "vng"
+"""virtme-ng, which boots a kernel under QEMU with this file system as its root."""
+PATH: Final = f"{PROGRAMS}:/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
+SOURCES: Final = Path(__file__).resolve().parents[2]
+"""The folder of our packages: the project, or site-packages."""
+
+
+class Finished(NamedTuple):
+    """What a script left."""
+
+    exit_code: int
+    output: str
+    """Of the script, both streams; of the rig itself if the script never came to an end."""
+
+
+class Rig(ABC):
+    """One kind of small world that runs a bash script."""
+
+    set_up: str = ""
+    """Bash lines that make a fresh one usable."""
+
+    @abstractmethod
+    def lacks(self) -> str | None:
+        """What this machine lacks for it; None if nothing."""
+
+    @abstractmethod
+    def command(self, script: Path, folder: Path, also: Sequence[Path] = ()) -> list[str]:
+        """The command that runs the script.
+
+        Args:
+            script: to be run.
+            folder: which it may write to.
+            also: more folders like that.
+        """
+
+    def run(self, script: str, folder: Path, timeout_s: float = 600) -> Finished:
+        """Run bash lines in `folder`, which is theirs to write to."""
+        ran = subprocess.run(
+            self.command(prepare(script, folder), folder),
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=timeout_s,
+            env={"PATH": PATH, "HOME": str(folder)},
+            check=False,
+        )
+        return finished(folder, ran.stdout + ran.stderr)
+
+
+def prepare(script: str, folder: Path) -> Path:
+    """Write bash lines into `folder`, and around them what keeps their output and exit code."""
+    inner, outer = folder / "script", folder / "outer"
+    inner.write_text(f"set -eu\nexport PATH={PATH}\n{script}\n")
+    outer.write_text(
+        f"#!/bin/bash\ncd {folder}\nbash {inner} > {folder}/log 2>&1 < /dev/null\n"
+        f"echo $? > {folder}/exit\n"
+    )
+    outer.chmod(0o755)
+    return outer
+
+
+def finished(folder: Path, said_by_rig: str) -> Finished:
+    """What a prepared script has left in its folder."""
+    if not (folder / "exit").exists():
+        return Finished(-1, said_by_rig)
+    return Finished(int((folder / "exit").read_text()), (folder / "log").read_text())
+
+
+class SocketCan(Rig):
+    """A network namespace with SocketCAN: natively, or in a virtual machine whose kernel has it.
+
+    In the virtual machine the clock counts instructions, so timing is independent of the host.
+    """
+
+    set_up = (
+        "modprobe -a vcan can-raw can-bcm 2> /dev/null || true  # or they are there already\n"
+        "ip link set lo up\n"
+    )
+
+    def native(self) -> bool:
+        """Whether this kernel has it."""
+        try:
+            socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+        except OSError:
+            return False
+        return True
+
+    def lacks(self) -> str | None:
+        """What this machine lacks for it; None if nothing."""
+        if self.native():
+            return None if shutil.which("unshare") else "unshare is missing"
+        if not VNG.exists():
+            return "no SocketCAN in this kernel, and no virtme-ng"
+        if not shutil.which("qemu-system-x86_64", path=PATH):
+            return "no SocketCAN in this kernel, and no qemu-system-x86_64"
+        return None if self.kernel() else "no SocketCAN in this kernel, and none in /boot that has"
+
+    def kernel(self) -> Path | None:
+        """The newest one in /boot that has a vcan."""
+        for kernel in sorted(Path("/boot").glob("vmlinuz-*"), reverse=True):
+            modules = Path("/lib/modules") / kernel.name.removeprefix("vmlinuz-")
+            if any(modules.glob("kernel/drivers/net/can/vcan.ko*")):
+                return kernel
+        return None
+
+    def command(self, script: Path, folder: Path, also: Sequence[Path] = ()) -> list[str]:
+        """The command that runs the script; see `Rig`."""
+        if self.native():
+            return ["unshare", "--net", "--map-root-user", str(script)]
+        writable = (folder, *also)
+        return [
+            *(str(VNG), "-r", str(self.kernel()), "--disable-kvm", "--user", "root"),
+            *("--cpus", "1", "--memory", "2G", "--verbose"),
+            *(f"--rodir={place}" for place in _read_from(writable)),
+            *(f"--rwdir={place}" for place in writable),
+            *("--qemu-opts=-icount shift=0,sleep=off", "--exec", str(script)),
+        ]
+
+
+class Systemd(Rig):
+    """A container with systemd as PID 1: /usr is this machine's, /etc, /var and /run are fresh."""
+
+    def lacks(self) -> str | None:
+        """What this machine lacks for it; None if nothing."""
+        if not shutil.which("systemd-nspawn", path=PATH):
+            return "no systemd-nspawn"
+        return None if os.geteuid() == 0 else "systemd-nspawn, but not root"
+
+    def command(self, script: Path, folder: Path, also: Sequence[Path] = ()) -> list[str]:
+        """The command that runs the script; see `Rig`."""
+        writable = (folder, *also)
+        outside = [place for place in _read_from(writable) if not place.is_relative_to("/usr")]
+        return [
+            *("systemd-nspawn", "-D", "/", "--volatile=yes", "--register=no", "--keep-unit"),
+            *(f"--bind-ro={place}" for place in outside),
+            *(f"--bind={place}" for place in writable),
+            "--boot",
+            *("systemd.firstboot=off", "systemd.mask=systemd-firstboot.service"),
+            *(f"systemd.run={script}", "systemd.run_success_action=poweroff"),
+            "systemd.run_failure_action=poweroff",
+        ]
+
+
+def _read_from(writable: Sequence[Path]) -> list[Path]:
+    """The folders that this Python reads from, none of them inside another one."""
+    wanted = {SOURCES, Path(sys.prefix), Path(sys.base_prefix)}
+    wanted |= {Path(name) for name in sys.path if Path(name).is_absolute() and Path(name).is_dir()}
+    outer: list[Path] = []
+    for place in sorted(wanted):
+        if not any(place.is_relative_to(other) for other in (*outer, *writable)):
+            outer.append(place)
+    return outer
+
+
+RIGS: Final[Mapping[str, Rig]] = MappingProxyType({"vcan": SocketCan(), "systemd": Systemd()})
