@@ -42,14 +42,15 @@ def edit(folder: Path, edits: Edits) -> None:
 
 
 def _edited(name: str, text: str, key: str, value: Value) -> str:
-    lines = text.splitlines()
+    lines = text.split("\n")
     number = _line_of(lines, key)
     if number is None:
         raise EditError(f"{name} has no key {key}")
     last = key.rpartition(".")[2]
-    written = json.dumps(value if isinstance(value, bool | int | float | str) else list(value))
+    plain = value if isinstance(value, bool | int | float | str) else list(value)
+    written = json.dumps(plain, ensure_ascii=False)
     lines[number] = f"{last} = {written}"
-    after = "\n".join(lines) + "\n"
+    after = "\n".join(lines)
     wanted = tomllib.loads(text)
     _put(wanted, key.split("."), json.loads(written))
     try:
@@ -57,7 +58,9 @@ def _edited(name: str, text: str, key: str, value: Value) -> str:
     except tomllib.TOMLDecodeError:
         said = {}
     if said != wanted:
-        raise EditError(f"{name}: the value of {key} does not stand on one line; edit a copy")
+        raise EditError(
+            f"{name}: the value of {key} does not stand on one line, or {written} cannot"
+        )
     return after
 
 
