@@ -67,6 +67,17 @@ def test_the_wheel_brings_the_command_and_the_licence(wheel):
     assert b"Apache License" in wheel.read(papers["licenses/LICENSE"])
 
 
+def test_the_wheel_brings_the_pytest_plugin_and_the_configurations_that_it_runs(wheel):
+    points = next(name for name in wheel.namelist() if name.endswith("entry_points.txt"))
+    configs = {
+        f"gaitd/configs/{file.relative_to(PROJECT / 'configs')}"
+        for file in (PROJECT / "configs").rglob("*.*")
+    }
+
+    assert b"[pytest11]\ngaitd.testing.plugin = gaitd.testing.plugin" in wheel.read(points)
+    assert configs <= set(wheel.namelist())
+
+
 LOCKS = sorted((PROJECT / "requirements").glob("*.txt"))
 
 

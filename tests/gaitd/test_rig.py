@@ -1,0 +1,72 @@
+"""`gaitd rig`: a command in another world, its output and its exit code in this one."""
+
+from types import MappingProxyType
+
+import pytest
+import typer
+
+from gaitd.rig import Name, command
+from gaitd.testing import rigs
+
+
+class Here(rigs.Rig):
+    """No world at all: the script runs as it is."""
+
+    set_up = "echo set up\n"
+
+    def __init__(self, lack=None, instead=None):
+        self.lack, self.instead, self.writable = lack, instead, ()
+
+    def lacks(self):
+        return self.lack
+
+    def command(self, script, folder, also=()):
+        self.writable = also
+        return self.instead or [str(script)]
+
+
+def ran(monkeypatch, rig, *words):
+    monkeypatch.setattr(rigs, "RIGS", MappingProxyType({"vcan": rig}))
+    with pytest.raises(typer.Exit) as ended:
+        command(Name.VCAN, list(words))
+    return ended.value.exit_code
+
+
+def test_a_command_runs_in_this_folder_after_the_world_is_set_up(
+    monkeypatch, tmp_path, capfdbinary
+):
+    monkeypatch.chdir(tmp_path)
+    here = Here()
+
+    code = ran(monkeypatch, here, "sh", "-c", "pwd; echo 'a  b' > written; exit 7")
+
+    assert code == 7
+    assert capfdbinary.readouterr().out.decode() == f"set up\n{tmp_path}\n"
+    assert (tmp_path / "written").read_text() == "a  b\n"
+    assert here.writable == (tmp_path,)
+
+
+def test_what_the_machine_lacks_is_one_line_with_the_way_to_have_it(monkeypatch, capsys):
+    assert ran(monkeypatch, Here("no kernel in /boot"), "true") == 2
+
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "gaitd rig vcan: no kernel in /boot" in said
+    assert "make rigs" in said
+
+
+def test_a_world_that_does_not_come_to_life_says_its_last_words(monkeypatch, capsys):
+    broken = Here(instead=["sh", "-c", "echo no such boot; exit 1"])
+
+    assert ran(monkeypatch, broken, "true") == 4
+    assert "no such boot" in capsys.readouterr().err
+
+
+def test_what_python_reads_from_is_there_once_and_never_inside_what_may_be_written(tmp_path):
+    places = rigs._read_from((tmp_path,))
+
+    assert any(rigs.SOURCES.is_relative_to(place) for place in places)
+    assert not [
+        (one, other) for one in places for other in places if one != other and one in other.parents
+    ]
+    assert not any(place.is_relative_to(rigs.SOURCES) for place in rigs._read_from((rigs.SOURCES,)))
