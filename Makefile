@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 # What safety rests on: the unit tests of these files alone must reach every branch of them.
 SAFETY_TESTS := $(wildcard tests/drives/test_cia402*.py tests/daemon/core/test_modes*.py \
 	tests/daemon/core/test_safety*.py tests/daemon/core/test_every_limit.py)
+# Of pytest: one for each processor, up to 16. Real processes are tested alone, see tests/support/parallel.py.
+WORKERS ?= auto --maxprocesses 16
 COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
 	--no-emit-index-url --no-emit-find-links --no-header pyproject.toml
 PACKAGES := drives observer daemon sim_drives gaitd analysis
@@ -43,7 +45,7 @@ imports: $(VENV)/dev.stamp
 	$(BIN)/lint-imports --no-cache
 
 pytest: $(VENV)/dev.stamp
-	$(BIN)/pytest
+	$(BIN)/pytest -n $(WORKERS)
 
 coverage: $(VENV)/dev.stamp  ## every branch of safety.py, modes.py and cia402.py, by their unit tests alone
 	$(BIN)/coverage run -m pytest -q $(SAFETY_TESTS)

@@ -4,6 +4,7 @@ The rigs (SocketCAN, systemd) are the plugin's. `--rigs=required` makes the lack
 it is `--gaitd-rigs` of the plugin by a shorter name.
 """
 
+import pytest
 from hypothesis import settings
 
 # pytest finds it by itself once gaitd is installed; a tree that is newer than its installation
@@ -38,3 +39,11 @@ def pytest_addoption(parser):
         type=float,
         help="let the CAN fuzz run for so many minutes each, instead of some seconds",
     )
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """On several processors; see `tests/support/parallel.py`."""
+    from parallel import AloneLast
+
+    return AloneLast(config, log) if config.option.dist == "load" else None
