@@ -8,13 +8,15 @@ import sys
 from typing import Final
 
 SHARED_MEMORY: Final = "/dev/shm"
-END_WITH_PARENT: Final = (
-    "import ctypes, os, sys; ctypes.CDLL(None).prctl(1, int(sys.argv[1])); "
-    "os.getppid() == int(sys.argv[2]) and os.execv(sys.argv[3], sys.argv[3:])"
+_END_WITH_PARENT: Final = (
+    "import ctypes, os, sys; ctypes.CDLL(None).prctl(1, {number}); "
+    "os.getppid() == int(sys.argv[1]) and os.execv(sys.argv[2], sys.argv[2:])"
 )
 """Asks the kernel for a signal when we are gone, however we went (PR_SET_PDEATHSIG), and becomes
 the command behind it, if we are not gone already. A function between fork and exec would do the
 same, but not beside threads."""
+END_WITH_PARENT: Final = _END_WITH_PARENT.format(number=int(signal.SIGTERM))
+"""The same, in front of the pid of the parent and a command."""
 
 
 def tied(*words: str, number: signal.Signals = signal.SIGTERM) -> list[str]:
@@ -25,8 +27,8 @@ def tied(*words: str, number: signal.Signals = signal.SIGTERM) -> list[str]:
         number: of the signal; SIGKILL also ends what is stopped and cannot obey.
     """
     python = sys.executable
-    head = [python, "-c", END_WITH_PARENT, str(int(number)), str(os.getpid())]
-    return [*head, python, *words]
+    program = _END_WITH_PARENT.format(number=int(number))
+    return [python, "-c", program, str(os.getpid()), python, *words]
 
 
 def free_ports(count: int) -> list[int]:
@@ -40,7 +42,7 @@ def free_ports(count: int) -> list[int]:
         return ports
 
 
-def memory() -> str | None:
+def memory_folder() -> str | None:
     """A file system in memory where there is one: a disk that writes back stalls who writes to it.
 
     Measured: 110 ms without an answer, half a minute after the truth was first written to a disk.

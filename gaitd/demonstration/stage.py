@@ -22,7 +22,7 @@ import numpy as np
 
 from daemon.config.robot import leg_parameters
 from daemon.config.settings import Robot
-from gaitd.children import free_ports, memory, tied
+from gaitd.children import free_ports, memory_folder, tied
 from gaitd.demonstration.script import ActError
 from gaitd.remote import Target
 from observer.mechanism import gravity
@@ -65,13 +65,19 @@ class Stage:
 class Troupe:
     """One process with its output in a file."""
 
-    def __init__(self, name: str, arguments: list[str], log: Path) -> None:
-        """Start `python -m gaitd ARGUMENTS` in a session of its own: Ctrl-C reaches us alone."""
+    def __init__(
+        self,
+        name: str,
+        arguments: list[str],
+        log: Path,
+        program: tuple[str, ...] = ("-m", "gaitd"),
+    ) -> None:
+        """Start `python PROGRAM ARGUMENTS` in a session of its own: Ctrl-C reaches us alone."""
         self._name = name
         self._log = log
         with log.open("wb") as output:
             self._process = subprocess.Popen(
-                tied("-m", "gaitd", *arguments),
+                tied(*program, *arguments),
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
@@ -92,6 +98,14 @@ class Troupe:
         code = self._process.poll()
         if code is not None:
             raise ActError(f"{self._name} ended with {code}; its last words:\n{self.last_words()}")
+
+    def exit_code(self) -> int | None:
+        """None while it lives."""
+        return self._process.poll()
+
+    def signal(self, number: int) -> None:
+        """Send it a signal; after its end this does nothing."""
+        self._process.send_signal(number)
 
     def last_words(self) -> str:
         """The end of its output."""
@@ -118,7 +132,7 @@ def stage(configs: Path, *, empty: bool) -> Generator[Stage]:
         configs: the project's folder of configurations.
         empty: nobody is in the trainer, and its springs carry it alone.
     """
-    folder = Path(tempfile.mkdtemp(prefix="gaitd-demo-", dir=memory()))
+    folder = Path(tempfile.mkdtemp(prefix="gaitd-demo-", dir=memory_folder()))
     with contextlib.ExitStack() as ending:
         ending.push(_tidy(folder))
         config, endpoint = write_configs(configs, folder / "configs", empty=empty)
@@ -168,8 +182,8 @@ def write_configs(configs: Path, folder: Path, *, empty: bool) -> tuple[Path, st
     if empty:
         balance(folder / "robot_empty.toml", plant)
         values["robot"] = '"robot_empty.toml"'
-        _rewrite(plant, {"robot": '"robot_empty.toml"'})
-    _rewrite(trainer, values)
+        rewrite(plant, {"robot": '"robot_empty.toml"'})
+    rewrite(trainer, values)
     return trainer, endpoint
 
 
@@ -187,13 +201,13 @@ def balance(robot_file: Path, plant_file: Path) -> None:
     springs = robot.springs
     hip_rest_rad = springs.hip_rest_rad + load[0] / springs.hip_stiffness_nm_per_rad
     slide_rest_m = springs.slide_rest_m + load[1] / springs.slide_stiffness_n_per_m
-    _rewrite(
+    rewrite(
         robot_file,
         {"hip_rest_rad": f"{hip_rest_rad:.6f}", "slide_rest_m": f"{slide_rest_m:.6f}"},
     )
 
 
-def _rewrite(file: Path, values: dict[str, str]) -> None:
+def rewrite(file: Path, values: dict[str, str]) -> None:
     """Give keys that stand once in a TOML file other values; comments stay."""
     text = file.read_text(encoding="utf-8")
     for key, value in values.items():

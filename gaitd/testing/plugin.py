@@ -106,13 +106,13 @@ def vcan(request: pytest.FixtureRequest) -> Generator[str]:
         yield name
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def vcan_rig() -> "Rig":
     """A world with SocketCAN."""
     return _rig("vcan")
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def systemd_rig() -> "Rig":
     """A world with systemd as PID 1."""
     return _rig("systemd")

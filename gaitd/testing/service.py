@@ -13,7 +13,7 @@ import socket
 import subprocess
 import time
 import tomllib
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -94,9 +94,20 @@ class Service:
     # --- processes ------------------------------------------------------------------------------
 
     def start(
-        self, part: str, *arguments: str, program: Sequence[str] = GAITD
+        self,
+        part: str,
+        *arguments: str,
+        program: Sequence[str] = GAITD,
+        environment: Mapping[str, str] | None = None,
     ) -> subprocess.Popen[bytes]:
-        """Start one part; `program` is what runs `gaitd PART`, where it is not `gaitd` itself."""
+        """Start one part.
+
+        Args:
+            part: `sim`, `core` or `gateway`.
+            arguments: beside `--config`.
+            program: what runs `gaitd PART`, where it is not `gaitd` itself.
+            environment: what it finds there beside ours.
+        """
         words = (*program, part, "--config", str(self.config), *arguments)
         with (self.folder / f"{part}.log").open("ab") as log:
             self.parts[part] = subprocess.Popen(
@@ -106,6 +117,7 @@ class Service:
                 stdout=log,
                 stderr=log,
                 cwd=self.folder,
+                env={**os.environ, **(environment or {})},
                 start_new_session=True,
             )
         return self.parts[part]
@@ -204,7 +216,7 @@ class Service:
         """Socket of the virtual drives."""
         return self.folder / "ctl"
 
-    def wait(self, reached: Callable[[], object], within_s: float) -> None:
+    def wait(self, reached: Callable[[], object], within_s: float, poll_s: float = POLL_S) -> None:
         """Look until it is reached.
 
         Raises:
@@ -215,7 +227,7 @@ class Service:
             with contextlib.suppress(FileNotFoundError, RingError):
                 if reached():
                     return
-            time.sleep(POLL_S)
+            time.sleep(poll_s)
         raise ServiceError(f"not reached within {within_s:g} s\n{self.logs()}")
 
     @contextlib.contextmanager

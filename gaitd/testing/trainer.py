@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final, Self
 
 from daemon.record import CycleRecord, Mode
-from gaitd.children import memory
+from gaitd.children import memory_folder
 from gaitd.testing.edits import Edits
 from gaitd.testing.service import Service, ServiceError
 
@@ -185,10 +185,9 @@ class VirtualTrainer(Service):
 
     def stands(self, record: CycleRecord) -> bool:
         """Whether this cycle finds the leg held, and at rest."""
-        speeds = [abs(drive.velocity_si or 0.0) for drive in record.drives]
-        limits = STANDSTILL * (len(speeds) // len(STANDSTILL))
-        still = all(speed < limit for speed, limit in zip(speeds, limits, strict=True))
-        return record.mode == Mode.HOLD and still
+        return record.mode == Mode.HOLD and all(
+            hip < STANDSTILL[0] and slide < STANDSTILL[1] for hip, slide in speeds_by_leg(record)
+        )
 
     def _revive(self) -> None:
         RUNNING.add(self)
@@ -217,7 +216,10 @@ class VirtualTrainer(Service):
             return self._done("disable")
         if self.newest().mode == Mode.READY:
             # After a reset the leg falls into its springs first; refused while it moves.
-            self.wait(lambda: self._done("enable"), PATIENCE_S)
+            # A stall of the machine may stop it meanwhile: then all is tried again.
+            self.wait(lambda: self._done("enable") or self.mode == Mode.FAULT, PATIENCE_S)
+            if self.mode == Mode.FAULT:
+                return False
         payload = HOLD if mode == Mode.HOLD else {**GAIT, **wanted}
         return self.newest().mode == mode or self._done("mode", **payload)
 
@@ -233,6 +235,12 @@ class VirtualTrainer(Service):
         answer = self.request(name, **payload)
         self._refused += [answer] if answer["outcome"] != "done" else []
         return answer["outcome"] == "done"
+
+
+def speeds_by_leg(record: CycleRecord) -> list[tuple[float, float]]:
+    """How fast the hip and the slide of each leg are, either way; rad/s and m/s."""
+    speeds = [abs(drive.velocity_si or 0.0) for drive in record.drives]
+    return list(zip(speeds[::2], speeds[1::2], strict=True))
 
 
 @contextlib.contextmanager
@@ -253,7 +261,7 @@ def virtual_trainer(
         EditError: a key that is not there.
         ServiceError: it did not start; with what its processes have said.
     """
-    with tempfile.TemporaryDirectory(prefix="gaitd-test-", dir=memory()) as folder:
+    with tempfile.TemporaryDirectory(prefix="gaitd-test-", dir=memory_folder()) as folder:
         trainer = VirtualTrainer(Path(folder), configs, trainer_file=trainer_file, edits=edits)
         try:
             yield trainer.start_all()

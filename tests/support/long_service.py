@@ -7,10 +7,10 @@ mode is asked for again.
 
 from pathlib import Path
 
-from processes import CONFIGS, Service
+from processes import CONFIGS, Service, its_bus
 
 from daemon.record import CycleRecord, Mode
-from gaitd.testing.trainer import PATIENCE_S, TRIES, VirtualTrainer
+from gaitd.testing.trainer import PATIENCE_S, TRIES, VirtualTrainer, speeds_by_leg
 
 __all__ = ["ALTERED_CORE", "PATIENCE_S", "TRIES", "WAITING_GATEWAY", "LongService"]
 
@@ -18,7 +18,7 @@ ALTERED_CORE = (str(Path(__file__).with_name("altered_core.py")),)
 WAITING_GATEWAY = (str(Path(__file__).with_name("waiting_gateway.py")),)
 FAST = (0.5, 0.4)
 """rad/s and m/s: a fault finds the leg in motion."""
-QUICKER = {"demo.toml": {"gait.announce_s": 0.5, "gait.ramp_strides": 1}}
+QUICKER = {"gait.announce_s": 0.5, "gait.ramp_strides": 1}
 
 
 class LongService(VirtualTrainer):
@@ -26,10 +26,12 @@ class LongService(VirtualTrainer):
 
     ask = Service.ask
 
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder, CONFIGS, edits=QUICKER)
+    def __init__(self, folder: Path, template: str = "demo.toml") -> None:
+        edits = {template: {**its_bus(CONFIGS / template), **QUICKER}}
+        super().__init__(folder, CONFIGS, trainer_file=template, edits=edits)
 
     def walks(self, record: CycleRecord) -> bool:
-        speeds = [abs(drive.velocity_si or 0.0) for drive in record.drives]
-        fast = all(speed > limit for speed, limit in zip(speeds, FAST, strict=True))
-        return record.mode == Mode.GAIT and fast
+        """In a gait, and one leg fast in both axes."""
+        return record.mode == Mode.GAIT and any(
+            hip > FAST[0] and slide > FAST[1] for hip, slide in speeds_by_leg(record)
+        )

@@ -5,6 +5,7 @@ The processes are those of the plugin that gaitd ships; here is only what our ow
 
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 from gaitd.testing import service
@@ -18,8 +19,10 @@ MEMORY = Path("/dev/shm")
 class Service(service.Service):
     """Virtual drives, core and gateway, each a process of its own."""
 
-    def __init__(self, folder: Path, configs: Path = CONFIGS) -> None:
-        super().__init__(folder, configs)
+    def __init__(self, folder: Path, configs: Path = CONFIGS, template: str = "demo.toml") -> None:
+        super().__init__(
+            folder, configs, trainer_file=template, edits={template: its_bus(configs / template)}
+        )
 
     def ask(self, *words: str) -> subprocess.CompletedProcess[str]:
         """As a person does: by the command line."""
@@ -30,3 +33,10 @@ class Service(service.Service):
             timeout=90,
             check=False,
         )
+
+
+def its_bus(template: Path) -> dict[str, str]:
+    """A bus of the kernel's is used as the file has it; only a loopback bus gets a port of ours."""
+    bus = tomllib.loads(template.read_text())["bus"]
+    kept = {f"bus.{key}": bus[key] for key in ("interface", "channel")}
+    return kept if bus["interface"] == "socketcan" else {}
