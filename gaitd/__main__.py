@@ -39,6 +39,7 @@ COMMANDS: Final = {
     "matrix": "Every fault in every mode on both axes, in lock-step: is what happens right.",
     "torture": "Random commands and faults in lock-step, watched by invariants.",
     "rig": "Run a command where there is SocketCAN, or a systemd, though this machine has none.",
+    "soak": "An hour of gait by the real processes, with faults drawn from a seed.",
     "bench": "The project's benchmarks.",
     "status": "What a running service does.",
     "enable": "Let a running service enable its drives.",

@@ -61,15 +61,16 @@ class Screen(Protocol):
 class Outstanding:
     """At most one request to the service, asked in a thread."""
 
-    def __init__(self, target: Target) -> None:
-        """Nothing is asked yet."""
+    def __init__(self, target: Target, client: str = "gaitd demo") -> None:
+        """Nothing is asked yet; `client` is the name that the service hears."""
         self._target = target
+        self._client = client
         self._thread = ThreadPoolExecutor(max_workers=1)
         self._answer: Future[Answer] | None = None
 
     def ask(self, request: Ask) -> None:
         """Ask; the outcome of an earlier request is forgotten."""
-        payload = {"client": "gaitd demo", **request.payload}
+        payload = {"client": self._client, **request.payload}
         self._answer = self._thread.submit(ask, self._target, request.name, payload)
 
     def outcome(self) -> tuple[str | None, str]:

@@ -1,0 +1,77 @@
+"""`gaitd soak`: an hour of gait by the real processes, with faults drawn from a seed."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from gaitd.soaking.play import Soaked
+
+SAY_EVERY_S = 60.0
+
+
+def command(
+    minutes: Annotated[float, typer.Option(min=0.2, help="of gait and trouble")] = 60.0,
+    seed: Annotated[int, typer.Option(min=0, help="of all that is drawn")] = 1,
+    report: Annotated[
+        Path | None, typer.Option(metavar="FILE.md", help="write a page and its figure there")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="print one JSON object")] = False,
+) -> None:
+    """Virtual drives, core and gateway in real time, with faults, until the time is over.
+
+    Exit code 0 only if every stop is explained, nothing ended by itself, the machine always walked
+    again, and memory kept to its budget.
+    """
+    import json as json_text
+
+    from gaitd.places import configs_folder
+    from gaitd.soaking.figure import draw
+    from gaitd.soaking.machinery import machinery
+    from gaitd.soaking.page import failures, page, plain, summary
+    from gaitd.soaking.play import Soak
+
+    configs = configs_folder("configs", "demo.toml")
+    with _progress(minutes * 60) as say, machinery(configs) as made:
+        found: Soaked = Soak(made, seed, minutes * 60, say).run()
+    if report is not None:
+        report.parent.mkdir(parents=True, exist_ok=True)
+        figure = report.with_suffix(".png")
+        told_as = " ".join(("gaitd", *sys.argv[1:]))
+        report.write_text(page(found, told_as, figure.name), encoding="utf-8")
+        draw(found, figure)
+    print(json_text.dumps(plain(found), indent=2) if json else summary(found))
+    raise typer.Exit(1 if failures(found) else 0)
+
+
+class _progress:  # noqa: N801 - used as a function
+    """A bar on a terminal; elsewhere a line a minute, both on stderr."""
+
+    def __init__(self, total_s: float) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+        self._console = Console(stderr=True)
+        columns = (BarColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
+        self._bar = Progress(*columns, console=self._console, transient=True)
+        self._task = self._bar.add_task("starting", total=total_s)
+        self._said_s = -SAY_EVERY_S
+
+    def __enter__(self) -> "Callable[[float, str], None]":
+        if self._console.is_terminal:
+            self._bar.start()
+        return self._say
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def _say(self, time_s: float, words: str) -> None:
+        if self._console.is_terminal:
+            self._bar.update(self._task, completed=time_s, description=words)
+        elif time_s >= self._said_s + SAY_EVERY_S:
+            self._said_s = time_s
+            print(f"{time_s:7.0f} s  {words}", file=sys.stderr, flush=True)

@@ -1,0 +1,155 @@
+"""The processes of a soak: virtual drives, core and gateway, each started anew where it is due."""
+
+import contextlib
+import shutil
+import signal
+import socket
+import tempfile
+import tomllib
+from collections import Counter
+from collections.abc import Generator
+from pathlib import Path
+from typing import Final
+
+from daemon.record import CycleRecord
+from daemon.seam import RING_NAME, RingError, RingReader
+from gaitd.demonstration.stage import (
+    DRIVES_END_S,
+    SERVICE_END_S,
+    Troupe,
+    memory_folder,
+    write_configs,
+)
+from gaitd.remote import Target
+
+PARTS: Final = ("sim", "core", "gateway")
+"""In the order of their start."""
+_ENDING: Final = ("core", "gateway", "sim")
+
+
+class Machinery:
+    """All processes of one soak, in one folder."""
+
+    def __init__(self, configs: Path, folder: Path) -> None:
+        """Prepare; `start` begins."""
+        self.folder = folder
+        self.config, endpoint = write_configs(configs, folder / "configs", empty=False)
+        table = tomllib.loads(self.config.read_text(encoding="utf-8"))
+        self.target = Target((endpoint,), table["zenoh"]["trainer"])
+        self.leg: str = table["leg"][0]["name"]
+        self.drives = tuple(f"{leg['name']}/{axis}" for leg in table["leg"] for axis in _AXES)
+        self.ring = folder / "run" / RING_NAME
+        self._control = folder / "sim.sock"
+        self._parts: dict[str, Troupe] = {}
+        self._expected_dead: set[str] = set()
+        self.start_count: Counter[str] = Counter()
+        self.exit_codes: dict[str, int] = {}
+        """At the end of the soak."""
+        self.endings: list[str] = []
+        """Ends that nobody asked for, each one line."""
+
+    def start(self, part: str) -> None:
+        """Start one of PARTS."""
+        arguments = [part, "--config", str(self.config)]
+        if part == "sim":
+            arguments += ["--control", str(self._control)]
+        self._expected_dead.discard(part)
+        self.start_count[part] += 1
+        log = self.folder / f"{part}{self.start_count[part]}.log"
+        self._parts[part] = Troupe(f"gaitd {part}", arguments, log)
+
+    def pid(self, part: str) -> int:
+        """Of the process that runs now, or ran last."""
+        return self._parts[part].pid
+
+    def kill(self, part: str) -> None:
+        """SIGKILL; `start` brings it back."""
+        self._expected_dead.add(part)
+        self._parts[part].signal(signal.SIGKILL)
+
+    def halt(self, part: str, *, on: bool) -> None:
+        """Stop a process where it stands, or let it go on."""
+        self._parts[part].signal(signal.SIGSTOP if on else signal.SIGCONT)
+
+    def revive(self) -> None:
+        """Start what ended without being asked to, as systemd would, and note that it did."""
+        for part, troupe in list(self._parts.items()):
+            code = troupe.exit_code()
+            if code is not None and part not in self._expected_dead:
+                self.endings.append(f"gaitd {part} ended with {code}: {troupe.last_words()}")
+                self.start(part)
+
+    def tell_drives(self, words: str) -> None:
+        """Send commands to the virtual drives; nobody is waited for."""
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+            sender.sendto(words.encode(), str(self._control))
+
+    def end(self) -> None:
+        """End all that runs."""
+        for part in _ENDING:
+            if part in self._parts:
+                self.halt(part, on=False)
+                patience_s = DRIVES_END_S if part == "sim" else SERVICE_END_S
+                self.exit_codes[part] = self._parts[part].end(patience_s)
+
+
+_AXES: Final = ("hip", "slide")
+
+
+@contextlib.contextmanager
+def machinery(configs: Path) -> Generator[Machinery]:
+    """Virtual drives, core and gateway, running; ended whatever happens."""
+    folder = Path(tempfile.mkdtemp(prefix="gaitd-soak-", dir=memory_folder()))
+    made = Machinery(configs, folder)
+    try:
+        for part in PARTS:
+            made.start(part)
+        yield made
+    finally:
+        made.end()
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+class RecordTail:
+    """Follows the ring, and each core into its own."""
+
+    def __init__(self, path: Path) -> None:
+        """Follow `path`, which need not be there yet."""
+        self._path = path
+        self._ring: RingReader | None = None
+        self._seq = 0
+        self.lost_count = 0
+        """Records that were overwritten before they were read here."""
+
+    def read(self) -> list[CycleRecord]:
+        """All records since the last call, oldest first."""
+        found = self._forward()
+        if self._follow():
+            found += self._forward()
+        return found
+
+    def _forward(self) -> list[CycleRecord]:
+        ring, found = self._ring, []
+        if ring is None:
+            return found
+        while (record := ring.read(self._seq + 1)) is not None:
+            found.append(record)
+            self._seq += 1
+        if not found and (newest := ring.newest_seq()) > self._seq:
+            oldest = ring.oldest_seq(newest)
+            self.lost_count += max(oldest - self._seq - 1, 0)
+            found = ring.since(self._seq)
+            self._seq = found[-1].seq if found else self._seq
+        return found
+
+    def _follow(self) -> bool:
+        """Whether a core has started since."""
+        try:
+            inode = self._path.stat().st_ino
+            if self._ring is not None and self._ring.inode == inode:
+                return False
+            self._ring = RingReader(self._path)
+        except (FileNotFoundError, RingError):
+            return False
+        self._seq = 0
+        return True

@@ -1,0 +1,101 @@
+"""Memory and processor time of processes, from /proc (proc(5)), and how fast memory grows."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+KB_PER_MB: Final = 1024
+TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
+FIELDS_BEFORE_STATE: Final = 2
+UTIME: Final = 14 - FIELDS_BEFORE_STATE - 1
+"""Index of field 14 behind the command's name, which may hold blanks."""
+WARM_UP_RATIO: Final = 0.25
+"""Of a process' life: caches and allocators fill."""
+STARTED_S: Final = 5.0
+"""A process has read its files and imported what it needs by then."""
+SAMPLES_MIN: Final = 8
+LIFE_MIN_S: Final = 600.0
+"""Of a life that tells a growth for each hour."""
+S_PER_H: Final = 3600.0
+
+
+class Sample(NamedTuple):
+    """Of one process at one moment."""
+
+    time_s: float
+    pid: int
+    rss_mb: float
+    """All that is resident: its own pages, files, and the ring that is shared."""
+    own_mb: float
+    """Pages of its own (RssAnon)."""
+    cpu_s: float
+    """User and system time since its start."""
+
+
+def sample(pid: int, time_s: float) -> Sample | None:
+    """Look at a process; None if it is gone."""
+    place = Path("/proc") / str(pid)
+    try:
+        status = (place / "status").read_text()
+        stat = (place / "stat").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return None
+    rows = dict(line.split(":", 1) for line in status.splitlines() if ":" in line)
+    if "VmRSS" not in rows:
+        return None  # it has ended, and nobody has asked for its exit code yet
+    rss_mb, own_mb = (int(rows[name].split()[0]) / KB_PER_MB for name in ("VmRSS", "RssAnon"))
+    fields = stat.rpartition(")")[2].split()
+    cpu_s = (int(fields[UTIME]) + int(fields[UTIME + 1])) / TICKS_PER_S
+    return Sample(time_s, pid, rss_mb, own_mb, cpu_s)
+
+
+class Life(NamedTuple):
+    """One process from its first sample to its last."""
+
+    name: str
+    pid: int
+    duration_s: float
+    start_mb: float
+    warm_mb: float
+    end_mb: float
+    most_mb: float
+    growth_mb_per_h: float | None
+    """Of its own pages, by a straight line after warm-up; None: it did not live long enough."""
+    cpu_ratio: float
+    """Of one processor."""
+
+
+def lives(name: str, samples: Sequence[Sample]) -> list[Life]:
+    """Each process that had this name, oldest first."""
+    pids = list(dict.fromkeys(one.pid for one in samples))
+    return [_life(name, [one for one in samples if one.pid == pid]) for pid in pids]
+
+
+def _life(name: str, samples: Sequence[Sample]) -> Life:
+    first, last = samples[0], samples[-1]
+    duration_s = last.time_s - first.time_s
+    started_s = first.time_s + STARTED_S
+    warm_s = first.time_s + WARM_UP_RATIO * duration_s
+    warm = [one for one in samples if one.time_s >= warm_s]
+    return Life(
+        name=name,
+        pid=first.pid,
+        duration_s=duration_s,
+        start_mb=next((one for one in samples if one.time_s > started_s), last).rss_mb,
+        warm_mb=warm[0].rss_mb,
+        end_mb=last.rss_mb,
+        most_mb=max(one.rss_mb for one in samples),
+        growth_mb_per_h=growth_mb_per_h(warm) if duration_s >= LIFE_MIN_S else None,
+        cpu_ratio=(last.cpu_s - first.cpu_s) / duration_s if duration_s else 0.0,
+    )
+
+
+def growth_mb_per_h(samples: Sequence[Sample]) -> float | None:
+    """Slope of the straight line through a process' own pages, least squares."""
+    if len(samples) < SAMPLES_MIN:
+        return None
+    slope = np.polyfit([one.time_s for one in samples], [one.own_mb for one in samples], 1)[0]
+    return float(slope) * S_PER_H
