@@ -131,7 +131,8 @@ class Chances:
     """The dice of one soak."""
 
     def __init__(self, seed: int, drives: tuple[str, ...]) -> None:
-        self._dice = random.Random(seed)
+        self._dice = random.Random(f"{seed}/happens")
+        self._walks = random.Random(f"{seed}/walks")
         self._drives = drives
 
     def pause_s(self) -> float:
@@ -142,9 +143,9 @@ class Chances:
         """Arguments of mode gait."""
         return {
             "mode": "gait",
-            "cadence_hz": round(self._dice.uniform(0.2, 0.5), 3),
-            "amplitude_ratio": round(self._dice.uniform(0.6, 1.0), 3),
-            "duration_s": round(self._dice.uniform(60.0, 300.0), 1),
+            "cadence_hz": round(self._walks.uniform(0.2, 0.5), 3),
+            "amplitude_ratio": round(self._walks.uniform(0.6, 1.0), 3),
+            "duration_s": round(self._walks.uniform(60.0, 300.0), 1),
         }
 
     def next(self, *, deaths: bool) -> Happening:

@@ -38,6 +38,7 @@ class Machinery:
         self.target = Target((endpoint,), table["zenoh"]["trainer"])
         self.leg: str = table["leg"][0]["name"]
         self.drives = tuple(f"{leg['name']}/{axis}" for leg in table["leg"] for axis in _AXES)
+        self.channel: str = table["bus"]["channel"]
         self.ring = folder / "run" / RING_NAME
         self._control = folder / "sim.sock"
         self._parts: dict[str, Troupe] = {}
@@ -61,6 +62,10 @@ class Machinery:
     def pid(self, part: str) -> int:
         """Of the process that runs now, or ran last."""
         return self._parts[part].pid
+
+    def words(self, part: str) -> str:
+        """The end of what a process has said."""
+        return self._parts[part].last_words()
 
     def kill(self, part: str) -> None:
         """SIGKILL; `start` brings it back."""

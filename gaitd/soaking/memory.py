@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 KB_PER_MB: Final = 1024
+_KINDS: Final = ("RssAnon", "RssFile", "RssShmem")
 TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
 FIELDS_BEFORE_STATE: Final = 2
 UTIME: Final = 14 - FIELDS_BEFORE_STATE - 1
@@ -28,9 +29,11 @@ class Sample(NamedTuple):
     time_s: float
     pid: int
     rss_mb: float
-    """All that is resident: its own pages, files, and the ring that is shared."""
+    """Resident (RssAnon and RssFile), without the ring: core and gateway share that."""
     own_mb: float
     """Pages of its own (RssAnon)."""
+    ring_mb: float
+    """Pages of the ring that it has touched (RssShmem)."""
     cpu_s: float
     """User and system time since its start."""
 
@@ -46,10 +49,10 @@ def sample(pid: int, time_s: float) -> Sample | None:
     rows = dict(line.split(":", 1) for line in status.splitlines() if ":" in line)
     if "VmRSS" not in rows:
         return None  # it has ended, and nobody has asked for its exit code yet
-    rss_mb, own_mb = (int(rows[name].split()[0]) / KB_PER_MB for name in ("VmRSS", "RssAnon"))
+    own_mb, file_mb, ring_mb = (int(rows[name].split()[0]) / KB_PER_MB for name in _KINDS)
     fields = stat.rpartition(")")[2].split()
     cpu_s = (int(fields[UTIME]) + int(fields[UTIME + 1])) / TICKS_PER_S
-    return Sample(time_s, pid, rss_mb, own_mb, cpu_s)
+    return Sample(time_s, pid, own_mb + file_mb, own_mb, ring_mb, cpu_s)
 
 
 class Life(NamedTuple):
@@ -62,6 +65,7 @@ class Life(NamedTuple):
     warm_mb: float
     end_mb: float
     most_mb: float
+    ring_mb: float
     growth_mb_per_h: float | None
     """Of its own pages, by a straight line after warm-up; None: it did not live long enough."""
     cpu_ratio: float
@@ -88,6 +92,7 @@ def _life(name: str, samples: Sequence[Sample]) -> Life:
         warm_mb=warm[0].rss_mb,
         end_mb=last.rss_mb,
         most_mb=max(one.rss_mb for one in samples),
+        ring_mb=last.ring_mb,
         growth_mb_per_h=growth_mb_per_h(warm) if duration_s >= LIFE_MIN_S else None,
         cpu_ratio=(last.cpu_s - first.cpu_s) / duration_s if duration_s else 0.0,
     )

@@ -78,7 +78,7 @@ def _blocks(found: Soaked) -> list[tuple[str, list[tuple[str, str]]]]:
         ("The soak", _outline(found)),
         ("Frames and cycles lost, in calm / while something was wrong", _lost(found)),
         ("Stops by judgement and first cause", _counted(_stop_counts(found))),
-        ("Memory, MB resident: started, warm, end; own pages, MB/h", _memory(found)),
+        ("Memory, MB resident: started, warm, end; growth of own pages, MB/h; ring", _memory(found)),
         ("Requests of the operator", _counted(found.outcomes)),
         ("Result", [("failed", why) for why in failed] or passed),
     ]
@@ -139,7 +139,8 @@ def _memory(found: Soaked) -> list[tuple[str, str]]:
     return [
         (
             f"gaitd {life.name}, for {life.duration_s:.0f} s, {life.cpu_ratio:.1%} of a processor",
-            f"{life.start_mb:.1f}, {life.warm_mb:.1f}, {life.end_mb:.1f}; {_growth(life)}",
+            f"{life.start_mb:.1f}, {life.warm_mb:.1f}, {life.end_mb:.1f}; {_growth(life)}; "
+            f"{life.ring_mb:.0f}",
         )
         for life in lives(found)
     ]
