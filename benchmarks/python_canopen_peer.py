@@ -128,14 +128,15 @@ class Axis:
 class Peer:
     """Two drives, one loop."""
 
-    def __init__(self, channel: str, eds: Path) -> None:
-        """Connect and map."""
+    def __init__(
+        self, channel: str, eds: Path, recover: threading.Event, over: threading.Event
+    ) -> None:
+        """Connect."""
+        self.recover, self.over = recover, over
         self.network = canopen.Network(ThreadedBus(channel))
         self.network.connect()
         gains = ((5, 0.66, 4.4), (6, 1.2, 7.5))  # 300 N·m/rad and 20, 4000 N/m and 250
         self.axes = [Axis(self._add(number, eds), *rest) for number, *rest in gains]
-        self.recover = threading.Event()
-        self.over = threading.Event()
         self.stopped = threading.Event()
 
     def _add(self, number: int, eds: Path) -> Drive:
@@ -165,10 +166,10 @@ class Peer:
 
     def enable(self) -> None:
         """Both, one after the other."""
-        self.recover.clear()
         self.stopped.clear()
         for axis in self.axes:
             axis.enable()
+        self.recover.clear()
         print("holding", flush=True)
 
     def run(self) -> None:
@@ -204,9 +205,10 @@ def main() -> None:
     asked = parser.parse_args()
     if asked.fifo:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(CORE_PRIORITY))
-    peer = Peer(asked.channel, asked.eds)
-    signal.signal(signal.SIGTERM, lambda *_: peer.over.set())
-    signal.signal(signal.SIGUSR1, lambda *_: peer.recover.set())
+    over, recover = threading.Event(), threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: over.set())
+    signal.signal(signal.SIGUSR1, lambda *_: recover.set())
+    peer = Peer(asked.channel, asked.eds, recover, over)
     peer.start()
     peer.run()
     peer.end()

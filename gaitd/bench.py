@@ -21,10 +21,16 @@ PLAIN_WIDTH = 120
 def command(
     json: Annotated[bool, typer.Option("--json", help="print one JSON object")] = False,
     seconds: Annotated[
-        float, typer.Option(min=2, max=25, help="of real time for the lateness of SYNC")
+        float, typer.Option(min=2, max=25, help="of real time for each measurement on the bus")
     ] = 20.0,
+    only: Annotated[
+        list[str] | None, typer.Option(help="one of the benchmarks, by name; may be repeated")
+    ] = None,
 ) -> None:
-    """Measure the observer's step and growth, parts of a cycle, lateness of SYNC, and replay."""
+    """Measure step and growth, parts of a cycle, SYNC, replay, start, delivery, and a peer.
+
+    Names: observer_step, scaling, cycle, lateness, replay, service, peers.
+    """
     from rich.console import Console
 
     from gaitd.benchmark.tables import plain
@@ -35,18 +41,22 @@ def command(
         console = Console(stderr=json, width=PLAIN_WIDTH)
     configs = configs_folder("configs", "demo.toml")
     results: dict[str, object] = {}
-    for name, measure in _measures(configs, seconds).items():
+    measures = _measures(configs, seconds)
+    for name in only or measures:
+        if name not in measures:
+            raise typer.BadParameter(f"{name!r} is none of {', '.join(measures)}")
         with console.status(f"measuring: {name}"):
-            results[name], table = measure()
+            results[name], table = measures[name]()
         if not json:
-            console.print(table)
+            for one in table if isinstance(table, list) else [table]:
+                console.print(one)
     if json:
         print(json_text.dumps({name: plain(found) for name, found in results.items()}, indent=2))
 
 
 def _measures(
     configs: Path, seconds: float
-) -> "dict[str, Callable[[], tuple[object, Table | str]]]":
+) -> "dict[str, Callable[[], tuple[object, Table | list[Table] | str]]]":
     """What is measured, in the order of the output: the result, and its table."""
     return {
         "observer_step": lambda: _steps(configs),
@@ -54,6 +64,8 @@ def _measures(
         "cycle": lambda: _cycle(configs),
         "lateness": lambda: _lateness(configs, seconds),
         "replay": lambda: _replay(configs),
+        "service": lambda: _service(configs, seconds),
+        "peers": lambda: _peers(configs, seconds),
     }
 
 
@@ -99,6 +111,32 @@ def _lateness(configs: Path, seconds: float) -> "tuple[object, Table]":
 
     found = measure(configs, seconds)
     return found, tables.lateness("SYNC in real time on the loopback bus", found)
+
+
+def _service(configs: Path, seconds: float) -> "tuple[object, Table]":
+    from gaitd.benchmark import tables
+    from gaitd.benchmark.whole_service import measure
+
+    found = measure(configs, seconds)
+    return found, tables.service("the service as processes: start, memory, delivery", found)
+
+
+def _peers(configs: Path, seconds: float) -> "tuple[object, list[Table] | str]":
+    """By `benchmarks/` of the repository; a word where it is not."""
+    from gaitd.benchmark.peers import EMERGENCY_COUNT, PEER, ROUND_COUNT, measure
+
+    title = "masters of the same virtual drives"
+    if not PEER.exists():
+        word = "skipped: benchmarks/ is part of the repository, and is not installed"
+        return word, f"{title}: {word}"
+    from gaitd.benchmark.peer_table import ratios, tables
+
+    cells = measure(configs, seconds, EMERGENCY_COUNT, ROUND_COUNT, _say)
+    return {"cells": cells, "ratios": ratios(cells)}, tables(title, cells)
+
+
+def _say(words: str) -> None:
+    print(f"measuring: {words}", file=sys.stderr, flush=True)
 
 
 def _replay(configs: Path) -> "tuple[object, Table]":

@@ -27,6 +27,7 @@ from typing import Final, NamedTuple
 import can
 
 from gaitd.benchmark.bus_times import Heard, Reaction, Syncs, held, reaction, syncs
+from gaitd.demonstration.script import ActError
 from gaitd.demonstration.stage import END_WITH_PARENT, Troupe, memory_folder, rewrite
 from gaitd.remote import ask
 from gaitd.soaking.machinery import Machinery
@@ -38,12 +39,16 @@ STARTED_WITHIN_S: Final = 240.0
 HELD_WITHIN_S: Final = 20.0
 """Again, after a stop."""
 SETTLE_S: Final = 1.0
+EMERGENCY_COUNT: Final = 8
+"""In each cell and round."""
+ROUND_COUNT: Final = 2
 REACTION_S: Final = 0.4
 EMERGENCY: Final = "emcy_warning right/hip 0.2 0x2310"
 """The drive tells of an overcurrent, and leaves it to the master to stop."""
 FAILING: Final = 0
 US_PER_S: Final = 1e6
-RETRY_S: Final = 1.0
+PEER_START_S: Final = 30.0
+"""Most that it takes to import, connect and map by itself."""
 BURN: Final = "while True: pass"
 
 
@@ -109,7 +114,7 @@ def measure(
             master = next(one for one in MASTERS if one.name == name)
             try:
                 _measure_cell(cell, master, configs, seconds, emergency_count)
-            except (TimeoutError, ValueError) as error:
+            except (ActError, TimeoutError, ValueError) as error:
                 cell.trouble = str(error)
     return tuple(cells.values())
 
@@ -166,11 +171,12 @@ def _hold(ear: "Ear", subject: "Subject", cell: Cell, *, first: bool = False) ->
         TimeoutError: they are not, for too long.
     """
     end_s = time.monotonic() + (STARTED_WITHIN_S if first else HELD_WITHIN_S)
-    asked_s = time.monotonic() if first else 0.0
+    asked_s = time.monotonic() + (subject.start_s if first else -subject.retry_s)
     while not held(ear.listen(0.3)):
         if time.monotonic() > end_s:
             raise TimeoutError(f"{cell.master} does not hold the drives: {subject.last_words()}")
-        if time.monotonic() > asked_s + RETRY_S:
+        subject.check()
+        if time.monotonic() > asked_s + subject.retry_s:
             subject.recover()
             asked_s = time.monotonic()
 
@@ -184,7 +190,13 @@ class Subject(NamedTuple):
     pid: Callable[[], int]
     recover: Callable[[], None]
     """Ask for the next step to both drives held."""
+    check: Callable[[], None]
+    """Raises ActError if it has ended."""
     last_words: Callable[[], str]
+    retry_s: float
+    """Between two steps."""
+    start_s: float
+    """Before the first."""
 
 
 @contextlib.contextmanager
@@ -207,7 +219,14 @@ def _subject(master: Master, made: Machinery) -> Generator[Subject]:
     if master.ours:
         made.start("core")
         made.start("gateway")
-        yield Subject(lambda: made.pid("core"), lambda: _operate(made), lambda: made.words("core"))
+        yield Subject(
+            lambda: made.pid("core"),
+            lambda: _operate(made),
+            lambda: made.check("core"),
+            lambda: made.words("core"),
+            retry_s=0.5,
+            start_s=0.0,
+        )
         return
     eds = made.config.parent / "drives" / "epos4.eds"
     arguments = [str(PEER), "--channel", made.channel, "--eds", str(eds)]
@@ -215,7 +234,14 @@ def _subject(master: Master, made: Machinery) -> Generator[Subject]:
     log = made.folder / "peer.log"
     peer = Troupe(master.name, arguments, log, program=())
     try:
-        yield Subject(lambda: peer.pid, lambda: peer.signal(signal.SIGUSR1), peer.last_words)
+        yield Subject(
+            lambda: peer.pid,
+            lambda: peer.signal(signal.SIGUSR1),
+            peer.check,
+            peer.last_words,
+            retry_s=3.0,
+            start_s=PEER_START_S,
+        )
     finally:
         peer.end(5.0)
 

@@ -1,6 +1,7 @@
 """Tables for people: each number beside the budget it is held to."""
 
-from dataclasses import asdict, is_dataclass
+import math
+from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any, Final, cast
 
 from rich import box
@@ -10,6 +11,7 @@ from gaitd.benchmark.cycle_parts import WHOLE, Part
 from gaitd.benchmark.lateness import Lateness
 from gaitd.benchmark.replay_speed import ReplaySpeed
 from gaitd.benchmark.scaling import Scaling
+from gaitd.benchmark.whole_service import Service
 
 if TYPE_CHECKING:
     from benchmarks.observer_step import StepTimes
@@ -22,6 +24,10 @@ CYCLE_HIGH_MAX_US: Final = 800.0
 LATE_P999_MAX_US: Final = 500.0
 COMPUTING_RATIO_MIN: Final = 1000.0
 WITH_CSV_RATIO_MIN: Final = 500.0
+READY_MAX_S: Final = 5.0
+CORE_MAX_MB: Final = 200.0
+GATEWAY_MAX_MB: Final = 120.0
+DELIVERY_MAX: Final = 2.0
 """The budgets of the design, for a desktop core that does nothing else."""
 BAR_WIDTH: Final = 30
 
@@ -136,12 +142,39 @@ def replay(title: str, found: ReplaySpeed) -> Table:
     return table
 
 
+def service(title: str, found: Service) -> Table:
+    """Start, memory, and how long a sample takes to a subscriber."""
+    table = _table(title, "what", "found", "budget")
+    for what, value, budget, unit in (
+        ("start to ready, warm caches", found.ready_s, READY_MAX_S, "s"),
+        ("core, without the ring", found.core_mb, CORE_MAX_MB, "MB"),
+        ("gateway, without the ring", found.gateway_mb, GATEWAY_MAX_MB, "MB"),
+        ("delivery beyond the cycle, to bare Zenoh", found.delivery_ratio, DELIVERY_MAX, "x"),
+    ):
+        table.add_row(what, _judged(f"{value:.1f} {unit}", value <= budget), f"≤ {budget:g} {unit}")
+    table.caption = (
+        f"last TPDO to subscriber: median {found.delivery_us:.0f} µs, of which work of the cycle "
+        f"{found.work_us:.0f} µs; bare Zenoh {found.bare_us:.0f} µs; the ring that core and "
+        f"gateway share {found.ring_mb:.0f} MB"
+    )
+    table.caption_justify = "left"
+    return table
+
+
 def plain(value: object) -> object:
     """Results as json takes them: what has names becomes an object."""
     if is_dataclass(value) and not isinstance(value, type):
-        return asdict(value)
+        return {name: plain(member) for name, member in _members(value).items()}
+    if isinstance(value, dict):
+        return {str(name): plain(member) for name, member in cast("dict[Any, Any]", value).items()}
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
     if isinstance(value, tuple | list):
         names: tuple[str, ...] | None = getattr(value, "_fields", None)
         members = [plain(member) for member in cast("tuple[Any, ...]", value)]
         return dict(zip(names, members, strict=True)) if names else members
     return value
+
+
+def _members(value: Any) -> dict[str, object]:
+    return {field.name: getattr(value, field.name) for field in fields(value)}

@@ -63,6 +63,14 @@ class Machinery:
         """Of the process that runs now, or ran last."""
         return self._parts[part].pid
 
+    def check(self, part: str) -> None:
+        """It lives.
+
+        Raises:
+            ActError: it does not.
+        """
+        self._parts[part].check()
+
     def words(self, part: str) -> str:
         """The end of what a process has said."""
         return self._parts[part].last_words()
