@@ -107,9 +107,7 @@ def reaction(frames: Sequence[Heard], failing: int) -> Reaction | None:
     An EMCY without an error (0000h) is none.
     """
     other = 1 - failing
-    begun = _first(
-        frames, 0.0, EMERGENCIES[failing], lambda frame: frame.data[:2] != NO_ERROR
-    )
+    begun = _first(frames, 0.0, EMERGENCIES[failing], lambda frame: frame.data[:2] != NO_ERROR)
     if begun is None:
         return None
     told = _first(frames, begun, CONTROLWORDS[other], lambda frame: asks_to_stop(frame.data))

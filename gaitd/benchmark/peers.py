@@ -113,7 +113,7 @@ def measure(
             say(f"{name}{', under load' if loaded else ''}, {number + 1} of {round_count}")
             master = next(one for one in MASTERS if one.name == name)
             try:
-                _measure_cell(cell, master, configs, seconds, emergency_count)
+                measure_cell(cell, master, configs, seconds, emergency_count)
             except (ActError, TimeoutError, ValueError) as error:
                 cell.trouble = str(error)
     return tuple(cells.values())
@@ -129,9 +129,15 @@ def _fifo_is_granted() -> bool:
     return True
 
 
-def _measure_cell(
+def measure_cell(
     cell: Cell, master: Master, configs: Path, seconds: float, emergency_count: int
 ) -> None:
+    """One round of one cell, with drives of its own.
+
+    Raises:
+        ActError: a process has ended.
+        TimeoutError: the master does not hold the drives.
+    """
     with _drives(configs, realtime=master.realtime) as made, _listening(made) as ear:
         with _subject(master, made) as subject:
             _hold(ear, subject, cell, first=True)

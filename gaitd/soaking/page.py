@@ -78,7 +78,10 @@ def _blocks(found: Soaked) -> list[tuple[str, list[tuple[str, str]]]]:
         ("The soak", _outline(found)),
         ("Frames and cycles lost, in calm / while something was wrong", _lost(found)),
         ("Stops by judgement and first cause", _counted(_stop_counts(found))),
-        ("Memory, MB resident: started, warm, end; growth of own pages, MB/h; ring", _memory(found)),
+        (
+            "Memory, MB resident: started, warm, end; growth of own pages, MB/h; ring",
+            _memory(found),
+        ),
         ("Requests of the operator", _counted(found.outcomes)),
         ("Result", [("failed", why) for why in failed] or passed),
     ]
@@ -201,8 +204,7 @@ def plain(found: Soaked) -> dict[str, Any]:
         ),
         "overrun": [found.tally.overrun.calm_count, found.tally.overrun.trouble_count],
         "missed": {
-            name: [lost.calm_count, lost.trouble_count]
-            for name, lost in found.tally.missed.items()
+            name: [lost.calm_count, lost.trouble_count] for name, lost in found.tally.missed.items()
         },
         "troubles": [[time_s, str(one)] for time_s, one in found.happenings],
         "stops": [

@@ -1,0 +1,173 @@
+"""A soak judges what it sees: by its table, by the records, and by nothing else."""
+
+import pytest
+from msgspec.structs import replace
+from records import record as any_record
+
+from daemon.record import Cause, CycleRecord, Mode, StopCategory, Verdict
+from gaitd.soaking import memory
+from gaitd.soaking.happenings import SOURCES, Chances, Doer, Happening
+from gaitd.soaking.operator import Operator, Situation
+from gaitd.soaking.witness import Judged, Witness
+from sim_drives.faults import parse_command
+
+DRIVES = ("right/hip", "right/slide")
+EMERGENCY = Verdict(StopCategory.S1, Cause.EMERGENCY, "right/hip")
+SILENT = Verdict(StopCategory.S1, Cause.DRIVE_SILENT, "right/hip")
+
+
+def drawn(seed: int, count: int = 300, *, deaths: bool = True) -> list[Happening]:
+    chances = Chances(seed, DRIVES)
+    return [chances.next(deaths=deaths) for _ in range(count)]
+
+
+def named(name: str) -> Happening:
+    return next(one for one in drawn(0, 5000) if one.name == name)
+
+
+def walking(*verdicts: Verdict, **changes: object) -> list[CycleRecord]:
+    """Records of a gait, with these verdicts at the end."""
+    calm = [replace(any_record(seq), mode=Mode.GAIT, verdict=Verdict()) for seq in range(1, 41)]
+    last = [
+        replace(any_record(41 + n), mode=Mode.FAULT, verdict=verdict, **changes)
+        for n, verdict in enumerate(verdicts)
+    ]
+    return calm + last
+
+
+def the_stop(records: list[CycleRecord], happening: Happening | None):
+    witness = Witness()
+    witness.hear(records, 1.0, happening)
+    (stop,) = witness.tally.stops
+    return stop
+
+
+def test_a_seed_draws_the_same_troubles_again_however_often_the_leg_walked_between_them():
+    chances = Chances(7, DRIVES)
+    found: list[Happening] = []
+    for number in range(100):
+        for _ in range(number % 3):
+            chances.walk()
+        found.append(chances.next(deaths=True))
+
+    assert found == drawn(7, 100)
+    assert found != drawn(8, 100)
+
+
+def test_every_trouble_of_the_table_is_drawn_and_the_virtual_drives_know_its_words():
+    found = drawn(1, 5000)
+
+    assert {one.name for one in found} == set(SOURCES)
+    for one in found:
+        if one.doer is Doer.DRIVE:
+            for line in one.words.splitlines():
+                assert parse_command(line).drive == one.drive
+
+
+def test_no_process_is_killed_once_memory_is_told():
+    assert not [one for one in drawn(1, 2000, deaths=False) if one.doer is Doer.KILL]
+
+
+def test_a_stop_is_expected_if_the_matrix_names_its_cause_for_what_went_wrong():
+    assert the_stop(walking(EMERGENCY), named("emcy_2xxx_fault")).judged is Judged.EXPECTED
+
+
+@pytest.mark.parametrize("happening", [None, named("hand_switch"), named("patient_active")])
+def test_a_stop_that_nothing_explains_is_unexpected(happening):
+    assert the_stop(walking(EMERGENCY), happening).judged is Judged.UNEXPECTED
+
+
+def test_one_unexpected_cause_that_follows_makes_the_stop_unexpected():
+    overrun = Verdict(StopCategory.S1, Cause.CYCLE_OVERRUN)
+
+    stop = the_stop(walking(EMERGENCY, overrun), named("emcy_2xxx_fault"))
+
+    assert stop.causes == [Cause.EMERGENCY, Cause.CYCLE_OVERRUN]
+    assert stop.judged is Judged.UNEXPECTED
+
+
+def test_the_computer_is_to_blame_only_where_the_records_show_it():
+    late = replace(any_record(1).timing, lateness_ns=6_000_000)
+    records = walking(SILENT)
+    missing = tuple(replace(drive, fresh=False) for drive in records[-1].drives)
+
+    assert the_stop(records, None).judged is Judged.UNEXPECTED
+    assert the_stop(walking(SILENT, timing=late), None).judged is Judged.HELD_UP
+    assert the_stop(walking(SILENT, drives=missing), None).judged is Judged.HELD_UP
+    one_missing = (missing[0], records[-1].drives[1])
+    assert the_stop(walking(SILENT, drives=one_missing), None).judged is Judged.UNEXPECTED
+
+
+def test_what_is_lost_is_counted_apart_in_calm_and_in_trouble():
+    witness = Witness()
+    records = walking()
+    lost = [
+        replace(one, drives=(replace(one.drives[0], fresh=False), one.drives[1]))
+        for one in records[:3]
+    ]
+
+    witness.hear(lost, 0.0, None)
+    witness.hear(lost[:1], 0.0, named("silent"))
+
+    tally = witness.tally.missed["right/hip"]
+    assert (tally.calm_count, tally.trouble_count) == (3, 1)
+    assert witness.tally.missed["right/slide"].calm_count == 0
+
+
+def test_a_core_that_says_nothing_does_not_walk():
+    witness = Witness()
+    witness.hear(walking(), 1.0, None)
+    assert witness.walks
+
+    witness.hear([], 2.0, None)
+
+    assert not witness.walks
+    assert witness.newest is None
+
+
+def test_the_operator_asks_for_what_is_next_and_again_after_a_refusal():
+    operator = Operator(lambda: {"mode": "gait"})
+    asked: list[str] = []
+    steps = (
+        (0.0, Mode.FAULT, False, None),  # the trouble is still there
+        (1.0, Mode.FAULT, True, None),
+        (1.1, Mode.FAULT, True, None),  # outstanding
+        (1.2, Mode.READY, True, "done"),
+        (2.2, Mode.READY, True, None),
+        (2.4, Mode.READY, True, "refused"),
+        (2.6, Mode.READY, True, None),  # a while after a refusal
+        (3.5, Mode.READY, True, None),
+        (3.6, Mode.HOLD, True, "done"),
+        (4.7, Mode.HOLD, True, None),
+        (4.8, Mode.GAIT, True, "done"),
+        (9.0, Mode.GAIT, True, None),
+    )
+    for now_s, mode, clear, outcome in steps:
+        ask = operator.next(Situation(now_s, mode, clear, outcome, "it moves"))
+        if ask:
+            asked.append(f"{now_s:g} {ask.name}")
+
+    assert asked == ["1 reset", "2.2 enable", "3.5 enable", "4.7 mode"]
+    assert operator.outcomes["enable refused: it moves"] == 1
+    assert operator.outcomes["enable done"] == 1
+
+
+def test_growth_is_the_slope_of_a_process_own_pages_after_its_warm_up():
+    samples = [
+        memory.Sample(float(t), 7, 100.0 + own, own, 5.0, t / 10)
+        for t in range(0, 3600, 5)
+        for own in [50.0 + min(t, 600) / 60 + t / 3600]
+    ]
+
+    (life,) = memory.lives("core", samples)
+
+    assert life.growth_mb_per_h == pytest.approx(1.0)
+    assert life.cpu_ratio == pytest.approx(0.1)
+    assert life.ring_mb == 5.0
+
+
+def test_a_process_that_was_started_anew_is_another_life():
+    samples = [memory.Sample(float(t), pid, 9, 9, 0, 0) for pid in (1, 2) for t in range(20)]
+
+    assert [life.pid for life in memory.lives("gateway", samples)] == [1, 2]
+    assert memory.lives("gateway", samples)[0].growth_mb_per_h is None
