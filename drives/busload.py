@@ -17,7 +17,7 @@ Source: ISO 11898-1 frame format, its CRC and bit stuffing; the bound is that of
 """
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, lru_cache
 from typing import Final, NamedTuple
 
 from drives.pdo import layouts
@@ -33,6 +33,8 @@ _HEADER_BITS: Final = 19
 _CRC_POLYNOMIAL: Final = 0x4599
 _CRC_MASK: Final = 0x7FFF
 _STUFF_AFTER: Final = 5
+_HEADERS_KEPT: Final = 256
+"""Many more than our streams have; a station that sends all identifiers makes no cache grow."""
 _IDLE: Final = (1, 0)
 """Before a frame: the last bit was recessive, and no run of it counts."""
 
@@ -81,7 +83,7 @@ def frame_bits_exact(can_id: int, data: bytes) -> int:
     return _FIXED_BITS + 8 * len(data) + stuffed + high_count + low_count
 
 
-@cache
+@lru_cache(_HEADERS_KEPT)
 def _header(can_id: int, data_bytes: int) -> tuple[_Run, int, int]:
     """Start of frame to length: run and CRC after it, and how many bits were stuffed."""
     header = can_id << 7 | data_bytes
@@ -104,6 +106,16 @@ def _stuff(run: _Run, value: int, width: int) -> tuple[_Run, int]:
         if length == _STUFF_AFTER:
             last, length, stuffed = 1 - bit, 1, stuffed + 1
     return (last, length), stuffed
+
+
+def fill_tables() -> None:
+    """Work out every byte after every run there is, so that nothing is kept in service any more."""
+    for byte in range(256):
+        _crc_of_byte(byte)
+        for bit in (0, 1):
+            for length in range(1, _STUFF_AFTER):
+                _stuff((bit, length), byte, 8)
+                _stuff((bit, length), byte & 0x7F, 7)
 
 
 def _crc(crc: int, byte: int) -> int:

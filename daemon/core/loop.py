@@ -28,7 +28,7 @@ from typing import Final
 from msgspec.structs import replace
 
 from daemon.clock import Clock
-from daemon.core import conduct, cycle, guidance, poses
+from daemon.core import conduct, cycle, guidance, poses, realtime
 from daemon.core.bringing import bring_up_core, fail
 from daemon.core.grid import Grid, longest_part
 from daemon.core.line import Line
@@ -150,6 +150,7 @@ class Loop:
             self._supervision.begin_end()
         if self._core.mode == Mode.OFF and self._clock.now_ns() >= self._retry_ns:
             self._bring_up()
+            realtime.tidy()
         levels: list[Level] = []
         try:
             self._await_grid_point()

@@ -1,12 +1,14 @@
 """Compile and load every kernel that the cycle calls, with the types that it calls them with.
 
-A first call costs up to seconds, so it must never happen between two SYNCs.
+A first call costs up to seconds, so it must never happen between two SYNCs. Tables that would fill
+in service are filled here: memory does not grow afterwards.
 """
 
 import numpy as np
 
 from daemon.core import balance, reference, stopping_path
 from daemon.core.build import Built
+from drives.busload import fill_tables
 from observer.mechanism import singularity_ratio
 
 STEPS = 20
@@ -14,6 +16,7 @@ STEPS = 20
 
 def warm_up(built: Built) -> None:
     """Call everything once on a core that is thrown away afterwards."""
+    fill_tables()
     period_s = built.core.config.period_s
     for leg in built.core.legs:
         angles = reference.gait_angles(leg.shape, 0.0, 0.0)
