@@ -50,7 +50,7 @@ STATE = "SWITCH ON DISABLED"
 class ThreadedBus(RemoteBus):
     """The loopback bus, with periodic messages from a thread of this process."""
 
-    _send_periodic_internal = can.BusABC._send_periodic_internal
+    _send_periodic_internal = can.BusABC._send_periodic_internal  # noqa: SLF001 - as its base
 
 
 class Drive(BaseNode402):

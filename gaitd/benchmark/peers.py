@@ -18,7 +18,6 @@ import subprocess
 import sys
 import tempfile
 import time
-import tomllib
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -34,7 +33,7 @@ from gaitd.soaking.machinery import Machinery
 from gaitd.soaking.memory import sample
 
 PEER: Final = Path(__file__).resolve().parents[2] / "benchmarks" / "python_canopen_peer.py"
-STARTED_WITHIN_S: Final = 240.0
+STARTED_WITHIN_S: Final = 120.0
 """The first start compiles the observer's kernels."""
 HELD_WITHIN_S: Final = 20.0
 """Again, after a stop."""
@@ -138,14 +137,17 @@ def measure_cell(
         ActError: a process has ended.
         TimeoutError: the master does not hold the drives.
     """
-    with _drives(configs, realtime=master.realtime) as made, _listening(made) as ear:
-        with _subject(master, made) as subject:
-            _hold(ear, subject, cell, first=True)
-            with _burners(os.cpu_count() or 1 if cell.loaded else 0):
-                _measure_stretch(cell, ear, subject, seconds)
-                for _ in range(emergency_count):
-                    _hold(ear, subject, cell)
-                    _measure_reaction(cell, ear, made)
+    with (
+        _drives(configs, realtime=master.realtime) as made,
+        _listening(made) as ear,
+        _subject(master, made) as subject,
+    ):
+        _hold(ear, subject, cell, first=True)
+        with _burners(os.cpu_count() or 1 if cell.loaded else 0):
+            _measure_stretch(cell, ear, subject, seconds)
+            for _ in range(emergency_count):
+                _hold(ear, subject, cell)
+                _measure_reaction(cell, ear, made)
 
 
 def _measure_stretch(cell: Cell, ear: "Ear", subject: "Subject", seconds: float) -> None:

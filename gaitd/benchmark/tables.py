@@ -164,7 +164,7 @@ def service(title: str, found: Service) -> Table:
 def plain(value: object) -> object:
     """Results as json takes them: what has names becomes an object."""
     if is_dataclass(value) and not isinstance(value, type):
-        return {name: plain(member) for name, member in _members(value).items()}
+        return {one.name: plain(getattr(value, one.name)) for one in fields(value)}
     if isinstance(value, dict):
         return {str(name): plain(member) for name, member in cast("dict[Any, Any]", value).items()}
     if isinstance(value, float) and not math.isfinite(value):
@@ -174,7 +174,3 @@ def plain(value: object) -> object:
         members = [plain(member) for member in cast("tuple[Any, ...]", value)]
         return dict(zip(names, members, strict=True)) if names else members
     return value
-
-
-def _members(value: Any) -> dict[str, object]:
-    return {field.name: getattr(value, field.name) for field in fields(value)}

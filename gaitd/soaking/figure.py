@@ -52,8 +52,8 @@ def _memory(axes: Axes, found: Soaked) -> None:
         for number, pid in enumerate(dict.fromkeys(one.pid for one in samples)):
             life = [one for one in samples if one.pid == pid]
             minutes = [one.time_s / S_PER_MIN for one in life]
-            label = {"label": f"gaitd {name}"} if number == 0 else {}
-            axes.plot(minutes, [one.rss_mb for one in life], color=COLOURS[name], **label)
+            label = f"gaitd {name}" if number == 0 else "_nolegend_"
+            axes.plot(minutes, [one.rss_mb for one in life], color=COLOURS[name], label=label)
             own_mb = [one.own_mb for one in life]
             axes.plot(minutes, own_mb, color=COLOURS[name], linewidth=0.8, linestyle=":")
     axes.set_ylabel("resident, MB (dotted: own pages)")

@@ -111,16 +111,17 @@ def test_a_cycle_leaves_nothing_that_only_a_collector_can_free(quiet):
 def test_a_bring_up_leaves_nothing_though_the_collector_is_off():
     made = Quiet(Session().until_ready())
     made.bring_up_again()
+    kept: list[int] = []
     with no_collector():
-        made.bring_up_again()
-        before = sys.getallocatedblocks()
+        gc.collect()
         for _ in range(BRING_UPS):
+            before = sys.getallocatedblocks()
             made.bring_up_again()
-        kept = sys.getallocatedblocks() - before
+            kept.append(sys.getallocatedblocks() - before)
         left = gc.collect()
 
-    assert left < 50  # of whatever came after the last bring-up
-    assert kept < BRING_UPS * NOISE_BLOCKS
+    assert left == 0
+    assert min(kept) < NOISE_BLOCKS, kept
 
 
 def test_where_the_collector_runs_by_itself_nothing_is_done(monkeypatch):

@@ -1,4 +1,4 @@
-"""The masters are compared by what a third station hears; nothing here judges a time of this run."""
+"""The masters are compared by what a third station hears; no time of this run is judged."""
 
 import json
 from pathlib import Path
