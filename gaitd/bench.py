@@ -2,6 +2,7 @@
 
 import importlib.util
 import json as json_text
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -29,7 +30,8 @@ def command(
 ) -> None:
     """Measure step and growth, parts of a cycle, SYNC, replay, start, delivery, and a peer.
 
-    Names: observer_step, scaling, cycle, lateness, replay, service, peers.
+    Names: observer_step, scaling, cycle, lateness, lateness_under_load,
+    replay, service, peers.
     """
     from rich.console import Console
 
@@ -62,7 +64,8 @@ def _measures(
         "observer_step": lambda: _steps(configs),
         "scaling": lambda: _scaling(configs),
         "cycle": lambda: _cycle(configs),
-        "lateness": lambda: _lateness(configs, seconds),
+        "lateness": lambda: _lateness(configs, seconds, 0),
+        "lateness_under_load": lambda: _lateness(configs, seconds, os.cpu_count() or 1),
         "replay": lambda: _replay(configs),
         "service": lambda: _service(configs, seconds),
         "peers": lambda: _peers(configs, seconds),
@@ -105,12 +108,13 @@ def _cycle(configs: Path) -> "tuple[object, Table]":
     return found, tables.cycle("Python time of one cycle, two drives, gait", found)
 
 
-def _lateness(configs: Path, seconds: float) -> "tuple[object, Table]":
+def _lateness(configs: Path, seconds: float, burner_count: int) -> "tuple[object, Table]":
     from gaitd.benchmark import tables
     from gaitd.benchmark.lateness import measure
 
-    found = measure(configs, seconds)
-    return found, tables.lateness("SYNC in real time on the loopback bus", found)
+    found = measure(configs, seconds, burner_count)
+    load = f", beside {burner_count} processes that compute" if burner_count else ""
+    return found, tables.lateness(f"SYNC in real time on the loopback bus{load}", found)
 
 
 def _service(configs: Path, seconds: float) -> "tuple[object, Table]":

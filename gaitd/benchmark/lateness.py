@@ -8,6 +8,7 @@ import numpy as np
 
 from daemon.record import CycleRecord, Mode
 from daemon.seam import RING_NAME, RingReader
+from gaitd.benchmark.burning import burners
 from gaitd.demonstration.stage import Stage, stage
 
 READY_WITHIN_S: Final = 240.0
@@ -32,17 +33,23 @@ class Lateness(NamedTuple):
     """SYNC to the last TPDO of both drives."""
 
 
-def measure(configs: Path, duration_s: float) -> Lateness:
+def measure(configs: Path, duration_s: float, burner_count: int = 0) -> Lateness:
     """Run in real time, in mode ready, and read the black box.
+
+    Args:
+        configs: the project's folder of configurations.
+        duration_s: of the stretch that is measured.
+        burner_count: other processes that only compute meanwhile.
 
     Raises:
         ActError: a process ended, or the service was not ready in time.
     """
     with stage(configs, empty=False) as where:
         ring = _ready(where)
-        time.sleep(SETTLE_S)
-        begun = ring.newest_seq()
-        time.sleep(duration_s)
+        with burners(burner_count):
+            time.sleep(SETTLE_S)
+            begun = ring.newest_seq()
+            time.sleep(duration_s)
         where.check()
         records = ring.since(begun)
         ring.close()

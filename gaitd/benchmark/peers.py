@@ -14,8 +14,6 @@ import os
 import shutil
 import signal
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Generator
@@ -25,9 +23,10 @@ from typing import Final, NamedTuple
 
 import can
 
+from gaitd.benchmark.burning import burners
 from gaitd.benchmark.bus_times import Heard, Reaction, Syncs, held, reaction, syncs
 from gaitd.demonstration.script import ActError
-from gaitd.demonstration.stage import END_WITH_PARENT, Troupe, memory_folder, rewrite
+from gaitd.demonstration.stage import Troupe, memory_folder, rewrite
 from gaitd.remote import ask
 from gaitd.soaking.machinery import Machinery
 from gaitd.soaking.memory import sample
@@ -48,7 +47,6 @@ FAILING: Final = 0
 US_PER_S: Final = 1e6
 PEER_START_S: Final = 30.0
 """Most that it takes to import, connect and map by itself."""
-BURN: Final = "while True: pass"
 
 
 class Master(NamedTuple):
@@ -143,7 +141,7 @@ def measure_cell(
         _subject(master, made) as subject,
     ):
         _hold(ear, subject, cell, first=True)
-        with _burners(os.cpu_count() or 1 if cell.loaded else 0):
+        with burners(os.cpu_count() or 1 if cell.loaded else 0):
             _measure_stretch(cell, ear, subject, seconds)
             for _ in range(emergency_count):
                 _hold(ear, subject, cell)
@@ -297,20 +295,6 @@ def _listening(made: Machinery) -> Generator[Ear]:
             time.sleep(0.2)
     with bus:
         yield Ear(bus)
-
-
-@contextlib.contextmanager
-def _burners(count: int) -> Generator[None]:
-    """So many processes that only compute."""
-    python = sys.executable
-    command = [python, "-c", END_WITH_PARENT, str(os.getpid()), python, "-c", BURN]
-    burning = [subprocess.Popen(command) for _ in range(count)]
-    try:
-        yield
-    finally:
-        for process in burning:
-            process.kill()
-            process.wait()
 
 
 # --- figures --------------------------------------------------------------------------------------
