@@ -164,7 +164,7 @@ killed in the first fifth only, so that memory is told of processes that live on
 
 A stop is *expected* if the fault matrix ([fault_matrix.md](fault_matrix.md)) names its cause for
 what went wrong. It is *the computer held us up* if nothing of ours went wrong and the records of
-the 0.3 s before show late SYNCs, missed grid points, or the samples of all drives missing at once:
+the second before show late SYNCs, missed grid points, or the samples of all drives missing at once:
 the loopback bus and the virtual drives are ordinary processes among others. Everything else is
 *unexpected*, and fails the soak."""
 

@@ -21,7 +21,8 @@ OPERATIONAL: Final = 0x05
 """NMT state in which TPDOs come."""
 LATE_NS: Final = 4_000_000
 """A window of the shipped configuration: later, and a cycle's samples can be lost."""
-LOOK_BACK_CYCLES: Final = 30
+LOOK_BACK_CYCLES: Final = 100
+"""An observer that lost samples is of no use half a second later."""
 SILENCE_S: Final = 0.35
 """Of a core: it is dead, or stands."""
 WITHOUT_SYNC: Final = frozenset({Mode.OFF, Mode.BRINGING_UP})
