@@ -1,6 +1,7 @@
 """The service: two processes, the seam between them, configuration and the wire contract.
 
-Reading order: `record.py` and `assist_record.py` (the words for everything), `core/` (the cycle),
+Reading order: `record.py`, `assist_record.py` and
+`cycle_timing.py` (the words for everything), `core/` (the cycle),
 `seam.py` (ring and sockets), `kept_ring.py` (files of the black box), `holding.py` (one process for
 each directory), `gateway/` (Zenoh), `wire.py` with `words.py`, `leg_messages.py` and
 `health_messages.py` (what programs outside rely on), `config/`, `cause_texts.py` and `causes.py`

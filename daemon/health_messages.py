@@ -61,6 +61,16 @@ class Health(Stated, frozen=True, kw_only=True):
     collect_max_us: Annotated[float | None, Meta(description="SYNC to last TPDO, last second.")]
     work_max_us: Annotated[float | None, Meta(description="Python work of a cycle, last second.")]
     overrun_count: Annotated[int | None, Meta(description="Grid points missed since core start.")]
+    overrun_by_part: Annotated[
+        dict[str, int],
+        Meta(
+            description="The same by the part of the cycle that took longest beyond what it may: "
+            "wake_up, window, work, publish."
+        ),
+    ]
+    publish_max_us: Annotated[
+        float | None, Meta(description="Record into the ring, notes, systemd; last second.")
+    ]
     record_count: Annotated[int, Meta(description="Records in the last second; 100 is right.")]
     bus_load_ratio: Annotated[float | None, Meta(description="0..1 of the CAN bit rate.")]
     drives: Annotated[tuple[DriveHealth, ...], Meta(description="Communication, by drive.")]

@@ -4,7 +4,6 @@ Twenty lines instead of a library: the protocol is one datagram, and the send mu
 raise in the 10 ms loop. Without a supervisor nothing is sent.
 """
 
-import contextlib
 import socket
 
 
@@ -17,11 +16,14 @@ class Notifier:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
         self._socket.setblocking(False)
 
-    def send(self, *lines: str) -> None:
-        """Send `KEY=value` lines; a supervisor that does not listen is the supervisor's matter."""
+    def send(self, *lines: str) -> bool:
+        """Send `KEY=value` lines; false if the supervisor had no room for them just now."""
         if self._address:
-            with contextlib.suppress(OSError):
+            try:
                 self._socket.sendto("\n".join(lines).encode(), self._address)
+            except OSError:
+                return False
+        return True
 
     def close(self) -> None:
         """Close the socket."""

@@ -9,7 +9,7 @@ Rules:
 from typing import Final
 
 from daemon.clock import Clock
-from daemon.record import CyclePart, CycleTiming
+from daemon.cycle_timing import CyclePart, CycleTiming
 
 LATE_MAX_NS: Final = 3_000_000
 """Two SYNCs are never closer than the period less this."""

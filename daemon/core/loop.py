@@ -38,7 +38,8 @@ from daemon.core.stopping import Step
 from daemon.core.supervision import Supervision
 from daemon.core.tick import Tick
 from daemon.core.window import Window
-from daemon.record import Cause, CyclePart, CycleRecord, CycleTiming, Level, Mode
+from daemon.cycle_timing import CyclePart, CycleTiming
+from daemon.record import Cause, CycleRecord, Level, Mode
 from drives.bus import Frame
 from drives.errors import BringUpRefused, BusError
 from drives.nmt import NmtCommand, heartbeat_frame, nmt_frame

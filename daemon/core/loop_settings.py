@@ -36,8 +36,8 @@ class Seam(Protocol):
 class Supervisor(Protocol):
     """What the loop needs of systemd: `daemon.sd_notify.Notifier`."""
 
-    def send(self, *lines: str) -> None:
-        """Tell it."""
+    def send(self, *lines: str) -> bool:
+        """Tell it; false if it could not be told now."""
         ...
 
 

@@ -6,6 +6,7 @@ Rules:
    says which. Nothing else feeds it.
 3. STATUS= at once when mode, cause or drive is another one; else the line of progress, and that
    rarely: each is a message on the system bus to whoever watches the unit.
+   What systemd has no room for is sent again in the next cycle, but for WATCHDOG=1.
 4. STOPPING=1 when the end is asked for. The last STATUS= says what remains, and stands in
    `systemctl status` until the next start.
 """
@@ -45,6 +46,7 @@ class Supervision:
         self._said: tuple[Mode, Cause, str] | None = None
         self._status = ""
         self._status_cycle = 0
+        self._is_due = True
 
     def feed(self) -> None:
         """A cycle was finished in time."""
@@ -54,18 +56,21 @@ class Supervision:
         """Look at a record that was published, and tell what is new."""
         said = (record.mode, record.verdict.cause, record.verdict.drive)
         is_new = said != self._said
-        if not is_new and record.cycle - self._status_cycle < PROGRESS_CYCLES:
-            return
-        self._status_cycle = record.cycle
-        status = status_line(record.mode, record.verdict, record.progress)
-        if status != self._status:
-            self._status = status
-            ready = () if self._is_ready else ("READY=1",)
-            self._supervisor.send(*ready, f"STATUS={status}")
-            self._is_ready = True
         if is_new:
-            self._said = said
+            self._said, self._is_due = said, True
+            status = status_line(record.mode, record.verdict, record.progress)
             self._log.tell(status, priority_of(record), fields_of(record))
+        if self._is_due or record.cycle - self._status_cycle >= PROGRESS_CYCLES:
+            self._tell_status(record)
+
+    def _tell_status(self, record: CycleRecord) -> None:
+        """Into `systemctl status`; tried again in the next cycle if systemd has no room for it."""
+        status = status_line(record.mode, record.verdict, record.progress)
+        ready = () if self._is_ready else ("READY=1",)
+        if status != self._status and not self._supervisor.send(*ready, f"STATUS={status}"):
+            return
+        self._status, self._status_cycle = status, record.cycle
+        self._is_ready, self._is_due = True, False
 
     def begin_end(self) -> None:
         """The end was asked for; what moves is stopped first."""

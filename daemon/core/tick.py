@@ -2,7 +2,8 @@
 
 from typing import NamedTuple
 
-from daemon.record import BusRecord, CycleTiming
+from daemon.cycle_timing import CycleTiming
+from daemon.record import BusRecord
 
 
 class Tick(NamedTuple):

@@ -13,6 +13,7 @@ from typing import Final
 import msgspec
 
 from daemon import wire
+from daemon.cycle_timing import CyclePart
 from daemon.gateway.translate import Stamp, finite, head
 from daemon.health_messages import BusHealth, DriveHealth
 from daemon.record import BusRecord, CycleRecord, DriveRecord
@@ -98,6 +99,8 @@ class HealthWindow:
             collect_max_us=_max_us([record.timing.collect_ns for record in records]),
             work_max_us=_max_us([record.timing.work_ns for record in records]),
             overrun_count=newest.timing.overrun_count if newest else None,
+            overrun_by_part=_by_part(newest),
+            publish_max_us=_max_us([record.timing.publish_ns for record in records]),
             record_count=len(records),
             bus_load_ratio=finite(newest.bus_load_ratio) if newest else None,
             drives=tuple(self._drive_health(drive) for drive in (newest.drives if newest else ())),
@@ -135,6 +138,12 @@ def _refused(counters: Counters, newest: CycleRecord | None) -> dict[str, int]:
         for reason in SetpointRefusal
         if reason
     }
+
+
+def _by_part(newest: CycleRecord | None) -> dict[str, int]:
+    """Of every part; a ring of an older core has none."""
+    counts = newest.timing.overrun_by_part if newest else ()
+    return {name_of(part): count for part, count in zip(CyclePart, counts, strict=False)}
 
 
 def _bus_health(bus: BusRecord) -> BusHealth:

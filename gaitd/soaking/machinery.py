@@ -13,11 +13,11 @@ from typing import Final
 
 from daemon.record import CycleRecord
 from daemon.seam import RING_NAME, RingError, RingReader
+from gaitd.children import memory_folder
 from gaitd.demonstration.stage import (
     DRIVES_END_S,
     SERVICE_END_S,
     Troupe,
-    memory_folder,
     write_configs,
 )
 from gaitd.remote import Target

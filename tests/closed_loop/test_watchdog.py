@@ -114,6 +114,17 @@ def test_the_status_line_has_mode_and_cause_in_the_cycle_in_which_they_are_new()
     assert session.systemd.status[-1].startswith("fault: right/hip: ")
 
 
+def test_a_status_that_systemd_had_no_room_for_is_sent_again_in_the_next_cycle():
+    session = watched(Session())
+    session.systemd.is_busy = True
+    session.until_ready()
+    session.systemd.is_busy = False
+
+    session.lockstep.run(0.01)
+
+    assert session.systemd.lines[:2] == ["READY=1", "STATUS=ready"]
+
+
 def test_nothing_new_is_told_rarely():
     session = watched(Session().walking(warm_s=1))
     session.systemd.forget()

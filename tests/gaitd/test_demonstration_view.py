@@ -47,6 +47,8 @@ def health() -> wire.Health:
         collect_max_us=1500.0,
         work_max_us=600.0,
         overrun_count=0,
+        overrun_by_part={},
+        publish_max_us=None,
         record_count=100,
         bus_load_ratio=0.1,
         bus=None,

@@ -1,14 +1,7 @@
 """Records with nothing remarkable in them, for tests that change one thing."""
 
-from daemon.record import (
-    CycleRecord,
-    CycleTiming,
-    DriveRecord,
-    LegRecord,
-    Mode,
-    RequestResult,
-    Verdict,
-)
+from daemon.cycle_timing import CycleTiming
+from daemon.record import CycleRecord, DriveRecord, LegRecord, Mode, RequestResult, Verdict
 from daemon.seam import RingHeader
 
 HEADER = RingHeader(

@@ -10,14 +10,19 @@ class Systemd:
         self._clock = clock
         self.forget()
         self.told = []
+        self.is_busy = False
+        """It has no room for a message."""
 
     def forget(self):
         self.lines, self.fed_ns = [], []
 
     def send(self, *lines):
+        if self.is_busy:
+            return False
         self.lines += lines
         if "WATCHDOG=1" in lines:
             self.fed_ns.append(self._clock.now_ns())
+        return True
 
     def tell(self, text, priority, fields):
         self.told.append((text, priority, dict(fields)))

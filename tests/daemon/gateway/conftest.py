@@ -18,12 +18,12 @@ from daemon import wire
 from daemon.clock import MonotonicClock
 from daemon.config.settings import Lease
 from daemon.config.trainer import load_trainer
+from daemon.cycle_timing import CycleTiming
 from daemon.gateway.process import serve
 from daemon.gateway.reload import Reload
 from daemon.gateway.service import Gateway
 from daemon.record import (
     CycleRecord,
-    CycleTiming,
     DriveRecord,
     LegRecord,
     Level,

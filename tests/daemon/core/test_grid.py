@@ -1,0 +1,21 @@
+"""A missed grid point is put down to the part of the cycle that took longest beyond what it may."""
+
+import pytest
+
+from daemon.core.grid import longest_part
+from daemon.cycle_timing import CyclePart, CycleTiming
+
+WINDOW_NS = 4_000_000
+
+
+@pytest.mark.parametrize(
+    ("timing", "part"),
+    [
+        (CycleTiming(9_000_000, 4_000_000, 400_000, 0), CyclePart.WAKE_UP),
+        (CycleTiming(100_000, 12_000_000, 400_000, 0), CyclePart.WINDOW),
+        (CycleTiming(100_000, 4_100_000, 8_000_000, 0), CyclePart.WORK),
+        (CycleTiming(100_000, 4_100_000, 400_000, 0, publish_ns=20_000_000), CyclePart.PUBLISH),
+    ],
+)
+def test_the_part_that_took_longest_is_named_and_a_whole_window_is_what_it_may_take(timing, part):
+    assert longest_part(timing, WINDOW_NS) is part
