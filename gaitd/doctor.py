@@ -5,7 +5,8 @@ from typing import Annotated, Final
 
 import typer
 
-from gaitd.machine import Finding, Grade, findings
+from gaitd.finding import Finding, Grade
+from gaitd.machine import findings
 
 MARKS: Final = {
     Grade.GOOD: "[green]✔[/]",

@@ -15,19 +15,20 @@ import statistics
 import subprocess
 import sys
 import time
-from enum import Enum
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
+
+from gaitd import machine_timing as timing
+from gaitd.finding import Finding, Grade, read
+from gaitd.machine_can import can_interfaces, ip_links
+from gaitd.machine_timing import MEMLOCK_MIN_MB
 
 REALTIME_PRIORITY: Final = 60
-CAN_INTERFACE_TYPE: Final = "280"
-"""ARPHRD_CAN, as /sys/class/net/*/type says it."""
-QUEUE_LENGTH_MIN: Final = 32
-"""Frames. A cycle of one leg sends seven at once; two legs and a bring-up need some air."""
-MEMLOCK_MIN_MB: Final = 256
+STATE: Final = Path("var/lib/gaitd")
+DISK_MIN_MB: Final = 500
+"""Black boxes of a hundred stops, and the request log of a year."""
 WAKEUPS: Final = 200
 WAKEUP_GOOD_MS: Final = 0.5
-SLOW_CLOCKS: Final = frozenset({"hpet", "acpi_pm", "jiffies", "refined-jiffies"})
 SYSTEMD_MIN: Final = 252
 IMPORTS: Final = {
     "python-can": "can",
@@ -43,35 +44,6 @@ IMPORTS: Final = {
     "plotext": "plotext",
     "matplotlib": "matplotlib",
 }
-
-
-class Grade(Enum):
-    """How a fact serves us."""
-
-    GOOD = "good"
-    LIMITED = "limited"
-    """Works with the limit that is said: fine for a desk, not with a person in the machine."""
-    MISSING = "missing"
-    """What needs it does not work here; the rest does."""
-    BROKEN = "broken"
-    """Nothing works until this is mended."""
-
-
-class Finding(NamedTuple):
-    """One fact, what it means, and what to do about it."""
-
-    subject: str
-    found: str
-    grade: Grade
-    remedy: str = ""
-
-
-def _read(path: Path) -> str:
-    """The text of a small file of the kernel; empty where there is none to read."""
-    try:
-        return path.read_text(encoding="utf-8", errors="replace").strip()
-    except OSError:
-        return ""
 
 
 def python() -> Finding:
@@ -108,16 +80,6 @@ def zenoh() -> Finding:
     return Finding("zenoh", version, grade, "" if grade is Grade.GOOD else "install 1.10")
 
 
-def kernel(root: Path) -> Finding:
-    """Release, and whether it preempts for real-time tasks."""
-    flavour = _read(root / "proc/version")
-    found = _read(root / "proc/sys/kernel/osrelease") or platform.release()
-    if _read(root / "sys/kernel/realtime") == "1" or "PREEMPT_RT" in flavour:
-        return Finding("kernel", f"{found}, PREEMPT_RT", Grade.GOOD)
-    remedy = "for a machine with a person in it, run a PREEMPT_RT kernel (linux-image-rt-amd64)"
-    return Finding("kernel", f"{found}, without PREEMPT_RT", Grade.LIMITED, remedy)
-
-
 def scheduling() -> Finding:
     """Whether this user may run the core with SCHED_FIFO, tried for a moment."""
     limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
@@ -131,15 +93,6 @@ def scheduling() -> Finding:
         return Finding("SCHED_FIFO", f"refused (RLIMIT_RTPRIO {limit})", Grade.LIMITED, remedy)
     os.sched_setscheduler(0, before & ~os.SCHED_RESET_ON_FORK, parameters)
     return Finding("SCHED_FIFO", f"allowed at priority {REALTIME_PRIORITY}", Grade.GOOD)
-
-
-def throttling(root: Path) -> Finding:
-    """How much of a second the kernel leaves to real-time tasks."""
-    runtime = _read(root / "proc/sys/kernel/sched_rt_runtime_us")
-    if runtime == "0":
-        remedy = "sysctl kernel.sched_rt_runtime_us=950000"
-        return Finding("RT throttling", "no real-time at all", Grade.LIMITED, remedy)
-    return Finding("RT throttling", f"{runtime or 'unknown'} µs of each second", Grade.GOOD)
 
 
 def memory_lock() -> Finding:
@@ -159,28 +112,6 @@ def cores() -> Finding:
     if count >= 2:
         return Finding("processors", f"{count} to run on", Grade.GOOD)
     return Finding("processors", "1 to run on", Grade.LIMITED, "the demo may come late; use two")
-
-
-def clock_source(root: Path) -> Finding:
-    """A slow clock source costs a microsecond at every look at the time."""
-    folder = root / "sys/devices/system/clocksource/clocksource0"
-    found = _read(folder / "current_clocksource") or "unknown"
-    if found in SLOW_CLOCKS:
-        remedy = f"boot with clocksource=tsc ({_read(folder / 'available_clocksource')} are there)"
-        return Finding("clock source", found, Grade.LIMITED, remedy)
-    return Finding("clock source", found, Grade.GOOD)
-
-
-def governor(root: Path) -> Finding:
-    """A governor that saves power wakes late."""
-    files = sorted(root.glob("sys/devices/system/cpu/cpu[0-9]*/cpufreq/scaling_governor"))
-    governors = sorted({_read(file) for file in files})
-    if not governors:
-        return Finding("CPU governor", "none: the frequency is not ours to set", Grade.GOOD)
-    found = ", ".join(governors)
-    if governors == ["performance"]:
-        return Finding("CPU governor", found, Grade.GOOD)
-    return Finding("CPU governor", found, Grade.LIMITED, "cpupower frequency-set -g performance")
 
 
 def wake_up() -> Finding:
@@ -208,33 +139,9 @@ def socket_can() -> Finding:
     return Finding("SocketCAN", "yes", Grade.GOOD)
 
 
-def can_interfaces(root: Path) -> Finding:
-    """Interfaces of type CAN, whether they are up, and how many frames they queue."""
-    interfaces = [
-        path.parent
-        for path in sorted(root.glob("sys/class/net/*/type"))
-        if _read(path) == CAN_INTERFACE_TYPE
-    ]
-    if not interfaces:
-        remedy = "ip link add dev vcan0 type vcan; ip link set vcan0 up"
-        return Finding("CAN interfaces", "none", Grade.MISSING, remedy)
-    said: list[str] = []
-    remedies: list[str] = []
-    for interface in interfaces:
-        queue = int(_read(interface / "tx_queue_len") or 0)
-        up = int(_read(interface / "flags") or "0", 16) & 1
-        said.append(f"{interface.name} {'up' if up else 'down'}, queue of {queue}")
-        if not up:
-            remedies.append(f"ip link set {interface.name} up")
-        if queue < QUEUE_LENGTH_MIN:
-            remedies.append(f"ip link set {interface.name} txqueuelen {QUEUE_LENGTH_MIN * 4}")
-    grade = Grade.LIMITED if remedies else Grade.GOOD
-    return Finding("CAN interfaces", "; ".join(said), grade, "; ".join(remedies))
-
-
 def tmpfs(root: Path) -> Finding:
     """A tmpfs for the seam: on a disk, the ring of records would be written to it for ever."""
-    mounts = [line.split() for line in _read(root / "proc/mounts").splitlines()]
+    mounts = [line.split() for line in read(root / "proc/mounts").splitlines()]
     places = [fields[1] for fields in mounts if len(fields) > 2 and fields[2] == "tmpfs"]
     usable = [place for place in ("/run", "/dev/shm", "/tmp") if place in places]
     if not usable:
@@ -263,11 +170,28 @@ def systemd(root: Path) -> Finding:
         ["systemctl", "--version"], capture_output=True, text=True, check=False
     ).stdout.split()
     version = int(said[1]) if len(said) > 1 and said[1].isdigit() else 0
-    if _read(root / "proc/1/comm") != "systemd":
+    if read(root / "proc/1/comm") != "systemd":
         remedy = "not needed: `gaitd run` starts both halves"
         return Finding("systemd", f"{version}, not the first process", Grade.MISSING, remedy)
     grade = Grade.GOOD if version >= SYSTEMD_MIN else Grade.LIMITED
     return Finding("systemd", str(version), grade, "" if grade is Grade.GOOD else "252 or newer")
+
+
+def disk(root: Path) -> Finding:
+    """Room for black boxes, request log and notes, where the installed service keeps them."""
+    place = root / STATE
+    while not place.exists() and place != place.parent:
+        place = place.parent
+    free_mb = shutil.disk_usage(place).free // 2**20
+    return disk_room(place, free_mb)
+
+
+def disk_room(place: Path, free_mb: int) -> Finding:
+    """What so much free space means; a full disk is refused at the start (exit 2)."""
+    found = f"{free_mb} MB free at {place}"
+    if free_mb >= DISK_MIN_MB:
+        return Finding("disk", found, Grade.GOOD)
+    return Finding("disk", found, Grade.LIMITED, f"make room: {DISK_MIN_MB} MB are for a year")
 
 
 def compiler() -> Finding:
@@ -282,22 +206,29 @@ def compiler() -> Finding:
 
 def findings(root: Path = Path("/")) -> tuple[Finding, ...]:
     """All checks, in the order they are printed."""
+    resolution_ns = round(time.clock_getres(time.CLOCK_MONOTONIC) * 1e9)
     return (
         python(),
         packages(),
         zenoh(),
         numba_cache(),
-        kernel(root),
+        timing.kernel(root),
         scheduling(),
-        throttling(root),
+        timing.throttling(root),
         memory_lock(),
+        timing.unit_limits(root),
         cores(),
-        clock_source(root),
-        governor(root),
+        timing.isolated_cores(root),
+        timing.clock_source(root),
+        timing.timers(resolution_ns),
+        timing.governor(root),
+        timing.idle_states(root),
+        timing.swap(root),
         wake_up(),
         socket_can(),
-        can_interfaces(root),
+        can_interfaces(ip_links()),
         tmpfs(root),
+        disk(root),
         systemd(root),
         compiler(),
     )
