@@ -13,6 +13,9 @@ def command(
     config: Annotated[Path, typer.Option("--config", help="trainer file", dir_okay=False)],
 ) -> None:
     """The core alone; `gaitd run` starts it together with the gateway."""
+    # Before numpy and scipy are loaded: each would start threads, and the real-time thread could
+    # come to wait for one that has no priority. Our largest matrix is 8 by 24.
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     from daemon.config.load import load
     from daemon.core.process import run_core
     from daemon.journal import SOCKET, Journal, is_journal

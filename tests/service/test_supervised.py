@@ -123,16 +123,12 @@ def test_a_hang_up_ends_neither_process_and_is_answered_by_both(service):
     assert service.runs("gateway")
 
 
-def test_the_core_runs_python_in_one_thread_alone_and_that_one_has_the_real_time_class(service):
-    """With SocketCAN there is one thread; the loopback bus' client and numba bring theirs."""
+def test_the_core_is_one_thread_with_libraries_and_all_and_it_has_the_real_time_class(service):
     tasks = [int(task.name) for task in Path(f"/proc/{service.pid}/task").iterdir()]
-    classes = {task: os.sched_getscheduler(task) for task in tasks}
-    refused = "SCHED_FIFO priority" in service.log("core")
 
-    real_time = [task for task, kind in classes.items() if kind & os.SCHED_FIFO]
-    assert real_time == ([] if refused else [service.pid])
-    if not refused:
-        assert classes[service.pid] == os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    assert tasks == [service.pid]
+    if "SCHED_FIFO priority" not in service.log("core"):  # refused, and said so
+        assert os.sched_getscheduler(service.pid) == os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
 
 
 def test_sigterm_says_stopping_and_at_the_end_what_remains(service):

@@ -147,6 +147,20 @@ def test_the_command_ends_with_2_and_one_line_on_a_broken_configuration(tmp_path
     )
 
 
+def test_the_command_refuses_an_endpoint_that_the_gateway_would_refuse(tmp_path):
+    demo = changed(
+        copied(tmp_path),
+        Change("demo.toml", "tcp/127.0.0.1:7447", "tcp/192.168.1.5:7447"),
+    )
+
+    ended = gaitd("check", "--config", str(demo))
+
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert "zenoh.listen[" in ended.stderr
+    assert "tcp/192.168.1.5:7447" in ended.stderr
+    assert "listen_beyond_loopback = true" in ended.stderr
+
+
 def test_the_command_shows_the_sweep_that_it_refuses(tmp_path):
     demo = changed(copied(tmp_path), *EMPTY_WITH_A_PATIENTS_SPRINGS)
 

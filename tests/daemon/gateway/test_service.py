@@ -4,6 +4,7 @@ import math
 
 import msgspec
 
+from daemon.cycle_timing import CycleTiming
 from daemon.gateway.alive import SILENCE_NS
 from daemon.record import (
     BusRecord,
@@ -38,6 +39,17 @@ def test_drives_are_said_ten_times_and_health_once_a_second(bench):
     assert len(bench.outlet.on("drives/right/hip")) == 20
     assert len(bench.outlet.on("drives/right/slide")) == 20
     assert len(bench.outlet.on("health")) == 2
+
+
+def test_health_says_which_part_of_the_cycle_cost_the_missed_grid_points(bench):
+    timing = CycleTiming(0, 0, 0, 5, publish_ns=30_000, overrun_by_part=(3, 0, 2, 0))
+
+    for _ in range(100):
+        bench.cycle(timing=timing)
+
+    said = bench.outlet.on("health")[-1]
+    assert said.overrun_by_part == {"wake_up": 3, "window": 0, "work": 2, "publish": 0}
+    assert said.publish_max_us == 30
 
 
 def test_safety_is_said_at_once_when_it_changes_and_once_a_second(bench):
