@@ -7,7 +7,7 @@ length as 64 bits little-endian, then the value (systemd.io, "Native Journal Pro
 for it send on a socket that waits while the journal is busy, which the 10 ms cycle must not; here
 a line that finds no room is dropped and counted, and the next one that leaves says how many.
 
-Fields of ours (docs/journal.md): GAITD_EVENT, GAITD_MODE, GAITD_CAUSE, GAITD_DRIVE, GAITD_CYCLE.
+Fields of ours (docs/running.md): GAITD_EVENT, GAITD_MODE, GAITD_CAUSE, GAITD_DRIVE, GAITD_CYCLE.
 """
 
 import os

@@ -60,7 +60,7 @@ NOTHING_RELOADED: Final = (
     "asked to reload: the core takes nothing new while it runs. With nobody in the machine: "
     "systemctl restart gaitd-core"
 )
-"""At most EVENT_LENGTH_MAX long. docs/reload.md says why."""
+"""At most EVENT_LENGTH_MAX long. docs/running.md says why."""
 
 
 class Loop:

@@ -6,7 +6,7 @@ Rules:
 2. Taken over at once: `[log]`. Taken over if nobody holds the lease: `[lease]`.
 3. Everything else needs a restart, and is named: endpoints and paths that of the gateway, all
    other tables and files that of the core. Nothing that acts on the drives changes in a running
-   core (docs/reload.md).
+   core (docs/running.md).
 """
 
 import hashlib
