@@ -130,6 +130,7 @@ class Loop:
             self._tell(cycle.rest(self._core, [], self._tick(self._grid.due_ns)))
             return ExitCode.REFUSED
         except Exception as bug:  # noqa: BLE001 - the one broad catch: it stops the machine
+            self._supervision.begin_end()  # nothing is fed from here on
             self._stop_blindly()
             self.bug = bug
             return ExitCode.BUG

@@ -4,10 +4,13 @@ And systemd's status line has mode and cause as soon as they are others. All in 
 is not fed for 10 ms shows.
 """
 
+from unittest import mock
+
 import pytest
 from sessions import Session
 from supervised import watched
 
+from daemon.core import cycle
 from daemon.core.loop_settings import ExitCode
 from daemon.core.supervision import PROGRESS_CYCLES
 from daemon.record import Cause, Mode
@@ -158,6 +161,19 @@ def test_the_end_is_told_when_it_is_asked_for_and_the_last_line_says_what_remain
     assert lines[-1].startswith("STATUS=ended: all axes are at rest and without power")
     assert lines[-1].endswith(effect)
     assert "WATCHDOG=1" in lines[stopping:]
+
+
+def test_a_bug_is_an_end_that_is_told_before_the_blind_stops_and_says_what_was_seen_last():
+    session = watched(Session().walking(warm_s=1))
+
+    with mock.patch.object(cycle, "judge", side_effect=ZeroDivisionError("ours")):
+        code = session.lockstep.loop.run(lambda: False)
+
+    assert code == ExitCode.BUG
+    assert session.systemd.lines[0] == "STOPPING=1"
+    assert "WATCHDOG=1" not in session.systemd.lines
+    assert session.systemd.status[-1].startswith("ended by a bug of ours: quick stops were sent")
+    assert "right/hip operation_enabled" in session.systemd.status[-1]
 
 
 def test_the_end_without_drives_claims_nothing_about_their_power():
