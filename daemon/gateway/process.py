@@ -78,6 +78,7 @@ def serve(
             gateway.health.counters.inquiry_dropped_count = mailbox.dropped_count
             gateway.health.note_wake(clock.now_ns() - begun_ns)
             if begun_ns >= tell_ns:
-                supervisor.send("WATCHDOG=1", f"STATUS={gateway.status}")
+                status = "; ".join(filter(None, (gateway.status, reload.needs_restart)))
+                supervisor.send("WATCHDOG=1", f"STATUS={status}")
                 tell_ns = begun_ns + _TELL_NS
         supervisor.send("STOPPING=1")

@@ -109,5 +109,7 @@ def restarts(old: TrainerFile, new: TrainerFile, files: Iterable[str]) -> list[s
     if gateway:
         said.append(f"needs a restart of the gateway: {', '.join(gateway)}")
     if core:
-        said.append(f"needs a restart of the core, with nobody in the machine: {', '.join(core)}")
+        said.append(
+            f"needs gaitd check and a restart of the core, with nobody in the machine: {', '.join(core)}"
+        )
     return said

@@ -131,7 +131,7 @@ def test_endpoints_need_a_restart_of_the_gateway_and_motion_one_of_the_core(runn
     [said] = running.hang_up()
 
     assert "needs a restart of the gateway: zenoh" in said.text
-    assert "needs a restart of the core, with nobody in the machine: gait, limits.toml" in said.text
+    assert "a restart of the core, with nobody in the machine: gait, limits.toml" in said.text
     assert said.priority is Priority.LOW
     assert running.reload.needs_restart
 
