@@ -109,7 +109,8 @@ def restarts(old: TrainerFile, new: TrainerFile, files: Iterable[str]) -> list[s
     if gateway:
         said.append(f"needs a restart of the gateway: {', '.join(gateway)}")
     if core:
+        what = ", ".join(core)
         said.append(
-            f"needs gaitd check and a restart of the core, with nobody in the machine: {', '.join(core)}"
+            f"needs gaitd check and a restart of the core, with nobody in the machine: {what}"
         )
     return said
