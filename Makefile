@@ -62,7 +62,7 @@ format: $(VENV)/dev.stamp  ## format, and fix what the linter can fix
 	$(BIN)/ruff check --fix .
 
 install:  ## the service on this machine (root, Debian); leaves it stopped. DESTDIR= stages a package
-	PYTHON=$(PYTHON) DESTDIR=$(DESTDIR) bash scripts/install.sh install
+	DESTDIR=$(DESTDIR) bash scripts/install.sh install
 
 uninstall:  ## take the service off this machine; keeps configuration and state
 	DESTDIR=$(DESTDIR) bash scripts/install.sh uninstall

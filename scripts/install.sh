@@ -11,7 +11,7 @@ set -Eeuo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 DESTDIR=${DESTDIR:-}
-PYTHON=${PYTHON:-python3}
+PYTHON=${PYTHON:-/usr/bin/python3}
 PREFIX=/opt/gaitd
 UNITS=/usr/lib/systemd/system
 NETWORK=/usr/lib/systemd/network
@@ -39,9 +39,11 @@ idle() {
 
 environment() {
     # Beside the old one, which goes when the link has been turned: there is always a whole one.
-    local version target
+    local version target base
     "$PYTHON" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || refuse "$PYTHON is older than 3.11"
     "$PYTHON" -c 'import ensurepip, venv' 2> /dev/null || refuse "$PYTHON has no venv: apt-get install python3-venv"
+    base=$("$PYTHON" -c 'import sys; print(sys.base_prefix)')
+    case "$base/" in /root[/]* | /home[/]*) refuse "$PYTHON lies in $base, which the service may not see: PYTHON=/usr/bin/python3" ;; esac
     version=$("$PYTHON" -c 'import tomllib; print(tomllib.load(open("pyproject.toml", "rb"))["project"]["version"])')
     target="$PREFIX-$version-$(date -u +%Y%m%d%H%M%S)"
     say "making $target, with all pinned dependencies"
@@ -122,7 +124,7 @@ completion() {
 warm() {
     # The kernels are compiled once for a version and a processor: now, not at the first start.
     say "compiling for this processor"
-    runuser -u gaitd-core -- env -C / NUMBA_CACHE_DIR=/var/cache/gaitd "$PREFIX/bin/python" -P - << 'WARM' ||
+    setpriv --reuid=gaitd-core --regid=gaitd --clear-groups env -C / NUMBA_CACHE_DIR=/var/cache/gaitd "$PREFIX/bin/python" -P - << 'WARM' ||
 from pathlib import Path
 from daemon.config.load import load
 from daemon.core.axis_notes import Notes
@@ -151,7 +153,7 @@ uninstall() {
     for name in "$UNITS"/{gaitd-core.service.d,gaitd-sim.service.d,service.d} "$WAIT"; do
         rmdir --ignore-fail-on-non-empty "$DESTDIR$name" 2> /dev/null || true
     done
-    rm -rf "$DESTDIR$DOCUMENTS" "$DESTDIR$PREFIX" "$DESTDIR$PREFIX"-* "$DESTDIR/run/gaitd" "$DESTDIR/var/cache/gaitd"
+    rm -rf "$DESTDIR$DOCUMENTS" "$DESTDIR$PREFIX" "$DESTDIR$PREFIX"-* "$DESTDIR/run/gaitd" "$DESTDIR"/var/cache/gaitd{,-sim}
     ! running || systemctl daemon-reload
     say "gone; /etc/gaitd and /var/lib/gaitd are kept (\`make purge\` removes them)"
 }

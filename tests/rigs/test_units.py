@@ -43,9 +43,17 @@ def lines_of(name):
     return [line for line in text.splitlines() if line and not line.startswith("#")]
 
 
-@pytest.fixture
-def placed(tmp_path):
-    """The units with a program that exists, as systemd wants to see one."""
+@pytest.fixture(params=["can0", "vcan0", "loopback"])
+def placed(request, tmp_path):
+    """The units with a program that exists, as systemd wants to see one, and their drop-ins."""
+    for folder, drop_in in (
+        ("service.d", "no-can"),
+        ("gaitd-sim.service.d", "may-can"),
+        ("gaitd-core.service.d", "may-can"),
+        ("gaitd-core.service.d", f"bus-{request.param}"),
+    ):
+        (tmp_path / folder).mkdir(exist_ok=True)
+        shutil.copy(SYSTEMD / "drop-ins" / f"{drop_in}.conf", tmp_path / folder)
     program = tmp_path / "gaitd"
     program.write_text("#!/bin/sh\n")
     program.chmod(0o755)
@@ -58,7 +66,7 @@ def placed(tmp_path):
 
 @needs_analyze
 def test_systemd_reads_every_unit_without_a_complaint(placed):
-    names = sorted(str(path) for path in placed.glob("gaitd*.*"))
+    names = sorted(str(path) for path in placed.glob("gaitd*.*") if path.is_file())
 
     done = subprocess.run(
         ["systemd-analyze", "verify", "--man=no", "--recursive-errors=no", *names],
@@ -122,7 +130,8 @@ def test_the_core_waits_for_its_interface_and_does_not_end_with_it():
     bus = unit("drop-ins/bus-can0.conf")
 
     device = ["sys-subsystem-net-devices-can0.device"]
-    assert bus.values("Unit", "Wants") == bus.values("Unit", "After") == device
+    assert bus.values("Unit", "After") == device
+    assert bus.values("Unit", "Wants") == [*device, "systemd-networkd.service"]
     assert not [key for key in BINDING if bus.values("Unit", key)]
     assert unit("drop-ins/can0-wait.conf").values("Unit", "JobTimeoutSec") == ["5s"]
 
