@@ -1,4 +1,4 @@
-"""The service on one emulated CAN controller, the virtual drives on another, with a bit rate.
+"""The service on one emulated CAN controller, the virtual drives on another: a real driver.
 
 QEMU's SJA1000 carries frames, and takes bit rate, restart and queue length; it makes no errors:
 whatever is sent counts as acknowledged. So bus-off and error passive of a real driver cannot be

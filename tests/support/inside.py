@@ -3,9 +3,10 @@
     python inside.py warm                  compile what the service needs (on the host, too)
     python inside.py FOLDER SCENARIO ...   run these of `scenarios.py`; results in FOLDER
 
-In the virtual machine an import of numpy and numba costs half a minute. So the programs that people
-start (`gaitd sim`, `gaitd core`, `gaitd gateway`) are forked from this process and run `gaitd`'s
-own entry point with the words of their command line; from there on they are what they always are.
+In the virtual machine an import of numpy and numba costs half a minute. So the programs that
+people start (`gaitd sim`, `gaitd core`, `gaitd gateway`) are forked from this process and run
+`gaitd`'s own entry point with the words of their command line; from there on they are what they
+always are.
 
 Waiting for the host's disk lets the guest's clock run away (it counts instructions), so everything
 that runs has its files in the guest's memory, and waits here are generous: what is asserted later
@@ -24,6 +25,8 @@ from typing import Any
 
 import msgspec
 from processes import Service
+
+from daemon.config.load import load
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PATIENCE_S = 600
@@ -98,11 +101,12 @@ class Inside(Service):
         super().__init__(folder, CONFIGS, template)
         self.channels = channels
         text = self.config.read_text()
-        text = text.replace("announce_s = 3.0", "announce_s = 0.2")
+        text = text.replace("announce_s = 3.0", "announce_s = 0.5")
         text = text.replace("ramp_strides = 2", "ramp_strides = 1")
         text = text.replace('interface = "remote"', 'interface = "socketcan"')
         self.text = text.replace(f"ws://127.0.0.1:{self.bus_port}/", "vcan0")
         self.config.write_text(self.text)
+        load(self.config)
 
     def start(self, part: str, *arguments: str, program: Any = None) -> Any:
         del program
@@ -149,7 +153,6 @@ class Report:
 
 def warm() -> None:
     """Import and compile what the parts of the service use."""
-    from daemon.config.load import load
     from daemon.core.axis_notes import Notes
     from daemon.core.build import build
     from daemon.core.warm import warm_up
