@@ -33,6 +33,7 @@ DRAIN_COUNT_MAX: Final = 512
 """Frames that one drain takes: a babbling node must not hold the cycle."""
 REMOTE_TIMEOUT_S: Final = 1.0
 """A remote bus whose server stalls in the middle of a frame for longer is dead."""
+SOCKETCAN: Final = "socketcan"
 RETRY_PAUSE_S: Final = 0.0002
 """Between two tries of an urgent frame: at 1 Mbit/s one frame leaves the queue in about 0.13 ms."""
 
@@ -106,6 +107,18 @@ class Bus(Protocol):
         ...
 
 
+class SteadySocketcan(SocketcanBus):
+    """SocketCAN without the wall clock.
+
+    python-can's own `recv` counts its patience with time.time(): set back by an hour while it
+    waits, it waits for an hour, or for a frame. What it is built on waits in select().
+    """
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """A frame, or None when the timeout is over."""
+        return self._recv_internal(timeout)[0]
+
+
 class CanBus:
     """A `Bus` over python-can, without any thread."""
 
@@ -131,7 +144,10 @@ class CanBus:
         """
         where = f"{interface}:{channel}"
         with _failures_as_bus_error(where, _OPEN_FAILURES), _bounded_connect():
-            bus = can.Bus(interface=interface, channel=channel, bitrate=bitrate_bit_per_s)
+            if interface == SOCKETCAN:
+                bus: can.BusABC = SteadySocketcan(channel)
+            else:
+                bus = can.Bus(interface=interface, channel=channel, bitrate=bitrate_bit_per_s)
         if isinstance(bus, RemoteBus) and bus.socket is not None:
             bus.socket.settimeout(REMOTE_TIMEOUT_S)
         return cls(bus, where)

@@ -4,6 +4,10 @@ The world's time is this machine's monotonic clock, so a truth row carries the s
 service's record of that SYNC. The thread sleeps on the bus until the world's next event; in
 between it wakes up every SLICE_NS, so that a SYNC finds the plant nearly up to date and is
 answered early.
+
+A frame reaches the drives at the time of its arrival, by the kernel's stamp, however late this
+process comes to read it: a real drive latches its encoder when SYNC is on the wire. Where nobody
+stamps, or the wall clock has just been set, it is the time of reading.
 """
 
 import contextlib
@@ -12,6 +16,7 @@ from collections.abc import Callable, Generator, Sequence
 from typing import Final
 
 import can
+from can.interfaces.socketcan import SocketcanBus
 
 from sim_drives.control import ControlSocket
 from sim_drives.frame import Frame, TimedFrame
@@ -25,6 +30,9 @@ SYNC_SILENCE_NS: Final = 20 * MILLISECOND
 QUIET_ROW_NS: Final = 10 * MILLISECOND
 NS_PER_S: Final = 1_000_000_000
 REMOTE: Final = "remote"
+SOCKETCAN: Final = "socketcan"
+STEADY_NS: Final = 100_000
+"""A wall clock that has moved by more against the other one since the last frame was set."""
 
 
 def now_ns() -> int:
@@ -47,9 +55,33 @@ def open_bus(interface: str, channel: str, bitrate_bit_per_s: int) -> Generator[
     if interface == REMOTE:
         with served_bus(*parse_channel(channel)) as bus:
             yield bus
+    elif interface == SOCKETCAN:
+        with _KernelBus(channel) as bus:
+            yield bus
     else:
         with can.Bus(channel=channel, interface=interface, bitrate=bitrate_bit_per_s) as bus:
             yield bus
+
+
+class _KernelBus(SocketcanBus):
+    """SocketCAN; python-can's `recv` would wait by the wall clock, which somebody may set."""
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        return self._recv_internal(timeout)[0]
+
+
+class Arrivals:
+    """When frames came, in the monotonic time of the world, from stamps of the wall clock."""
+
+    def __init__(self) -> None:
+        self._ahead_ns: int | None = None
+
+    def time_of_ns(self, stamp_utc_ns: int, earliest_ns: int, now_ns: int, utc_ns: int) -> int:
+        """The arrival of a frame between `earliest_ns` and now; now, if that is not known."""
+        before_ns, self._ahead_ns = self._ahead_ns, utc_ns - now_ns
+        if before_ns is None or abs(self._ahead_ns - before_ns) > STEADY_NS:
+            return now_ns
+        return min(max(stamp_utc_ns - self._ahead_ns, earliest_ns), now_ns)
 
 
 class RealTime:
@@ -75,6 +107,7 @@ class RealTime:
         self._control = control
         self._on_silence = on_silence
         self._noted_ns = now_ns() + SYNC_SILENCE_NS
+        self._arrivals = Arrivals() if isinstance(bus, SocketcanBus) else None
         self.dropped = 0
         """Frames that the interface did not take."""
 
@@ -104,12 +137,19 @@ class RealTime:
             self._on_silence(self._world.sync_count)
 
     def _take(self, message: can.Message) -> None:
-        self._send(self._world.advance_to(now_ns()))
+        self._send(self._world.advance_to(self._arrival_ns(message)))
         odd = message.is_extended_id or message.is_remote_frame or message.is_error_frame
         if not odd:
             if message.arbitration_id == SYNC_ID:
                 self._noted_ns = self._world.now_ns + SYNC_SILENCE_NS
             self._world.receive(Frame(message.arbitration_id, bytes(message.data)))
+
+    def _arrival_ns(self, message: can.Message) -> int:
+        now = now_ns()
+        if self._arrivals is None:
+            return now
+        stamp_ns = int(message.timestamp * NS_PER_S)
+        return self._arrivals.time_of_ns(stamp_ns, self._world.now_ns, now, time.time_ns())
 
     def _receive(self, patience_s: float) -> can.Message | None:
         try:

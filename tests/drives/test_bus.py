@@ -8,7 +8,7 @@ from can_remote.server import RemoteServer
 from memory_bus import MS, ManualClock
 
 from daemon.clock import MonotonicClock
-from drives.bus import CanBus, Frame
+from drives.bus import CanBus, Frame, SteadySocketcan
 from drives.bus_state import BusCondition, BusMonitor
 from drives.errors import BusError
 
@@ -170,6 +170,20 @@ def test_error_frames_come_through_as_such():
 
 
 # --- interfaces -----------------------------------------------------------------------------------
+
+
+def test_waiting_on_socketcan_never_looks_at_the_wall_clock(monkeypatch):
+    def forbidden():
+        raise AssertionError("a wait that asks what time it is")
+
+    bus = SteadySocketcan.__new__(SteadySocketcan)
+    bus._is_shutdown = True  # never opened
+    waited = []
+    monkeypatch.setattr(bus, "_recv_internal", lambda timeout_s: (waited.append(timeout_s), False))
+    monkeypatch.setattr("can.bus.time", forbidden)
+
+    assert bus.recv(0.25) is None
+    assert waited == [0.25]
 
 
 def test_a_virtual_bus_carries_frames_both_ways():

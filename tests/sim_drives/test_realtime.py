@@ -12,7 +12,7 @@ from can.interfaces.virtual import channels
 from drive_bench import Bench
 
 from sim_drives.control import control_socket
-from sim_drives.realtime import RealTime, now_ns, open_bus
+from sim_drives.realtime import STEADY_NS, Arrivals, RealTime, now_ns, open_bus
 from sim_drives.remote_bus import BusAddressError, parse_channel
 
 IDENTITY = bytes.fromhex("4018100100000000")
@@ -207,3 +207,42 @@ def test_a_socket_left_by_an_earlier_run_is_replaced_and_a_file_is_not(tmp_path)
     with pytest.raises(OSError, match="in use"), control_socket(tmp_path / "file", str):
         pass
     assert (tmp_path / "file").read_text() == "somebody's"
+
+
+AHEAD_NS = 1_767_225_600 * 1_000_000_000
+"""What the wall clock is ahead of the monotonic one by."""
+READ_NS, CAME_NS, LAST_NS = 50_000_000, 48_500_000, 45_000_000
+
+
+def arrivals_of(first_ahead_ns):
+    """After a frame that was read at LAST_NS."""
+    arrivals = Arrivals()
+    arrivals.time_of_ns(LAST_NS + first_ahead_ns, LAST_NS, LAST_NS, LAST_NS + first_ahead_ns)
+    return arrivals
+
+
+def test_a_frame_reaches_the_drives_when_it_came_and_not_when_it_was_read():
+    arrivals = arrivals_of(AHEAD_NS)
+
+    came_ns = arrivals.time_of_ns(CAME_NS + AHEAD_NS, LAST_NS, READ_NS, READ_NS + AHEAD_NS)
+
+    assert came_ns == CAME_NS
+
+
+@pytest.mark.parametrize("stepped_ns", [2 * STEADY_NS, -2 * STEADY_NS, 3600 * 10**9])
+def test_where_the_wall_clock_was_set_a_frame_comes_when_it_is_read(stepped_ns):
+    arrivals = arrivals_of(AHEAD_NS - stepped_ns)
+
+    came_ns = arrivals.time_of_ns(
+        CAME_NS + AHEAD_NS - stepped_ns, LAST_NS, READ_NS, READ_NS + AHEAD_NS
+    )
+
+    assert came_ns == READ_NS
+
+
+def test_time_never_goes_back_for_a_stamp_and_never_beyond_now():
+    arrivals = arrivals_of(AHEAD_NS)
+    utc_ns = READ_NS + AHEAD_NS
+
+    assert arrivals.time_of_ns(LAST_NS - 1 + AHEAD_NS, LAST_NS, READ_NS, utc_ns) == LAST_NS
+    assert arrivals.time_of_ns(READ_NS + 1 + AHEAD_NS, LAST_NS, READ_NS, utc_ns) == READ_NS
