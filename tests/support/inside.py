@@ -17,6 +17,7 @@ import gc
 import json
 import os
 import signal
+import subprocess
 import sys
 import time
 import traceback
@@ -54,7 +55,7 @@ class Forked:
         end_s = time.monotonic() + within_s
         while self.poll() is None:
             if time.monotonic() > end_s:
-                raise AssertionError(f"{self.pid} does not end")
+                raise subprocess.TimeoutExpired(f"process {self.pid}", within_s)
             time.sleep(POLL_S)
         assert self.returncode is not None
         return self.returncode
@@ -185,10 +186,16 @@ def main() -> None:
     folder = Path(sys.argv[1])
     report = Report(folder)
     report["warm"] = time.monotonic()
+    failed = 0
     for name in sys.argv[2:]:
         begun_s = time.monotonic()
-        getattr(scenarios, name)(report)
+        try:
+            getattr(scenarios, name)(report)
+        except Exception:  # noqa: BLE001 - the next scenario is worth seeing all the same
+            traceback.print_exc()
+            failed += 1
         report[f"{name}_s"] = time.monotonic() - begun_s
+    sys.exit(failed)
 
 
 if __name__ == "__main__":
