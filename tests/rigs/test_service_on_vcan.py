@@ -180,30 +180,3 @@ def test_sigterm_while_the_leg_walks_brakes_switches_off_and_ends_with_0(vcan_wo
     last = {node: words_of(frames, node) for node in (5, 6)}
     assert all(QUICK_STOP_WORD in words for words in last.values())
     assert all(words[-1] in {0x0000, QUICK_STOP_WORD, 0x0006} for words in last.values())
-
-
-def test_four_drives_on_one_bus_fit_into_the_cycle_and_walk(vcan_world):
-    records = [record for record in vcan_world.records("two_legs") if record.mode == Mode.GAIT]
-
-    assert [drive.name for drive in records[0].drives] == [
-        "right/hip", "right/slide", "left/hip", "left/slide",
-    ]  # fmt: skip
-    assert [leg.name for leg in records[0].legs] == ["right", "left"]
-    assert all(drive.fresh for record in records for drive in record.drives)
-    longest_ns = max(record.timing.collect_ns + record.timing.work_ns for record in records)
-    assert longest_ns <= PERIOD_NS
-    phases = [record.gait_phase for record in records]
-    assert min(phases) >= 0
-
-
-def test_a_fault_of_one_leg_stops_all_four_drives_between_the_same_two_syncs(vcan_world):
-    frames = frames_of(vcan_world, "two_legs")
-    emergency = next(
-        index for index, frame in enumerate(frames) if frame.can_id == 0x088 and any(frame.data)
-    )
-    later = frames[emergency:]
-    parts = [later[: later.index(after_sync(later))], *cycles(later)]
-    first = next(part for part in parts if any(words_of(part, node) for node in (5, 6, 7, 8)))
-
-    assert all(QUICK_STOP_WORD in words_of(first, node) for node in (5, 6, 7, 8))
-    assert vcan_world.facts["two_legs_exit"] == 0

@@ -83,7 +83,7 @@ def cycles(service: Inside, count: int) -> None:
 
 def service_on_vcan(report: Report) -> None:
     """The whole service walks; faults, cable, wall clock; SIGTERM."""
-    service = Inside(MEMORY / "one_leg", "vcan.toml")
+    service = Inside(MEMORY / "on_vcan")
     try:
         with witnessed(report, "up"):
             up(service)
@@ -202,35 +202,6 @@ def _end(report: Report, service: Inside) -> None:
     report.keep_records("end", service, seq)
 
 
-def two_legs_on_vcan(report: Report) -> None:
-    """Four drives on one bus: both legs walk, and one request stops both."""
-    service = Inside(MEMORY / "two_legs", "two_legs.toml")
-    try:
-        up(service)
-        walking(service)
-        seq = service.newest().seq
-        load = MEMORY / "canbusload_two"
-        with witnessed(report, "two_legs"):
-            with load.open("wb") as file:
-                measuring = subprocess.Popen(
-                    ["canbusload", "-e", "vcan0@1000000"], stdin=subprocess.DEVNULL, stdout=file
-                )
-            time.sleep(WALK_S)
-            measuring.terminate()
-            measuring.wait()
-            service.inject(f"emcy left/slide - {EMERGENCY}")
-            service.until(lambda record: record.mode == Mode.FAULT)
-            cycles(service, 20)
-        report["canbusload_two"] = load.read_text()
-        report.keep_records("two_legs", service, seq)
-        service.kill("core", signal.SIGTERM)
-        report["two_legs_exit"] = service.parts["core"].wait()
-    finally:
-        for part in service.parts:
-            (report.folder / f"two_legs_{part}.log").write_text(service.log(part))
-        service.end()
-
-
 CONTROLLERS = """
 modprobe kvaser_pci
 for one in can0 can1; do
@@ -248,7 +219,7 @@ def service_on_two_controllers(report: Report) -> None:
     counts as acknowledged, whoever hears it and at whatever bit rate, so no error counter rises.
     """
     shell(CONTROLLERS)
-    service = Inside(MEMORY / "controllers", "vcan.toml", core="can0", sim="can1")
+    service = Inside(MEMORY / "controllers", core="can0", sim="can1")
     try:
         up(service)
         report["controller"] = json.loads(shell("ip -details -json link show can0"))[0]
