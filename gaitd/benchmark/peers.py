@@ -25,8 +25,8 @@ import can
 
 from gaitd.benchmark.burning import burners
 from gaitd.benchmark.bus_times import Heard, Reaction, Syncs, held, reaction, syncs
-from gaitd.demonstration.script import ActError
 from gaitd.children import memory_folder
+from gaitd.demonstration.script import ActError
 from gaitd.demonstration.stage import Troupe, rewrite
 from gaitd.remote import ask
 from gaitd.soaking.machinery import Machinery
