@@ -15,8 +15,6 @@ _END_WITH_PARENT: Final = (
 """Asks the kernel for a signal when we are gone, however we went (PR_SET_PDEATHSIG), and becomes
 the command behind it, if we are not gone already. A function between fork and exec would do the
 same, but not beside threads."""
-END_WITH_PARENT: Final = _END_WITH_PARENT.format(number=int(signal.SIGTERM))
-"""The same, in front of the pid of the parent and a command."""
 
 
 def tied(*words: str, number: signal.Signals = signal.SIGTERM) -> list[str]:
