@@ -41,6 +41,8 @@ SETTLE_S: Final = 1.0
 EMERGENCY_COUNT: Final = 8
 """In each cell and round."""
 ROUND_COUNT: Final = 2
+LATE_S: Final = 2.0
+"""A frame may be heard so long after it came."""
 REACTION_S: Final = 0.4
 EMERGENCY: Final = "emcy_warning right/hip 0.2 0x2310"
 """The drive tells of an overcurrent, and leaves it to the master to stop."""
@@ -272,14 +274,20 @@ class Ear:
         self._bus = bus
 
     def listen(self, seconds: float) -> list[Heard]:
-        """Everything that came since the last call, and for so long from now."""
+        """Everything that came since the last call, and for so long from now.
+
+        Beside processes that compute we hear late, so what counts is when a frame came.
+        """
         frames: list[Heard] = []
-        end_s = time.monotonic() + seconds
-        while (left_s := end_s - time.monotonic()) > 0:
+        end_us = (time.time() + seconds) * US_PER_S
+        patient_s = time.monotonic() + seconds + LATE_S
+        while (left_s := patient_s - time.monotonic()) > 0:
             message = self._bus.recv(left_s)
             if message is not None:
                 time_us = message.timestamp * US_PER_S
                 frames.append(Heard(time_us, message.arbitration_id, bytes(message.data)))
+                if time_us > end_us:
+                    break
         return frames
 
 

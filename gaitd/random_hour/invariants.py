@@ -12,9 +12,8 @@ what it has asked for itself. The rules, by the names that a violation carries:
 3. Torque without power: a motor gives torque only in states with the power stage on.
 4. Left enabled in silence: a drive to which we have said nothing for 1016h and a margin is not
    enabled any more.
-5. Stops apart: when one drive stops being told to enable, every other one does before the next
-   SYNC.
-6. Beyond the limit: a joint is not more than a margin beyond its hard limit (see below).
+5. Stops apart, stop not done, enabled still: `stops.py`.
+6. Beyond the limit: a joint is not more than a margin beyond its hard limit (`beyond.py`).
 7. Torque jumps: 6071h changes by no more than limits.toml's rate times the time between two
    commands, while the drive is told to enable in cyclic torque.
 8. Verdict milder: a latched verdict never becomes milder, and fault is not left, without RESET;
@@ -23,19 +22,13 @@ what it has asked for itself. The rules, by the names that a violation carries:
 10. Records: those of one core have no gap, and each can be encoded.
 11. Our own bug: no exception comes out of a cycle.
 12. Assist outlives its lease, assist beyond its limit: `assisted.py`.
-
-Beyond the limit is allowed where no drive could have held the joint: a drive of the leg was without
-its power stage within BEFORE_S (springs and gravity move the leg), the patient pushes outwards, or
-a fault made the drive see or push wrongly within BEFORE_S (BLINDING). A stop that begins inside is
-no excuse: `gaitd check` has swept its path.
-Where the joint was led by such a thing it may stay: a drive that stopped there holds it there, long
-after the patient pushes no more. Only a margin farther out is judged anew.
 """
 
 import math
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 from daemon.record import (
     Cause,
@@ -48,6 +41,8 @@ from daemon.record import (
     StopCategory,
 )
 from gaitd.random_hour.assisted import AssistWatch
+from gaitd.random_hour.beyond import BLINDING, beyond_limit
+from gaitd.random_hour.stops import StopWatch
 from gaitd.random_hour.watched import Violation, WatchedDrive
 from sim_drives.power_state import POWER_STAGE_ON, PowerState
 from sim_drives.settings import FaultKind
@@ -71,30 +66,23 @@ PATIENCE_S: Final = 15.0
 SILENCE_MARGIN_S: Final = 0.02
 EFFORT_FLOOR: Final = (0.5, 5.0)
 """N·m, N: below is no torque (the current dies away within a few milliseconds)."""
-LIMIT_MARGIN: Final = (math.radians(0.5), 0.003)
-"""rad, m: the path from noticing to the ramp, at what speed is left there."""
-BEFORE_S: Final = 3.0
-PUSH_FLOOR: Final = (1.0, 10.0)
-"""N·m, N: less is no push."""
 ENABLING_GRACE_S: Final = 0.05
 """From a controlword to the drive's state."""
-BLINDING: Final = frozenset(
-    {
-        FaultKind.FROZEN_ENCODER,
-        FaultKind.ENCODER_GLITCH,
-        FaultKind.ENCODER_REVERSED,
-        FaultKind.WRONG_SIGN,
-        FaultKind.TORQUE_OFFSET,
-        FaultKind.IGNORES_QUICK_STOP,
-        FaultKind.BLOCKED_ROTOR,
-        FaultKind.BRAKE_STUCK,
-    }
-)
-"""Faults after which a drive sees wrongly, pushes wrongly, or does not do what it shows."""
 ENABLED_STILL_NS: Final = 50_000_000
 """A drive that has not obeyed DISABLE yet is told to go on, sees that end, and walks up anew."""
 DELAYING: Final = frozenset({FaultKind.SLOW_STATE})
 """Faults after which a state may come later than its controlword."""
+
+
+class _Before(NamedTuple):
+    """A request, and what was so before it: a refusal changes nothing."""
+
+    kind: RequestKind
+    permitted: bool
+    alone: bool
+    needs_reset: bool
+    inherited: bool
+    reset_asked: bool
 
 
 @dataclass
@@ -105,6 +93,7 @@ class Watch:
     period_s: float
     detection_s: float
     assist: AssistWatch
+    stops: StopWatch
     violations: list[Violation] = field(default_factory=list)
     checked: Counter[str] = field(default_factory=Counter)
     """How often each rule has been looked at."""
@@ -116,19 +105,20 @@ class Watch:
     _needs_reset: bool = False
     _orderly: bool = False
     """DISABLE or RESET was asked since the last ENABLE."""
+    _over: bool = False
+    """It had been when that ENABLE was asked: the time before may end after it."""
     _debt: bool = False
     """The core, if it ended now, would leave something that only RESET pays."""
     _inherited: bool = False
     """An earlier core has left such a debt, and RESET was not asked since."""
-    _stopping: set[int] = field(default_factory=set)
-    """Drives that are still told to enable while another one was stopped since the last SYNC."""
     _spoken_ns: int = 0
-    _asked: dict[int, tuple[RequestKind, bool]] = field(default_factory=dict)
-    """Kind, and whether enabling was permitted before."""
+    _asked: dict[int, "_Before"] = field(default_factory=dict)
     _answers: dict[int, Outcome] = field(default_factory=dict)
     _waiting_s: float = 0.0
     _latched: StopCategory = StopCategory.NONE
     _reset_asked: bool = False
+    _left_fault: bool = False
+    """Fault was left since RESET was asked."""
     _seq: int | None = None
     _alone: bool = False
 
@@ -136,8 +126,13 @@ class Watch:
 
     def asks(self, number: int, kind: RequestKind, wanted: ModeRequest) -> None:
         """A request leaves."""
-        self._asked[number] = (kind, self._permitted)
+        self._asked[number] = _Before(
+            *(kind, self._permitted, self._alone),
+            *(self._needs_reset, self._inherited, self._reset_asked),
+        )
         self._waiting_s = 0.0
+        if kind == RequestKind.RESET:
+            self._left_fault = False
         if kind in {RequestKind.DISABLE, RequestKind.RESET}:
             self._orderly = True
             self._needs_reset = self._needs_reset and kind != RequestKind.RESET
@@ -149,12 +144,15 @@ class Watch:
             self._permit(alone=alone)
 
     def _permit(self, *, alone: bool) -> None:
-        self._permitted, self._permitted_ns = True, self.now_ns
-        self._orderly, self._alone = False, alone
+        if not self._permitted:
+            self._permitted_ns = self.now_ns
+        self._over = self._orderly
+        self._permitted, self._orderly, self._alone = True, False, alone
 
     def asks_to_stop(self) -> None:
         """The stop count rises, and a core hears it."""
         self._permitted = False
+        self.stops.asked()
 
     def injects(self, kind: FaultKind, name: str, until_ns: int) -> None:
         """A fault begins."""
@@ -175,8 +173,10 @@ class Watch:
         self._seq = None
         self._latched = StopCategory.NONE
         for drive in self.drives.values():
+            if drive.told_to_enable:
+                drive.told_until_ns = self.now_ns
             drive.told_to_enable, drive.torque_told = False, None
-        self._stopping.clear()
+        self.stops.core_gone()
 
     def tells(self, level: Level) -> None:
         """The gateway says something to the core."""
@@ -189,7 +189,7 @@ class Watch:
         self.now_ns = time_ns
         if can_id == SYNC_ID:
             self._spoken_ns = time_ns
-            self._judge_together()
+            self._judge("stops apart", self.stops.sync())
         elif can_id == NMT_ID and data[0] in NMT_TAKES_AWAY:
             for drive in self.drives.values():
                 if data[1] in {0, drive.rules.node_id}:
@@ -216,23 +216,21 @@ class Watch:
             drive.told_until_ns = self.now_ns
         drive.told_to_enable = enable
         self._debt = self._debt or enable
-        self._stopping.discard(drive.rules.node_id)
+        self.stops.told(drive, enable=enable)
         if not enable:
             drive.torque_told = None
         if stops:
             # Just after ENABLE it is the end of the time before: a DISABLE that came through late.
-            if self.now_ns - self._permitted_ns > ENABLED_STILL_NS:
+            if not self._over or self.now_ns - self._permitted_ns > ENABLED_STILL_NS:
                 self._permitted = False
             self._needs_reset = self._needs_reset or not self._orderly
             if not self._alone:
-                self._stopping |= {n for n, other in self.drives.items() if other.told_to_enable}
+                self.stops.begins(self.drives.values())
 
-    def _judge_together(self) -> None:
-        self.checked["stops apart"] += 1
-        if self._stopping:
-            names = ", ".join(self.drives[node].rules.name for node in sorted(self._stopping))
-            self._break("stops apart", f"{names} still told to enable at the next SYNC")
-            self._stopping.clear()
+    def _judge(self, rule: str, found: Iterable[tuple[str, str]]) -> None:
+        self.checked[rule] += 1
+        for broken, what in found:
+            self._break(broken, what)
 
     def _take_torque(self, drive: WatchedDrive, data: bytes) -> None:
         if not (drive.told_to_enable and drive.mode_told == CYCLIC_TORQUE):
@@ -267,7 +265,9 @@ class Watch:
             if state not in POWER_STAGE_ON:
                 drive.unpowered_ns = now_ns
         for drive in self.drives.values():
-            self._see_position(drive, truths[drive.rules.leg])
+            of_leg = [one for one in self.drives.values() if one.rules.leg == drive.rules.leg]
+            found = beyond_limit(drive, of_leg, truths[drive.rules.leg], now_ns)
+            self._judge("beyond the limit", found)
 
     def _see_power(self, drive: WatchedDrive, state: PowerState) -> None:
         self.checked["powered unasked"] += 1
@@ -280,6 +280,7 @@ class Watch:
         lately = self.now_ns - since_ns < grace_s * NS_PER_S
         if began and not (self._permitted or lately or drive.told_to_enable):
             self._break("powered unasked", f"{drive.rules.name} is enabled")
+        self._judge("enabled still", self.stops.see(drive, self.now_ns, enabled=enabled))
         self.checked["left enabled in silence"] += 1
         silent_s = (self.now_ns - self._spoken_ns) / NS_PER_S
         if enabled and silent_s > self.detection_s + SILENCE_MARGIN_S:
@@ -295,27 +296,6 @@ class Watch:
             self._break("torque without power", what)
         drive.was_off = off
 
-    def _see_position(self, drive: WatchedDrive, truth: Truth) -> None:
-        self.checked["beyond the limit"] += 1
-        rules = drive.rules
-        at = truth.position[rules.axis]
-        beyond = max(rules.low_si - at, at - rules.high_si)
-        margin = LIMIT_MARGIN[rules.axis]
-        if beyond <= margin:
-            drive.led_beyond_si = 0.0
-            return
-        outwards = 1.0 if at > rules.high_si else -1.0
-        pushed = truth.patient[rules.axis] * outwards > PUSH_FLOOR[rules.axis]
-        of_leg = [other for other in self.drives.values() if other.rules.leg == rules.leg]
-        before_ns = round(BEFORE_S * NS_PER_S)
-        free = any(self.now_ns - other.unpowered_ns < before_ns for other in of_leg)
-        blind = any(self.now_ns - other.blinded_ns < before_ns for other in of_leg)
-        if pushed or free or blind:
-            drive.led_beyond_si = max(drive.led_beyond_si, beyond)
-        elif drive.led_beyond_si == 0.0 or beyond > drive.led_beyond_si + margin:
-            what = f"{rules.name} at {at:.4g}, limits {rules.low_si:.4g} to {rules.high_si:.4g}"
-            self._break("beyond the limit", what)
-
     # --- the core's words -----------------------------------------------------------------------
 
     def hear(self, record: CycleRecord) -> None:
@@ -327,6 +307,7 @@ class Watch:
         self._hear_debt(record)
         self._hear_verdict(record)
         self._hear_answer(record)
+        self._judge("stop not done", self.stops.hear(record))
         for rule, what in self.assist.hear(record):
             self._break(rule, what)
 
@@ -351,7 +332,7 @@ class Watch:
             what = f"{before.name} becomes {now.name} in {record.mode.name.lower()}"
             self._break("verdict milder", what)
         if not stopped:
-            self._latched = StopCategory.NONE
+            self._latched, self._left_fault = StopCategory.NONE, True
             return
         if now > StopCategory.NONE and before == StopCategory.NONE:
             self._needs_reset, self._reset_asked = True, False
@@ -372,11 +353,17 @@ class Watch:
             self._answers[result.id] = result.outcome
             self._take_answer(asked, result.outcome)
 
-    def _take_answer(self, asked: tuple[RequestKind, bool], outcome: Outcome) -> None:
-        kind, permitted_before = asked
-        self.answered[f"{kind.name.lower()} {outcome.name.lower()}"] += 1
-        if outcome == Outcome.REFUSED and kind in {RequestKind.ENABLE, RequestKind.MODE}:
-            self._permitted = self._permitted and permitted_before
+    def _take_answer(self, before: "_Before", outcome: Outcome) -> None:
+        self.answered[f"{before.kind.name.lower()} {outcome.name.lower()}"] += 1
+        if outcome != Outcome.REFUSED:
+            return
+        if before.kind in {RequestKind.ENABLE, RequestKind.MODE}:
+            self._permitted = self._permitted and before.permitted
+            self._alone = before.alone
+        if before.kind == RequestKind.RESET and not self._left_fault:
+            self._needs_reset = self._needs_reset or before.needs_reset
+            self._inherited = self._inherited or before.inherited
+            self._reset_asked = self._reset_asked and before.reset_asked
 
     def waits(self, span_s: float, number: int) -> None:
         """A request is outstanding; core and gateway live."""
@@ -384,7 +371,7 @@ class Watch:
             return
         self._waiting_s += span_s
         if self._waiting_s > PATIENCE_S:
-            kind = self._asked[number][0].name.lower()
+            kind = self._asked[number].kind.name.lower()
             self._break("answers", f"{kind}, request {number}, has none after {PATIENCE_S:g} s")
             self._waiting_s = -math.inf
 

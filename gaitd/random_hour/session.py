@@ -25,6 +25,7 @@ from gaitd.random_hour.assisted import AssistBounds, AssistWatch
 from gaitd.random_hour.chances import Action, Chances, Kind
 from gaitd.random_hour.controller import RandomController
 from gaitd.random_hour.invariants import Watch
+from gaitd.random_hour.stops import OBEY_CYCLES, STEPS, StopWatch
 from gaitd.random_hour.tally import Broken, Tally
 from gaitd.random_hour.tap import Tap
 from gaitd.random_hour.watched import AxisRules, WatchedDrive
@@ -342,12 +343,15 @@ def _chances(settings: Settings, machine: Machine, dice: random.Random) -> Chanc
 
 def _watch(settings: Settings, machine: Machine) -> Watch:
     cycle = settings.trainer.cycle
+    escalation_s = STEPS * OBEY_CYCLES * cycle.period_ms * 1e-3
+    detection_s = cycle.drive_detection_ms * 1e-3
     rules = [rule for number in range(len(settings.legs)) for rule in _rules(settings, number)]
     return Watch(
         drives={rule.node_id: WatchedDrive(rule, machine.world.node(rule.name)) for rule in rules},
         period_s=cycle.period_ms * 1e-3,
-        detection_s=cycle.drive_detection_ms * 1e-3,
+        detection_s=detection_s,
         assist=AssistWatch(_assist_bounds(settings)),
+        stops=StopWatch(escalation_s + detection_s),
     )
 
 

@@ -53,5 +53,7 @@ class WatchedDrive:
     """Until when a fault of BLINDING counts, and BEFORE_S after it."""
     delayed_ns: int = -(10**18)
     was_off: bool = True
+    enabled_still_told: bool = False
+    """That it has not obeyed its last word is known already."""
     led_beyond_si: float = 0.0
     """How far out something led the joint that no drive could have held."""

@@ -34,6 +34,7 @@ from gaitd.random_hour.invariants import (
 )
 from gaitd.random_hour.report import page, rerun, summary, told
 from gaitd.random_hour.series import session, sessions
+from gaitd.random_hour.stops import StopWatch
 from gaitd.random_hour.tally import Broken, Tally
 from gaitd.random_hour.variants import VARIANTS
 from gaitd.random_hour.watched import AxisRules, WatchedDrive
@@ -94,7 +95,9 @@ class Bench:
             for node, fake in self.nodes.items()
         }
         assist = AssistWatch(BOUNDS)
-        self.watch = Watch(drives, period_s=0.01, detection_s=0.1, assist=assist)
+        self.watch = Watch(
+            drives, period_s=0.01, detection_s=0.1, assist=assist, stops=StopWatch(0.3)
+        )
         self.now_ns = NS_PER_S
         self.effort = [0.0, 0.0]
         self.position = [0.2, 0.5]
@@ -319,6 +322,63 @@ def test_axes_that_do_not_stop_between_the_same_two_syncs_are_found(bench):
     bench.enabled().tell(5, 0x000B)
     bench.sync()
     assert bench.broken() == ["stops apart"]
+
+
+@pytest.mark.parametrize(("stopped", "left"), [(5, 6), (6, 5)])
+def test_one_axis_stopped_while_the_other_goes_on_is_found_whichever_is_told_first(
+    bench, stopped, left
+):
+    bench.enabled()
+    for node in (5, 6):
+        bench.tell(node, 0x000F if node == left else 0x000B)
+    bench.sync()
+    assert bench.broken() == ["stops apart"]
+
+
+def test_a_preparation_that_is_refused_is_no_leave_to_stop_apart(bench):
+    bench.enabled()
+    bench.watch.asks(2, RequestKind.MODE, ModeRequest(Mode.REFERENCE, axis="right/hip"))
+    bench.record(Mode.HOLD, answer=SimpleNamespace(id=2, outcome=Outcome.REFUSED))
+    bench.tell(5, 0x000B)
+    bench.tell(6, 0x000F)
+    bench.sync()
+    assert bench.broken() == ["stops apart"]
+
+
+@pytest.mark.parametrize(("cycles", "found"), [(3, []), (4, ["stop not done"])])
+def test_a_stop_that_is_not_done_is_found(bench, cycles, found):
+    bench.enabled().record(Mode.GAIT)
+    bench.watch.asks_to_stop()
+    for _ in range(cycles):
+        bench.record(Mode.GAIT)
+    bench.record(Mode.STOPPING, StopCategory.S2, cause=Cause.STOP_REQUESTED)
+    assert bench.broken() == found
+
+
+@pytest.mark.parametrize(("after_s", "found"), [(0.29, []), (0.31, ["enabled still"] * 2)])
+def test_a_drive_that_never_obeys_its_last_word_is_found_once(bench, after_s, found):
+    bench.enabled().both(0x000B)
+    for _ in range(round(after_s / 0.01)):
+        bench.sync()
+    bench.see()
+    bench.see(after_s=0.01 if found else 0.0)
+    assert bench.broken() == found
+
+
+def test_a_reset_that_is_refused_pays_no_debt(bench):
+    bench.enabled().both(0x000B)
+    bench.record(Mode.FAULT, StopCategory.S1, cause=Cause.DRIVE_FAULT)
+    bench.watch.asks(2, RequestKind.RESET, ModeRequest())
+    bench.record(
+        Mode.FAULT,
+        StopCategory.S1,
+        answer=SimpleNamespace(id=2, outcome=Outcome.REFUSED),
+        cause=Cause.DRIVE_FAULT,
+    )
+    bench.record(Mode.READY)
+    bench.watch.asks(3, RequestKind.ENABLE, ModeRequest())
+    bench.both(0x000F)
+    assert bench.broken() == ["verdict milder", "enables unasked", "enables unasked"]
 
 
 def test_axes_that_stop_in_the_same_cycle_are_well(bench):
