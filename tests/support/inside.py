@@ -40,6 +40,8 @@ WINDOW_MS = 5.0
 class Forked:
     """A child that runs `gaitd WORDS`; of `subprocess.Popen` what `Service` uses."""
 
+    stdin = None
+
     def __init__(self, words: list[str], log: Path) -> None:
         sys.stdout.flush()
         self.returncode: int | None = None
@@ -112,7 +114,7 @@ class Inside(Service):
 
     def start(self, part: str, *arguments: str, program: Any = None) -> Any:
         del program
-        config = self.folder / f"{part}.toml"
+        config = self.config.with_name(f"{part}.toml")
         channel = self.channels.get(part, "vcan0")
         config.write_text(self.text.replace('"vcan0"', f'"{channel}"'))
         words = [part, "--config", str(config), *arguments]
