@@ -300,13 +300,18 @@ def gateway_killed() -> Seen:
 
 def stop() -> Seen:
     bring(Mode.GAIT)
-    with subprocess.Popen(["systemctl", "stop", "gaitd.target"]) as stopping:
-        said: list[str] = []
-        while stopping.poll() is None:
-            said.append(shown(CORE, "StatusText"))
-            time.sleep(POLL_S)
+    said: list[str] = []
+
+    def inactive() -> bool:
+        said.append(shown(CORE, "StatusText"))
+        return all(shown(name, "ActiveState") == "inactive" for name in (CORE, GATEWAY))
+
+    # It waits for the target alone, not for what is part of it.
+    run("systemctl", "stop", "gaitd.target")
+    wait(inactive, "both halves have stopped")
     told = records()[-300:]
-    last = [record for record in told if record.mode != Mode.GAIT]
+    walked = max(at for at, record in enumerate(told) if record.mode == Mode.GAIT)
+    last = told[walked + 1 :]
     stamps = {
         f"{name} {key}": int(shown(name, f"{key}TimestampMonotonic"))
         for name in (CORE, GATEWAY)
