@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from outsiders import ENVIRONMENT
 from parallel import ALONE, LAST, LONG, scope_of
 
 PROJECT = Path(__file__).resolve().parent.parent
@@ -81,6 +82,7 @@ def noted(tmp_path_factory):
             "no:cacheprovider",
         ],
         cwd=folder,
+        env=ENVIRONMENT,
         capture_output=True,
         text=True,
         timeout=100,

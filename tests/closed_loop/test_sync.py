@@ -126,7 +126,7 @@ def test_a_pause_of_a_few_cycles_is_told_and_counted_and_the_targets_go_on_witho
         for a, b in pairwise(records)
     ]
     assert session.lockstep.record.timing.overrun_count == missed + 3
-    assert "3 cycles in a row had no time and were left out" in told
+    assert len([text for text in told if text.startswith("3 cycles in a row had no time")]) == 1
     assert session.lockstep.record.mode == Mode.GAIT
     assert max(steps_nm) <= limits.hip.torque_rate_max_nm_per_s * 0.01 * 1.001
 

@@ -21,6 +21,7 @@ ALONE: Final = (
     "tests/daemon/gateway/test_supervised.py",
     "tests/drives/test_bus.py",
     "tests/gaitd/test_bench.py",
+    "tests/gaitd/test_bench_peers.py",
     "tests/gaitd/test_demo.py",
     "tests/gaitd/test_demonstration_parts.py",
     "tests/gaitd/test_doctor.py",

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from outsiders import ENVIRONMENT
 
 pytest_plugins = ["pytester"]
 
@@ -102,6 +103,7 @@ def failed(tmp_path_factory):
     ran = subprocess.run(
         [sys.executable, "-m", "pytest", *SHORT, "--gaitd-rigs=none"],
         cwd=folder,
+        env=ENVIRONMENT,
         capture_output=True,
         text=True,
         timeout=500,
@@ -180,7 +182,11 @@ def test_nothing_runs_on_when_pytest_itself_is_killed(tmp_path):
     begun, output = tmp_path / "begun", tmp_path / "output"
     with output.open("wb") as said:
         running = subprocess.Popen(
-            [sys.executable, "-m", "pytest", *SHORT], cwd=tmp_path, stdout=said, stderr=said
+            [sys.executable, "-m", "pytest", *SHORT],
+            cwd=tmp_path,
+            env=ENVIRONMENT,
+            stdout=said,
+            stderr=said,
         )
     try:
         until(lambda: begun.exists() and begun.read_text().endswith("\n"), output)
@@ -211,6 +217,7 @@ def test_an_outsiders_file_runs_in_the_rig_as_it_is(tmp_path):
     ran = subprocess.run(
         [sys.executable, "-m", "gaitd", "rig", "vcan", "--", *words],
         cwd=tmp_path,
+        env=ENVIRONMENT,
         capture_output=True,
         text=True,
         timeout=850,
