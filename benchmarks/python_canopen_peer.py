@@ -142,7 +142,9 @@ class Peer:
     def _add(self, number: int, eds: Path) -> Drive:
         node = Drive(number, str(eds))
         self.network.add_node(node)
-        node.sdo.RESPONSE_TIMEOUT = PATIENCE_S
+        # Both are documented settings of python-canopen: one lost answer is asked for again.
+        node.sdo.RESPONSE_TIMEOUT = 0.5
+        node.sdo.MAX_RETRIES = 20
         node.emcy.add_callback(self.on_emergency)
         return node
 

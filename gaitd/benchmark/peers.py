@@ -217,10 +217,25 @@ def _drives(configs: Path, *, realtime: bool) -> Generator[Machinery]:
         rewrite(made.config, {"realtime_priority": "0"})
     try:
         made.start("sim")
+        _await_drives(made)
         yield made
     finally:
         made.end()
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _await_drives(made: Machinery) -> None:
+    """They are on their bus: a request that comes before is lost.
+
+    Raises:
+        TimeoutError: they are not, for too long.
+    """
+    end_s = time.monotonic() + STARTED_WITHIN_S
+    while "virtual drives" not in made.words("sim"):
+        if time.monotonic() > end_s:
+            raise TimeoutError(f"no virtual drives: {made.words('sim')}")
+        made.check("sim")
+        time.sleep(0.05)
 
 
 @contextlib.contextmanager
