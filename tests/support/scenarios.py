@@ -20,6 +20,7 @@ from daemon.record import CycleRecord, Mode
 MEMORY = Path("/run/gaitd-tests")
 GAIT = {"mode": "gait", "cadence_hz": 0.5, "amplitude_ratio": 1.0, "duration_s": 600.0}
 WALK_S = 2.0
+TRIES = 3
 STEP_PAUSE_S = 0.3
 EMERGENCY = 0x2310
 """Continuous over-current, device output side (CiA 402 and 301's table)."""
@@ -65,9 +66,20 @@ def up(service: Inside) -> None:
 
 
 def walking(service: Inside) -> CycleRecord:
-    service.done("enable")
-    service.done("mode", **GAIT)
-    return service.until(walks)
+    """A gait; what stops it on the way is tried again, and told if it goes on."""
+    for _ in range(TRIES):
+        for name, wanted in (("enable", {}), ("mode", GAIT)):
+            service.wait(lambda n=name, w=wanted: done_or_stopped(service, n, w))
+        record = service.until(lambda one: walks(one) or one.mode == Mode.FAULT)
+        if walks(record):
+            return record
+        ready_again(service)
+    raise AssertionError(f"never walks: {record.verdict}")
+
+
+def done_or_stopped(service: Inside, name: str, wanted: dict[str, object]) -> bool:
+    done = service.request(name, **wanted)["outcome"] == "done"
+    return done or service.newest().mode == Mode.FAULT
 
 
 def ready_again(service: Inside) -> None:
