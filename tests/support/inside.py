@@ -21,6 +21,7 @@ import subprocess
 import sys
 import time
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -141,7 +142,8 @@ class Report:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.facts: dict[str, Any] = {}
+        kept = folder / "facts.json"
+        self.facts: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() else {}
 
     def __setitem__(self, name: str, fact: Any) -> None:
         self.facts[name] = fact
@@ -186,18 +188,28 @@ def main() -> None:
 
     gc.freeze()
     folder = Path(sys.argv[1])
-    report = Report(folder)
-    report["warm"] = time.monotonic()
-    failed = 0
-    for name in sys.argv[2:]:
-        begun_s = time.monotonic()
-        try:
-            getattr(scenarios, name)(report)
-        except Exception:  # noqa: BLE001 - the next scenario is worth seeing all the same
-            traceback.print_exc()
-            failed += 1
-        report[f"{name}_s"] = time.monotonic() - begun_s
-    sys.exit(failed)
+    Report(folder)["warm"] = time.monotonic()
+    sys.exit(sum(_play(getattr(scenarios, name), folder) for name in sys.argv[2:]))
+
+
+def _play(scenario: Callable[[Report], None], folder: Path) -> bool:
+    """Whether it failed; the next one is worth seeing all the same.
+
+    In a process of its own: who has once talked Zenoh has threads, and must not fork any more.
+    """
+    sys.stdout.flush()
+    pid = os.fork()
+    if pid:
+        return os.waitpid(pid, 0)[1] != 0
+    begun_s, code, report = time.monotonic(), 0, Report(folder)
+    try:
+        scenario(report)
+    except Exception:  # noqa: BLE001 - told by the exit code
+        traceback.print_exc()
+        code = 1
+    report[f"{scenario.__name__}_s"] = time.monotonic() - begun_s
+    sys.stderr.flush()
+    os._exit(code)
 
 
 if __name__ == "__main__":
