@@ -25,7 +25,7 @@ from daemon.core.reference import Stage
 from daemon.core.release import ReleasePlay
 from daemon.core.safety import worse
 from daemon.core.self_test import SelfTestPlay
-from daemon.core.state import Axis, Core, Leg, Play
+from daemon.core.state import Axis, Core, Play
 from daemon.core.stopping import Step
 from daemon.core.transition import describe, enter
 from daemon.record import Cause, Mode, Verdict
@@ -237,8 +237,9 @@ def _move_on(core: Core, cycle: int, utc_ns: int) -> None:
     if core.mode == Mode.HOLD and not core.load_checked:
         _settle(core, cycle)
     _let_lapse(core, cycle)
+    changing = _changes_mode(core)
     for leg in core.legs:
-        playing.advance(core, leg, changing=_changes_mode(core, leg))
+        playing.advance(core, leg, changing=changing)
     if core.mode.active and _exercise_is_over(core):
         _end_exercise(core, cycle, utc_ns)
     if core.mode in {Mode.STOPPING, Mode.FAULT}:
@@ -280,9 +281,9 @@ def _settle(core: Core, cycle: int) -> None:
     core.load_checked = True
 
 
-def _changes_mode(core: Core, leg: Leg) -> bool:
-    """Whether a drive of this leg is not yet asked for the mode that is wanted."""
-    return any(axis.mode_sent != mode_wanted(core, axis) for axis in leg.axes)
+def _changes_mode(core: Core) -> bool:
+    """Whether a drive is not yet asked for the mode that is wanted; no leg begins alone."""
+    return any(axis.mode_sent != mode_wanted(core, axis) for axis in core.axes)
 
 
 def _exercise_is_over(core: Core) -> bool:

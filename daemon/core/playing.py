@@ -9,9 +9,9 @@ from drives.signals import OperationMode
 
 
 def advance(core: Core, leg: Leg, *, changing: bool) -> None:
-    """One cycle of the plan of one leg; `changing`: its drives are on their way to another mode.
+    """One cycle of the plan of one leg; `changing`: drives are on their way to another mode.
 
-    A gait stays announced until its drives could change to the mode in which it is played.
+    A gait stays announced until all drives could change to the mode in which it is played.
     """
     period_s = core.config.period_s
     plan = leg.plan

@@ -1,5 +1,8 @@
 """Requests of clients: judged by the guards of `modes.py`, begun, and answered when it is known."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 from daemon.core import (
     assisting,
     exercises,
@@ -13,7 +16,7 @@ from daemon.core import (
 from daemon.core.inbox import Orders
 from daemon.core.modes import Event
 from daemon.core.preparation import OVER
-from daemon.core.reference import ExcitePlay, GaitPlay, TorquePlay
+from daemon.core.reference import Approach, ExcitePlay, GaitPlay, Pair, TorquePlay
 from daemon.core.state import Core, Leg, Plan
 from daemon.core.stopping import Step
 from daemon.core.transition import describe, enter
@@ -77,14 +80,26 @@ def _refuse_way(core: Core, wanted: Mode) -> str:
         return exercises.refuse_self_test(core)
     if wanted not in {Mode.GAIT, Mode.EXCITE}:
         return ""
-    for leg in core.legs:
-        angles = reference.gait_angles(leg.shape, 0.0, 0.0)
-        motion = reference.approach(leg.parameters, core.config.gait, plans.present(leg), angles)
+    for leg, motion in zip(core.legs, _ways(core), strict=True):
         if not reference.way_is_clear(
             leg.parameters, motion, core.config.thresholds.singularity_stop_ratio
         ):
             return f"{leg.name}: there is no clear way from here to mid pose"
     return ""
+
+
+def _ways(core: Core) -> list[Approach]:
+    """From here to mid pose; legs arrive together, or they would not walk half a stride apart."""
+    ways = [
+        reference.approach(leg.parameters, core.config.gait, plans.present(leg), _mid_pose(leg))
+        for leg in core.legs
+    ]
+    duration_s = max(way.duration_s for way in ways)
+    return [replace(way, duration_s=duration_s) for way in ways]
+
+
+def _mid_pose(leg: Leg) -> Pair:
+    return reference.gait_angles(leg.shape, 0.0, 0.0)
 
 
 def _requested(kind: RequestKind, wanted: ModeRequest) -> str:
@@ -130,8 +145,8 @@ def _begin_exercise(core: Core, wanted: ModeRequest) -> None:
     elif wanted.mode == Mode.SELF_TEST:
         exercises.begin_self_test(core)
     else:
-        for leg in core.legs:
-            leg.plan = _plan(core, leg, wanted)
+        for leg, plan in zip(core.legs, _plans(core, wanted), strict=True):
+            leg.plan = plan
     for leg in core.legs:
         by_torque = core.config.gait.guidance == "impedance"
         leg.takes_over = wanted.mode not in {Mode.HOLD, Mode.EXCITE} or (
@@ -144,23 +159,22 @@ def _begin_exercise(core: Core, wanted: ModeRequest) -> None:
         enter(core, event)
 
 
-def _plan(core: Core, leg: Leg, wanted: ModeRequest) -> Plan:
-    if wanted.mode == Mode.GAIT:
-        return _gait(core, leg, wanted)
+def _plans(core: Core, wanted: ModeRequest) -> Sequence[Plan]:
     if wanted.mode == Mode.TORQUE:
-        return TorquePlay()
-    return _excite(core, leg, wanted) if wanted.mode == Mode.EXCITE else plans.hold_from(leg)
+        return [TorquePlay() for _ in core.legs]
+    if wanted.mode not in {Mode.GAIT, Mode.EXCITE}:
+        return [plans.hold_from(leg) for leg in core.legs]
+    plan = _gait if wanted.mode == Mode.GAIT else _excite
+    return [plan(core, leg, wanted, way) for leg, way in zip(core.legs, _ways(core), strict=True)]
 
 
-def _gait(core: Core, leg: Leg, wanted: ModeRequest) -> GaitPlay:
+def _gait(core: Core, leg: Leg, wanted: ModeRequest, way: Approach) -> GaitPlay:
     gait = core.config.gait
-    start = plans.present(leg)
-    mean = reference.gait_angles(leg.shape, 0.0, 0.0)
     return GaitPlay(
         leg=leg.parameters,
         shape=leg.shape,
-        motion=reference.approach(leg.parameters, gait, start, mean),
-        start=start,
+        motion=way,
+        start=plans.present(leg),
         announce_s=gait.announce_s,
         cadence_hz=wanted.cadence_hz,
         amplitude_ratio=wanted.amplitude_ratio,
@@ -170,13 +184,12 @@ def _gait(core: Core, leg: Leg, wanted: ModeRequest) -> GaitPlay:
     )
 
 
-def _excite(core: Core, leg: Leg, wanted: ModeRequest) -> ExcitePlay:
+def _excite(core: Core, leg: Leg, wanted: ModeRequest, way: Approach) -> ExcitePlay:
     scenario = core.config.excite[wanted.scenario]
-    angles = reference.gait_angles(leg.shape, 0.0, 0.0)
-    middle = reference.joints_of_angles(leg.parameters, angles)
+    middle = reference.joints_of_angles(leg.parameters, _mid_pose(leg))
     return ExcitePlay(
         leg=leg.parameters,
-        motion=reference.approach(leg.parameters, core.config.gait, plans.present(leg), angles),
+        motion=way,
         middle=middle,
         middle_load=reference.load_at(leg.parameters, middle),
         window=reference.excite_window(scenario),

@@ -166,3 +166,23 @@ def test_two_legs_walk_half_a_stride_apart_and_stop_together(tmp_path):
     assert abs(walking.legs[0].reference[0] - walking.legs[1].reference[0]) > 0.05
     assert stopped.verdict.drive == "left/slide"
     assert {drive.power_state for drive in stopped.drives} == {PowerState.QUICK_STOP_ACTIVE}
+
+
+@pytest.mark.parametrize("guidance", ["impedance", "position"])
+def test_two_legs_that_begin_in_different_poses_walk_half_a_stride_apart(tmp_path, guidance):
+    trainer = two_legs(tmp_path) / "demo.toml"
+    trainer.write_text(trainer.read_text().replace('"impedance"', f'"{guidance}"'))
+    session = Session(trainer.parent).walking(cadence_hz=0.5, warm_s=6.3)
+    request = session.lockstep.request
+    assert request(RequestKind.MODE, ModeRequest(Mode.HOLD)).outcome == Outcome.DONE
+    session.lockstep.run(2)
+    held = session.lockstep.record.legs
+    gait = ModeRequest(Mode.GAIT, cadence_hz=0.5, amplitude_ratio=1.0, duration_s=60.0)
+    assert request(RequestKind.MODE, gait).outcome == Outcome.DONE
+    session.lockstep.run_until(lambda record: record.gait_phase >= 0, within_s=30)
+    session.lockstep.run(9)
+
+    stride = session.lockstep.records[-300:]  # behind the ramps; half a stride is 100 cycles
+    right, left = ([record.legs[leg].reference for record in stride] for leg in (0, 1))
+    assert abs(held[0].reference[0] - held[1].reference[0]) > 0.1
+    assert np.allclose(left[:-100], right[100:], atol=1e-9)

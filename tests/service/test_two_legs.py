@@ -12,6 +12,8 @@ from daemon.record import Mode
 LEGS = ("right", "left")
 DRIVES = ["right/hip", "right/slide", "left/hip", "left/slide"]
 EMERGENCY = 0x2310
+RAMP_CYCLES = 400
+"""Behind these a stride of 0.4 Hz has its whole amplitude."""
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +29,7 @@ def both_legs():
 def test_both_legs_walk_half_a_stride_apart_and_a_fault_of_one_stops_both(both_legs):
     for _ in range(TRIES):
         service = both_legs.bring(Mode.GAIT)
-        first = service.newest().seq
+        first = service.newest().seq + RAMP_CYCLES
         service.until(lambda record: record.seq >= first + 300)  # noqa: B023 - used at once
         records = [record for record in service.records(first) if record.seq > first]
         if {record.mode for record in records} == {Mode.GAIT}:
