@@ -85,6 +85,7 @@ __all__ = [
     "pose",
     "potential_energy",
     "rates",
+    "ratio_and_load",
     "singularity_ratio",
     "slide_position_for_knee",
     "smallest_inertia",
@@ -190,6 +191,16 @@ def gravity(p: LegParameters, q: Vector) -> Vector:
 
 
 @kernel
+def ratio_and_load(p: LegParameters, hip: float, slide: float) -> tuple[float, float, float]:
+    """`singularity_ratio` and the parts of `gravity` in one call; all 0 where no pose exists."""
+    at = pose(p, hip, slide)
+    if not at.closes:
+        return 0.0, 0.0, 0.0
+    d = dynamics(p, hip, slide, 0.0, 0.0, 0.0)
+    return -at.delta / (p.shank_length_m * p.shoe_length_m), d.bias_hip, d.bias_slide
+
+
+@kernel
 def coriolis(p: LegParameters, q: Vector, dq: Vector) -> Vector:
     """c(q, q'), shape (2,): Coriolis and centrifugal torque N m and force N.
 
@@ -286,6 +297,7 @@ def warm_up(p: LegParameters) -> None:
     q, zero = np.zeros(2), np.zeros(2)
     closes(p, 0.0, 0.0)
     singularity_ratio(p, q)
+    ratio_and_load(p, 0.0, 0.0)
     calls: tuple[Callable[[], object], ...] = (
         lambda: knee_angle(p, q),
         lambda: joint_positions(p, q),

@@ -170,13 +170,13 @@ class StrideCounter:
         self._count = -1
         self._completed = self._unsampled = 0
         self._duration_s = self._blind_s = 0.0
-        self._status = Status(0)
+        self._status_bits = 0
 
     def _begin(self) -> None:
         self._count, self._unsampled = 0, 0
         self._duration_s = self._blind_s = 0.0
         self._was_low = self._was_high = False
-        self._status = Status(0)
+        self._status_bits = 0
 
     def _pass(self, dt_s: float) -> None:
         """Time of which nothing is known, at the end of the stride."""
@@ -212,7 +212,7 @@ class StrideCounter:
             row[SPEED_VARIANCE + axis] = sample[_packed(speed, speed)]
             row[SHARED + axis] = sample[_packed(patient, speed)]
         self._count += 1
-        self._status |= Status(int(sample[SMOOTH_NOTES + NOTE_STATUS]))
+        self._status_bits |= int(sample[SMOOTH_NOTES + NOTE_STATUS])
 
     def _complete(self) -> Stride | None:
         self._completed = max(self._count, 0)
@@ -237,7 +237,7 @@ class StrideCounter:
             work_negative_j_std=math.hypot(hip.work_negative_j_std, slide.work_negative_j_std),
             share_ratio=share,
             share_ratio_std=share_std,
-            status=self._status,
+            status=Status(self._status_bits),
             baseline=self._with_baseline,
         )
 

@@ -9,8 +9,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from daemon.core import (
     assisting,
     conduct,
@@ -38,7 +36,7 @@ from daemon.record import CycleRecord, Level, Mode, Verdict
 from drives.bus import Frame
 from drives.signals import DriveFeedback, OperationMode, PowerState
 from observer.leg_observer import PoseError
-from observer.mechanism import gravity, singularity_ratio
+from observer.mechanism import ratio_and_load
 from observer.status import Validity
 
 
@@ -159,11 +157,11 @@ def _place(leg: Leg) -> None:
     if not all(axis.joint.known and axis.referenced for axis in leg.axes):
         leg.singularity_ratio = 1.0
         return
-    pose = np.array((hip.joint.position_si, slide.joint.position_si))
-    leg.singularity_ratio = float(singularity_ratio(leg.parameters, pose))
+    leg.singularity_ratio, hip_nm, slide_n = ratio_and_load(
+        leg.parameters, hip.joint.position_si, slide.joint.position_si
+    )
     if leg.singularity_ratio > 0:
-        load = gravity(leg.parameters, pose)
-        hip.gravity_si, slide.gravity_si = float(load[0]), float(load[1])
+        hip.gravity_si, slide.gravity_si = hip_nm, slide_n
     reference = leg.reference
     for index, axis in enumerate(leg.axes):
         axis.tracking_si = axis.wanted_velocity_si = 0.0

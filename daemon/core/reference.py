@@ -6,7 +6,9 @@ straight line in hip angle and slide position can cross the stretched leg. Wheth
 checked before it is begun. Phases count in strides; nothing here knows a clock.
 """
 
+import cmath
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import NamedTuple
@@ -52,37 +54,45 @@ class Reference(NamedTuple):
 
 
 class GaitShape(NamedTuple):
-    """The periodic reference as Fourier series in rad: mean and (cosine, sine) per harmonic."""
+    """The periodic reference as Fourier series in rad: mean, and a - ib of a cos + b sin."""
 
     hip_mean_rad: float
-    hip_harmonics_rad: tuple[Pair, ...]
+    hip_harmonics_rad: tuple[complex, ...]
+    """Highest first, as Horner's rule takes them."""
     knee_mean_rad: float
-    knee_harmonics_rad: tuple[Pair, ...]
+    knee_harmonics_rad: tuple[complex, ...]
 
 
 def gait_shape(gait: Gait) -> GaitShape:
     """[gait] in rad."""
     return GaitShape(
         math.radians(gait.hip_mean_deg),
-        tuple((math.radians(a), math.radians(b)) for a, b in gait.hip_harmonics_deg),
+        _harmonics(gait.hip_harmonics_deg),
         math.radians(gait.knee_mean_deg),
-        tuple((math.radians(a), math.radians(b)) for a, b in gait.knee_harmonics_deg),
+        _harmonics(gait.knee_harmonics_deg),
+    )
+
+
+def _harmonics(cosines_and_sines_deg: Sequence[Sequence[float]]) -> tuple[complex, ...]:
+    return tuple(
+        complex(math.radians(a), -math.radians(b)) for a, b in reversed(cosines_and_sines_deg)
     )
 
 
 def gait_angles(shape: GaitShape, phase: float, amplitude_ratio: float) -> Pair:
     """Hip and knee angle in rad at a phase in strides, scaled about the mean pose."""
+    turn = cmath.rect(1.0, 2 * math.pi * phase)
     return (
-        shape.hip_mean_rad + amplitude_ratio * _series(shape.hip_harmonics_rad, phase),
-        shape.knee_mean_rad + amplitude_ratio * _series(shape.knee_harmonics_rad, phase),
+        shape.hip_mean_rad + amplitude_ratio * _series(shape.hip_harmonics_rad, turn),
+        shape.knee_mean_rad + amplitude_ratio * _series(shape.knee_harmonics_rad, turn),
     )
 
 
-def _series(harmonics: tuple[Pair, ...], phase: float) -> float:
-    turn = 2 * math.pi * phase
-    return sum(
-        a * math.cos(k * turn) + b * math.sin(k * turn) for k, (a, b) in enumerate(harmonics, 1)
-    )
+def _series(harmonics: tuple[complex, ...], turn: complex) -> float:
+    value = 0j
+    for harmonic in harmonics:
+        value = (value + harmonic) * turn
+    return value.real
 
 
 def joints_of_angles(leg: LegParameters, angles: Pair) -> Pair:
@@ -221,18 +231,18 @@ class GaitPlay:
 
 def advance_gait(play: GaitPlay, dt_s: float) -> GaitPlay:
     """One cycle on, into the next stage where one is over."""
-    play = replace(play, elapsed_s=play.elapsed_s + dt_s)
-    if play.stage in {Stage.PLAY, Stage.END}:
-        play = replace(play, strides=play.strides + dt_s * _cadence_hz(play))
-    if play.stage == Stage.ANNOUNCE and play.elapsed_s >= play.announce_s:
+    elapsed_s, strides, stage = play.elapsed_s + dt_s, play.strides, play.stage
+    if stage is Stage.PLAY or stage is Stage.END:
+        strides += dt_s * _cadence_hz(play)
+    if stage is Stage.ANNOUNCE and elapsed_s >= play.announce_s:
         return replace(play, stage=Stage.APPROACH, elapsed_s=0.0)
-    if play.stage == Stage.APPROACH and play.elapsed_s >= play.motion.duration_s:
+    if stage is Stage.APPROACH and elapsed_s >= play.motion.duration_s:
         return replace(play, stage=Stage.PLAY, elapsed_s=0.0)
-    if play.stage == Stage.PLAY and play.elapsed_s >= play.duration_s:
-        return replace(play, stage=Stage.END, elapsed_s=0.0, end_strides=play.strides)
-    if play.stage == Stage.END and play.strides >= play.end_strides + 1:
-        return replace(play, stage=Stage.OVER, elapsed_s=0.0)
-    return play
+    if stage is Stage.PLAY and elapsed_s >= play.duration_s:
+        return replace(play, stage=Stage.END, elapsed_s=0.0, strides=strides, end_strides=strides)
+    if stage is Stage.END and strides >= play.end_strides + 1:
+        return replace(play, stage=Stage.OVER, elapsed_s=0.0, strides=strides)
+    return replace(play, elapsed_s=elapsed_s, strides=strides)
 
 
 def gait_reference(play: GaitPlay, dt_s: float) -> Reference:

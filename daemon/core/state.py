@@ -220,8 +220,9 @@ class Core:
     """What of hand switch and STO has not been seen to act today, where it must be."""
     utc_newest_ns: int = 0
     """The latest time that was ever read: a clock that is behind it went back."""
+    axes: tuple[Axis, ...] = field(init=False)
+    """All axes of all legs, in the order of the records."""
 
-    @property
-    def axes(self) -> tuple[Axis, ...]:
-        """All axes of all legs, in the order of the records."""
-        return tuple(axis for leg in self.legs for axis in leg.axes)
+    def __post_init__(self) -> None:
+        """Both are the same axes for ever."""
+        self.axes = tuple(axis for leg in self.legs for axis in leg.axes)

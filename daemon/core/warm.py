@@ -9,7 +9,7 @@ import numpy as np
 from daemon.core import balance, reference, stopping_path
 from daemon.core.build import Built
 from drives.busload import fill_tables
-from observer.mechanism import singularity_ratio
+from observer.mechanism import ratio_and_load
 
 STEPS = 20
 
@@ -23,7 +23,7 @@ def warm_up(built: Built) -> None:
         pose = reference.joints_of_angles(leg.parameters, angles)
         reference.angles_of_joints(leg.parameters, pose)
         load = reference.load_at(leg.parameters, pose)
-        singularity_ratio(leg.parameters, np.array(pose))
+        ratio_and_load(leg.parameters, *pose)
         stopping_path.least_ratio(
             leg.parameters, pose, (0.0, 0.0), (1.0, 1.0), stopping_path.REACTION_S
         )

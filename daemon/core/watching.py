@@ -30,6 +30,7 @@ POWERED = frozenset(
 def watch_raw(core: Core, leg: Leg) -> None:
     """Renew all that is found from the encoders and the measured efforts of one leg."""
     hip, slide = leg.axes
+    window_cycles = _window(core, leg)
     leg.balance = balance.follow(
         leg.balance, leg.parameters, leg.friction, (hip.joint, slide.joint)
     )
@@ -44,8 +45,8 @@ def watch_raw(core: Core, leg: Leg) -> None:
             free=_free(core, leg, axis),
             placed=_placed(core, leg),
         )
-        _sum_up(core, leg, index)
-    leg.window_cycles = _window(core, leg)
+        _sum_up(leg, index, window_cycles)
+    leg.window_cycles = window_cycles
     _look_ahead(core, leg)
 
 
@@ -62,10 +63,10 @@ def _free(core: Core, leg: Leg, axis: Axis) -> bool:
     return clear and (inside or not axis.referenced)
 
 
-def _sum_up(core: Core, leg: Leg, index: int) -> None:
+def _sum_up(leg: Leg, index: int, window_cycles: int) -> None:
     axis = leg.axes[index]
     joint = axis.joint
-    if leg.window_cycles != _window(core, leg):
+    if leg.window_cycles != window_cycles:
         axis.energy.clear()
     axis.energy.take(joint.effort_si * joint.step_si if joint.fresh else 0.0)
     if not _strides(leg):
