@@ -10,7 +10,6 @@ from types import MappingProxyType
 from typing import Final
 
 from daemon.record import Cause, Mode
-from gaitd.fault_matrix.cell import Found
 from gaitd.fault_matrix.expected import LOST, ROWS, S0, S1, S2, STUCK, Law, stops
 
 
@@ -193,23 +192,3 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
 def law(fault: str, mode: str, axis: str) -> Law:
     """What is right in one cell."""
     return EXCEPTIONS.get((fault, mode, axis)) or EXCEPTIONS.get((fault, mode, "")) or ROWS[fault]
-
-
-OPEN: Final[Mapping[tuple[str, str, Cause], str]] = MappingProxyType(
-    {
-        ("*", "stopping", Cause.STOP_NOT_OBEYED): (
-            "at some phases of a gait at 0.4 Hz the core's hold (S2) brakes less than the ramp that"
-            " it is judged by, and the stop escalates to S0"
-        ),
-    }
-)
-"""(fault or `*`, mode, the only cause that is told): known defects. Open on the page; no test fails
-for them."""
-
-
-def is_open(found: Found) -> bool:
-    """Whether a cell that breaks a law is known to, for this reason."""
-    return any(
-        fault in {"*", found.fault} and mode == found.mode and found.causes == (cause.name,)
-        for fault, mode, cause in OPEN
-    )

@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 
 from daemon.record import Mode
 from gaitd.fault_matrix.cell import Found
-from gaitd.fault_matrix.exceptions import EXCEPTIONS, OPEN
+from gaitd.fault_matrix.exceptions import EXCEPTIONS
 from gaitd.fault_matrix.expected import ROWS, Law
 from gaitd.fault_matrix.faults import FAULTS
 from gaitd.fault_matrix.judgement import broken
@@ -180,10 +180,6 @@ def _open(bad: Sequence[tuple[Found, list[str]]]) -> str:
     if not bad:
         return "\n".join([*lines, "Every cell keeps every law.", ""])
     lines += [f"- `{command(one)}`: {'; '.join(reasons)}" for one, reasons in bad]
-    lines += ["", "Known:", ""]
-    lines += [
-        f"- {fault} in {mode}, {cause.name}: {why}." for (fault, mode, cause), why in OPEN.items()
-    ]
     return "\n".join([*lines, ""])
 
 

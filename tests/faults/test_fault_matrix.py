@@ -9,7 +9,7 @@ from daemon.record import Cause, Mode
 from gaitd.fault_matrix import page
 from gaitd.fault_matrix.cell import Cell, Found
 from gaitd.fault_matrix.emergencies import EMERGENCIES
-from gaitd.fault_matrix.exceptions import EXCEPTIONS, OPEN, is_open
+from gaitd.fault_matrix.exceptions import EXCEPTIONS
 from gaitd.fault_matrix.expected import ROWS
 from gaitd.fault_matrix.faults import FAULTS
 from gaitd.fault_matrix.judgement import broken
@@ -42,7 +42,7 @@ def test_every_fault_in_this_mode_does_what_is_right_on_both_axes(mode):
     wrong = [
         f"{page.command(one)}\n    {'; '.join(reasons)}"
         for one in found
-        if (reasons := broken(one)) and not is_open(one)
+        if (reasons := broken(one))
     ]
     assert not wrong, "\n".join(["", *wrong])
 
@@ -90,21 +90,6 @@ def test_every_row_has_its_law_and_every_exception_its_place_and_its_reason():
         assert mode in COLUMNS
         assert axis in {"", "right/hip", "right/slide"}
         assert law.why
-
-
-def test_what_is_open_is_a_row_with_a_reason():
-    for (fault, mode, _), reason in OPEN.items():
-        assert fault in {"*", *FAULTS}
-        assert mode in COLUMNS
-        assert reason
-
-
-def test_only_the_cause_that_is_known_is_open():
-    known = msgspec.structs.replace(WELL, mode="stopping", causes=("STOP_NOT_OBEYED",))
-
-    assert is_open(known)
-    assert not is_open(msgspec.structs.replace(known, causes=("STOP_NOT_OBEYED", "SPASM")))
-    assert not is_open(msgspec.structs.replace(known, mode="hold"))
 
 
 def test_all_cells_are_rows_times_columns_times_axes():
