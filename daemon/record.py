@@ -328,6 +328,8 @@ class LegRecord(msgspec.Struct, frozen=True, array_like=True):
     friction_error: tuple[float, float] = (float("nan"), float("nan"))
     """By how much friction seems higher than its law, if there is no patient: N·m, N."""
     stride: StrideRecord | None = None
+    gait_phase: float = -1.0
+    """0..1 of this leg's stride, or -1 when no gait plays; legs are half a stride apart."""
 
 
 class BusRecord(msgspec.Struct, frozen=True, array_like=True):
@@ -373,7 +375,7 @@ class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
     level_age_cycles: int
     stop_count: int
     gait_phase: float
-    """0..1 of the stride, or -1 when no gait plays."""
+    """Of the first leg: 0..1 of the stride, or -1 when no gait plays."""
     drives: tuple[DriveRecord, ...]
     legs: tuple[LegRecord, ...]
     timing: CycleTiming

@@ -153,7 +153,7 @@ SlideNet = Annotated[
     Meta(description="Patient minus friction at the slide: observable also at standstill."),
 ]
 Phase = Annotated[
-    float | None, Meta(description="Phase 0..1 of the stride; null when no gait plays.")
+    float | None, Meta(description="Phase 0..1 of this leg's stride; null when no gait plays.")
 ]
 
 

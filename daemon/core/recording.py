@@ -47,7 +47,7 @@ def record(core: Core, tick: Tick) -> CycleRecord:
         progress=conduct.progress(core),
         level_age_cycles=tick.cycle - core.level_cycle,
         stop_count=core.stop_count or 0,
-        gait_phase=_phase(core),
+        gait_phase=_phase(core.legs[0]),
         drives=tuple(_drive(axis, age_max) for axis in core.axes),
         legs=tuple(_leg(core, tick, leg) for leg in core.legs),
         timing=tick.timing,
@@ -78,9 +78,8 @@ def _leg_assist(leg: Leg) -> LegAssistRecord:
     )
 
 
-def _phase(core: Core) -> float:
-    plan = core.legs[0].plan
-    return gait_phase(plan) if isinstance(plan, GaitPlay) else -1.0
+def _phase(leg: Leg) -> float:
+    return gait_phase(leg.plan) if isinstance(leg.plan, GaitPlay) else -1.0
 
 
 def _drive(axis: Axis, age_max_cycles: int) -> DriveRecord:
@@ -176,6 +175,7 @@ def _leg(core: Core, tick: Tick, leg: Leg) -> LegRecord:
             measured=leg.measured,
             effort_used=leg.effort_used,
             reference=reference,
+            gait_phase=_phase(leg),
         )
     return LegRecord(
         name=leg.name,
@@ -196,6 +196,7 @@ def _leg(core: Core, tick: Tick, leg: Leg) -> LegRecord:
         drift_correlation=_of_both(leg, correlation),
         friction_error=_of_both(leg, friction_error),
         stride=stride_record(leg, tick.sync_ns, core.config.period_ns),
+        gait_phase=_phase(leg),
     )
 
 

@@ -142,7 +142,7 @@ def estimate(view: View, seq: int) -> wire.Estimate:
         artificial_slide_n=finite(leg.artificial[1]),
         reference_hip_angle_rad=finite(leg.reference[0]),
         reference_slide_position_m=finite(leg.reference[1]),
-        gait_phase_ratio=_phase(record),
+        gait_phase_ratio=_phase(leg),
         dt_s=finite(record.dt_s),
         **_assist(leg, record),
     )
@@ -161,7 +161,7 @@ def activity(view: View, seq: int) -> wire.Activity:
         slide_patient_power_w_std=slide[1],
         patient_power_w=both[0],
         patient_power_w_std=both[1],
-        gait_phase_ratio=_phase(view.record),
+        gait_phase_ratio=_phase(view.leg),
     )
 
 
@@ -351,8 +351,8 @@ def _patient_and_net(view: View) -> dict[str, Any]:
     }
 
 
-def _phase(record: CycleRecord) -> Number:
-    return finite(record.gait_phase) if record.gait_phase >= 0 else None
+def _phase(leg: LegRecord) -> Number:
+    return finite(leg.gait_phase) if leg.gait_phase >= 0 else None
 
 
 def _power(view: View, axes: tuple[int, ...]) -> tuple[Number, Number]:

@@ -186,3 +186,5 @@ def test_two_legs_that_begin_in_different_poses_walk_half_a_stride_apart(tmp_pat
     right, left = ([record.legs[leg].reference for record in stride] for leg in (0, 1))
     assert abs(held[0].reference[0] - held[1].reference[0]) > 0.1
     assert np.allclose(left[:-100], right[100:], atol=1e-9)
+    phases = [leg.gait_phase for leg in stride[-1].legs]
+    assert (phases[1] - phases[0]) % 1.0 == pytest.approx(0.5)

@@ -129,13 +129,27 @@ def test_no_record_whatever_makes_a_message_with_a_number_that_is_none(
             ("innovation", "net", "net_std", "measured", "effort_used", "reference", "artificial"),
             pair,
         ),
+        gait_phase=pair[1],
     )
     makers = (translate.estimate, translate.activity, translate.friction)
-    view = translate.look(leg, make_record(dt_s=pair[0], gait_phase=pair[1]), STAMP)
+    view = translate.look(leg, make_record(dt_s=pair[0]), STAMP)
     for make in makers:
         message = make(view, 1)
         for value in msgspec.structs.asdict(message).values():
             assert not isinstance(value, float) or math.isfinite(value)
+
+
+def test_each_leg_tells_its_own_phase_of_the_stride_and_none_where_no_gait_plays(
+    make_leg, make_record
+):
+    record = make_record(gait_phase=0.1)
+
+    told = [
+        [message["gait_phase_ratio"] for message in messages(leg, record)[:2]]
+        for leg in (make_leg(gait_phase=0.1), make_leg(gait_phase=0.6), make_leg())
+    ]
+
+    assert told == [[0.1, 0.1], [0.6, 0.6], [None, None]]
 
 
 def test_power_is_torque_times_speed_with_the_deviation_of_its_linearisation(make_leg, make_record):
