@@ -111,7 +111,7 @@ def test_reset_of_a_fault_is_refused_while_its_cause_is_there(change, words):
         (ModeRequest(Mode.GAIT, 0.0, 1.0, 10.0), "cadence_hz = 0"),
         (ModeRequest(Mode.GAIT, float("nan"), 1.0, 10.0), "cadence_hz = nan"),
         (ModeRequest(Mode.GAIT, 0.25, 1.1, 10.0), "amplitude_ratio = 1.1"),
-        (ModeRequest(Mode.GAIT, 0.25, 1.0, 0.0), "duration_s = 0"),
+        (ModeRequest(Mode.GAIT, 0.25, 1.0, 0.0), "duration_s = 0, allowed > 0 and <= 3600"),
         (ModeRequest(Mode.EXCITE, duration_s=1.0, scenario="nope"), "configured are: friction"),
         (ModeRequest(Mode.EXCITE, duration_s=31.0, scenario="paper"), "allowed > 0 and <= 30"),
         (PAPER, ""),

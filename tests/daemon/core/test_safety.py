@@ -258,6 +258,8 @@ def test_a_patient_who_leans_on_a_leg_that_the_drive_itself_holds_is_not_a_froze
     off_si = 1.1 * HELD_RATIO * LIMITS.tracking_max_si
 
     assert verdict_of(axis=leaning(loop_distance_si=held_si)) == NO_VERDICT
+    at_si = HELD_RATIO * LIMITS.tracking_max_si
+    assert verdict_of(axis=leaning(loop_distance_si=at_si)).cause == Cause.ENCODER_FROZEN
     pushed = replace(leaning(loop_distance_si=off_si), watch=EffortWatch())
     change_si = FROZEN_PUSH_RATIO * LIMITS.breakaway_si
     for effort_si, cause in ((change_si, Cause.NONE), (change_si + 0.1, Cause.ENCODER_FROZEN)):
@@ -360,6 +362,33 @@ def test_a_drive_that_says_something_else_is_lost_also_while_our_frames_do_not_l
     found = judge(service, [rebooted], [LEG], THRESHOLDS, CATEGORIES, driving=True)
 
     assert Cause.DRIVE_REBOOTED in [verdict.cause for verdict in found]
+
+
+@pytest.mark.parametrize("last", list(Input.HAND_SWITCH_CLOSED | Input.STO_RELEASED))
+def test_hand_switch_and_sto_count_also_while_our_frames_do_not_leave(last):
+    service = replace(WELL, tx_dropped_in_a_row=TX_DROPPED_MAX)
+    axis = with_feedback(inputs=last, sample_age_cycles=3)
+    let_go = {
+        Input.HAND_SWITCH_CLOSED: Cause.STO_ACTIVE,
+        Input.STO_RELEASED: Cause.HAND_SWITCH_OPEN,
+    }[last]
+
+    found = judge(service, [axis], [LEG], THRESHOLDS, CATEGORIES, driving=True)
+
+    assert let_go in [verdict.cause for verdict in found]
+
+
+def test_of_two_axes_that_fail_in_one_cycle_the_harsher_verdict_comes_first():
+    mild = with_feedback(power_state=PowerState.SWITCHED_ON)
+    harsh = replace(with_joint(step_si=1.0), name="right/slide")
+
+    for axes in ([mild, harsh], [harsh, mild]):
+        found = judge(WELL, axes, [LEG], THRESHOLDS, CATEGORIES, driving=True)
+
+        assert [verdict.cause for verdict in found] == [
+            Cause.ENCODER_JUMP,
+            Cause.DRIVE_LEFT_ENABLED,
+        ]
 
 
 def test_the_harshest_of_several_findings_wins():

@@ -7,8 +7,10 @@ import msgspec
 import pytest
 from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
 
+from daemon.causes import CHOSEN_CATEGORY
 from daemon.core.bounds import bound, bound_assist, bound_position
 from daemon.core.effort_watch import EffortWatch
+from daemon.core.limits import Categories
 from daemon.core.safety import NO_VERDICT
 from daemon.record import Cause, StopCategory
 from drives.signals import Emergency, Input, NmtState, OperationMode, PowerState
@@ -237,6 +239,13 @@ def test_effort_without_a_count_is_told_with_what_friction_could_have_held():
     )
 
 
+def test_without_a_sample_nobody_knows_whether_an_encoder_is_frozen():
+    missing = moved(standing(held_si=-30.0), fresh=False)
+    first = moved(standing(held_si=-30.0), elapsed_s=0.0)
+
+    assert verdict_of(axes=[missing]) == verdict_of(axes=[first]) == NO_VERDICT
+
+
 def test_the_whole_effort_of_a_drive_that_has_lost_its_joint_counts_and_of_no_other():
     """Where effort is what we command, the load may change it as it likes."""
     loaded = moved(standing(effort_before_still_si=-20.0), effort_si=12.0)
@@ -427,8 +436,12 @@ def test_a_drive_that_is_not_enabled_is_told_so_and_not_by_its_mode():
         mode_display=OperationMode.CYCLIC_SYNC_POSITION,
         following=False,
     )
+    harsher = Categories(
+        {cause.name.lower(): "S1" for cause in CHOSEN_CATEGORY} | {"mode_not_shown": "S0"}
+    )
 
     assert verdict_of(axes=[axis]).cause == Cause.DRIVE_LEFT_ENABLED
+    assert verdict_of(axes=[axis], categories=harsher).cause == Cause.DRIVE_LEFT_ENABLED
 
 
 def test_a_drive_that_shows_another_mode_is_told_so_and_not_that_it_does_not_follow():
