@@ -7,7 +7,7 @@ puts the query into a mailbox that wakes the loop.
 import contextlib
 import os
 import queue
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 import zenoh
@@ -88,6 +88,39 @@ class Mailbox:
         os.close(self._fd)
 
 
+class Quality(NamedTuple):
+    """How Zenoh treats what is put on a key."""
+
+    priority: Priority = Priority.DATA
+    express: bool = False
+    """Not kept back to leave together with what is put next."""
+
+
+ESTIMATE: Final = Quality(Priority.REAL_TIME, express=True)
+"""A controller waits for it. A queue of its own, that nothing else can fill."""
+SAFETY: Final = Quality(Priority.INTERACTIVE_HIGH)
+OTHER: Final = Quality()
+
+
+def declare(
+    session: zenoh.Session, key: str, message: type[msgspec.Struct], quality: Quality
+) -> zenoh.Publisher:
+    """A publisher of messages of this type, that drops rather than waits."""
+    return session.declare_publisher(
+        key,
+        encoding=wire.encoding(message),
+        congestion_control=CongestionControl.DROP,
+        priority=quality.priority,
+        express=quality.express,
+    )
+
+
+def _quality(parts: tuple[str, ...]) -> Quality:
+    if parts == (wire.SAFETY,):
+        return SAFETY
+    return ESTIMATE if parts[-1] == "estimate" else OTHER
+
+
 class ZenohOutlet:
     """All publishers of one trainer, declared when first used."""
 
@@ -96,6 +129,7 @@ class ZenohOutlet:
         self._trainer = trainer
         self._publishers: dict[tuple[str, ...], zenoh.Publisher] = {}
         self._seqs: dict[tuple[str, ...], int] = {}
+        self._encoder = msgspec.json.Encoder()
         self._token: zenoh.LivelinessToken | None = None
         self._events = self._declare_events()
         self._queryable = session.declare_queryable(
@@ -111,8 +145,10 @@ class ZenohOutlet:
         """Publish a message on a key below gaitd/TRAINER/."""
         publisher = self._publishers.get(parts)
         if publisher is None:
-            publisher = self._publishers[parts] = self._declare(message, parts)
-        publisher.put(msgspec.json.encode(message))
+            key = wire.key(self._trainer, *parts)
+            publisher = declare(self._session, key, type(message), _quality(parts))
+            self._publishers[parts] = publisher
+        publisher.put(self._encoder.encode(message))
 
     def put_event(self, event: wire.Event) -> None:
         """Publish an event and keep it for late joiners."""
@@ -134,15 +170,6 @@ class ZenohOutlet:
         self._events.undeclare()
         for publisher in self._publishers.values():
             publisher.undeclare()
-
-    def _declare(self, message: msgspec.Struct, parts: tuple[str, ...]) -> zenoh.Publisher:
-        urgent = parts == (wire.SAFETY,)
-        return self._session.declare_publisher(
-            wire.key(self._trainer, *parts),
-            encoding=wire.encoding(type(message)),
-            congestion_control=CongestionControl.DROP,
-            priority=Priority.INTERACTIVE_HIGH if urgent else Priority.DATA,
-        )
 
     def _declare_events(self) -> AdvancedPublisher:
         return declare_advanced_publisher(

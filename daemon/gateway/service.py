@@ -1,12 +1,14 @@
 """One turn of the gateway: records in, messages out; queries in, level out.
 
-In the order of time: read the records that are new; say their events; publish the young ones;
+In the order of time: read the records that are new, and put the estimates of the young ones, before
+anything else is looked at (`hurry`). Then (`turn`) publish what else is in them; say their events;
 judge the core's silence; take setpoints; take queries; answer what has an answer; send the level;
 say what is said once a second. Nothing in it waits, and it is told the time.
 """
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Final, NamedTuple, Protocol
 
 import msgspec
@@ -21,7 +23,7 @@ from daemon.gateway.health import HealthWindow
 from daemon.gateway.lease import LeaseDesk
 from daemon.gateway.setpoints import NOTHING, Batch
 from daemon.gateway.steering import Steering
-from daemon.gateway.translate import Stamp
+from daemon.gateway.translate import Stamp, View
 from daemon.record import CycleRecord, DriveRecord, Outcome
 from daemon.seam import GatewaySeam, RingError, RingHeader
 from daemon.words import name_of
@@ -33,12 +35,8 @@ YOUNG_RECORD_COUNT: Final = 20
 """What is older is not published: after a stall nobody wants to see the past as the present."""
 STATUS_EVENT_COUNT: Final = 20
 
-_LEG_MESSAGES: Final = (
-    ("estimate", translate.estimate),
-    ("activity", translate.activity),
-    ("friction", translate.friction),
-)
-"""The controller's first: it is the one that counts the milliseconds."""
+_LATER_MESSAGES: Final = (("activity", translate.activity), ("friction", translate.friction))
+"""Of a leg, when its estimate is on its way: a controller waits for that one alone."""
 
 _LOG_LEVEL: Final = {
     events.Priority.HIGH.value: logging.ERROR,
@@ -112,14 +110,32 @@ class Gateway:
         self._ticket = 0
         self._boot_id = ""
         self._newest: CycleRecord | None = None
+        self._fresh: list[CycleRecord] = []
+        self._views: list[View] = []
+        """Of the fresh records: their estimates are out, the rest is not."""
         self._ring_trouble = ""
         self._safety_said: tuple[object, ...] | None = None
         self._level_due_ns = self._drives_due_ns = 0
         self._second_due_ns = clock.now_ns() + SECOND_NS
 
+    def hurry(self) -> None:
+        """New records in, their estimates out: all else of a turn can wait for a millisecond."""
+        records, header = self._records(), self._seam.header
+        if not records or header is None:
+            return
+        self._fresh += records
+        young = [r for r in records if records[-1].seq - r.seq < YOUNG_RECORD_COUNT]
+        self.health.counters.record_skipped_count += len(records) - len(young)
+        for record in young:
+            stamp = translate.stamp_of(header.core_boot_id, record)
+            for leg in record.legs:
+                view = translate.look(leg, record, stamp)
+                self._put_of_leg("estimate", translate.estimate, view)
+                self._views.append(view)
+
     def turn(self, now_ns: int, inquiries: Sequence[Inquiry], batch: Batch = NOTHING) -> None:
-        """One turn of the loop."""
-        records = self._records()
+        """One turn of the loop, behind `hurry`."""
+        records, self._fresh = self._fresh, []
         self._hear(records, now_ns)
         self._steer(self.steering.take(batch, now_ns))
         # A stop does not wait for those who asked before.
@@ -180,8 +196,7 @@ class Gateway:
             self._presence.hear(now_ns)
             if first_sight:
                 self._meet(header)
-            # Estimates first: everything else of this turn can wait for a millisecond.
-            self._publish(records)
+            self._say_legs()
             for record in records:
                 self._hear_one(record)
             if back:
@@ -211,12 +226,6 @@ class Gateway:
         self._emergencies.note(record)
         self._say(events.happenings(before, record), record.sync_utc_ns)
 
-    def _publish(self, records: Sequence[CycleRecord]) -> None:
-        young = [r for r in records if records[-1].seq - r.seq < YOUNG_RECORD_COUNT]
-        self.health.counters.record_skipped_count += len(records) - len(young)
-        for record in young:
-            self._say_legs(record)
-
     # --- messages -----------------------------------------------------------------------------
 
     def _stamp(self) -> Stamp:
@@ -225,16 +234,20 @@ class Gateway:
     def _head(self, *parts: str) -> dict[str, Any]:
         return translate.head(self._stamp(), self._outlet.next_seq(*parts))
 
-    def _say_legs(self, record: CycleRecord) -> None:
-        stamp, outlet = translate.stamp_of(self._boot_id, record), self._outlet
-        for leg in record.legs:
-            view = translate.look(leg, record, stamp)
-            for name, make in _LEG_MESSAGES:
-                parts = (leg.name, name)
-                outlet.put(make(view, outlet.next_seq(*parts)), *parts)
-            if leg.stride is not None:
-                parts = (leg.name, "stride")
-                outlet.put(strides.stride(leg.stride, view, outlet.next_seq(*parts)), *parts)
+    def _say_legs(self) -> None:
+        """What else is in the records whose estimates are out."""
+        views, self._views = self._views, []
+        for view in views:
+            for name, make in _LATER_MESSAGES:
+                self._put_of_leg(name, make, view)
+            if view.leg.stride is not None:
+                self._put_of_leg("stride", partial(strides.stride, view.leg.stride), view)
+
+    def _put_of_leg(
+        self, name: str, make: Callable[[View, int], msgspec.Struct], view: View
+    ) -> None:
+        parts = (view.leg.name, name)
+        self._outlet.put(make(view, self._outlet.next_seq(*parts)), *parts)
 
     def _say_drives(self, now_ns: int) -> None:
         if self._newest is None or now_ns < self._drives_due_ns:
