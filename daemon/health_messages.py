@@ -85,6 +85,10 @@ class Health(Stated, frozen=True, kw_only=True):
     gateway_wake_max_us: Annotated[
         float | None, Meta(description="Longest work of the gateway on one wake, last second.")
     ]
+    gateway_estimate_p50_us: Annotated[
+        float | None,
+        Meta(description="Median from the gateway's wake to its first estimate, last second."),
+    ]
     bus: Annotated[BusHealth | None, Meta(description="The CAN controller; null: unknown.")]
     setpoint_accepted_count: Annotated[
         int | None, Meta(description="By the core, since its start.")

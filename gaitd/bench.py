@@ -117,7 +117,7 @@ def _lateness(configs: Path, seconds: float, burner_count: int) -> "tuple[object
     return found, tables.lateness(f"SYNC in real time on the loopback bus{load}", found)
 
 
-def _service(configs: Path, seconds: float) -> "tuple[object, Table]":
+def _service(configs: Path, seconds: float) -> "tuple[object, list[Table]]":
     from gaitd.benchmark import tables
     from gaitd.benchmark.whole_service import measure
 

@@ -65,6 +65,7 @@ class HealthWindow:
     _histogram: list[int] = field(default_factory=lambda: [0] * (len(LATENESS_BOUND_US) + 1))
     _records: list[CycleRecord] = field(default_factory=list)
     _wakes_ns: list[int] = field(default_factory=list)
+    _estimates_ns: list[int] = field(default_factory=list)
     _tallies: dict[str, _Tally] = field(default_factory=dict)
 
     def core_started(self) -> None:
@@ -84,17 +85,22 @@ class HealthWindow:
         """Take the length of one turn of the gateway's loop."""
         self._wakes_ns.append(work_ns)
 
+    def note_estimate(self, work_ns: int) -> None:
+        """Take the time from a wake to the first estimate that is made and not yet put."""
+        self._estimates_ns.append(work_ns)
+
     def close(self, stamp: Stamp, seq: int) -> wire.Health:
         """Say what the second was like, and begin the next."""
         records, self._records = self._records, []
         wakes_ns, self._wakes_ns = self._wakes_ns, []
+        estimates_ns, self._estimates_ns = self._estimates_ns, []
         newest = records[-1] if records else None
         lateness_ns = [record.timing.lateness_ns for record in records]
         return wire.Health(
             **head(stamp, seq),
             lateness_bound_us=LATENESS_BOUND_US,
             lateness_count=tuple(self._histogram),
-            lateness_p50_us=median(lateness_ns) / 1e3 if lateness_ns else None,
+            lateness_p50_us=_median_us(lateness_ns),
             lateness_max_us=_max_us(lateness_ns),
             collect_max_us=_max_us([record.timing.collect_ns for record in records]),
             work_max_us=_max_us([record.timing.work_ns for record in records]),
@@ -111,6 +117,7 @@ class HealthWindow:
             inquiry_dropped_count=self.counters.inquiry_dropped_count,
             not_kept_count=self.counters.not_kept_count,
             gateway_wake_max_us=_max_us(wakes_ns),
+            gateway_estimate_p50_us=_median_us(estimates_ns),
             bus=_bus_health(newest.bus) if newest else None,
             setpoint_accepted_count=newest.assist.accepted_count if newest else None,
             setpoint_refused_count=_refused(self.counters, newest),
@@ -152,3 +159,7 @@ def _bus_health(bus: BusRecord) -> BusHealth:
 
 def _max_us(values_ns: Sequence[int]) -> float | None:
     return max(values_ns) / 1e3 if values_ns else None
+
+
+def _median_us(values_ns: Sequence[int]) -> float | None:
+    return median(values_ns) / 1e3 if values_ns else None

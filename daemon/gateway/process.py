@@ -68,7 +68,7 @@ def serve(
         while not ended():
             poller.poll(_POLL_MS)
             begun_ns = clock.now_ns()
-            gateway.hurry()
+            gateway.hurry(begun_ns)
             inquiries = keeper.watch(mailbox.drain())
             gateway.turn(begun_ns, inquiries, box.drain(begun_ns))
             gateway.tell(keeper.turn(seam.ring, begun_ns))

@@ -7,8 +7,7 @@ say what is said once a second. Nothing in it waits, and it is told the time.
 """
 
 import logging
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple, Protocol
 
 import msgspec
@@ -118,7 +117,7 @@ class Gateway:
         self._level_due_ns = self._drives_due_ns = 0
         self._second_due_ns = clock.now_ns() + SECOND_NS
 
-    def hurry(self) -> None:
+    def hurry(self, now_ns: int) -> None:
         """New records in, their estimates out: all else of a turn can wait for a millisecond."""
         records, header = self._records(), self._seam.header
         if not records or header is None:
@@ -129,9 +128,16 @@ class Gateway:
         for record in young:
             stamp = translate.stamp_of(header.core_boot_id, record)
             for leg in record.legs:
-                view = translate.look(leg, record, stamp)
-                self._put_of_leg("estimate", translate.estimate, view)
-                self._views.append(view)
+                self._put_estimate(translate.look(leg, record, stamp), now_ns)
+
+    def _put_estimate(self, view: View, now_ns: int) -> None:
+        parts = (view.leg.name, "estimate")
+        message = translate.estimate(view, self._outlet.next_seq(*parts))
+        made_ns = self._clock.now_ns()
+        self._outlet.put(message, *parts)
+        if not self._views:
+            self.health.note_estimate(made_ns - now_ns)
+        self._views.append(view)
 
     def turn(self, now_ns: int, inquiries: Sequence[Inquiry], batch: Batch = NOTHING) -> None:
         """One turn of the loop, behind `hurry`."""
@@ -239,15 +245,12 @@ class Gateway:
         views, self._views = self._views, []
         for view in views:
             for name, make in _LATER_MESSAGES:
-                self._put_of_leg(name, make, view)
+                parts = (view.leg.name, name)
+                self._outlet.put(make(view, self._outlet.next_seq(*parts)), *parts)
             if view.leg.stride is not None:
-                self._put_of_leg("stride", partial(strides.stride, view.leg.stride), view)
-
-    def _put_of_leg(
-        self, name: str, make: Callable[[View, int], msgspec.Struct], view: View
-    ) -> None:
-        parts = (view.leg.name, name)
-        self._outlet.put(make(view, self._outlet.next_seq(*parts)), *parts)
+                parts = (view.leg.name, "stride")
+                message = strides.stride(view.leg.stride, view, self._outlet.next_seq(*parts))
+                self._outlet.put(message, *parts)
 
     def _say_drives(self, now_ns: int) -> None:
         if self._newest is None or now_ns < self._drives_due_ns:

@@ -142,8 +142,8 @@ def replay(title: str, found: ReplaySpeed) -> Table:
     return table
 
 
-def service(title: str, found: Service) -> Table:
-    """Start, memory, and how long a sample takes to a subscriber."""
+def service(title: str, found: Service) -> list[Table]:
+    """Start, memory, and how long a sample takes to a subscriber, by part."""
     table = _table(title, "what", "found", "budget")
     for what, value, budget, unit in (
         ("start to ready, warm caches", found.ready_s, READY_MAX_S, "s"),
@@ -152,12 +152,27 @@ def service(title: str, found: Service) -> Table:
         ("delivery beyond the cycle, to bare Zenoh", found.delivery_ratio, DELIVERY_MAX, "x"),
     ):
         table.add_row(what, _judged(f"{value:.1f} {unit}", value <= budget), f"≤ {budget:g} {unit}")
-    table.caption = (
-        f"last TPDO to subscriber: median {found.delivery_us:.0f} µs, of which work of the cycle "
-        f"{found.work_us:.0f} µs; bare Zenoh {found.bare_us:.0f} µs; the ring that core and "
-        f"gateway share {found.ring_mb:.0f} MB"
-    )
+    table.caption = f"the ring that core and gateway share {found.ring_mb:.0f} MB"
     table.caption_justify = "left"
+    return [table, _delivery(found)]
+
+
+def _delivery(found: Service) -> Table:
+    """The parts of the way from the last TPDO to a subscriber, beside bare Zenoh."""
+    one = found.delivery
+    table = _table("last TPDO to subscriber, by part", "part", "median", "99 %")
+    for name, part in (
+        ("work of the cycle, to the frames sent", one.work),
+        ("record into the ring, wake-up of the gateway", one.seam),
+        ("gateway: record to message", None),
+        ("Zenoh: put to callback", one.zenoh),
+        ("[bold]last TPDO to subscriber[/]", one.whole),
+        ("of which beyond the work of the cycle", one.beyond),
+        ("bare Zenoh: put of another process to callback", found.bare),
+    ):
+        median_us = part.median_us if part else one.gateway_us
+        high = f"{part.high_us:.0f} µs" if part else ""
+        table.add_row(name, f"{median_us:.0f} µs", high, end_section=part is one.zenoh)
     return table
 
 

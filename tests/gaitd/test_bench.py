@@ -3,13 +3,23 @@
 import json
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from sessions import Session
 
 from daemon.core import cycle
-from gaitd.benchmark import cycle_parts, lateness, replay_speed, scaling, tables
+from gaitd.benchmark import (
+    bare_put,
+    cycle_parts,
+    lateness,
+    replay_speed,
+    scaling,
+    tables,
+    whole_service,
+)
 from gaitd.benchmark.cycle_parts import PARTS, WHOLE
+from gaitd.demonstration.script import ActError
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -133,3 +143,73 @@ def test_allocations_that_there_are_would_be_counted():
     allocate()
 
     assert scaling._compiled_allocations(lambda: [allocate() for _ in range(7)]) == 7
+
+
+def test_bare_zenoh_is_timed_from_the_put_in_another_process_to_the_callback_in_this():
+    found = whole_service.bare_puts(1400, 0.5)
+
+    assert 0 < found.median_us <= found.high_us
+
+
+def test_a_payload_tells_when_it_was_put_and_is_as_long_as_asked():
+    payload = bare_put.stamped(123_456_789_012_345, 1400)
+
+    assert bare_put.stamp_of(payload) == 123_456_789_012_345
+    assert len(payload) == 1400
+
+
+def _delivered(records, beyond_ns, zenoh_ns):
+    """A message of each record, that long after the frames were sent."""
+    return [
+        whole_service.Came(
+            record.sync_mono_ns + record.timing.collect_ns + after.timing.work_ns + beyond_ns,
+            json.dumps({"cycle": record.cycle}).encode(),
+            zenoh_ns,
+        )
+        for record, after in zip(records, records[1:], strict=False)
+    ]
+
+
+def test_the_parts_of_a_delivery_are_all_of_it():
+    session = Session().until_ready()
+    records = [
+        msgspec.structs.replace(
+            record, timing=msgspec.structs.replace(record.timing, work_ns=700_000 + 1000 * number)
+        )
+        for number, record in enumerate(session.lockstep.records[-20:])
+    ]
+
+    found = whole_service.divide(_delivered(records, 500_000, 200_000), records, 120.0)
+
+    assert found.work.median_us == pytest.approx(710.0)
+    assert found.beyond.median_us == pytest.approx(500.0)
+    assert found.seam.median_us == pytest.approx(180.0)
+    assert found.zenoh.median_us == pytest.approx(200.0)
+    parts_us = found.work.median_us + found.seam.median_us + found.gateway_us
+    assert found.whole.median_us == pytest.approx(parts_us + found.zenoh.median_us)
+
+
+def test_messages_of_no_record_are_no_measurement():
+    with pytest.raises(ActError, match="none of 0 messages"):
+        whole_service.divide([], Session().until_ready().lockstep.records[-20:], 120.0)
+
+
+def test_the_page_shows_each_part_of_a_delivery_beside_bare_zenoh():
+    from rich.console import Console
+
+    times = [whole_service.Spread(float(n), 10.0 * n) for n in range(101, 106)]
+    whole, work, beyond, seam, zenoh_part = times
+    delivery = whole_service.Delivery(whole, work, beyond, seam, 333.0, zenoh_part)
+    bare = whole_service.Spread(222.0, 2220.0)
+    found = whole_service.Service(2.0, 190.0, 50.0, 12.0, delivery, bare, 1.7)
+
+    console = Console(width=120)
+    with console.capture() as captured:
+        for table in tables.service("the service", found):
+            console.print(table)
+
+    for value in (*times, bare):
+        assert f"{value.median_us:.0f} µs" in captured.get()
+        assert f"{value.high_us:.0f} µs" in captured.get()
+    assert "333 µs" in captured.get()
+    assert "1.7 x" in captured.get()

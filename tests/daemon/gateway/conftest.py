@@ -243,7 +243,7 @@ class Bench:
 
     def turn(self, *asks: Ask, after_ms: int = 10) -> None:
         self.clock.ns += after_ms * MS
-        self.gateway.hurry()
+        self.gateway.hurry(self.clock.ns)
         self.gateway.turn(self.clock.ns, asks)
         self.levels += self.core.levels()
 
