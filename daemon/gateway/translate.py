@@ -38,6 +38,9 @@ NEVER_SHOWN: Final = (
 
 _NEVER_SHOWN_BITS: Final = int(NEVER_SHOWN)
 
+_VALIDITY: Final = {validity.value: validity for validity in Validity}
+"""Without the enum's own call, that takes ten times as long."""
+
 COVARIANCE_COUNT: Final = STATE_COUNT * (STATE_COUNT + 1) // 2
 
 # Indices into the state: two axes, each with position, velocity, friction, patient.
@@ -91,9 +94,10 @@ def finite(value: float | None) -> Number:
 def look(leg: LegRecord, record: CycleRecord, stamp: Stamp) -> View:
     """Apply the rules of validity to one leg's estimate."""
     validity = _validity(leg)
+    shown = _shown(validity)
     state = tuple(
-        finite(value) if _visible(index, validity) else None
-        for index, value in enumerate(leg.state)
+        value if may and math.isfinite(value) else None
+        for may, value in zip(shown, leg.state, strict=True)
     )
     net = tuple(
         finite(value) if of_axis is not Validity.BAD else None
@@ -268,28 +272,36 @@ def safety(
     )
 
 
-def _visible(index: int, validity: tuple[Validity, Validity]) -> bool:
-    of_axis = validity[index % 2]
-    return of_axis is Validity.OK or (
-        of_axis is Validity.SPLIT_UNOBSERVABLE and index < _FIRST_SPLIT_INDEX
+@lru_cache(maxsize=len(Validity) ** 2)
+def _shown(validity: tuple[Validity, Validity]) -> tuple[bool, ...]:
+    """Of each state, whether it may be shown."""
+    return tuple(
+        validity[index % 2] is Validity.OK
+        or (validity[index % 2] is Validity.SPLIT_UNOBSERVABLE and index < _FIRST_SPLIT_INDEX)
+        for index in range(STATE_COUNT)
     )
 
 
 def _where(values: Sequence[Number], others: Sequence[float]) -> tuple[Number, ...]:
     """`others` where `values` has a number, else None."""
     pairs = zip(values, others, strict=True)
-    return tuple(None if value is None else finite(other) for value, other in pairs)
+    return tuple(
+        other if value is not None and math.isfinite(other) else None for value, other in pairs
+    )
 
 
 def _is_covariance(values: Sequence[float]) -> bool:
-    return len(values) == COVARIANCE_COUNT and all(map(math.isfinite, values))
+    # One that is no number makes the sum none; finite ones might, too, if they were huge.
+    return len(values) == COVARIANCE_COUNT and (
+        math.isfinite(sum(values)) or all(map(math.isfinite, values))
+    )
 
 
 def _validity(leg: LegRecord) -> tuple[Validity, Validity]:
     """Validity of hip and slide after the bits that overrule it."""
     if leg.status & _NEVER_SHOWN_BITS:
         return Validity.BAD, Validity.BAD
-    return Validity(leg.validity[0]), Validity(leg.validity[1])
+    return _VALIDITY[leg.validity[0]], _VALIDITY[leg.validity[1]]
 
 
 def _common(
@@ -312,6 +324,7 @@ def status_names(status: int) -> tuple[str, ...]:
     return tuple(name_of(bit) for bit in StatusBit if bit & status)
 
 
+@lru_cache(maxsize=256)
 def _observable_rank(status: int) -> int:
     """Proven equal to the rank of the observability matrix: observer/observability.py."""
     resting = bool(status & StatusBit.STANDSTILL_HIP) + bool(status & StatusBit.STANDSTILL_SLIDE)
@@ -328,8 +341,8 @@ def _friction(view: View) -> dict[str, Any]:
 
 
 def _assist(leg: LegRecord, record: CycleRecord) -> dict[str, Any]:
-    told = {one.name: own for one, own in zip(record.legs, record.assist.legs, strict=False)}
-    own = told.get(leg.name)
+    told = zip(record.legs, record.assist.legs, strict=False)
+    own = next((own for one, own in told if one.name == leg.name), None)
     return {
         "assist_hip_nm": finite(own.assist[0]) if own else None,
         "assist_slide_n": finite(own.assist[1]) if own else None,

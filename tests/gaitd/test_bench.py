@@ -1,6 +1,7 @@
 """The benchmarks measure what they say; no test here judges a time."""
 
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import msgspec
@@ -166,7 +167,7 @@ def _delivered(records, beyond_ns, zenoh_ns):
             json.dumps({"cycle": record.cycle}).encode(),
             zenoh_ns,
         )
-        for record, after in zip(records, records[1:], strict=False)
+        for record, after in pairwise(records)
     ]
 
 
