@@ -117,11 +117,14 @@ class Gateway:
         self._level_due_ns = self._drives_due_ns = 0
         self._second_due_ns = clock.now_ns() + SECOND_NS
 
-    def hurry(self, now_ns: int) -> None:
-        """New records in, their estimates out: all else of a turn can wait for a millisecond."""
+    def hurry(self, now_ns: int) -> bool:
+        """New records in, their estimates out: all else of a turn can wait for a millisecond.
+
+        Returns: whether there were any.
+        """
         records, header = self._records(), self._seam.header
         if not records or header is None:
-            return
+            return False
         self._fresh += records
         young = [r for r in records if records[-1].seq - r.seq < YOUNG_RECORD_COUNT]
         self.health.counters.record_skipped_count += len(records) - len(young)
@@ -129,6 +132,7 @@ class Gateway:
             stamp = translate.stamp_of(header.core_boot_id, record)
             for leg in record.legs:
                 self._put_estimate(translate.look(leg, record, stamp), now_ns)
+        return True
 
     def _put_estimate(self, view: View, now_ns: int) -> None:
         parts = (view.leg.name, "estimate")
