@@ -260,10 +260,11 @@ class Datagrams:
     def drain(self) -> list[bytes]:
         """All datagrams that wait, oldest first."""
         waiting: list[bytes] = []
-        with contextlib.suppress(BlockingIOError):
-            while True:
+        while True:
+            try:
                 waiting.append(self._socket.recv(LEVEL_SIZE_MAX))
-        return waiting
+            except BlockingIOError:
+                return waiting
 
     def close(self) -> None:
         """Close and remove our own socket."""
