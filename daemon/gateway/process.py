@@ -67,9 +67,7 @@ def serve(
         poller.register(seam.fileno(), select.POLLIN)
         poller.register(mailbox.fileno(), select.POLLIN)
         poller.register(box.fileno(), select.POLLIN)
-        # What is built by now stays: looking through it again costs a subscriber milliseconds.
-        gc.collect()
-        gc.freeze()
+        _freeze()
         supervisor.send("READY=1")
         tell_ns = 0
         while not ended():
@@ -94,3 +92,9 @@ def serve(
                 supervisor.send("WATCHDOG=1", f"STATUS={status}")
                 tell_ns = begun_ns + _TELL_NS
         supervisor.send("STOPPING=1")
+
+
+def _freeze() -> None:
+    """What is built by now stays: looking through it again costs a subscriber milliseconds."""
+    gc.collect()
+    gc.freeze()

@@ -15,14 +15,16 @@ import msgspec
 from daemon import wire
 from daemon.clock import Clock
 from daemon.config.settings import Lease
-from daemon.gateway import control, events, strides, translate
+from daemon.gateway import control, events, translate
 from daemon.gateway.alive import SILENCE_NS, Presence
 from daemon.gateway.emergencies import EmergencyHistory
 from daemon.gateway.health import HealthWindow
 from daemon.gateway.lease import LeaseDesk
+from daemon.gateway.leg_messages import LegMessages
+from daemon.gateway.outlet import Outlet
 from daemon.gateway.setpoints import NOTHING, Batch
 from daemon.gateway.steering import Steering
-from daemon.gateway.translate import Stamp, View
+from daemon.gateway.translate import Stamp
 from daemon.record import CycleRecord, DriveRecord, Outcome
 from daemon.seam import GatewaySeam, RingError, RingHeader
 from daemon.words import name_of
@@ -30,12 +32,7 @@ from daemon.words import name_of
 LEVEL_PERIOD_NS: Final = 20_000_000
 DRIVES_PERIOD_NS: Final = 100_000_000
 SECOND_NS: Final = 1_000_000_000
-YOUNG_RECORD_COUNT: Final = 20
-"""What is older is not published: after a stall nobody wants to see the past as the present."""
 STATUS_EVENT_COUNT: Final = 20
-
-_LATER_MESSAGES: Final = (("activity", translate.activity), ("friction", translate.friction))
-"""Of a leg, when its estimate is on its way: a controller waits for that one alone."""
 
 _LOG_LEVEL: Final = {
     events.Priority.HIGH.value: logging.ERROR,
@@ -53,26 +50,6 @@ class Inquiry(Protocol):
 
     def answer(self, message: msgspec.Struct, *, failed: bool = False) -> None:
         """Send the reply and finish the query."""
-        ...
-
-
-class Outlet(Protocol):
-    """Where messages go; `publish.ZenohOutlet`, or a list in a test."""
-
-    def next_seq(self, *parts: str) -> int:
-        """The next sequence number of a key."""
-        ...
-
-    def put(self, message: msgspec.Struct, *parts: str) -> None:
-        """Publish."""
-        ...
-
-    def put_event(self, event: wire.Event) -> None:
-        """Publish an event and keep it for late joiners."""
-        ...
-
-    def show_alive(self, alive: bool) -> None:
-        """Hold the liveliness token or let it go."""
         ...
 
 
@@ -103,6 +80,7 @@ class Gateway:
         self._presence = Presence()
         self._events = events.EventLog()
         self.health = HealthWindow()
+        self._legs = LegMessages(outlet, clock, self.health)
         self.health.counters.setpoint_refused_count = self.steering.refused_count
         self._emergencies = EmergencyHistory()
         self._waiting: dict[int, Waiting] = {}
@@ -110,8 +88,6 @@ class Gateway:
         self._boot_id = ""
         self._newest: CycleRecord | None = None
         self._fresh: list[CycleRecord] = []
-        self._views: list[View] = []
-        """Of the fresh records: their estimates are out, the rest is not."""
         self._ring_trouble = ""
         self._safety_said: tuple[object, ...] | None = None
         self._level_due_ns = self._drives_due_ns = 0
@@ -126,22 +102,8 @@ class Gateway:
         if not records or header is None:
             return False
         self._fresh += records
-        young = [r for r in records if records[-1].seq - r.seq < YOUNG_RECORD_COUNT]
-        self.health.counters.record_skipped_count += len(records) - len(young)
-        for record in young:
-            stamp = translate.stamp_of(header.core_boot_id, record)
-            for leg in record.legs:
-                self._put_estimate(translate.look(leg, record, stamp), now_ns)
+        self._legs.hurry(records, header.core_boot_id, now_ns)
         return True
-
-    def _put_estimate(self, view: View, now_ns: int) -> None:
-        parts = (view.leg.name, "estimate")
-        message = translate.estimate(view, self._outlet.next_seq(*parts))
-        made_ns = self._clock.now_ns()
-        self._outlet.put(message, *parts)
-        if not self._views:
-            self.health.note_estimate(made_ns - now_ns)
-        self._views.append(view)
 
     def turn(self, now_ns: int, inquiries: Sequence[Inquiry], batch: Batch = NOTHING) -> None:
         """One turn of the loop, behind `hurry`."""
@@ -206,7 +168,7 @@ class Gateway:
             self._presence.hear(now_ns)
             if first_sight:
                 self._meet(header)
-            self._say_legs()
+            self._legs.follow()
             for record in records:
                 self._hear_one(record)
             if back:
@@ -243,18 +205,6 @@ class Gateway:
 
     def _head(self, *parts: str) -> dict[str, Any]:
         return translate.head(self._stamp(), self._outlet.next_seq(*parts))
-
-    def _say_legs(self) -> None:
-        """What else is in the records whose estimates are out."""
-        views, self._views = self._views, []
-        for view in views:
-            for name, make in _LATER_MESSAGES:
-                parts = (view.leg.name, name)
-                self._outlet.put(make(view, self._outlet.next_seq(*parts)), *parts)
-            if view.leg.stride is not None:
-                parts = (view.leg.name, "stride")
-                message = strides.stride(view.leg.stride, view, self._outlet.next_seq(*parts))
-                self._outlet.put(message, *parts)
 
     def _say_drives(self, now_ns: int) -> None:
         if self._newest is None or now_ns < self._drives_due_ns:

@@ -60,6 +60,7 @@ def health() -> wire.Health:
         inquiry_dropped_count=0,
         not_kept_count=0,
         gateway_wake_max_us=300.0,
+        gateway_estimate_p50_us=200.0,
         setpoint_accepted_count=0,
         setpoint_refused_count={},
         assist_lapse_count=0,

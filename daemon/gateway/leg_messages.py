@@ -1,0 +1,57 @@
+"""The messages of each leg: its estimate at once, and what else a record says of it later.
+
+A controller waits for the estimate, and counts microseconds; nobody waits for the others.
+"""
+
+from collections.abc import Sequence
+from typing import Final
+
+from daemon.clock import Clock
+from daemon.gateway import strides, translate
+from daemon.gateway.health import HealthWindow
+from daemon.gateway.outlet import Outlet
+from daemon.gateway.translate import View
+from daemon.record import CycleRecord
+
+YOUNG_RECORD_COUNT: Final = 20
+"""What is older is not published: after a stall nobody wants to see the past as the present."""
+_LATER_MESSAGES: Final = (("activity", translate.activity), ("friction", translate.friction))
+
+
+class LegMessages:
+    """Of all legs of a core."""
+
+    def __init__(self, outlet: Outlet, clock: Clock, health: HealthWindow) -> None:
+        self._outlet, self._clock, self._health = outlet, clock, health
+        self._views: list[View] = []
+        """Their estimates are out, the rest is not."""
+
+    def hurry(self, records: Sequence[CycleRecord], core_boot_id: str, now_ns: int) -> None:
+        """Put the estimates of records that are new, the oldest first."""
+        young = [r for r in records if records[-1].seq - r.seq < YOUNG_RECORD_COUNT]
+        self._health.counters.record_skipped_count += len(records) - len(young)
+        for record in young:
+            stamp = translate.stamp_of(core_boot_id, record)
+            for leg in record.legs:
+                self._put_estimate(translate.look(leg, record, stamp), now_ns)
+
+    def follow(self) -> None:
+        """Put what else is in the records whose estimates are out."""
+        views, self._views = self._views, []
+        for view in views:
+            for name, make in _LATER_MESSAGES:
+                parts = (view.leg.name, name)
+                self._outlet.put(make(view, self._outlet.next_seq(*parts)), *parts)
+            if view.leg.stride is not None:
+                parts = (view.leg.name, "stride")
+                message = strides.stride(view.leg.stride, view, self._outlet.next_seq(*parts))
+                self._outlet.put(message, *parts)
+
+    def _put_estimate(self, view: View, now_ns: int) -> None:
+        parts = (view.leg.name, "estimate")
+        message = translate.estimate(view, self._outlet.next_seq(*parts))
+        made_ns = self._clock.now_ns()
+        self._outlet.put(message, *parts)
+        if not self._views:
+            self._health.note_estimate(made_ns - now_ns)
+        self._views.append(view)
