@@ -52,6 +52,33 @@ def test_health_says_which_part_of_the_cycle_cost_the_missed_grid_points(bench):
     assert said.publish_max_us == 30
 
 
+def test_estimates_leave_first_and_the_rest_of_their_records_with_the_turn(bench):
+    bench.cycle()
+    bench.outlet.said.clear()
+    bench.write()
+    bench.write()
+
+    assert bench.gateway.hurry(bench.clock.ns)
+    first = list(bench.outlet.said)
+    assert not bench.gateway.hurry(bench.clock.ns)
+    bench.turn()
+
+    assert [(key, message.cycle) for key, message in first] == [
+        ("right/estimate", 2),
+        ("right/estimate", 3),
+    ]
+    assert len(bench.outlet.on("right/estimate")) == 2
+    assert [said.cycle for said in bench.outlet.on("right/activity")] == [2, 3]
+    assert [said.cycle for said in bench.outlet.on("right/friction")] == [2, 3]
+
+
+def test_health_says_how_long_the_gateway_makes_an_estimate(bench):
+    for _ in range(200):
+        bench.cycle()
+
+    assert bench.outlet.on("health")[-1].gateway_estimate_p50_us == 0  # time stands still in a turn
+
+
 def test_safety_is_said_at_once_when_it_changes_and_once_a_second(bench):
     for _ in range(50):
         bench.cycle()
