@@ -8,11 +8,12 @@ Deaths of processes are drawn in the first part only: memory is told of processe
 
 import random
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
+from daemon.record import Cause
 from gaitd.fault_matrix.emergencies import EMERGENCIES, WARNING_CODE
 from gaitd.fault_matrix.expected import ROWS, Law, goes_on
 
@@ -20,6 +21,8 @@ PAUSE_MEAN_S: Final = 4.0
 PAUSE_MIN_S: Final = 1.0
 DEATHS_RATIO: Final = 0.2
 """Of the duration: afterwards processes stand still at most."""
+_STAYS: Final = 12.0
+"""Longer than a stride: what shows in motion is seen."""
 
 
 class Doer(Enum):
@@ -46,7 +49,7 @@ class Source:
     """May come over all drives at once."""
     weight_ratio: float = 1.0
     law: Law | None = None
-    """What is right, where the matrix has no such row."""
+    """What is right, where the matrix has no such row, or plays it for a shorter time."""
 
 
 class Happening(NamedTuple):
@@ -68,12 +71,15 @@ def _drive(words: str, low_s: float, high_s: float, *, every: bool = False) -> S
     return Source(Doer.DRIVE, words, low_s, high_s, every)
 
 
+def _blind(words: str, row: str) -> Source:
+    """An encoder that lies for as long as it takes: the joint may meet its limit switch unseen."""
+    law = replace(ROWS[row], causes=ROWS[row].causes | {Cause.LIMIT_SWITCH})
+    return Source(Doer.DRIVE, words, _STAYS, _STAYS, law=law)
+
+
 def _patient(programme: str, law: Law | None = None) -> Source:
     return Source(Doer.PATIENT, programme, 3.0, 8.0, law=law)
 
-
-_STAYS: Final = 12.0
-"""Longer than a stride: what shows in motion is seen."""
 
 SOURCES: Final[Mapping[str, Source]] = MappingProxyType(
     {
@@ -94,10 +100,10 @@ SOURCES: Final[Mapping[str, Source]] = MappingProxyType(
             for error_class, (code, _) in EMERGENCIES.items()
         },
         "emcy_warning": _drive(f"emcy_warning {{drive}} {{s}} {WARNING_CODE:#06x}", 0.3, 1.5),
-        "encoder_frozen": _drive("frozen_encoder {drive} {s}", _STAYS, _STAYS),
+        "encoder_frozen": _blind("frozen_encoder {drive} {s}", "encoder_frozen"),
         "encoder_jump_once": _drive("encoder_glitch {drive} 0.010 4000", 0.01, 0.01),
-        "encoder_reversed": _drive("encoder_reversed {drive} {s}", 3.0, 3.0),
-        "wrong_sign": _drive("wrong_sign {drive} {s}", 3.0, 3.0),
+        "encoder_reversed": _blind("encoder_reversed {drive} {s}", "encoder_reversed"),
+        "wrong_sign": _drive("wrong_sign {drive} {s}", _STAYS, _STAYS),
         "torque_offset": _drive("torque_offset {drive} {s} 3000", _STAYS, _STAYS),
         "blocked_rotor": _drive("blocked_rotor {drive} {s}", _STAYS, _STAYS),
         "brake_stuck": _drive("brake_stuck {drive} {s}", _STAYS, _STAYS),
