@@ -29,15 +29,23 @@ def command(
     """
     import json as json_text
 
+    from gaitd.demonstration.script import ActError
     from gaitd.places import configs_folder
     from gaitd.soaking.figure import draw
-    from gaitd.soaking.machinery import machinery
+    from gaitd.soaking.machinery import machinery, warm_up
     from gaitd.soaking.page import failures, page, plain, summary
     from gaitd.soaking.play import Soak
 
     configs = configs_folder("configs", "demo.toml")
-    with _progress(minutes * 60) as say, machinery(configs) as made:
-        found: Soaked = Soak(made, seed, minutes * 60, say).run()
+    with _progress(minutes * 60) as say:
+        say(0.0, "starting once, to compile what is not compiled yet")
+        try:
+            warm_up(configs)
+        except ActError as error:
+            print(f"gaitd soak: {error}", file=sys.stderr)
+            raise typer.Exit(1) from error
+        with machinery(configs) as made:
+            found: Soaked = Soak(made, seed, minutes * 60, say).run()
     if report is not None:
         report.parent.mkdir(parents=True, exist_ok=True)
         figure = report.with_suffix(".png")

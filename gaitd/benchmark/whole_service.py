@@ -27,22 +27,20 @@ import msgspec
 import zenoh
 
 from daemon import wire
-from daemon.record import CycleRecord, Mode
+from daemon.record import CycleRecord
 from gaitd.benchmark import bare_put
 from gaitd.children import free_ports, tied
 from gaitd.demonstration.script import ActError
 from gaitd.remote import client_settings
-from gaitd.soaking.machinery import Machinery, RecordTail, machinery
+from gaitd.soaking.machinery import Machinery, RecordTail, machinery, until_ready, warm_up
 from gaitd.soaking.memory import sample
 
-WARM_WITHIN_S: Final = 300.0
 READY_WITHIN_S: Final = 60.0
 FILLED_S: Final = 31.0
 """The ring has been written once, so all of its pages are there."""
 CONNECT_S: Final = 1.0
 HIGH_RATIO: Final = 0.99
 NS_PER_US: Final = 1000
-POLL_S: Final = 0.01
 
 
 class Service(NamedTuple):
@@ -91,10 +89,9 @@ def measure(configs: Path, seconds: float) -> Service:
     Raises:
         ActError: a process ended, or the service was not ready in time.
     """
+    warm_up(configs)
     with machinery(configs) as made:
-        _until_ready(made, WARM_WITHIN_S)
-    with machinery(configs) as made:
-        ready_s = _until_ready(made, READY_WITHIN_S)
+        ready_s = until_ready(made, READY_WITHIN_S)
         filled_s = time.monotonic() + FILLED_S
         _step_back(made.pid("sim"))
         delivery, size = _delivery(made, seconds)
@@ -111,19 +108,6 @@ def _step_back(pid: int) -> None:
     """No real-time priority for any thread of a process."""
     for task in Path(f"/proc/{pid}/task").iterdir():
         os.sched_setscheduler(int(task.name), os.SCHED_OTHER, os.sched_param(0))
-
-
-def _until_ready(made: Machinery, within_s: float) -> float:
-    """Seconds from the core's start, which was just now; the virtual drives may be there later."""
-    begun_s = time.monotonic()
-    tail = RecordTail(made.ring)
-    while time.monotonic() < begun_s + within_s:
-        for part in ("sim", "core", "gateway"):
-            made.check(part)
-        if any(record.mode == Mode.READY for record in tail.read()):
-            return time.monotonic() - begun_s
-        time.sleep(POLL_S)
-    raise ActError(f"not ready within {within_s:g} s: {made.words('core')}")
 
 
 class Came(NamedTuple):

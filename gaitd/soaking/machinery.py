@@ -5,15 +5,17 @@ import shutil
 import signal
 import socket
 import tempfile
+import time
 import tomllib
 from collections import Counter
 from collections.abc import Generator
 from pathlib import Path
 from typing import Final
 
-from daemon.record import CycleRecord
+from daemon.record import CycleRecord, Mode
 from daemon.seam import RING_NAME, RingError, RingReader
 from gaitd.children import memory_folder
+from gaitd.demonstration.script import ActError
 from gaitd.demonstration.stage import (
     DRIVES_END_S,
     SERVICE_END_S,
@@ -25,6 +27,8 @@ from gaitd.remote import Target
 PARTS: Final = ("sim", "core", "gateway")
 """In the order of their start."""
 _ENDING: Final = ("core", "gateway", "sim")
+_COMPILED_WITHIN_S: Final = 300.0
+_POLL_S: Final = 0.01
 
 
 class Machinery:
@@ -166,3 +170,30 @@ class RecordTail:
             return False
         self._seq = 0
         return True
+
+
+def until_ready(made: Machinery, within_s: float) -> float:
+    """Seconds from the core's start, which was just now; the virtual drives may be there later.
+
+    Raises:
+        ActError: a process has ended, or the service was not ready in time.
+    """
+    begun_s = time.monotonic()
+    tail = RecordTail(made.ring)
+    while time.monotonic() < begun_s + within_s:
+        for part in PARTS:
+            made.check(part)
+        if any(record.mode == Mode.READY for record in tail.read()):
+            return time.monotonic() - begun_s
+        time.sleep(_POLL_S)
+    raise ActError(f"not ready within {within_s:g} s: {made.words('core')}")
+
+
+def warm_up(configs: Path) -> None:
+    """Start everything once: a core that had to compile keeps the compiler's memory.
+
+    Raises:
+        ActError: as `until_ready`.
+    """
+    with machinery(configs) as made:
+        until_ready(made, _COMPILED_WITHIN_S)
