@@ -107,7 +107,10 @@ def measure(configs: Path, seconds: float) -> Service:
 def _step_back(pid: int) -> None:
     """No real-time priority for any thread of a process."""
     for task in Path(f"/proc/{pid}/task").iterdir():
-        os.sched_setscheduler(int(task.name), os.SCHED_OTHER, os.sched_param(0))
+        number = int(task.name)
+        # Only root may take this flag away.
+        flag = os.sched_getscheduler(number) & os.SCHED_RESET_ON_FORK
+        os.sched_setscheduler(number, os.SCHED_OTHER | flag, os.sched_param(0))
 
 
 class Came(NamedTuple):
