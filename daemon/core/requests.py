@@ -217,7 +217,9 @@ def _circumstances(core: Core, cycle: int) -> modes.Circumstances:
         ),
         hand_switch_closed=all(Input.HAND_SWITCH_CLOSED in one for one in inputs),
         sto_released=all(Input.STO_RELEASED in one for one in inputs),
-        unreferenced=tuple(axis.name for axis in core.axes if not axis.referenced),
+        unreferenced=tuple(
+            f"{axis.name} ({axis.unreferenced_why})" for axis in core.axes if not axis.referenced
+        ),
         outside=_outside(core),
         drives_powered=core.load_checked,
         cadence_max_hz=config.gait.cadence_max_hz,

@@ -1,7 +1,8 @@
 """Who gets the machine walking again: reset, enable, gait, one request at a time.
 
-As a person would, it looks at the mode, and asks again after a while if it was refused. It knows no
-clock and no socket.
+As a person would, it looks at the mode, and asks again after a while if it was refused. Where an
+axis is not referenced, it resets once more: a drive that came up with an error of its encoder is
+looked at again. It knows no clock and no socket.
 """
 
 from collections import Counter
@@ -15,6 +16,9 @@ REST_S: Final = 0.7
 """A person looks before the next request."""
 AGAIN_S: Final = 1.0
 """After a refusal, a leg that still moves for example."""
+
+UNREFERENCED: Final = "not referenced"
+"""In a refusal."""
 
 
 class Situation(NamedTuple):
@@ -39,6 +43,7 @@ class Operator:
         self._asked: str | None = None
         self._not_before_s = 0.0
         self._mode: Mode | None = None
+        self._unreferenced = False
         self.outcomes: Counter[str] = Counter()
         """Of requests, by name, outcome and reason."""
 
@@ -59,11 +64,12 @@ class Operator:
     def _note(self, now: Situation) -> None:
         reason = f": {now.reason}" if now.outcome != "done" and now.reason else ""
         self.outcomes[f"{self._asked} {now.outcome}{reason}"] += 1
+        self._unreferenced = UNREFERENCED in reason
         self._asked = None
         self._not_before_s = now.now_s + (REST_S if now.outcome == "done" else AGAIN_S)
 
     def _wanted(self, mode: Mode | None) -> Ask | None:
-        if mode == Mode.FAULT:
+        if mode == Mode.FAULT or (mode == Mode.READY and self._unreferenced):
             return Ask("reset", {})
         if mode == Mode.READY:
             return Ask("enable", {})

@@ -3,7 +3,7 @@
 import pytest
 from sessions import Session
 
-from daemon.record import Cause, Mode, RequestKind, StopCategory
+from daemon.record import Cause, Mode, Outcome, RequestKind, StopCategory
 from drives.bus import Frame
 
 SYNC = 0x080
@@ -69,6 +69,24 @@ def test_an_encoder_that_cannot_be_believed_costs_the_reference_and_the_hold_of_
     assert any(
         one.code == HALL_SENSOR for r in session.lockstep.records for one in r.drives[0].emergencies
     )
+
+
+def test_an_encoder_that_came_up_in_error_is_looked_at_again_by_the_next_reset():
+    session = Session().walking(warm_s=2)
+    request = session.lockstep.request
+    session.machine.command(f"emcy right/slide 0.3 {HALL_SENSOR:#06x}")
+    session.lockstep.run(4)
+
+    request(RequestKind.RESET)
+    session.lockstep.run(3)
+    refused = request(RequestKind.ENABLE)
+    request(RequestKind.RESET)
+    session.lockstep.run(3)
+    enabled = request(RequestKind.ENABLE)
+
+    assert refused.outcome == Outcome.REFUSED
+    assert refused.reason == "not referenced: right/slide (its encoder is in error)"
+    assert enabled.outcome == Outcome.DONE
 
 
 def test_an_encoder_that_cannot_be_believed_at_rest_is_not_referenced_either():

@@ -51,7 +51,7 @@ def test_an_incremental_encoder_is_not_referenced_and_cannot_be_enabled(incremen
     answer = incremental.lockstep.request(RequestKind.ENABLE)
 
     assert answer.outcome == Outcome.REFUSED
-    assert answer.reason == "not referenced: right/hip, right/slide"
+    assert answer.reason == "not referenced: right/hip (home it), right/slide (home it)"
     assert incremental.lockstep.record.legs[0].status & (1 << 10)  # UNREFERENCED
 
 

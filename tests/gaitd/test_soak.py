@@ -125,6 +125,26 @@ def test_a_core_that_says_nothing_does_not_walk():
     assert witness.newest is None
 
 
+def test_the_operator_resets_once_more_where_an_axis_is_not_referenced():
+    operator = Operator(lambda: {"mode": "gait"})
+    refused = "not referenced: right/slide (its encoder is in error)"
+    steps = (
+        (1.0, None, ""),
+        (2.0, None, ""),
+        (2.1, "refused", refused),
+        (4.0, None, ""),
+        (4.1, "done", ""),
+        (6.0, None, ""),
+    )
+
+    asked = [
+        operator.next(Situation(now_s, Mode.READY, True, outcome, reason))
+        for now_s, outcome, reason in steps
+    ]
+
+    assert [ask.name for ask in asked if ask] == ["enable", "reset", "enable"]
+
+
 def test_the_operator_asks_for_what_is_next_and_again_after_a_refusal():
     operator = Operator(lambda: {"mode": "gait"})
     asked: list[str] = []
