@@ -106,11 +106,15 @@ def closes(p: LegParameters, hip: float, slide: float) -> bool:
     return pose(p, hip, slide).closes
 
 
+@inline
+def _ratio(p: LegParameters, at: Pose) -> float:
+    return -at.delta / (p.shank_length_m * p.shoe_length_m) if at.closes else 0.0
+
+
 @kernel
 def singularity_ratio(p: LegParameters, q: Vector) -> float:
     """|sin| of the angle between shank and shoe: 0 is singular, and where no pose exists."""
-    at = pose(p, q[0], q[1])
-    return -at.delta / (p.shank_length_m * p.shoe_length_m) if at.closes else 0.0
+    return _ratio(p, pose(p, q[0], q[1]))
 
 
 @kernel
@@ -197,7 +201,7 @@ def ratio_and_load(p: LegParameters, hip: float, slide: float) -> tuple[float, f
     if not at.closes:
         return 0.0, 0.0, 0.0
     d = dynamics(p, hip, slide, 0.0, 0.0, 0.0)
-    return -at.delta / (p.shank_length_m * p.shoe_length_m), d.bias_hip, d.bias_slide
+    return _ratio(p, at), d.bias_hip, d.bias_slide
 
 
 @kernel

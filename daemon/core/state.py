@@ -224,5 +224,5 @@ class Core:
     """All axes of all legs, in the order of the records."""
 
     def __post_init__(self) -> None:
-        """Both are the same axes for ever."""
+        """Legs and their axes stay what they are for as long as a core lives."""
         self.axes = tuple(axis for leg in self.legs for axis in leg.axes)

@@ -29,6 +29,7 @@ from observer.mechanism import (
     pose,
     potential_energy,
     rates,
+    ratio_and_load,
     singularity_ratio,
     slide_position_for_knee,
     smallest_inertia,
@@ -390,6 +391,16 @@ def test_the_ankle_stays_on_its_branch_wherever_the_leg_may_go():
             before = now
 
     assert worst <= 1.44e-3
+
+
+def test_ratio_and_load_of_one_call_are_those_of_two():
+    for q in QS[:200]:
+        ratio, hip_nm, slide_n = ratio_and_load(GOLDEN_LEG, *q)
+
+        assert ratio == singularity_ratio(GOLDEN_LEG, q)
+        assert (hip_nm, slide_n) == tuple(gravity(GOLDEN_LEG, q))
+    for beyond in ((math.radians(-20.0), 0.9), (math.nan, 0.5), (0.2, math.nan), (0.2, math.inf)):
+        assert ratio_and_load(GOLDEN_LEG, *beyond) == (0.0, 0.0, 0.0)
 
 
 def test_where_the_circles_do_not_meet_every_function_says_so():

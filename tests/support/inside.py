@@ -204,7 +204,7 @@ def _play(scenario: Callable[[Report], None], folder: Path) -> bool:
     begun_s, code, report = time.monotonic(), 0, Report(folder)
     try:
         scenario(report)
-    except Exception:  # noqa: BLE001 - told by the exit code
+    except Exception:  # noqa: BLE001 - its traceback is printed, and the exit code says so
         traceback.print_exc()
         code = 1
     report[f"{scenario.__name__}_s"] = time.monotonic() - begun_s

@@ -107,6 +107,22 @@ def test_the_end_of_a_gait_is_its_mean_pose():
     assert last.position == pytest.approx(reference.joints_of_angles(LEG, MEAN), abs=2e-3)
 
 
+@given(phase=st.floats(-3.0, 3.0), amplitude_ratio=st.floats(0.0, 1.0))
+def test_gait_angles_are_the_fourier_series_of_the_file(phase, amplitude_ratio):
+    def series(mean_deg, harmonics_deg):
+        turns = [2 * math.pi * k * phase for k in range(1, len(harmonics_deg) + 1)]
+        waves = (
+            a * math.cos(turn) + b * math.sin(turn)
+            for turn, (a, b) in zip(turns, harmonics_deg, strict=True)
+        )
+        return math.radians(mean_deg + amplitude_ratio * sum(waves))
+
+    hip, knee = reference.gait_angles(SHAPE, phase, amplitude_ratio)
+
+    assert hip == pytest.approx(series(GAIT.hip_mean_deg, GAIT.hip_harmonics_deg), abs=1e-12)
+    assert knee == pytest.approx(series(GAIT.knee_mean_deg, GAIT.knee_harmonics_deg), abs=1e-12)
+
+
 def test_the_second_leg_walks_half_a_stride_later():
     first = gait_play()
     for _ in range(1500):

@@ -6,6 +6,8 @@ import msgspec
 
 from daemon.cycle_timing import CycleTiming
 from daemon.gateway.alive import SILENCE_NS
+from daemon.gateway.health import HealthWindow
+from daemon.gateway.translate import Stamp
 from daemon.record import (
     BusRecord,
     Cause,
@@ -72,11 +74,25 @@ def test_estimates_leave_first_and_the_rest_of_their_records_with_the_turn(bench
     assert [said.cycle for said in bench.outlet.on("right/friction")] == [2, 3]
 
 
-def test_health_says_how_long_the_gateway_makes_an_estimate(bench):
-    for _ in range(200):
-        bench.cycle()
+def test_health_says_how_long_the_gateway_makes_an_estimate_and_none_where_it_made_none():
+    window = HealthWindow()
+    for work_ns in (900_000, 100_000, 300_000):
+        window.note_estimate(work_ns)
 
-    assert bench.outlet.on("health")[-1].gateway_estimate_p50_us == 0  # time stands still in a turn
+    assert window.close(Stamp(), 1).gateway_estimate_p50_us == 300
+    assert window.close(Stamp(), 2).gateway_estimate_p50_us is None
+
+
+def test_the_time_of_an_estimate_is_that_from_the_wake_on(bench):
+    woken_ns = bench.clock.ns
+    for _ in range(150):
+        bench.write()
+        bench.clock.ns += 10 * MS
+        bench.gateway.hurry(bench.clock.ns - 2 * MS)  # woken 2 ms ago
+        bench.gateway.turn(bench.clock.ns, ())
+
+    assert bench.clock.ns > woken_ns + 1000 * MS
+    assert bench.outlet.on("health")[-1].gateway_estimate_p50_us == 2000
 
 
 def test_safety_is_said_at_once_when_it_changes_and_once_a_second(bench):
