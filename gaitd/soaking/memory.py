@@ -3,9 +3,9 @@
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
-import numpy as np
+from scipy.stats import theilslopes
 
 KB_PER_MB: Final = 1024
 _KINDS: Final = ("RssAnon", "RssFile", "RssShmem")
@@ -67,7 +67,7 @@ class Life(NamedTuple):
     most_mb: float
     ring_mb: float
     growth_mb_per_h: float | None
-    """Of its own pages, by a straight line after warm-up; None: it did not live long enough."""
+    """Of its own pages, after warm-up; None: it did not live long enough."""
     cpu_ratio: float
     """Of one processor."""
 
@@ -99,8 +99,14 @@ def _life(name: str, samples: Sequence[Sample]) -> Life:
 
 
 def growth_mb_per_h(samples: Sequence[Sample]) -> float | None:
-    """Slope of the straight line through a process' own pages, least squares."""
+    """Median of the slopes between any two samples of a process' own pages (Theil and Sen).
+
+    What grows, grows between most of them, be it in many small steps. One step, to a highest level
+    that is then kept, as by the first backlog of a process that stood still, is no growth: a
+    straight line of least squares would make one of it.
+    """
     if len(samples) < SAMPLES_MIN:
         return None
-    slope = np.polyfit([one.time_s for one in samples], [one.own_mb for one in samples], 1)[0]
+    own_mb, time_s = [one.own_mb for one in samples], [one.time_s for one in samples]
+    slope: Any = theilslopes(own_mb, time_s)[0]
     return float(slope) * S_PER_H

@@ -162,7 +162,8 @@ class Soak:
     def _turn(self) -> None:
         time.sleep(TURN_S)
         now_s = time.monotonic()
-        self._witness.hear(self._tail.read(), now_s - self._begun_s, self._happening)
+        since_s = now_s - self._begun_s
+        self._witness.hear(self._tail.read(), since_s, self._happening, _stolen_s())
         self._made.revive()
         self._note_memory(now_s)
         self._go_on(now_s)
@@ -331,7 +332,17 @@ _REALTIME: Final = frozenset({os.SCHED_FIFO, os.SCHED_FIFO | os.SCHED_RESET_ON_F
 
 def _processors_busy_s() -> float:
     """Seconds that all processors together were not idle, since the start of this computer."""
-    fields = Path("/proc/stat").read_text().splitlines()[0].split()[1:]
-    ticks = [int(field) for field in fields]
+    ticks = _processor_ticks()
     idle = ticks[3] + ticks[4]
     return (sum(ticks[:8]) - idle) / memory.TICKS_PER_S
+
+
+def _stolen_s() -> float:
+    """Seconds that other virtual machines had our processors, since the start of this one."""
+    return _processor_ticks()[7] / memory.TICKS_PER_S
+
+
+def _processor_ticks() -> list[int]:
+    """User, nice, system, idle, iowait, irq, softirq, steal: first line of /proc/stat, proc(5)."""
+    line = Path("/proc/stat").read_text().partition("\n")[0]
+    return [int(field) for field in line.split()[1:]]

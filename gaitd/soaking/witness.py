@@ -2,8 +2,9 @@
 
 A stop is expected if the row of what went wrong names its cause. Where nothing of ours went wrong,
 or nothing that stops, the records say whether this computer held the service or the loopback bus
-up: SYNC left late, grid points were missed, or the samples of all drives were missing at once.
-Anything else is a stop that nobody can explain.
+up: SYNC left late, grid points were missed, the samples of all drives were missing at once, or
+other machines on the same hardware had its processors. Anything else is a stop that nobody can
+explain; of one by the observer it is kept what the observer had said.
 """
 
 from array import array
@@ -13,20 +14,28 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final
 
+from daemon.core.safety import OBSERVER_BAD_MAX_CYCLES
 from daemon.record import Cause, CycleRecord, DriveRecord, Mode, StopCategory
 from daemon.words import name_of
 from gaitd.soaking.happenings import Happening
+from observer.status import NIS_WINDOW_SAMPLES, Status
 
 OPERATIONAL: Final = 0x05
 """NMT state in which TPDOs come."""
 LATE_NS: Final = 4_000_000
 """A window of the shipped configuration: later, and a cycle's samples can be lost."""
 LOOK_BACK_CYCLES: Final = 100
-"""An observer that lost samples is of no use half a second later."""
+"""Of a stop by what happens now."""
+OBSERVER_LOOK_BACK_CYCLES: Final = 100 + NIS_WINDOW_SAMPLES + OBSERVER_BAD_MAX_CYCLES
+"""Of a stop by the observer: it remembers the innovations of its window, and is then of no use for
+some more cycles before it stops."""
+STOLEN_S: Final = 0.05
+"""Taken from us by other machines on the same hardware, within the longer look back."""
 SILENCE_S: Final = 0.35
 """Of a core: it is dead, or stands."""
 WITHOUT_SYNC: Final = frozenset({Mode.OFF, Mode.BRINGING_UP})
 NS_PER_US: Final = 1000
+PERIOD_S: Final = 0.01
 
 
 class Judged(Enum):
@@ -97,7 +106,9 @@ class Witness:
     def __init__(self) -> None:
         """Nothing has been heard."""
         self.tally = Tally()
-        self._recent: deque[CycleRecord] = deque(maxlen=LOOK_BACK_CYCLES)
+        self._recent: deque[CycleRecord] = deque(maxlen=OBSERVER_LOOK_BACK_CYCLES)
+        self._stolen: deque[tuple[float, float]] = deque()
+        """Time, and what had been stolen by then."""
         self._before: CycleRecord | None = None
         self._heard_s = 0.0
         self._silent = True
@@ -119,9 +130,23 @@ class Witness:
         return record is not None and record.mode == Mode.GAIT and record.gait_phase >= 0
 
     def hear(
-        self, records: Sequence[CycleRecord], time_s: float, happening: Happening | None
+        self,
+        records: Sequence[CycleRecord],
+        time_s: float,
+        happening: Happening | None,
+        stolen_s: float = 0.0,
     ) -> None:
-        """Take records that were written while `happening` was in force."""
+        """Take records that were written while `happening` was in force.
+
+        Args:
+            records: since the last call.
+            time_s: now.
+            happening: what goes wrong.
+            stolen_s: how long other machines have had our processors, since whenever.
+        """
+        self._stolen.append((time_s, stolen_s))
+        while self._stolen[0][0] < time_s - OBSERVER_LOOK_BACK_CYCLES * PERIOD_S:
+            self._stolen.popleft()
         self._heard_s = time_s if records else self._heard_s
         self._silent = time_s - self._heard_s > SILENCE_S
         for record in records:
@@ -192,22 +217,43 @@ class Witness:
             if stop.causes[-1] in law.causes | law.later | law.latches:
                 return
         if stop.judged is Judged.EXPECTED:
-            stop.evidence = self._held_up()
-            stop.judged = Judged.HELD_UP if stop.evidence else Judged.UNEXPECTED
+            by_observer = stop.causes[-1] == Cause.OBSERVER_INVALID
+            look_back = OBSERVER_LOOK_BACK_CYCLES if by_observer else LOOK_BACK_CYCLES
+            recent = list(self._recent)[-look_back:]
+            held_up = self._held_up(recent)
+            stop.judged = Judged.HELD_UP if held_up else Judged.UNEXPECTED
+            stop.evidence = ", ".join(held_up + (_observed(recent) if by_observer else []))
 
-    def _held_up(self) -> str:
+    def _held_up(self, recent: Sequence[CycleRecord]) -> list[str]:
         """What the last cycles say of this computer; empty if they say nothing."""
         words: list[str] = []
-        late_ns = max(record.timing.lateness_ns for record in self._recent)
+        late_ns = max(record.timing.lateness_ns for record in recent)
         if late_ns > LATE_NS:
             words.append(f"SYNC {late_ns / 1e6:.1f} ms late")
-        first, last = self._recent[0].timing, self._recent[-1].timing
-        if last.overrun_count > first.overrun_count:
-            words.append(f"{last.overrun_count - first.overrun_count} grid points missed")
-        all_missing = sum(_all_missing(record) for record in self._recent)
+        overruns = recent[-1].timing.overrun_count - recent[0].timing.overrun_count
+        if overruns > 0:
+            words.append(f"{overruns} grid points missed")
+        all_missing = sum(map(_all_missing, recent))
         if all_missing:
             words.append(f"samples of all drives missing at once in {all_missing} cycles")
-        return ", ".join(words)
+        stolen_s = self._stolen[-1][1] - self._stolen[0][1]
+        if stolen_s > STOLEN_S:
+            words.append(f"{stolen_s * 1000:.0f} ms stolen by other machines on this hardware")
+        return words
+
+
+def _observed(recent: Sequence[CycleRecord]) -> list[str]:
+    """What the observer said of each leg on the way to its stop."""
+    words: list[str] = []
+    for name in [leg.name for leg in recent[-1].legs]:
+        legs = [leg for record in recent for leg in record.legs if leg.name == name]
+        bits = "|".join(bit.name or "" for bit in Status(legs[-1].status))
+        gated = sum(bool(leg.status & Status.GATED) for leg in legs)
+        words.append(
+            f"{name} said {bits}, mean NIS {legs[-1].mean_nis:.1f}, and had rejected the samples "
+            f"of {gated} of {len(legs)} cycles"
+        )
+    return words
 
 
 def _missing(drive: DriveRecord) -> bool:

@@ -98,6 +98,32 @@ def test_the_computer_is_to_blame_only_where_the_records_show_it():
     assert the_stop(walking(SILENT, drives=one_missing), None).judged is Judged.UNEXPECTED
 
 
+def test_processors_stolen_by_other_machines_are_the_computers_fault_while_they_are_fresh():
+    def judged(stolen_s: tuple[float, ...]) -> Judged:
+        witness = Witness()
+        *before, last = walking(SILENT)
+        for number, stolen in enumerate(stolen_s[:-1]):
+            witness.hear(before if number == 0 else [], float(number), None, stolen)
+        witness.hear([last], float(len(stolen_s) - 1), None, stolen_s[-1])
+        return witness.tally.stops[0].judged
+
+    assert judged((7.0, 7.0, 7.3)) is Judged.HELD_UP
+    assert judged((7.0, 7.0, 7.04)) is Judged.UNEXPECTED
+    assert judged((7.0, 7.3, 7.3, 7.3, 7.3, 7.3)) is Judged.UNEXPECTED
+
+
+def test_a_stop_by_the_observer_is_looked_back_at_for_longer_and_keeps_what_it_said():
+    invalid = Verdict(StopCategory.S2, Cause.OBSERVER_INVALID)
+    *_, calm, last = walking(invalid)
+    missing = replace(calm, drives=tuple(replace(one, fresh=False) for one in last.drives))
+
+    long_ago = [missing, *[calm] * 200, last]
+    assert the_stop(long_ago, None).judged is Judged.HELD_UP
+    assert the_stop([*long_ago[:-1], *walking(SILENT)[-1:]], None).judged is Judged.UNEXPECTED
+    assert the_stop([missing, *[calm] * 250, last], None).judged is Judged.UNEXPECTED
+    assert "mean NIS" in the_stop(walking(invalid), None).evidence
+
+
 def test_what_is_lost_is_counted_apart_in_calm_and_in_trouble():
     witness = Witness()
     records = walking()
@@ -184,6 +210,19 @@ def test_growth_is_the_slope_of_a_process_own_pages_after_its_warm_up():
     assert life.growth_mb_per_h == pytest.approx(1.0)
     assert life.cpu_ratio == pytest.approx(0.1)
     assert life.ring_mb == 5.0
+
+
+@pytest.mark.parametrize(("steps", "growth_mb_per_h"), [((1900,), 0.0), (range(0, 3600, 300), 6.0)])
+def test_one_step_is_no_growth_and_a_step_again_and_again_is(steps, growth_mb_per_h):
+    samples = [
+        memory.Sample(float(t), 7, own, own, 5.0, 0.0)
+        for t in range(0, 3600, 5)
+        for own in [20.0 + 0.5 * sum(t >= step for step in steps)]
+    ]
+
+    (life,) = memory.lives("gateway", samples)
+
+    assert life.growth_mb_per_h == pytest.approx(growth_mb_per_h, abs=0.3)
 
 
 def test_a_process_that_was_started_anew_is_another_life():
