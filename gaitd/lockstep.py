@@ -270,6 +270,7 @@ class Lockstep:
         gateway: Gateway | None = None,
         supervisor: Supervisor | None = None,
         log: Log | None = None,
+        boot_id: str = BOOT_ID,
     ) -> None:
         """Build the service; nothing turns yet.
 
@@ -282,9 +283,10 @@ class Lockstep:
             gateway: in place of a well-behaved one.
             supervisor: told what systemd is told.
             log: told what the journal is told.
+            boot_id: of this core; another one than its gateway's is not listened to.
         """
         self.notebook = MemoryNotebook(notes or Notes())
-        built = build(settings, BOOT_ID, self.notebook.notes)
+        built = build(settings, boot_id, self.notebook.notes)
         self.world = world
         self.core = built.core
         self.bus = bus or WorldBus(world)

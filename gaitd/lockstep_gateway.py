@@ -24,6 +24,8 @@ class Gateway:
 
     def __init__(self, on_record: Callable[[CycleRecord], None] | None = None) -> None:
         self.records: list[CycleRecord] = []
+        self.core_boot_id = BOOT_ID
+        """Of the core that it talks to."""
         self.silent = False
         """A gateway that hangs: no levels any more."""
         self.lease = 0
@@ -54,7 +56,8 @@ class Gateway:
         self._seq += 1
         cycle = self.records[-1].cycle
         stop_count, request = self._stop_count, self._request
-        return [Level(BOOT_ID, self._seq, cycle, stop_count, request, self._setpoints, self.lease)]
+        told = self._seq, cycle, stop_count, request, self._setpoints, self.lease
+        return [Level(self.core_boot_id, *told)]
 
     # --- the script's side ------------------------------------------------------------------
 

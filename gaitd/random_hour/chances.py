@@ -19,6 +19,8 @@ from sim_drives.settings import FaultKind
 HELPFUL_RATIO: Final = 0.6
 PAUSE_MEAN_S: Final = 0.8
 PAUSE_MIN_S: Final = 0.02
+STOPPED_ENABLE_RATIO: Final = 0.1
+"""Of the helpful ENABLEs: somebody else presses stop in the same cycle."""
 FAULT_S: Final = (0.02, 2.5)
 
 
@@ -27,6 +29,7 @@ class Kind(Enum):
 
     REQUEST = "request"
     STOP = "stop"
+    STOP_AND_REQUEST = "stop and a request at once"
     FAULT = "fault"
     PATIENT = "patient"
     FRAMES_LOST = "frames lost"
@@ -58,7 +61,7 @@ class Action:
 
     def __str__(self) -> str:
         words = [self.kind.value]
-        if self.kind is Kind.REQUEST:
+        if self.request != RequestKind.NONE:
             words.append(self.request.name.lower())
             if self.request == RequestKind.MODE:
                 words.append(str(self.wanted))
@@ -120,7 +123,9 @@ class Chances:
         if mode == Mode.FAULT:
             return Action(Kind.REQUEST, RequestKind.RESET)
         if mode == Mode.READY:
-            return Action(Kind.REQUEST, RequestKind.ENABLE)
+            with_stop = self._dice.random() < STOPPED_ENABLE_RATIO
+            kind = Kind.STOP_AND_REQUEST if with_stop else Kind.REQUEST
+            return Action(kind, RequestKind.ENABLE)
         if mode == Mode.HOLD:
             return self._leave_hold(lease_held=lease_held)
         if mode == Mode.GAIT and not lease_held and self._dice.random() < 0.5:
@@ -148,7 +153,7 @@ class Chances:
     def _anything(self) -> Action:
         dice = self._dice
         kind = dice.choices(tuple(_WEIGHTS), tuple(_WEIGHTS.values()))[0]
-        if kind is Kind.REQUEST:
+        if kind in {Kind.REQUEST, Kind.STOP_AND_REQUEST}:
             asked = dice.choice([k for k in RequestKind if k != RequestKind.NONE])
             return Action(kind, asked, self._any_mode())
         if kind is Kind.FAULT:
@@ -220,6 +225,7 @@ _WEIGHTS: Final = {
     Kind.FAULT: 30,
     Kind.PATIENT: 10,
     Kind.STOP: 6,
+    Kind.STOP_AND_REQUEST: 4,
     Kind.FRAMES_LOST: 6,
     Kind.LOOP_LATE: 6,
     Kind.GATEWAY_SILENT: 4,

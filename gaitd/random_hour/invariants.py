@@ -15,7 +15,8 @@ what it has asked for itself. The rules, by the names that a violation carries:
 5. Stops apart, stop not done, enabled still: `stops.py`.
 6. Beyond the limit: a joint is not more than a margin beyond its hard limit (`beyond.py`).
 7. Torque jumps: 6071h changes by no more than limits.toml's rate times the time between two
-   commands, while the drive is told to enable in cyclic torque.
+   commands, while the drive is told to enable in cyclic torque. The first one is what holds the leg
+   where it really is, to FIRST_TORQUE_OFF_MAX, unless a fault made the drive see or push wrongly.
 8. Verdict milder: a latched verdict never becomes milder, and fault is not left, without RESET;
    nor does a core that was left a debt become ready without it.
 9. Answers: each request is answered once, within PATIENCE_S of a living core and gateway.
@@ -26,7 +27,7 @@ what it has asked for itself. The rules, by the names that a violation carries:
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -41,12 +42,12 @@ from daemon.record import (
     StopCategory,
 )
 from gaitd.random_hour.assisted import AssistWatch
-from gaitd.random_hour.beyond import BLINDING, beyond_limit
+from gaitd.random_hour.beyond import BEFORE_S, BLINDING, beyond_limit
 from gaitd.random_hour.stops import StopWatch
 from gaitd.random_hour.watched import Violation, WatchedDrive
 from sim_drives.power_state import POWER_STAGE_ON, PowerState
 from sim_drives.settings import FaultKind
-from sim_drives.truth import Truth
+from sim_drives.truth import Pair, Truth
 
 NS_PER_S: Final = 1_000_000_000
 SYNC_ID: Final = 0x080
@@ -66,8 +67,11 @@ PATIENCE_S: Final = 15.0
 SILENCE_MARGIN_S: Final = 0.02
 EFFORT_FLOOR: Final = (0.5, 5.0)
 """N·m, N: below is no torque (the current dies away within a few milliseconds)."""
+FIRST_TORQUE_OFF_MAX: Final = (1.0, 10.0)
+"""N·m, N: from what holds the leg; damping of what little it moves, noise of its encoders."""
 ENABLING_GRACE_S: Final = 0.05
 """From a controlword to the drive's state."""
+BLINDED_AFTER_NS: Final = round(BEFORE_S * NS_PER_S)
 ENABLED_STILL_NS: Final = 50_000_000
 """A drive that has not obeyed DISABLE yet is told to go on, sees that end, and walks up anew."""
 DELAYING: Final = frozenset({FaultKind.SLOW_STATE})
@@ -92,6 +96,8 @@ class Watch:
     drives: dict[int, WatchedDrive]
     period_s: float
     detection_s: float
+    load_of: Callable[[Pair], Pair]
+    """What holds a leg at a pose: N·m, N."""
     assist: AssistWatch
     stops: StopWatch
     violations: list[Violation] = field(default_factory=list)
@@ -212,6 +218,7 @@ class Watch:
 
     def _tell(self, drive: WatchedDrive, *, enable: bool) -> None:
         stops = drive.told_to_enable and not enable
+        drive.begins = (drive.begins or not drive.told_to_enable) and enable
         if stops:
             drive.told_until_ns = self.now_ns
         drive.told_to_enable = enable
@@ -233,22 +240,27 @@ class Watch:
             self._break(broken, what)
 
     def _take_torque(self, drive: WatchedDrive, data: bytes) -> None:
+        begins, drive.begins = drive.begins, drive.begins and not drive.told_to_enable
         if not (drive.told_to_enable and drive.mode_told == CYCLIC_TORQUE):
             drive.torque_told = None
             return
         self.checked["torque jumps"] += 1
         count, before = int.from_bytes(data, "little", signed=True), drive.torque_told
+        count_si = drive.rules.effort_per_count_si
         if before is not None:
             span_s = max((self.now_ns - drive.told_ns) / NS_PER_S, self.period_s)
-            step_si = abs(count - before) * drive.rules.effort_per_count_si
-            most_si = (
-                drive.rules.rate_si_per_s * span_s * 1.01 + 2 * drive.rules.effort_per_count_si
-            )
+            step_si = abs(count - before) * count_si
+            most_si = drive.rules.rate_si_per_s * span_s * 1.01 + 2 * count_si
             if step_si > most_si:
-                what = (
-                    f"{drive.rules.name} by {step_si:.4g} in {span_s * 1e3:.1f} ms, {most_si:.4g}"
-                )
-                self._break("torque jumps", what)
+                what = f"by {step_si:.4g} in {span_s * 1e3:.1f} ms, {most_si:.4g}"
+                self._break("torque jumps", f"{drive.rules.name} {what}")
+        elif begins and self.now_ns > drive.blinded_ns + BLINDED_AFTER_NS:
+            # Magnitudes: which sign the drive counts in is not the question here.
+            off_si = abs(abs(count) * count_si - abs(drive.load_si))
+            most_si = FIRST_TORQUE_OFF_MAX[drive.rules.axis]
+            if off_si > most_si:
+                what = f"begins {off_si:.4g} from what holds it, {drive.load_si:.4g}; {most_si:.4g}"
+                self._break("torque jumps", f"{drive.rules.name} {what}")
         drive.torque_told, drive.told_ns = count, self.now_ns
 
     # --- the truth ------------------------------------------------------------------------------
@@ -261,6 +273,7 @@ class Watch:
             self._see_power(drive, state)
             truth = truths[drive.rules.leg]
             self._see_torque(drive, state, truth)
+            drive.load_si = self.load_of(truth.position)[drive.rules.axis]
             drive.state = state
             if state not in POWER_STAGE_ON:
                 drive.unpowered_ns = now_ns

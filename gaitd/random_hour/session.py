@@ -7,12 +7,15 @@ the plant. So a seed is a session, bit for bit.
 import random
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 import msgspec
+import numpy as np
 
 from daemon.config.axes import drive_limits, effort_per_motor_nm
 from daemon.config.bundle import Settings
+from daemon.config.robot import leg_parameters
 from daemon.core.axis_notes import Notes
 from daemon.core.modes import IllegalTransitionError
 from daemon.record import CycleRecord, Level, Mode, Outcome, Request, StopCategory
@@ -30,7 +33,10 @@ from gaitd.random_hour.tally import Broken, Tally
 from gaitd.random_hour.tap import Tap
 from gaitd.random_hour.watched import AxisRules, WatchedDrive
 from gaitd.virtual_machine import virtual_machine
+from observer.mechanism import gravity
+from observer.parameters import LegParameters
 from sim_drives.build import Machine
+from sim_drives.truth import Pair
 
 NS_PER_S: Final = 1_000_000_000
 PERIOD_NS: Final = 10_000_000
@@ -49,20 +55,33 @@ OUR_BUGS: Final = (
     ValueError,
 )
 """What a cycle must never raise."""
+GATEWAY_SURVIVES_RATIO: Final = 0.6
+"""Of the deaths of a core."""
 ENDING_S: Final = 8.0
 """An orderly end may take so long."""
 
 
 class Asker(Gateway):
-    """The lock-step gateway, kept short, and able to hang and to be started anew."""
+    """The lock-step gateway, kept short; it may hang, be started anew, and outlive a core.
+
+    To a core that it has not heard yet it says what it said to the one before.
+    """
 
     def __init__(self, on_level: Callable[[Level], None]) -> None:
         super().__init__()
         self._on_level = on_level
         self._fresh: list[CycleRecord] = []
+        self._next_boot_id = self.core_boot_id
+
+    def expect(self, boot_id: str) -> None:
+        """A core has started: its first record makes them known to each other."""
+        self._next_boot_id = boot_id
+        self._fresh.clear()  # the last words of the core before are no records of this one
 
     def publish(self, record: CycleRecord) -> None:
         """Keep the newest records only."""
+        if self.core_boot_id != self._next_boot_id:
+            self._meet(record)
         super().publish(record)
         self._fresh.append(record)
         if len(self.records) > 2 * RECORDS_KEPT:
@@ -76,9 +95,16 @@ class Asker(Gateway):
     def levels(self) -> list[Level]:
         """What the core hears now, and the watch with it."""
         levels = super().levels()
-        for level in levels:
-            self._on_level(level)
+        if self.core_boot_id == self._next_boot_id:
+            for level in levels:
+                self._on_level(level)
         return levels
+
+    def _meet(self, record: CycleRecord) -> None:
+        """Another core: nothing that was asked of the one before is asked of this one."""
+        self.core_boot_id = self._next_boot_id
+        self._request = Request(record.request.id)
+        self._setpoints, self.lease, self.controller = (), 0, None
 
     @property
     def number(self) -> int:
@@ -110,6 +136,9 @@ class RandomSession:
         self._controller_dice = random.Random(f"{seed}/controller")
         self._controller: RandomController | None = None
         """The newest that has held the lease."""
+        self._survival_dice = random.Random(f"{seed}/survival")
+        self._asker = Asker(self._watch.tells)
+        self._core_count = 0
         self._lockstep = self._start(Notes())
         self._dead_until_ns: int | None = None
         self._ending_until_ns: int | None = None
@@ -211,6 +240,9 @@ class RandomSession:
                 self._ask(action)
             case Kind.STOP:
                 self._stop()
+            case Kind.STOP_AND_REQUEST:
+                self._ask(action)
+                self._stop()
             case Kind.FAULT:
                 self._break_something(action)
             case Kind.PATIENT:
@@ -290,9 +322,16 @@ class RandomSession:
         self._watch.core_gone()
 
     def _start(self, notes: Notes) -> Lockstep:
-        self._asker = Asker(self._watch.tells)
+        """A core; the gateway of the one before has lived on, or is another one as well."""
+        self._core_count += 1
+        boot_id = f"core {self._core_count}"
+        if self._survival_dice.random() > GATEWAY_SURVIVES_RATIO:
+            self._asker = Asker(self._watch.tells)
+        self._asker.expect(boot_id)
         self._controller = None
-        return Lockstep(self._settings, self._tap, notes=notes, gateway=self._asker)
+        return Lockstep(
+            self._settings, self._tap, notes=notes, gateway=self._asker, boot_id=boot_id
+        )
 
     # --- the end ----------------------------------------------------------------------------------
 
@@ -350,9 +389,16 @@ def _watch(settings: Settings, machine: Machine) -> Watch:
         drives={rule.node_id: WatchedDrive(rule, machine.world.node(rule.name)) for rule in rules},
         period_s=cycle.period_ms * 1e-3,
         detection_s=detection_s,
+        load_of=partial(_load, leg_parameters(settings.robot)),
         assist=AssistWatch(_assist_bounds(settings)),
         stops=StopWatch(escalation_s + detection_s),
     )
+
+
+def _load(leg: LegParameters, position: Pair) -> Pair:
+    """What holds the leg still: N·m, N."""
+    hip_nm, slide_n = gravity(leg, np.array(position))
+    return float(hip_nm), float(slide_n)
 
 
 def _assist_bounds(settings: Settings) -> AssistBounds:

@@ -40,9 +40,13 @@ class WatchedDrive:
     rules: AxisRules
     node: Node
     told_to_enable: bool = False
+    begins: bool = False
+    """It has just been told to enable: the next torque is the first one."""
     mode_told: int = 0
     torque_told: int | None = None
     """6071h, while it is told to enable in cyclic torque."""
+    load_si: float = 0.0
+    """What would hold the joint still where it was last seen; N·m, N."""
     told_ns: int = 0
     told_until_ns: int = -(10**18)
     """When it was last told to enable no more."""

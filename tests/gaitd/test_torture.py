@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import msgspec
 import pytest
+from records import record as any_record
 from sessions import CONFIGS
 
 from daemon.assist_record import AssistRecord, LegAssistRecord
@@ -34,6 +35,7 @@ from gaitd.random_hour.invariants import (
 )
 from gaitd.random_hour.report import page, rerun, summary, told
 from gaitd.random_hour.series import session, sessions
+from gaitd.random_hour.session import Asker
 from gaitd.random_hour.stops import StopWatch
 from gaitd.random_hour.tally import Broken, Tally
 from gaitd.random_hour.variants import VARIANTS
@@ -45,6 +47,8 @@ MS = 1_000_000
 NO_ANSWER = RequestResult()
 SESSION_S = 20.0
 BOUNDS = AssistBounds((20.0, 150.0), age_max_cycles=10, fade_cycles=20, first_cycles=50)
+AT_REST = (0.2, 0.5)
+"""rad, m: nothing has to be held here."""
 SEEDS = range(100, 100 + len(VARIANTS))
 
 
@@ -96,11 +100,16 @@ class Bench:
         }
         assist = AssistWatch(BOUNDS)
         self.watch = Watch(
-            drives, period_s=0.01, detection_s=0.1, assist=assist, stops=StopWatch(0.3)
+            drives,
+            period_s=0.01,
+            detection_s=0.1,
+            load_of=lambda position: (100.0 * (position[0] - AT_REST[0]), 0.0),
+            assist=assist,
+            stops=StopWatch(0.3),
         )
         self.now_ns = NS_PER_S
         self.effort = [0.0, 0.0]
-        self.position = [0.2, 0.5]
+        self.position = list(AT_REST)
         self.patient = [0.0, 0.0]
         self.seq = 0
         self.sync()
@@ -425,6 +434,61 @@ def test_a_joint_that_is_held_where_it_was_pushed_is_well_until_it_goes_farther(
     bench.position[0] = 0.74
     bench.see()
     assert bench.broken() == ["beyond the limit"]
+
+
+@pytest.mark.parametrize(("torque", "found"), [(1000, []), (-1000, []), (0, ["torque jumps"])])
+def test_a_first_torque_far_from_what_holds_the_leg_is_found(bench, torque, found):
+    bench.position[0] = 0.4  # 20 N·m, 1000 counts
+    bench.see()
+    bench.watch.asks(1, RequestKind.ENABLE, ModeRequest())
+    bench.tell(5, 0x000F, torque=torque)
+
+    assert bench.broken() == found
+
+
+def test_the_first_torque_behind_a_position_mode_is_not_one_of_a_drive_that_begins(bench):
+    bench.position[0] = 0.4
+    bench.see()
+    bench.watch.asks(1, RequestKind.ENABLE, ModeRequest())
+    bench.tell(5, 0x000F, mode=8)
+    bench.tell(5, 0x000F, mode=10)
+
+    assert bench.broken() == []
+
+
+def test_a_first_torque_by_an_encoder_that_lies_is_no_violation(bench):
+    bench.position[0] = 0.4
+    bench.see()
+    bench.watch.injects(FaultKind.ENCODER_GLITCH, "right/hip", bench.now_ns)
+    bench.watch.asks(1, RequestKind.ENABLE, ModeRequest())
+    bench.tell(5, 0x000F)
+
+    assert bench.broken() == []
+
+
+def test_a_stop_and_a_request_in_the_same_cycle_allow_nothing(bench):
+    bench.watch.asks(1, RequestKind.ENABLE, ModeRequest())
+    bench.watch.asks_to_stop()
+    bench.tell(5, 0x000F)
+
+    assert bench.broken() == ["enables unasked"]
+
+
+def test_a_gateway_that_outlives_a_core_repeats_itself_until_it_hears_the_next_one():
+    told: list[Level] = []
+    asker = Asker(told.append)
+    asker.expect("first")
+    asker.publish(any_record(1))
+    asker.ask(RequestKind.ENABLE)
+    asker.expect("second")
+
+    (before,) = asker.levels()
+    asker.publish(any_record(1))
+    (after,) = asker.levels()
+
+    assert (before.core_boot_id, before.request.kind) == ("first", RequestKind.ENABLE)
+    assert (after.core_boot_id, after.request.kind) == ("second", RequestKind.NONE)
+    assert told == [after]
 
 
 def test_a_jump_of_the_commanded_torque_is_found(bench):
