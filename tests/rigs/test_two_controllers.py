@@ -1,9 +1,8 @@
 """The service on one emulated CAN controller, the virtual drives on another: a real driver.
 
 QEMU's SJA1000 carries frames, and takes bit rate, restart and queue length; it makes no errors:
-whatever is sent counts as acknowledged. So bus-off and error passive of a real driver cannot be
-provoked here. What our side does with the error frames of a driver is judged in
-test_service_on_vcan.py, where the kernel carries them.
+whatever is sent counts as acknowledged. What a driver says of error passive and bus-off is in
+test_serial_adapters.py, and what each single error frame does in test_service_on_vcan.py.
 """
 
 import pytest

@@ -12,10 +12,13 @@ import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from inside import Inside, Report
+from serial_adapters import Wire
 
 from daemon.record import CycleRecord, Mode
+from drives.bus_state import BusCondition
 
 MEMORY = Path("/run/gaitd-tests")
 GAIT = {"mode": "gait", "cadence_hz": 0.5, "amplitude_ratio": 1.0, "duration_s": 600.0}
@@ -27,6 +30,8 @@ EMERGENCY = 0x2310
 BUS_OFF, RESTARTED = "20000040#0000000000000000", "20000100#0000000000000000"
 PASSIVE, WARNING = "20000004#0030000000000000", "20000004#000C000000000000"
 ACTIVE_AGAIN = "20000004#0040000000000000"
+PASSIVE_CONDITION, ACTIVE_CONDITION = BusCondition.PASSIVE.value, BusCondition.ACTIVE.value
+OFF_CONDITION = BusCondition.OFF.value
 
 
 def shell(line: str) -> str:
@@ -234,7 +239,7 @@ def service_on_two_controllers(report: Report) -> None:
     service = Inside(MEMORY / "controllers", core="can0", sim="can1")
     try:
         up(service)
-        report["controller"] = json.loads(shell("ip -details -json link show can0"))[0]
+        report["controller"] = link("can0")
         walking(service)
         _between_controllers(report, service)
         _other_controller_down(report, service)
@@ -266,7 +271,7 @@ def _other_controller_down(report: Report, service: Inside) -> None:
     service.until(lambda record: record.mode == Mode.FAULT)
     cycles(service, 20)
     report.keep_records("other_down", service, seq)
-    report["controller_alone"] = json.loads(shell("ip -details -json link show can0"))[0]
+    report["controller_alone"] = link("can0")
     service.parts["sim"].wait()
     shell("ip link set can1 up")
     service.start_drives()
@@ -282,3 +287,96 @@ def _own_controller_down(report: Report, service: Inside) -> None:
     report.keep_records("own_down", service, seq)
     shell("ip link set can0 up")
     ready_again(service)
+
+
+SERIAL = """
+for one in {interfaces}; do
+    ip link set $one txqueuelen 100
+    ip link set $one type can bitrate 1000000
+    ip link set $one up
+done
+"""
+
+
+def service_on_serial_adapters(report: Report) -> None:
+    """The core on one serial adapter, the drives on the other: these report what goes wrong.
+
+    Nothing is enabled: the one slow processor has two terminals to serve as well, and the drives
+    answer too late to walk, sometimes even to stay found.
+    """
+    MEMORY.mkdir(exist_ok=True)
+    shell("modprobe slcan")
+    wire = Wire(MEMORY / "wire.json")
+    while not wire.told():
+        time.sleep(STEP_PAUSE_S)
+    ours, theirs = (one["interface"] for one in wire.told())
+    shell(SERIAL.format(interfaces=f"{ours} {theirs}"))
+    service = Inside(MEMORY / "serial", core=ours, sim=theirs)
+    try:
+        up(service)
+        report["serial"] = link(ours)
+        _alone_on_the_wire(report, service, ours, theirs)
+        _transceiver_breaks(report, service, wire)
+        service.kill("core", signal.SIGTERM)
+        report["serial_exit"] = service.parts["core"].wait()
+    finally:
+        for part in service.parts:
+            (report.folder / f"serial_{part}.log").write_text(service.log(part))
+        service.end()
+        wire.end()
+
+
+def link(interface: str) -> dict[str, Any]:
+    """What the kernel says of an interface."""
+    return json.loads(shell(f"ip -details -statistics -json link show {interface}"))[0]
+
+
+def found_again(service: Inside) -> None:
+    """READY; with a reset where the core wants one."""
+
+    def ready() -> bool:
+        mode = service.newest().mode
+        if mode == Mode.FAULT:
+            service.request("reset")
+        return mode == Mode.READY
+
+    service.wait(ready)
+
+
+def _alone_on_the_wire(report: Report, service: Inside, ours: str, theirs: str) -> None:
+    """The drives' adapter is closed: nobody acknowledges any more."""
+    seq = service.newest().seq
+    shell(f"ip link set {theirs} down")
+    service.until(lambda record: record.bus.condition == PASSIVE_CONDITION)
+    cycles(service, 20)
+    report.keep_records("serial_alone", service, seq)
+    report["serial_alone"] = link(ours)
+    service.parts["sim"].wait()
+    seq = service.newest().seq
+    shell(f"ip link set {theirs} up")
+    service.start_drives()
+    found_again(service)
+    # Each frame that is heard takes one off the counter.
+    service.until(lambda record: record.bus.condition == ACTIVE_CONDITION)
+    report.keep_records("serial_heard_again", service, seq)
+    report["serial_heard_again"] = link(ours)
+
+
+def _transceiver_breaks(report: Report, service: Inside, wire: Wire) -> None:
+    """Whatever our adapter sends is disturbed: bus-off; then it is mended, set down and up."""
+    ours, theirs = (one["interface"] for one in wire.told())
+    seq = service.newest().seq
+    wire.order("break 0")
+    service.until(lambda record: record.bus.condition == OFF_CONDITION)
+    with witnessed(report, "serial_off", theirs):
+        cycles(service, 30)
+    report.keep_records("serial_off", service, seq)
+    report["serial_off"] = link(ours)
+    wire.order("mend 0")
+    cycles(service, 30)
+    report["serial_mended"] = link(ours)
+    shell(f"ip link set {ours} down")
+    shell(f"ip link set {ours} up")
+    found_again(service)
+    report["serial_up_again"] = link(ours)
+    report["condition_up_again"] = service.newest().bus.condition
