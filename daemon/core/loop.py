@@ -279,6 +279,7 @@ class Loop:
         late_ns = self._clock.now_ns() - self._grid.due_ns
         if late_ns < 0:
             return
+        self._core.events += self._line.take_notices()
         self._tell(cycle.rest(self._core, self._seam.levels(), self._tick(self._grid.due_ns)))
         if late_ns < self._settings.period_ns:
             self._supervision.feed()

@@ -125,6 +125,23 @@ def test_error_passive_and_warning_are_told_and_do_not_stop(frame, condition, wo
     assert session.lockstep.record.bus.condition == "active"
 
 
+def test_error_passive_is_told_while_a_bring_up_still_waits_for_a_drive():
+    session = Session()
+    session.machine.command("unplugged *")
+    lockstep = session.lockstep
+    lockstep.bus.at(session.machine.world.now_ns + 200 * MS, lambda: put(session, PASSIVE))
+    lockstep.run(0.01)  # one turn: a whole bring-up, with its records
+
+    at = next(n for n, one in enumerate(lockstep.records) if told_in(one, "is error passive"))
+    failed = next(n for n, one in enumerate(lockstep.records) if told_in(one, "bring-up failed"))
+
+    assert at < 30 < failed
+
+
+def told_in(record, words):
+    return any(words in event for event in record.events)
+
+
 def test_frames_lost_in_the_controller_are_counted_and_told_in_powers_of_ten():
     session = Session().walking(warm_s=2)
 
