@@ -18,6 +18,7 @@ machine, and not taken.
 import errno
 import http.client
 import socket
+import time
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Final, NamedTuple, Protocol
@@ -216,7 +217,11 @@ class CanBus:
 
     def _place(self, frame: Frame) -> bool:
         message = can.Message(
-            arbitration_id=frame.can_id, data=frame.data, is_extended_id=False, check=False
+            timestamp=time.time(),  # for a loopback bus: when the frame was on the wire
+            arbitration_id=frame.can_id,
+            data=frame.data,
+            is_extended_id=False,
+            check=False,
         )
         try:
             self._bus.send(message)

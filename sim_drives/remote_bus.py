@@ -1,19 +1,21 @@
 """The loopback bus of a machine without SocketCAN: python-can-remote's server over a virtual bus.
 
 Every client of `ws://HOST:PORT/` is one more station on one python-can `virtual` bus in this
-process, and so are the virtual drives. Clients come and go as they like, and may be killed: what
-python-can- remote 0.3.0 makes of that (a thread that dies with a traceback, a station whose queue
-is never read again and grows) is mended here.
+process, and so are the virtual drives. A frame carries the time at which its client has sent it,
+or else that of its arrival. Clients come and go as they like, and may be killed: what
+python-can-remote 0.3.0 makes of that (a thread that dies with a traceback, a station whose queue is
+never read again and grows) is mended here.
 """
 
 import contextlib
 import threading
 from collections.abc import Generator
 from socket import socket
-from typing import Final
+from typing import Any, Final
 from urllib.parse import urlparse
 
 import can
+from can.interfaces.virtual import VirtualBus
 from can_remote.server import ClientRequestHandler, RemoteServer, RemoteServerProtocol
 from can_remote.websocket import WebSocket, get_accept_key
 
@@ -46,6 +48,13 @@ def parse_channel(channel: str) -> tuple[str, int]:
 
 class _Session(RemoteServerProtocol):
     """One client; leaves no thread and no station behind, however it goes."""
+
+    def recv(self, timeout: float | None = None) -> Any:  # noqa: ANN401 - as python-can-remote has it
+        """What the client says; the time stamp of a frame is kept, where it has one."""
+        said = super().recv(timeout)
+        if isinstance(said, can.Message) and isinstance(self.bus, VirtualBus):
+            self.bus.preserve_timestamps = said.timestamp > 0
+        return said
 
     def _send_to_client(self) -> None:
         try:

@@ -12,6 +12,7 @@ from can.interfaces.virtual import channels
 from drive_bench import Bench
 
 from sim_drives.control import control_socket
+from sim_drives.frame import Frame, TimedFrame
 from sim_drives.realtime import STEADY_NS, Arrivals, RealTime, now_ns, open_bus
 from sim_drives.remote_bus import BusAddressError, parse_channel
 
@@ -207,6 +208,62 @@ def test_a_socket_left_by_an_earlier_run_is_replaced_and_a_file_is_not(tmp_path)
     with pytest.raises(OSError, match="in use"), control_socket(tmp_path / "file", str):
         pass
     assert (tmp_path / "file").read_text() == "somebody's"
+
+
+def test_a_frame_on_the_loopback_bus_carries_the_time_at_which_its_client_sent_it(served):
+    sent_s = time.time() - 2.5
+    with client(served) as one, client(served) as other:
+        ask(other, 0x605, IDENTITY, 0x585)  # both are on the bus
+        for stamp_s in (sent_s, 0.0):
+            other.send(can.Message(arbitration_id=0x123, timestamp=stamp_s, is_extended_id=False))
+        found = list(iter(lambda: one.recv(1.0), None))
+    stamps = [message.timestamp for message in found if message.arbitration_id == 0x123]
+
+    assert stamps == [pytest.approx(sent_s, abs=1e-6), pytest.approx(time.time(), abs=2.0)]
+
+
+class Recorder:
+    """A world that keeps when what happened to it."""
+
+    def __init__(self, now_ns: int) -> None:
+        self.now_ns, self.sync_count = now_ns, 0
+        self.received_ns: list[int] = []
+
+    def advance_to(self, time_ns: int) -> list[TimedFrame]:
+        assert time_ns >= self.now_ns
+        self.now_ns = time_ns
+        return []
+
+    def receive(self, frame: Frame) -> None:
+        self.received_ns.append(self.now_ns)
+
+    def next_event_ns(self) -> int:
+        return self.now_ns + 1_000_000_000
+
+
+def test_a_sync_that_came_while_the_process_was_held_up_reaches_the_drives_when_it_was_sent():
+    with (
+        can.Bus(interface="virtual", channel="held-up", preserve_timestamps=True) as master,
+        can.Bus(interface="virtual", channel="held-up") as ours,
+    ):
+        world = Recorder(now_ns())
+        loop = RealTime(world, ours)  # type: ignore[arg-type]
+        turns = iter((False, False, True))
+        sent_ns: list[int] = []
+
+        def ended() -> bool:
+            if world.received_ns or not sent_ns:
+                sent_ns.append(now_ns())
+                master.send(
+                    can.Message(arbitration_id=0x080, timestamp=time.time(), is_extended_id=False)
+                )
+                time.sleep(0.03)  # nobody reads, and the world would go on to the present
+            return next(turns)
+
+        loop.run(ended)
+
+    # Of the first frame of all nobody knows how far the two clocks are apart.
+    assert world.received_ns[1] - sent_ns[1] < 5_000_000
 
 
 AHEAD_NS = 1_767_225_600 * 1_000_000_000
