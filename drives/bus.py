@@ -18,8 +18,7 @@ machine, and not taken.
 import errno
 import http.client
 import socket
-import time
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Final, NamedTuple, Protocol
 
@@ -120,12 +119,19 @@ class SteadySocketcan(SocketcanBus):
         return self._recv_internal(timeout)[0]
 
 
+def _nobody_knows() -> int:
+    return 0
+
+
 class CanBus:
     """A `Bus` over python-can, without any thread."""
 
-    def __init__(self, bus: can.BusABC, channel: str) -> None:
+    def __init__(
+        self, bus: can.BusABC, channel: str, utc_ns: Callable[[], int] = _nobody_knows
+    ) -> None:
         self._bus = bus
         self._channel = channel
+        self._utc_ns = utc_ns
         self._stamps = isinstance(bus, SocketcanBus)
         self._kept: list[Frame] = []  # received while an urgent frame waited
         self.dropped_count = 0
@@ -134,11 +140,23 @@ class CanBus:
         """Frames received that no drive of ours sends: extended, remote or CAN FD."""
 
     @classmethod
-    def open(cls, interface: str, channel: str, bitrate_bit_per_s: int) -> "CanBus":
+    def open(
+        cls,
+        interface: str,
+        channel: str,
+        bitrate_bit_per_s: int,
+        utc_ns: Callable[[], int] = _nobody_knows,
+    ) -> "CanBus":
         """Open an interface by python-can's own words.
 
         The bit rate of a SocketCAN interface is the operating system's matter; there it is only
         used for the bus load. Opening a remote bus waits for its server for a bounded time.
+
+        Args:
+            interface: python-can's name.
+            channel: of it.
+            bitrate_bit_per_s: of the bus.
+            utc_ns: when a frame is sent, for a loopback bus that hands it on later; 0: not known.
 
         Raises:
             BusError: there is no such interface, or it does not work.
@@ -151,7 +169,7 @@ class CanBus:
                 bus = can.Bus(interface=interface, channel=channel, bitrate=bitrate_bit_per_s)
         if isinstance(bus, RemoteBus) and bus.socket is not None:
             bus.socket.settimeout(REMOTE_TIMEOUT_S)
-        return cls(bus, where)
+        return cls(bus, where, utc_ns)
 
     def send(self, frames: Sequence[Frame]) -> int:
         """As `Bus.send`."""
@@ -217,7 +235,7 @@ class CanBus:
 
     def _place(self, frame: Frame) -> bool:
         message = can.Message(
-            timestamp=time.time(),  # for a loopback bus: when the frame was on the wire
+            timestamp=self._utc_ns() * 1e-9,
             arbitration_id=frame.can_id,
             data=frame.data,
             is_extended_id=False,

@@ -167,6 +167,8 @@ def loop_settings(settings: Settings, built: Built, notebook: NoteKeeper) -> Loo
         master_node_id=cycle.master_node_id,
         bus_load_ratio=_bus_load(settings, built).busy_ratio,
         bitrate_bit_per_s=bus.bitrate_bit_per_s,
-        open_bus=lambda: CanBus.open(bus.interface, bus.channel, bus.bitrate_bit_per_s),
+        open_bus=lambda: CanBus.open(
+            bus.interface, bus.channel, bus.bitrate_bit_per_s, MonotonicClock().utc_ns
+        ),
         notebook=notebook,
     )

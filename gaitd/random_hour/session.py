@@ -6,7 +6,6 @@ the plant. So a seed is a session, bit for bit.
 
 import random
 from collections import deque
-from collections.abc import Callable
 from functools import partial
 from typing import Final
 
@@ -18,12 +17,12 @@ from daemon.config.bundle import Settings
 from daemon.config.robot import leg_parameters
 from daemon.core.axis_notes import Notes
 from daemon.core.modes import IllegalTransitionError
-from daemon.record import CycleRecord, Level, Mode, Outcome, Request, StopCategory
+from daemon.record import CycleRecord, Mode, Outcome, StopCategory
 from drives.errors import BringUpRefused
 from drives.torque import count_nm
 from drives.units import expected_base
 from gaitd.lockstep import Lockstep
-from gaitd.lockstep_gateway import Gateway
+from gaitd.random_hour.asker import Asker
 from gaitd.random_hour.assisted import AssistBounds, AssistWatch
 from gaitd.random_hour.chances import Action, Chances, Kind
 from gaitd.random_hour.controller import RandomController
@@ -43,7 +42,6 @@ PERIOD_NS: Final = 10_000_000
 MS: Final = 1_000_000
 TRACE_LINES: Final = 400
 """Kept for a violation: some four seconds of cycles."""
-RECORDS_KEPT: Final = 200
 OUR_BUGS: Final = (
     ArithmeticError,
     AssertionError,
@@ -59,65 +57,6 @@ GATEWAY_SURVIVES_RATIO: Final = 0.6
 """Of the deaths of a core."""
 ENDING_S: Final = 8.0
 """An orderly end may take so long."""
-
-
-class Asker(Gateway):
-    """The lock-step gateway, kept short; it may hang, be started anew, and outlive a core.
-
-    To a core that it has not heard yet it says what it said to the one before.
-    """
-
-    def __init__(self, on_level: Callable[[Level], None]) -> None:
-        super().__init__()
-        self._on_level = on_level
-        self._fresh: list[CycleRecord] = []
-        self._next_boot_id = self.core_boot_id
-
-    def expect(self, boot_id: str) -> None:
-        """A core has started: its first record makes them known to each other."""
-        self._next_boot_id = boot_id
-        self._fresh.clear()  # the last words of the core before are no records of this one
-
-    def publish(self, record: CycleRecord) -> None:
-        """Keep the newest records only."""
-        if self.core_boot_id != self._next_boot_id:
-            self._meet(record)
-        super().publish(record)
-        self._fresh.append(record)
-        if len(self.records) > 2 * RECORDS_KEPT:
-            del self.records[:-RECORDS_KEPT]
-
-    def fresh(self) -> list[CycleRecord]:
-        """Those that nobody has looked at yet."""
-        fresh, self._fresh = self._fresh, []
-        return fresh
-
-    def levels(self) -> list[Level]:
-        """What the core hears now, and the watch with it."""
-        levels = super().levels()
-        if self.core_boot_id == self._next_boot_id:
-            for level in levels:
-                self._on_level(level)
-        return levels
-
-    def _meet(self, record: CycleRecord) -> None:
-        """Another core: nothing that was asked of the one before is asked of this one."""
-        self.core_boot_id = self._next_boot_id
-        self._request = Request(record.request.id)
-        self._setpoints, self.lease, self.controller = (), 0, None
-
-    @property
-    def number(self) -> int:
-        """Of the newest request."""
-        return self._request.id
-
-    def begin_anew(self) -> None:
-        """Another gateway process: it knows nothing but what the records tell it."""
-        self._seq, self._setpoints = 0, ()
-        self.lease, self.controller = 0, None
-        newest = self.records[-1].request.id if self.records else 0
-        self._request = Request(max(newest, self._request.id))
-        self._stop_count = self.records[-1].stop_count if self.records else 0
 
 
 class RandomSession:

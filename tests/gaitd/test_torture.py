@@ -25,6 +25,7 @@ from daemon.record import (
     Setpoint,
     StopCategory,
 )
+from gaitd.random_hour.asker import Asker
 from gaitd.random_hour.assisted import AssistBounds, AssistWatch
 from gaitd.random_hour.chances import Chances, Kind
 from gaitd.random_hour.controller import RandomController, Wrong
@@ -35,7 +36,6 @@ from gaitd.random_hour.invariants import (
 )
 from gaitd.random_hour.report import page, rerun, summary, told
 from gaitd.random_hour.series import session, sessions
-from gaitd.random_hour.session import Asker
 from gaitd.random_hour.stops import StopWatch
 from gaitd.random_hour.tally import Broken, Tally
 from gaitd.random_hour.variants import VARIANTS
