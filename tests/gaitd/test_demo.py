@@ -52,6 +52,8 @@ def test_an_interrupted_demonstration_ends_its_processes_and_says_so(tmp_path, n
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         text=True,
+        # Who runs the tests in the background of a shell ignores SIGINT, and so would its children.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
     ) as demo:
         assert demo.stdout is not None
         for line in demo.stdout:
