@@ -12,6 +12,7 @@ what has come is taken before the world goes on to the present.
 """
 
 import contextlib
+import math
 import time
 from collections.abc import Callable, Generator, Sequence
 from typing import Final
@@ -163,10 +164,10 @@ class RealTime:
 
     def _arrival_ns(self, message: can.Message) -> int:
         now = now_ns()
-        if self._arrivals is None:
+        stamp_ns = message.timestamp * NS_PER_S
+        if self._arrivals is None or not math.isfinite(stamp_ns):
             return now
-        stamp_ns = int(message.timestamp * NS_PER_S)
-        return self._arrivals.time_of_ns(stamp_ns, self._world.now_ns, now, time.time_ns())
+        return self._arrivals.time_of_ns(int(stamp_ns), self._world.now_ns, now, time.time_ns())
 
     def _receive(self, patience_s: float) -> can.Message | None:
         try:

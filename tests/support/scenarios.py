@@ -60,6 +60,25 @@ def witnessed(report: Report, name: str, interface: str = "vcan0") -> Iterator[N
         (report.folder / path.name).write_bytes(path.read_bytes())
 
 
+@contextlib.contextmanager
+def inside(report: Report, name: str, **channels: str) -> Iterator[Inside]:
+    """The service of one scenario; what its parts have said, in `NAME_PART.log` afterwards."""
+    service = Inside(MEMORY / name, **channels)
+    try:
+        yield service
+    finally:
+        for part in service.parts:
+            (report.folder / f"{name}_{part}.log").write_text(service.log(part))
+        service.end()
+
+
+def set_up(interface: str, options: str = "") -> None:
+    """A CAN interface at 1 Mbit/s with a queue for some cycles."""
+    shell(f"ip link set {interface} txqueuelen 100")
+    shell(f"ip link set {interface} type can bitrate 1000000 {options}")
+    shell(f"ip link set {interface} up")
+
+
 def walks(record: CycleRecord) -> bool:
     return record.mode == Mode.GAIT and record.gait_phase >= 0
 
@@ -100,8 +119,7 @@ def cycles(service: Inside, count: int) -> None:
 
 def service_on_vcan(report: Report) -> None:
     """The whole service walks; faults, cable, wall clock; SIGTERM."""
-    service = Inside(MEMORY / "on_vcan")
-    try:
+    with inside(report, "vcan") as service:
         with witnessed(report, "up"):
             up(service)
         report["core_log"] = service.log("core")
@@ -113,10 +131,6 @@ def service_on_vcan(report: Report) -> None:
         _queue_full(report, service)
         _cable(report, service)
         _end(report, service)
-    finally:
-        for part in service.parts:
-            (report.folder / f"{part}.log").write_text(service.log(part))
-        service.end()
 
 
 def _quiet(report: Report, service: Inside) -> None:
@@ -219,25 +233,16 @@ def _end(report: Report, service: Inside) -> None:
     report.keep_records("end", service, seq)
 
 
-CONTROLLERS = """
-modprobe kvaser_pci
-for one in can0 can1; do
-    ip link set $one txqueuelen 100
-    ip link set $one type can bitrate 1000000 restart-ms 100
-    ip link set $one up
-done
-"""
-
-
 def service_on_two_controllers(report: Report) -> None:
     """The core on one emulated controller (SJA1000 on a Kvaser card), the drives on the other.
 
     The emulation carries frames and has registers and interrupts; it makes no errors: what is sent
     counts as acknowledged, whoever hears it and at whatever bit rate, so no error counter rises.
     """
-    shell(CONTROLLERS)
-    service = Inside(MEMORY / "controllers", core="can0", sim="can1")
-    try:
+    shell("modprobe kvaser_pci")
+    for interface in ("can0", "can1"):
+        set_up(interface, "restart-ms 100")
+    with inside(report, "controllers", core="can0", sim="can1") as service:
         up(service)
         report["controller"] = link("can0")
         walking(service)
@@ -246,10 +251,6 @@ def service_on_two_controllers(report: Report) -> None:
         _own_controller_down(report, service)
         service.kill("core", signal.SIGTERM)
         report["controllers_exit"] = service.parts["core"].wait()
-    finally:
-        for part in service.parts:
-            (report.folder / f"controllers_{part}.log").write_text(service.log(part))
-        service.end()
 
 
 def _between_controllers(report: Report, service: Inside) -> None:
@@ -289,15 +290,6 @@ def _own_controller_down(report: Report, service: Inside) -> None:
     ready_again(service)
 
 
-SERIAL = """
-for one in {interfaces}; do
-    ip link set $one txqueuelen 100
-    ip link set $one type can bitrate 1000000
-    ip link set $one up
-done
-"""
-
-
 def service_on_serial_adapters(report: Report) -> None:
     """The core on one serial adapter, the drives on the other: these report what goes wrong.
 
@@ -307,23 +299,17 @@ def service_on_serial_adapters(report: Report) -> None:
     MEMORY.mkdir(exist_ok=True)
     shell("modprobe slcan")
     wire = Wire(MEMORY / "wire.json")
-    while not wire.told():
-        time.sleep(STEP_PAUSE_S)
     ours, theirs = (one["interface"] for one in wire.told())
-    shell(SERIAL.format(interfaces=f"{ours} {theirs}"))
-    service = Inside(MEMORY / "serial", core=ours, sim=theirs)
-    try:
+    for interface in (ours, theirs):
+        set_up(interface)
+    with inside(report, "serial", core=ours, sim=theirs) as service:
         up(service)
         report["serial"] = link(ours)
         _alone_on_the_wire(report, service, ours, theirs)
         _transceiver_breaks(report, service, wire)
         service.kill("core", signal.SIGTERM)
         report["serial_exit"] = service.parts["core"].wait()
-    finally:
-        for part in service.parts:
-            (report.folder / f"serial_{part}.log").write_text(service.log(part))
-        service.end()
-        wire.end()
+    wire.end()
 
 
 def link(interface: str) -> dict[str, Any]:

@@ -21,19 +21,23 @@ import pty
 import select
 import struct
 import termios
+import time
+import traceback
 import tty
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 N_SLCAN = 17
 SIOCGIFNAME = 0x8910
 BUFFERS = 3
 """Frames that wait in an adapter; more are lost."""
 CHUNK = 4096
+PATIENCE_S, POLL_S = 60.0, 0.1
+"""Until both are there."""
 
 
 class State(Enum):
@@ -179,6 +183,19 @@ def _keep(kept: Path, text: str) -> None:
     aside.replace(kept)
 
 
+def _serve_and_exit(control: int, kept: Path) -> NoReturn:
+    """A fork must not come back into its parent's story."""
+    code = 1
+    try:
+        serve(control, kept)
+        code = 0
+    except Exception as failure:
+        traceback.print_exception(failure)
+        raise
+    finally:
+        os._exit(code)
+
+
 class Wire:
     """Both adapters and the wire in a process of their own."""
 
@@ -188,13 +205,17 @@ class Wire:
         self._pid = os.fork()
         if self._pid == 0:
             os.close(self._orders)
-            serve(reading, kept)
-            os._exit(0)
+            _serve_and_exit(reading, kept)
         os.close(reading)
+        for _ in range(round(PATIENCE_S / POLL_S)):
+            if kept.exists():
+                return
+            time.sleep(POLL_S)
+        raise AssertionError("the adapters did not come up")
 
     def told(self) -> list[dict[str, Any]]:
-        """Interface, state, and whether it is broken, of each; empty before both are there."""
-        return json.loads(self._kept.read_text()) if self._kept.exists() else []
+        """Interface, state, and whether it is broken, of each."""
+        return json.loads(self._kept.read_text())
 
     def order(self, words: str) -> None:
         """`break NUMBER` or `mend NUMBER`."""
