@@ -8,8 +8,10 @@ ring reads it. Names sort by time and say what it is about::
     UTC of the stop      cause            boot id  record of the stop
 """
 
+import mmap
 import struct
-from collections.abc import Iterator, Sequence
+from array import array
+from collections.abc import Iterator
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
@@ -35,9 +37,6 @@ _SLOT: Final = struct.Struct("<QI")
 _ALIGNMENT: Final = 8
 _BOOT_ID_LENGTH: Final = 8
 
-Slot = tuple[int, bytes]
-"""Sequence number, and the record in msgpack."""
-
 
 class KeptFile(NamedTuple):
     """One file in the folder; without a header it is none of ours, or damaged."""
@@ -53,27 +52,75 @@ class KeptFile(NamedTuple):
         return self.header.kept if self.header else None
 
 
-def trimmed(header: RingHeader, slots: Sequence[Slot]) -> Iterator[bytes]:
+class Cutting:
+    """Records that are taken out of a ring, in msgpack, until they are in a file.
+
+    They lie one behind the other in a mapping that goes back to the system whole. A window has some
+    thousands of them: as objects of their own, stop after stop, they would leave a process' memory
+    in shreds.
+    """
+
+    def __init__(self, room_bytes: int) -> None:
+        """Room for some records; what is not used costs nothing."""
+        size = max(room_bytes, mmap.PAGESIZE)
+        self._map = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+        self._ends = array("Q")
+        """Where each record ends, from the first one on; one that is missing is empty."""
+        self.first_seq = 0
+        """0: there is none."""
+        self.longest_bytes = 0
+
+    def add(self, seq: int, data: bytes) -> None:
+        """Take one more; their numbers rise, and what is left out stays a gap."""
+        self.first_seq = self.first_seq or seq
+        begin = self._ends[-1] if self._ends else 0
+        gap = seq - self.first_seq - len(self._ends)
+        self._ends.extend(array("Q", [begin]) * gap)
+        end = begin + len(data)
+        self._map[begin:end] = data
+        self._ends.append(end)
+        self.longest_bytes = max(self.longest_bytes, len(data))
+
+    @property
+    def last_seq(self) -> int:
+        """The last record."""
+        return self.first_seq + len(self._ends) - 1
+
+    def __len__(self) -> int:
+        """How many records it spans, gaps among them."""
+        return len(self._ends)
+
+    def raw(self, seq: int) -> bytes:
+        """A record between the first and the last; empty if it is missing."""
+        number = seq - self.first_seq
+        begin = self._ends[number - 1] if number else 0
+        return self._map[begin : self._ends[number]]
+
+    def close(self) -> None:
+        """Give the memory back."""
+        self._map.close()
+
+
+def trimmed(header: RingHeader, cutting: Cutting) -> Iterator[bytes]:
     """A ring of exactly these records, piece by piece: head, and slot after slot.
 
     Args:
         header: what to say at its head.
-        slots: at least one, by rising sequence number; gaps stay gaps.
+        cutting: at least one record; gaps stay gaps.
 
     Raises:
         ValueError: our own bug: no record, or a header that does not fit.
     """
-    text = msgspec.msgpack.encode(header)
-    if not slots or _PREFIX.size + len(text) > HEADER_SIZE:
-        raise ValueError(f"{len(slots)} records under a header of {len(text)} bytes make no ring")
-    count = slots[-1][0] - slots[0][0] + 1
-    longest = max(len(data) for _, data in slots) + _SLOT.size
-    size = -(-longest // _ALIGNMENT) * _ALIGNMENT
+    text, count, first_seq = msgspec.msgpack.encode(header), len(cutting), cutting.first_seq
+    if not count or _PREFIX.size + len(text) > HEADER_SIZE:
+        raise ValueError(f"{count} records under a header of {len(text)} bytes make no ring")
+    size = -(-(cutting.longest_bytes + _SLOT.size) // _ALIGNMENT) * _ALIGNMENT
     yield (_PREFIX.pack(MAGIC, size, count, len(text)) + text).ljust(HEADER_SIZE, b"\0")
-    placed = {seq % count: (seq, data) for seq, data in slots}
     for index in range(count):
-        seq, data = placed.get(index, (0, b""))
-        yield (_SLOT.pack(seq, len(data)) + data).ljust(size, b"\0")
+        # The only one of these numbers that belongs into this slot.
+        seq = first_seq + (index - first_seq) % count
+        data = cutting.raw(seq)
+        yield (_SLOT.pack(seq if data else 0, len(data)) + data).ljust(size, b"\0")
 
 
 def name_of(core_boot_id: str, kept: Kept) -> str:

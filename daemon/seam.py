@@ -164,12 +164,12 @@ class RingReader:
                 raise RingError(f"{path}: is empty, not a ring of records") from error
         if len(self._map) < HEADER_SIZE:
             raise RingError(f"{path}: {len(self._map)} bytes are too few for a ring of records")
-        magic, self._slot_size, self._slot_count, length = _PREFIX.unpack_from(self._map, 0)
+        magic, self.slot_size, self._slot_count, length = _PREFIX.unpack_from(self._map, 0)
         if magic != MAGIC:
             raise RingError(f"{path}: begins with {magic!r}, a ring of records with {MAGIC!r}")
-        if self._slot_size < _SLOT.size or not self._slot_count:
+        if self.slot_size < _SLOT.size or not self._slot_count:
             raise RingError(f"{path}: its header says {self._slot_count} slots, so it has no room")
-        if len(self._map) < HEADER_SIZE + self._slot_size * self._slot_count:
+        if len(self._map) < HEADER_SIZE + self.slot_size * self._slot_count:
             raise RingError(f"{path}: shorter than its header says")
         text = self._map[_PREFIX.size : _PREFIX.size + length]
         try:
@@ -189,9 +189,9 @@ class RingReader:
 
     def raw(self, seq: int) -> bytes | None:
         """The same as it stands in the ring, in msgpack."""
-        offset = HEADER_SIZE + (seq % self._slot_count) * self._slot_size
+        offset = HEADER_SIZE + (seq % self._slot_count) * self.slot_size
         found, length = _SLOT.unpack_from(self._map, offset)
-        if found != seq or not 0 < length <= self._slot_size - _SLOT.size:
+        if found != seq or not 0 < length <= self.slot_size - _SLOT.size:
             return None
         data = self._map[offset + _SLOT.size : offset + _SLOT.size + length]
         if _SEQ.unpack_from(self._map, offset)[0] != seq:
@@ -214,7 +214,7 @@ class RingReader:
         self._map.close()
 
     def _seq_at(self, slot: int) -> int:
-        return _SEQ.unpack_from(self._map, HEADER_SIZE + slot * self._slot_size)[0]
+        return _SEQ.unpack_from(self._map, HEADER_SIZE + slot * self.slot_size)[0]
 
 
 def _bound_socket(path: Path) -> socket.socket:

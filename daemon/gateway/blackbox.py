@@ -32,7 +32,7 @@ from daemon.gateway.alive import SILENCE_NS
 from daemon.gateway.disk import Disk
 from daemon.gateway.shelf import Shelf
 from daemon.gateway.trail import Glance, Stop, Trail, glance_of
-from daemon.kept_ring import Slot
+from daemon.kept_ring import Cutting
 from daemon.seam import ASIDE_NAME, SLOT_COUNT, Kept, RingError, RingReader
 
 BEFORE_NS: Final = 15_000_000_000
@@ -59,35 +59,37 @@ class Window:
     due_ns: int
     """Then it is copied, whatever has come."""
     also: list[str] = field(default_factory=list)
-    copied: list[Slot] = field(default_factory=list)
     active: bool = False
     """The drives were enabled on purpose in one of these."""
-    next_seq: int | None = None
+    copied: Cutting | None = None
     """None as long as nothing is copied."""
+    next_seq: int = 0
+    """To be copied next."""
 
     def takes(self, trail: Trail, stop: Stop, last: int) -> bool:
         """Whether another stop, with the records until `last`, belongs into the same file."""
         span = SPAN_NS // trail.ring.header.period_ns
         same = trail.boot_id == self.trail.boot_id and self.first <= stop.seq <= self.last
-        return same and self.next_seq is None and last - self.first <= span
+        return same and self.copied is None and last - self.first <= span
 
     def copy(self, count: int) -> bool:
         """Copy some more records; true when all are."""
-        if self.next_seq is None:
+        if self.copied is None:
             # What has not come until now does not belong to it any more.
             self.next_seq, self.last = self.first, min(self.last, self.trail.newest)
+            self.copied = Cutting((self.last - self.first + 1) * self.trail.ring.slot_size)
         end = min(self.next_seq + count, self.last + 1)
         for seq in range(self.next_seq, end):
             data = self.trail.ring.raw(seq)
             if data is not None:
-                self.copied.append((seq, data))
+                self.copied.add(seq, data)
                 with contextlib.suppress(msgspec.MsgspecError):
                     self.active = self.active or glance_of(data).mode.active
         self.next_seq = end
         return end > self.last
 
-    def kept(self) -> Kept:
-        """What its file says of itself."""
+    def kept(self, copied: Cutting) -> Kept:
+        """What the file of these records says of itself."""
         stop = self.stop
         return Kept(
             cause=stop.cause,
@@ -95,8 +97,8 @@ class Window:
             detail=stop.detail,
             stop_seq=stop.seq,
             stop_utc_ns=stop.utc_ns,
-            first_seq=self.copied[0][0],
-            last_seq=self.copied[-1][0],
+            first_seq=copied.first_seq,
+            last_seq=copied.last_seq,
             active=self.active,
             also=tuple(self.also[:ALSO_MAX]),
         )
@@ -274,22 +276,25 @@ class BlackBox:
         for window in self._windows:
             trail = window.trail
             whole = trail.seq >= window.last or (not trail.live and trail.caught_up)
-            if window.next_seq is not None or whole or now_ns >= window.due_ns:
+            if window.copied is not None or whole or now_ns >= window.due_ns:
                 if window.copy(count):
                     self._windows.remove(window)
                     self._put(window)
                 return
 
     def _put(self, window: Window) -> None:
-        if not window.copied:
+        copied = window.copied
+        if not copied:
             return
-        header, kept = window.trail.ring.header, window.kept()
+        header, kept = window.trail.ring.header, window.kept(copied)
         self._handed.append((header.core_boot_id, kept.first_seq, kept.last_seq))
 
         def write() -> None:
             self._unkept.add(header.core_boot_id)
-            self._kept.put(self._shelf.keep(header, kept, window.copied).name)
+            with contextlib.closing(copied):
+                self._kept.put(self._shelf.keep(header, kept, copied).name)
             self._unkept.discard(header.core_boot_id)
 
         if not self._disk.ask(WHAT, write):
+            copied.close()
             self._unkept.add(header.core_boot_id)

@@ -12,7 +12,7 @@ from typing import Final
 
 import msgspec
 
-from daemon.kept_ring import PART_SUFFIX, KeptFile, Slot, kept_files, name_of, trimmed
+from daemon.kept_ring import PART_SUFFIX, Cutting, KeptFile, kept_files, name_of, trimmed
 from daemon.seam import Kept, RingHeader
 
 FILES_MAX: Final = 60
@@ -44,7 +44,7 @@ class Shelf:
             if file.header and (kept := file.kept)
         )
 
-    def keep(self, header: RingHeader, kept: Kept, slots: Sequence[Slot]) -> Path:
+    def keep(self, header: RingHeader, kept: Kept, cutting: Cutting) -> Path:
         """Put a file on the shelf, and make room.
 
         Raises:
@@ -55,7 +55,7 @@ class Shelf:
         header = msgspec.structs.replace(header, kept=kept)
         part = path.with_suffix(PART_SUFFIX)
         try:
-            size = _write(part, trimmed(header, slots))
+            size = _write(part, trimmed(header, cutting))
             part.replace(path)
         except OSError:
             part.unlink(missing_ok=True)

@@ -371,6 +371,8 @@ def _phase(leg: LegRecord) -> Number:
 def _power(view: View, axes: tuple[int, ...]) -> tuple[Number, Number]:
     """Patient's power over these axes in W, and its standard deviation to first order.
 
+    None is what cannot be told, or is no number: factors that are may have a product that is not.
+
     P = sum of effort times speed, so its gradient is the speed with respect to the effort and the
     effort with respect to the speed; the variance is the gradient's quadratic form of covariance.
     """
@@ -382,9 +384,9 @@ def _power(view: View, axes: tuple[int, ...]) -> tuple[Number, Number]:
         gradient += [(_PATIENT[axis], speed), (_VELOCITY[axis], effort)]
     power = sum(gradient[2 * k][1] * gradient[2 * k + 1][1] for k in range(len(axes)))
     if view.covariance is None:
-        return power, None
+        return finite(power), None
     variance = sum(g * h * view.covariance[_packed(i, j)] for i, g in gradient for j, h in gradient)
-    return power, math.sqrt(max(variance, 0.0))
+    return finite(power), finite(math.sqrt(max(variance, 0.0)))
 
 
 def _packed(row: int, column: int) -> int:

@@ -165,8 +165,9 @@ killed in the first fifth only, so that memory is told of processes that live on
 A stop is *expected* if the fault matrix ([fault_matrix.md](fault_matrix.md)) names its cause for
 what went wrong. It is *the computer held us up* if nothing of ours went wrong and the second before
 (for a stop by the observer, which remembers longer: two and a half) shows late SYNCs, missed grid
-points, the samples of all drives missing at once, or processors stolen by other machines on the
-same hardware: the loopback bus and the virtual drives are ordinary processes among others.
+points or the samples of all drives missing at once, or if other machines on the same hardware had
+our processors within two and a half seconds: the loopback bus and the virtual drives are ordinary
+processes among others.
 Everything else is *unexpected*, and fails the soak."""
 
 

@@ -1,13 +1,14 @@
 """Files of the black box: exactly the records of the window, in a ring that every reader opens."""
 
 import struct
+import sys
 from contextlib import closing
 
 import msgspec
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from records import HEADER, record
+from records import HEADER, cut_out, record
 
 from daemon import seam
 from daemon.gateway.blackbox import Window
@@ -31,8 +32,8 @@ def ring(tmp_path_factory):
         yield opened
 
 
-def slots_of(*seqs):
-    return [(seq, msgspec.msgpack.encode(record(seq))) for seq in seqs]
+def cutting_of(*seqs):
+    return cut_out(map(record, seqs))
 
 
 def read(path):
@@ -59,7 +60,8 @@ def test_a_window_keeps_exactly_those_of_its_records_that_the_ring_has(
     while not window.copy(piece):
         pass
 
-    assert [seq for seq, _ in window.copied] == [one.seq for one in there]
+    kept = range(window.copied.first_seq, window.copied.last_seq + 1)
+    assert [seq for seq in kept if window.copied.raw(seq)] == [one.seq for one in there]
     if not there:
         return
     path = tmp_path / "kept.ring"
@@ -69,10 +71,22 @@ def test_a_window_keeps_exactly_those_of_its_records_that_the_ring_has(
     assert msgspec.msgpack.encode(found) == msgspec.msgpack.encode(there)
 
 
+def test_a_window_of_thousands_of_records_is_not_thousands_of_objects(ring):
+    stop = Stop("cause", "", "", seam.SLOT_COUNT, 0)
+    window = Window(Trail.of(ring), stop, seam.SLOT_COUNT - 1000, seam.SLOT_COUNT + 400, due_ns=0)
+    window.copy(1)
+    before = sys.getallocatedblocks()
+
+    window.copy(1400)
+
+    assert len(window.copied) > 1350
+    assert sys.getallocatedblocks() - before < 100
+
+
 def test_a_file_says_what_it_was_kept_for_and_its_name_does(tmp_path):
     header = msgspec.structs.replace(HEADER, kept=KEPT)
     path = tmp_path / name_of(HEADER.core_boot_id, KEPT)
-    path.write_bytes(b"".join(trimmed(header, slots_of(5))))
+    path.write_bytes(b"".join(trimmed(header, cutting_of(5))))
 
     assert path.name == "20261121T113734.847Z_hand_switch_open_boot_5.ring"
     assert kept_file(path).kept == KEPT
@@ -88,7 +102,7 @@ def test_a_header_of_a_service_before_the_black_box_is_read(tmp_path):
 
 def test_files_are_listed_by_time_and_one_that_is_damaged_is_named(tmp_path):
     (tmp_path / "2.ring").write_bytes(b"")
-    (tmp_path / "1.ring").write_bytes(b"".join(trimmed(HEADER, slots_of(1))))
+    (tmp_path / "1.ring").write_bytes(b"".join(trimmed(HEADER, cutting_of(1))))
     (tmp_path / "other.txt").write_text("no ring")
 
     first, second = kept_files(tmp_path)
@@ -101,12 +115,12 @@ def test_files_are_listed_by_time_and_one_that_is_damaged_is_named(tmp_path):
 
 def test_nothing_makes_no_file():
     with pytest.raises(ValueError, match="0 records"):
-        list(trimmed(HEADER, []))
+        list(trimmed(HEADER, cutting_of()))
 
 
 def test_a_header_without_slots_is_refused(tmp_path):
     path = tmp_path / "some.ring"
-    image = bytearray(b"".join(trimmed(HEADER, slots_of(1))))
+    image = bytearray(b"".join(trimmed(HEADER, cutting_of(1))))
     struct.pack_into("<I", image, 12, 0)
     path.write_bytes(image)
 

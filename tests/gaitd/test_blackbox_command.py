@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from records import HEADER, record
+from records import HEADER, cut_out, record
 from typer.testing import CliRunner
 
 from analysis.recording import read_csv
@@ -42,12 +42,11 @@ def state(tmp_path):
     import tomllib
 
     header = msgspec.structs.replace(HEADER, robot=tomllib.loads(ROBOT.read_text()))
-    slots = [(one.seq, msgspec.msgpack.encode(one)) for one in records()]
     at_ns = record(201).sync_utc_ns
     kept = Kept(
         "hand_switch_open", "right/hip", "let go", 201, at_ns, 1, 300, True, ("sto_active",)
     )
-    Shelf(tmp_path / FOLDER).keep(header, kept, slots)
+    Shelf(tmp_path / FOLDER).keep(header, kept, cut_out(records()))
     place = Place()
     with (tmp_path / NAME).open("wb") as file:
         for name in ("enable", "stop"):

@@ -1,8 +1,13 @@
 """Records with nothing remarkable in them, for tests that change one thing."""
 
+from collections.abc import Iterable
+
+import msgspec
+
 from daemon.cycle_timing import CycleTiming
+from daemon.kept_ring import Cutting
 from daemon.record import CycleRecord, DriveRecord, LegRecord, Mode, RequestResult, Verdict
-from daemon.seam import RingHeader
+from daemon.seam import SLOT_COUNT, SLOT_SIZE, RingHeader
 
 HEADER = RingHeader(
     core_boot_id="boot",
@@ -86,3 +91,11 @@ def record(seq: int) -> CycleRecord:
             lateness_ns=10_000, collect_ns=500_000, work_ns=300_000, overrun_count=0
         ),
     )
+
+
+def cut_out(records: Iterable[CycleRecord]) -> Cutting:
+    """Records as the black box takes them out of a ring."""
+    cutting = Cutting(SLOT_COUNT * SLOT_SIZE)
+    for one in records:
+        cutting.add(one.seq, msgspec.msgpack.encode(one))
+    return cutting

@@ -6,7 +6,7 @@ import math
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from daemon.assist_record import AssistRecord, LegAssistRecord
@@ -115,6 +115,14 @@ any_number = st.one_of(st.floats(), st.sampled_from([math.nan, math.inf, -math.i
     pair=st.tuples(any_number, any_number),
     validity=st.tuples(st.integers(0, 2), st.integers(0, 2)),
     status=st.integers(0, (1 << 15) - 1),
+)
+@example(
+    state=(1e200,) * 8,
+    std=(0.0,) * 8,
+    covariance=(1e-3,) * 36,
+    pair=(0.0, 0.0),
+    validity=(0, 0),
+    status=0,
 )
 def test_no_record_whatever_makes_a_message_with_a_number_that_is_none(
     make_leg, make_record, state, std, covariance, pair, validity, status
