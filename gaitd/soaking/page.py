@@ -109,7 +109,8 @@ def _outline(found: Soaked) -> list[tuple[str, str]]:
         ("core's scheduling", "SCHED_FIFO" if found.realtime else "SCHED_OTHER (FIFO refused)"),
         (
             f"{found.processors} processors, busy",
-            f"{found.machine_busy_ratio:.0%}, by these three processes {found.own_busy_ratio:.0%}",
+            f"{found.machine_busy_ratio:.0%}, by these three processes {found.own_busy_ratio:.0%}, "
+            f"by other machines {found.stolen_ratio:.1%}",
         ),
         ("starts", ", ".join(f"{name} {count}" for name, count in found.start_count.items())),
         ("setpoints of floods", f"{found.flooded_count}"),

@@ -30,6 +30,8 @@ WALKING_WITHIN_S: Final = 120.0
 """Else the soak ends: nobody gets this machine walking again."""
 START_WITHIN_S: Final = 300.0
 """The very first start compiles the observer's kernels."""
+STOLEN_RATIO: Final = 0.1
+"""Of one processor: time of which others have more does not count against the machine."""
 MEMORY_EVERY_S: Final = 5.0
 MEMORY_SAMPLES_MIN: Final = 40
 """Even of a short soak."""
@@ -48,9 +50,11 @@ class Soaked:
     """From the beginning of each trouble that stopped until the leg walked again."""
     memory: dict[str, list[memory.Sample]]
     machine_busy_ratio: float
-    """Of all processors of this computer, by everybody."""
+    """Of all processors of this computer, by everybody on it."""
     own_busy_ratio: float
     """By the three processes, of all processors."""
+    stolen_ratio: float
+    """Of all processors, by other machines on the same hardware."""
     outcomes: Counter[str]
     start_count: Counter[str]
     endings: list[str]
@@ -67,6 +71,31 @@ class Soaked:
 
 class StuckError(Exception):
     """The machine does not walk any more; the text says in which mode it is."""
+
+
+class Patience:
+    """How long nobody gets the machine walking, in time that its processors were ours."""
+
+    def __init__(self, now_s: float, stolen_s: float) -> None:
+        """Before the very first stride."""
+        self._now_s, self._stolen_s = now_s, stolen_s
+        self._left_s = START_WITHIN_S
+
+    def turn(self, now_s: float, stolen_s: float, *, walks: bool) -> bool:
+        """Whether there is some left.
+
+        Args:
+            now_s: any clock.
+            stolen_s: how long other machines have had our processors, since whenever.
+            walks: now.
+        """
+        passed_s, lost_s = now_s - self._now_s, stolen_s - self._stolen_s
+        self._now_s, self._stolen_s = now_s, stolen_s
+        if walks:
+            self._left_s = WALKING_WITHIN_S
+        elif lost_s <= STOLEN_RATIO * passed_s:
+            self._left_s -= passed_s
+        return self._left_s > 0.0
 
 
 class Soak:
@@ -90,7 +119,8 @@ class Soak:
         self._tail = RecordTail(made.ring)
         self._witness = Witness()
         self._memory: dict[str, list[memory.Sample]] = {part: [] for part in PARTS}
-        self._begun_s = self._walked_s = time.monotonic()
+        self._begun_s = time.monotonic()
+        self._patience = Patience(self._begun_s, _stolen_s())
         self._sampled_s = 0.0
         self._happening: Happening | None = None
         self._happened_s = 0.0
@@ -106,10 +136,10 @@ class Soak:
     def run(self) -> Soaked:
         """Until the time is over, or nobody gets the machine walking again."""
         trouble = ""
-        busy = _processors_busy_s()
+        busy, stolen = _processors_busy_s(), _stolen_s()
         try:
             self._until_walking()
-            busy, begun_s = _processors_busy_s(), time.monotonic()
+            busy, stolen, begun_s = _processors_busy_s(), _stolen_s(), time.monotonic()
             self._begun_s = begun_s
             while time.monotonic() < begun_s + self._duration_s or self._happening is not None:
                 self._turn()
@@ -120,11 +150,11 @@ class Soak:
             self._flood.end()
             self._outstanding.close()
         passed_s = time.monotonic() - self._begun_s
-        busy_s = _processors_busy_s() - busy
+        busy_s, stolen_s = _processors_busy_s() - busy, _stolen_s() - stolen
         self._made.end()
-        return self._soaked(passed_s, busy_s, trouble)
+        return self._soaked(passed_s, busy_s, stolen_s, trouble)
 
-    def _soaked(self, passed_s: float, busy_s: float, trouble: str) -> Soaked:
+    def _soaked(self, passed_s: float, busy_s: float, stolen_s: float, trouble: str) -> Soaked:
         processors = os.cpu_count() or 1
         lives = [life for name in PARTS for life in memory.lives(name, self._memory[name])]
         own_s = sum(life.cpu_ratio * life.duration_s for life in lives)
@@ -138,6 +168,7 @@ class Soak:
             memory={name: self._since_begin(life) for name, life in self._memory.items()},
             machine_busy_ratio=busy_s / passed_s / processors,
             own_busy_ratio=own_s / passed_s / processors,
+            stolen_ratio=stolen_s / passed_s / processors,
             outcomes=self._operator.outcomes,
             start_count=self._made.start_count,
             endings=self._made.endings,
@@ -154,7 +185,6 @@ class Soak:
     # --- time -----------------------------------------------------------------------------------
 
     def _until_walking(self) -> None:
-        self._walked_s = time.monotonic() + START_WITHIN_S - WALKING_WITHIN_S
         while not self._witness.walks:
             self._turn()
         self._realtime = os.sched_getscheduler(self._made.pid("core")) in _REALTIME
@@ -162,10 +192,11 @@ class Soak:
     def _turn(self) -> None:
         time.sleep(TURN_S)
         now_s = time.monotonic()
-        since_s = now_s - self._begun_s
-        self._witness.hear(self._tail.read(), since_s, self._happening, _stolen_s())
+        since_s, stolen_s = now_s - self._begun_s, _stolen_s()
+        self._witness.hear(self._tail.read(), since_s, self._happening, stolen_s)
         self._made.revive()
         self._note_memory(now_s)
+        self._insist_on_gait(now_s, stolen_s)
         self._go_on(now_s)
         self._operate(now_s)
         self._say(now_s - self._begun_s, self._words())
@@ -186,15 +217,16 @@ class Soak:
             if found is not None:
                 self._memory[part].append(found)
 
-    # --- what goes wrong --------------------------------------------------------------------------
-
-    def _go_on(self, now_s: float) -> None:
-        if self._witness.walks and not self._witness.stopped:
-            self._walked_s = now_s
-        elif now_s > self._walked_s + WALKING_WITHIN_S:
+    def _insist_on_gait(self, now_s: float, stolen_s: float) -> None:
+        walks = self._witness.walks and not self._witness.stopped
+        if not self._patience.turn(now_s, stolen_s, walks=walks):
             newest = self._witness.newest
             mode = f"{newest.mode.name}, {newest.verdict}" if newest else "no record"
             raise StuckError(f"no gait for {WALKING_WITHIN_S:g} s: {mode}; {self._happening}")
+
+    # --- what goes wrong --------------------------------------------------------------------------
+
+    def _go_on(self, now_s: float) -> None:
         if self._happening is None:
             if self._witness.walks and now_s >= self._next_s:
                 self._begin(now_s)
@@ -331,10 +363,10 @@ _REALTIME: Final = frozenset({os.SCHED_FIFO, os.SCHED_FIFO | os.SCHED_RESET_ON_F
 
 
 def _processors_busy_s() -> float:
-    """Seconds that all processors together were not idle, since the start of this computer."""
+    """Seconds that all processors together worked, since the start of this computer."""
     ticks = _processor_ticks()
     idle = ticks[3] + ticks[4]
-    return (sum(ticks[:8]) - idle) / memory.TICKS_PER_S
+    return (sum(ticks[:7]) - idle) / memory.TICKS_PER_S
 
 
 def _stolen_s() -> float:

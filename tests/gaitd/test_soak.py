@@ -8,6 +8,7 @@ from daemon.record import Cause, CycleRecord, Mode, StopCategory, Verdict
 from gaitd.soaking import memory
 from gaitd.soaking.happenings import SOURCES, Chances, Doer, Happening
 from gaitd.soaking.operator import Operator, Situation
+from gaitd.soaking.play import Patience
 from gaitd.soaking.witness import Judged, Witness
 from sim_drives.faults import parse_command
 
@@ -110,6 +111,30 @@ def test_processors_stolen_by_other_machines_are_the_computers_fault_while_they_
     assert judged((7.0, 7.0, 7.3)) is Judged.HELD_UP
     assert judged((7.0, 7.0, 7.04)) is Judged.UNEXPECTED
     assert judged((7.0, 7.3, 7.3, 7.3, 7.3, 7.3)) is Judged.UNEXPECTED
+
+
+def turns_until_stuck(patience: Patience, begin: int, *, walks: bool, stolen_ratio: float) -> int:
+    """Seconds, of 1000 at most."""
+    for turn in range(1, 1001):
+        now_s = float(begin + turn)
+        if not patience.turn(now_s, stolen_ratio * now_s, walks=walks):
+            return turn
+    return 1000
+
+
+def test_a_machine_that_does_not_walk_for_two_minutes_is_stuck_and_longer_at_the_start():
+    patience = Patience(0.0, 0.0)
+    assert turns_until_stuck(patience, 0, walks=False, stolen_ratio=0.0) == 300
+
+    patience = Patience(0.0, 0.0)
+    assert patience.turn(200.0, 0.0, walks=True)
+    assert turns_until_stuck(patience, 200, walks=False, stolen_ratio=0.0) == 120
+    assert turns_until_stuck(Patience(0.0, 0.0), 0, walks=True, stolen_ratio=0.0) == 1000
+
+
+def test_time_in_which_other_machines_had_the_processors_does_not_make_it_stuck():
+    assert turns_until_stuck(Patience(0.0, 0.0), 0, walks=False, stolen_ratio=0.3) == 1000
+    assert turns_until_stuck(Patience(0.0, 0.0), 0, walks=False, stolen_ratio=0.05) == 300
 
 
 def test_a_stop_by_the_observer_is_looked_back_at_for_longer_and_keeps_what_it_said():
