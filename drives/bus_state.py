@@ -33,6 +33,8 @@ _DATA_WARNING: Final = 0x0C
 _DATA_PASSIVE: Final = 0x30
 _DATA_TRANSMITTER_PASSIVE: Final = 0x20
 _DATA_ACTIVE: Final = 0x40
+_PROTOCOL_ACTIVE: Final = 0x40
+"""Bit in data[2] of a protocol error: a driver (usb_8dev) announces so that all is well again."""
 _ACK_SLOT: Final = 0x19
 """data[3] of a protocol error: some drivers report a missing acknowledgement by its place."""
 
@@ -104,6 +106,8 @@ class BusMonitor:
             self._be_alone()
         if kinds & _CLASS_CONTROLLER and len(frame.data) > 1:
             self._controller(frame.data[1])
+        if kinds & _CLASS_PROTOCOL and _announces_active(frame.data):
+            self._be_active()
         if kinds & _CLASS_RESTARTED:
             self.restart_count += 1
             self.condition = BusCondition.ACTIVE
@@ -161,6 +165,10 @@ class BusMonitor:
             self.warning_count += 1
             self.condition = BusCondition.WARNING
         elif status & _DATA_ACTIVE:
+            self._be_active()
+
+    def _be_active(self) -> None:
+        if self.condition is not BusCondition.OFF:
             self.condition = BusCondition.ACTIVE
 
     def _overflow(self) -> None:
@@ -169,6 +177,10 @@ class BusMonitor:
             self._overflow_told_count = self.overflow_count
             lost = f"CAN controller lost frames, {self.overflow_count} times so far"
             self._notices.append(f"{lost}: the machine is too slow or the bus too full")
+
+
+def _announces_active(data: bytes) -> bool:
+    return len(data) > 2 and bool(data[2] & _PROTOCOL_ACTIVE)
 
 
 def _is_at(data: bytes, place: int) -> bool:

@@ -341,6 +341,20 @@ def test_error_passive_is_an_event_and_not_bus_off(status):
     assert monitor.condition is BusCondition.ACTIVE
 
 
+def test_an_active_error_announcement_ends_error_passive_and_not_bus_off():
+    """linux/can/error.h CAN_ERR_PROT_ACTIVE, as usb_8dev reports that all is well again."""
+    monitor = BusMonitor()
+    well_again = Frame(0x008, b"\0\0\x40\0\0\0\0\0", is_error=True)
+
+    monitor.feed(error(0x004, 0x20))
+    assert monitor.feed(well_again)
+    assert monitor.condition is BusCondition.ACTIVE
+
+    monitor.feed(error(0x040))
+    assert not monitor.feed(well_again)
+    assert monitor.condition is BusCondition.OFF
+
+
 def test_a_missing_acknowledgement_alone_is_told_apart():
     monitor = BusMonitor()
 

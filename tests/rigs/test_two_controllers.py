@@ -2,7 +2,7 @@
 
 QEMU's SJA1000 carries frames, and takes bit rate, restart and queue length; it makes no errors:
 whatever is sent counts as acknowledged. What a driver says of error passive and bus-off is in
-test_serial_adapters.py, and what each single error frame does in test_service_on_vcan.py.
+test_usb_adapters.py, and what each single error frame does in test_service_on_vcan.py.
 """
 
 import pytest
