@@ -236,7 +236,7 @@ def test_the_drives_are_found_over_two_usb_adapters_at_1_mbit_per_s(controllers_
     info = controllers_world.facts["usb"]["linkinfo"]["info_data"]
 
     assert info["state"] == "ERROR-ACTIVE"
-    assert info["bittiming_bitrate"] == 1_000_000
+    assert info["bittiming"]["bitrate"] == 1_000_000
 
 
 @rig_test
