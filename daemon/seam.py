@@ -147,7 +147,7 @@ class RingWriter:
 
 
 class RingReader:
-    """Any reader's end: the gateway live, replay afterwards."""
+    """Any reader's end, the gateway live, replay afterwards: `slot_count` slots of `slot_size` bytes."""
 
     def __init__(self, path: Path) -> None:
         """Open and check the file.
@@ -164,12 +164,12 @@ class RingReader:
                 raise RingError(f"{path}: is empty, not a ring of records") from error
         if len(self._map) < HEADER_SIZE:
             raise RingError(f"{path}: {len(self._map)} bytes are too few for a ring of records")
-        magic, self.slot_size, self._slot_count, length = _PREFIX.unpack_from(self._map, 0)
+        magic, self.slot_size, self.slot_count, length = _PREFIX.unpack_from(self._map, 0)
         if magic != MAGIC:
             raise RingError(f"{path}: begins with {magic!r}, a ring of records with {MAGIC!r}")
-        if self.slot_size < _SLOT.size or not self._slot_count:
-            raise RingError(f"{path}: its header says {self._slot_count} slots, so it has no room")
-        if len(self._map) < HEADER_SIZE + self.slot_size * self._slot_count:
+        if self.slot_size < _SLOT.size or not self.slot_count:
+            raise RingError(f"{path}: its header says {self.slot_count} slots, so it has no room")
+        if len(self._map) < HEADER_SIZE + self.slot_size * self.slot_count:
             raise RingError(f"{path}: shorter than its header says")
         text = self._map[_PREFIX.size : _PREFIX.size + length]
         try:
@@ -180,7 +180,7 @@ class RingReader:
 
     def newest_seq(self) -> int:
         """The highest sequence number in the ring, 0 if there is none."""
-        return max(self._seq_at(slot) for slot in range(self._slot_count))
+        return max(self._seq_at(slot) for slot in range(self.slot_count))
 
     def read(self, seq: int) -> CycleRecord | None:
         """The record with this number, or None if it is not there (yet, or any more)."""
@@ -189,7 +189,7 @@ class RingReader:
 
     def raw(self, seq: int) -> bytes | None:
         """The same as it stands in the ring, in msgpack."""
-        offset = HEADER_SIZE + (seq % self._slot_count) * self.slot_size
+        offset = HEADER_SIZE + (seq % self.slot_count) * self.slot_size
         found, length = _SLOT.unpack_from(self._map, offset)
         if found != seq or not 0 < length <= self.slot_size - _SLOT.size:
             return None
@@ -200,7 +200,7 @@ class RingReader:
 
     def oldest_seq(self, newest: int) -> int:
         """The lowest number that can still be there beside the newest; it need not be."""
-        return max(newest - self._slot_count + 1, 1)
+        return max(newest - self.slot_count + 1, 1)
 
     def since(self, seq: int) -> list[CycleRecord]:
         """All records after `seq` that are still there, oldest first."""

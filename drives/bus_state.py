@@ -26,6 +26,7 @@ _CLASS_CONTROLLER: Final = 0x004
 _CLASS_PROTOCOL: Final = 0x008
 _CLASS_NO_ACK: Final = 0x020
 _CLASS_BUS_OFF: Final = 0x040
+_CLASS_BUS_ERROR: Final = 0x080
 _CLASS_RESTARTED: Final = 0x100
 
 _DATA_OVERFLOW: Final = 0x03
@@ -106,7 +107,7 @@ class BusMonitor:
             self._be_alone()
         if kinds & _CLASS_CONTROLLER and len(frame.data) > 1:
             self._controller(frame.data[1])
-        if kinds & _CLASS_PROTOCOL and _announces_active(frame.data):
+        elif _announces_active(frame):
             self._be_active()
         if kinds & _CLASS_RESTARTED:
             self.restart_count += 1
@@ -179,8 +180,10 @@ class BusMonitor:
             self._notices.append(f"{lost}: the machine is too slow or the bus too full")
 
 
-def _announces_active(data: bytes) -> bool:
-    return len(data) > 2 and bool(data[2] & _PROTOCOL_ACTIVE)
+def _announces_active(frame: Frame) -> bool:
+    # With the class of bus errors it tells of one more of them.
+    only = frame.can_id & (_CLASS_PROTOCOL | _CLASS_BUS_ERROR) == _CLASS_PROTOCOL
+    return only and len(frame.data) > 2 and bool(frame.data[2] & _PROTOCOL_ACTIVE)
 
 
 def _is_at(data: bytes, place: int) -> bool:

@@ -77,7 +77,10 @@ class Window:
         if self.copied is None:
             # What has not come until now does not belong to it any more.
             self.next_seq, self.last = self.first, min(self.last, self.trail.newest)
-            self.copied = Cutting((self.last - self.first + 1) * self.trail.ring.slot_size)
+            ring = self.trail.ring
+            # Whatever the window: there are never more records than the ring has slots.
+            room_count = min(self.last - self.first + 1, ring.slot_count)
+            self.copied = Cutting(room_count * ring.slot_size)
         end = min(self.next_seq + count, self.last + 1)
         for seq in range(self.next_seq, end):
             data = self.trail.ring.raw(seq)

@@ -157,6 +157,9 @@ def _growth(life: Life) -> str:
 
 # --- the page -------------------------------------------------------------------------------------
 
+HELD_UP_SHOWN_COUNT: Final = 20
+"""Stops for which this computer is to blame: all are counted, so many are described."""
+
 _PREFACE: Final = """\
 Real processes in real time on the loopback bus: `gaitd sim`, `gaitd core`, `gaitd gateway`. The leg
 walks; every few seconds something goes wrong, drawn from a seed (`gaitd/soaking/happenings.py`); an
@@ -187,7 +190,9 @@ def page(found: Soaked, command: str, figure: str) -> str:
     held_up = _of(found, Judged.HELD_UP)
     if held_up:
         parts.append("## When the computer held us up\n")
-        parts.append("\n".join(f"- {_told(stop)}" for stop in held_up))
+        parts.append("\n".join(f"- {_told(stop)}" for stop in held_up[:HELD_UP_SHOWN_COUNT]))
+        if len(held_up) > HELD_UP_SHOWN_COUNT:
+            parts.append(f"And {len(held_up) - HELD_UP_SHOWN_COUNT} more of the kind.")
     return "\n\n".join(parts) + "\n"
 
 

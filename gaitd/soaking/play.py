@@ -31,7 +31,9 @@ WALKING_WITHIN_S: Final = 120.0
 START_WITHIN_S: Final = 300.0
 """The very first start compiles the observer's kernels."""
 STOLEN_RATIO: Final = 0.1
-"""Of one processor: time of which others have more does not count against the machine."""
+"""Of one processor: time of which others have more hardly counts against the machine."""
+STOLEN_COUNTS_RATIO: Final = 0.1
+"""Such time; a soak must end one day."""
 MEMORY_EVERY_S: Final = 5.0
 MEMORY_SAMPLES_MIN: Final = 40
 """Even of a short soak."""
@@ -93,8 +95,9 @@ class Patience:
         self._now_s, self._stolen_s = now_s, stolen_s
         if walks:
             self._left_s = WALKING_WITHIN_S
-        elif lost_s <= STOLEN_RATIO * passed_s:
-            self._left_s -= passed_s
+        else:
+            stolen = lost_s > STOLEN_RATIO * passed_s
+            self._left_s -= passed_s * (STOLEN_COUNTS_RATIO if stolen else 1.0)
         return self._left_s > 0.0
 
 

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from records import HEADER, cut_out, record
 
 from daemon import seam
+from daemon.gateway import blackbox
 from daemon.gateway.blackbox import Window
 from daemon.gateway.trail import Stop, Trail
-from daemon.kept_ring import kept_file, kept_files, name_of, trimmed
+from daemon.kept_ring import Cutting, kept_file, kept_files, name_of, trimmed
 from daemon.seam import ASIDE_NAME, RING_NAME, Kept, RingError, RingReader, RingWriter
 
 KEPT = Kept("hand_switch_open", "right/hip", "", 5, 1_795_261_054_847_122_612, 1, 9, True)
@@ -81,6 +82,19 @@ def test_a_window_of_thousands_of_records_is_not_thousands_of_objects(ring):
 
     assert len(window.copied) > 1350
     assert sys.getallocatedblocks() - before < 100
+
+
+def test_a_window_longer_than_its_ring_asks_for_no_more_memory_than_the_ring_has(ring, monkeypatch):
+    asked: list[int] = []
+    monkeypatch.setattr(blackbox, "Cutting", lambda room: asked.append(room) or Cutting(room))
+    newest = ring.newest_seq()
+    window = Window(Trail.of(ring), Stop("cause", "", "", newest, 0), 1, 10**12, due_ns=0)
+
+    while not window.copy(1000):
+        pass
+
+    assert asked == [seam.SLOT_COUNT * seam.SLOT_SIZE]
+    assert window.copied.last_seq == newest
 
 
 def test_a_file_says_what_it_was_kept_for_and_its_name_does(tmp_path):

@@ -345,8 +345,13 @@ def test_an_active_error_announcement_ends_error_passive_and_not_bus_off():
     """linux/can/error.h CAN_ERR_PROT_ACTIVE, as usb_8dev reports that all is well again."""
     monitor = BusMonitor()
     well_again = Frame(0x008, b"\0\0\x40\0\0\0\0\0", is_error=True)
+    one_more = Frame(0x088, well_again.data, is_error=True)
+    passive = Frame(0x00C, b"\0\x20\x40\0\0\0\0\0", is_error=True)
 
     monitor.feed(error(0x004, 0x20))
+    assert not monitor.feed(one_more)
+    assert not monitor.feed(passive)
+    assert monitor.condition is BusCondition.PASSIVE
     assert monitor.feed(well_again)
     assert monitor.condition is BusCondition.ACTIVE
 
