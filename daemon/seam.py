@@ -147,7 +147,7 @@ class RingWriter:
 
 
 class RingReader:
-    """Any reader's end, the gateway live, replay afterwards: `slot_count` slots of `slot_size` bytes."""
+    """Any reader's end, the gateway live or replay: `slot_count` slots of `slot_size` bytes."""
 
     def __init__(self, path: Path) -> None:
         """Open and check the file.

@@ -41,6 +41,13 @@ def pytest_addoption(parser):
     )
 
 
+def pytest_configure(config):
+    """A computer that stands still is no reason to fail; see `tests/support/held_up.py`."""
+    from held_up import HeldUp, Stalls
+
+    config.pluginmanager.register(HeldUp(Stalls()))
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
     """On several processors; see `tests/support/parallel.py`."""

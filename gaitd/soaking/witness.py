@@ -14,21 +14,12 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final
 
-from daemon.core.safety import OBSERVER_BAD_MAX_CYCLES
-from daemon.record import Cause, CycleRecord, DriveRecord, Mode, StopCategory
+from daemon.record import Cause, CycleRecord, Mode, StopCategory
 from daemon.words import name_of
+from gaitd.held_up import LOOK_BACK_CYCLES, OBSERVER_LOOK_BACK_CYCLES, held_up, missing
 from gaitd.soaking.happenings import Happening
-from observer.status import NIS_WINDOW_SAMPLES, Status
+from observer.status import Status
 
-OPERATIONAL: Final = 0x05
-"""NMT state in which TPDOs come."""
-LATE_NS: Final = 4_000_000
-"""A window of the shipped configuration: later, and a cycle's samples can be lost."""
-LOOK_BACK_CYCLES: Final = 100
-"""Of a stop by what happens now."""
-OBSERVER_LOOK_BACK_CYCLES: Final = 100 + NIS_WINDOW_SAMPLES + OBSERVER_BAD_MAX_CYCLES
-"""Of a stop by the observer: it remembers the innovations of its window, and is then of no use for
-some more cycles before it stops."""
 STOLEN_S: Final = 0.05
 """Taken from us by other machines on the same hardware, within the longer look back."""
 SILENCE_S: Final = 0.35
@@ -180,7 +171,7 @@ class Witness:
         tally.work_us.append(record.timing.work_ns / NS_PER_US)
         for number, drive in enumerate(record.drives):
             lost = tally.missed.setdefault(drive.name, Lost())
-            lost.add(_missing(drive), trouble=trouble)
+            lost.add(missing(drive), trouble=trouble)
             old = before.drives[number] if before and len(before.drives) > number else None
             errors = drive.protocol_error_count - (old.protocol_error_count if old else 0)
             tally.protocol_error.add(max(errors, 0), trouble=trouble)
@@ -220,26 +211,15 @@ class Witness:
             by_observer = stop.causes[-1] == Cause.OBSERVER_INVALID
             look_back = OBSERVER_LOOK_BACK_CYCLES if by_observer else LOOK_BACK_CYCLES
             recent = list(self._recent)[-look_back:]
-            held_up = self._held_up(recent)
-            stop.judged = Judged.HELD_UP if held_up else Judged.UNEXPECTED
-            stop.evidence = ", ".join(held_up + (_observed(recent) if by_observer else []))
+            words = held_up(recent) + self._stolen_words()
+            stop.judged = Judged.HELD_UP if words else Judged.UNEXPECTED
+            stop.evidence = ", ".join(words + (_observed(recent) if by_observer else []))
 
-    def _held_up(self, recent: Sequence[CycleRecord]) -> list[str]:
-        """What the last cycles say of this computer; empty if they say nothing."""
-        words: list[str] = []
-        late_ns = max(record.timing.lateness_ns for record in recent)
-        if late_ns > LATE_NS:
-            words.append(f"SYNC {late_ns / 1e6:.1f} ms late")
-        overruns = recent[-1].timing.overrun_count - recent[0].timing.overrun_count
-        if overruns > 0:
-            words.append(f"{overruns} grid points missed")
-        all_missing = sum(map(_all_missing, recent))
-        if all_missing:
-            words.append(f"samples of all drives missing at once in {all_missing} cycles")
+    def _stolen_words(self) -> list[str]:
         stolen_s = self._stolen[-1][1] - self._stolen[0][1]
-        if stolen_s > STOLEN_S:
-            words.append(f"{stolen_s * 1000:.0f} ms stolen by other machines on this hardware")
-        return words
+        if stolen_s <= STOLEN_S:
+            return []
+        return [f"{stolen_s * 1000:.0f} ms stolen by other machines on this hardware"]
 
 
 def _observed(recent: Sequence[CycleRecord]) -> list[str]:
@@ -254,11 +234,3 @@ def _observed(recent: Sequence[CycleRecord]) -> list[str]:
             f"of {gated} of {len(legs)} cycles"
         )
     return words
-
-
-def _missing(drive: DriveRecord) -> bool:
-    return drive.nmt_state == OPERATIONAL and not drive.fresh
-
-
-def _all_missing(record: CycleRecord) -> bool:
-    return bool(record.drives) and all(_missing(drive) for drive in record.drives)

@@ -5,14 +5,16 @@
         trainer.inject("silent right/hip 0.5")
         trainer.wait_for(Mode.FAULT)
 
-Nothing in the service knows that the drives are virtual. They are a process on this machine: when
+Nothing in the service knows that the drives are virtual. They are a process on this computer: when
 it stalls for 100 ms the service stops, rightly, as if a drive had been silent. So a method that
-brings the machine into a mode resets such a stop and asks again, a few times.
+brings the machine into a mode resets a stop and asks again: a few times, and for minutes where the
+records show that the computer was held up.
 """
 
 import contextlib
 import signal
 import tempfile
+import time
 import weakref
 from collections.abc import Generator
 from pathlib import Path
@@ -20,10 +22,15 @@ from typing import Any, Final, Self
 
 from daemon.record import CycleRecord, Mode
 from gaitd.children import memory_folder
+from gaitd.held_up import LOOK_BACK_CYCLES, OBSERVER_LOOK_BACK_CYCLES, held_up
 from gaitd.testing.edits import Edits
 from gaitd.testing.service import Service, ServiceError
 
 TRIES: Final = 4
+HELD_UP_S: Final = 300.0
+"""So long is it tried on a computer that others have for themselves."""
+CALM_S: Final = 60.0
+"""So long is waited for such a computer to be calm for a second, before the next try."""
 PATIENCE_S: Final = 90.0
 """Of a machine on which much else runs, for a start that takes three seconds of computing."""
 START_S: Final = 300.0
@@ -163,17 +170,11 @@ class VirtualTrainer(Service):
         Raises:
             ServiceError: it refuses, or stops each time.
         """
-        begun = len(self._refused)
-        for _ in range(TRIES):
-            self._revive()
-            self.wait(self._is_heard, PATIENCE_S)
-            record = self.until(lambda record: record.mode in SETTLED, PATIENCE_S)
-            if record.mode == Mode.FAULT:
-                record = self.reset()
-            if record.mode != mode and self._ask_for(mode, wanted):
-                record = self.newest()
-            if record.mode == mode and self._arrived(mode).mode == mode:
+        begun, tries, end_s = len(self._refused), 0, time.monotonic() + HELD_UP_S
+        while tries < TRIES and time.monotonic() < end_s:
+            if self._tried(mode, wanted):
                 return self
+            tries += not self._waited_for_calm()
         verdict = self.newest().verdict
         raise ServiceError(
             f"never in {mode.name}: {verdict}; refused: {self._refused[begun:]}\n{self.logs()}"
@@ -188,6 +189,31 @@ class VirtualTrainer(Service):
         return record.mode == Mode.HOLD and all(
             hip < STANDSTILL[0] and slide < STANDSTILL[1] for hip, slide in speeds_by_leg(record)
         )
+
+    def _tried(self, mode: Mode, wanted: dict[str, object]) -> bool:
+        self._revive()
+        self.wait(self._is_heard, PATIENCE_S)
+        record = self._settled()
+        if record.mode == Mode.FAULT:
+            self.wait(lambda: self._done("reset"), PATIENCE_S)
+            record = self._settled()
+        if record.mode != mode and self._ask_for(mode, wanted):
+            record = self.newest()
+        return record.mode == mode and self._arrived(mode).mode == mode
+
+    def _settled(self) -> CycleRecord:
+        return self.until(lambda record: record.mode in SETTLED, PATIENCE_S)
+
+    def _waited_for_calm(self) -> bool:
+        """Whether the computer was held up in the last seconds; if so, only once it is calm."""
+        if not held_up(self._last(OBSERVER_LOOK_BACK_CYCLES)):
+            return False
+        with contextlib.suppress(ServiceError):
+            self.wait(lambda: not held_up(self._last(LOOK_BACK_CYCLES)), CALM_S, poll_s=0.2)
+        return True
+
+    def _last(self, count: int) -> list[CycleRecord]:
+        return self.records(self.newest().seq - count)
 
     def _revive(self) -> None:
         RUNNING.add(self)

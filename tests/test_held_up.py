@@ -1,0 +1,104 @@
+"""A test of real processes is run again if the computer was held up, and for no other reason."""
+
+import itertools
+import re
+import time
+from pathlib import Path
+
+import pytest
+from held_up import CALM_S, LATE_NS, Stalls, watch
+from outsiders import ENVIRONMENT
+
+pytest_plugins = ["pytester"]
+
+SUPPORT = Path(__file__).with_name("support")
+CONFTEST = """
+import sys
+sys.path.insert(0, {support!r})
+import held_up, parallel
+
+held_up.ALONE = ("test_processes.py",)
+held_up.CALM_S = 0.2
+STALLS = held_up.Stalls()
+
+def pytest_configure(config):
+    config.pluginmanager.register(held_up.HeldUp(STALLS, begin=lambda stalls: None))
+"""
+FAILS_FIRST = """
+import time
+from conftest import STALLS
+
+RUNS = []
+
+def test_it():
+    RUNS.append(0)
+    if {held_up}:
+        STALLS.woke(0, time.monotonic_ns())
+    assert len(RUNS) == {passes_at}
+"""
+
+
+@pytest.fixture
+def outcomes(pytester, monkeypatch):
+    """Of one test that passes at a certain run."""
+    for name in ENVIRONMENT:
+        monkeypatch.delenv(name, raising=False)
+
+    def run(*, held_up, passes_at, file="test_processes"):
+        pytester.makeconftest(CONFTEST.format(support=str(SUPPORT)))
+        pytester.makepyfile(**{file: FAILS_FIRST.format(held_up=held_up, passes_at=passes_at)})
+        ran = pytester.runpytest_subprocess("-p", "no:cacheprovider", "-p", "no:xdist")
+        return {key: count for key, count in ran.parseoutcomes().items() if count}, ran
+
+    return run
+
+
+def test_a_failure_while_the_computer_was_held_up_is_run_again_and_told(outcomes):
+    found, ran = outcomes(held_up=True, passes_at=2)
+
+    assert found == {"passed": 1, "rerun": 1}
+    assert "R" in re.search(r"test_processes.py (\S+)", ran.stdout.str())[1]
+
+
+def test_a_failure_while_nothing_stood_still_is_a_failure(outcomes):
+    found, ran = outcomes(held_up=False, passes_at=2)
+
+    assert found == {"failed": 1}
+    assert "was never held up" in ran.stdout.str()
+
+
+def test_a_test_that_fails_each_time_has_failed_and_says_how_the_computer_was(outcomes):
+    found, ran = outcomes(held_up=True, passes_at=10)
+
+    assert found == {"failed": 1, "rerun": 2}
+    assert re.search(r"held up 1 times, \d+ ms at most", ran.stdout.str())
+
+
+def test_what_runs_no_real_process_is_never_run_again(outcomes):
+    found, _ = outcomes(held_up=True, passes_at=2, file="test_pure")
+
+    assert found == {"failed": 1}
+
+
+def test_a_wake_up_later_than_a_cycle_is_a_stall_and_the_computer_is_calm_some_time_after():
+    stalls = Stalls()
+    stalls.woke(0, LATE_NS)
+    assert not stalls.late_ns
+
+    stalls.woke(1000, 1001 + LATE_NS)
+    assert stalls.late_ns == [LATE_NS + 1]
+    assert not stalls.calm(1001 + LATE_NS)
+    assert stalls.calm(round(CALM_S * 1e9) + 2000 + LATE_NS)
+
+
+def test_a_process_that_computes_without_a_pause_is_seen_by_its_own_witness(monkeypatch):
+    stalls = Stalls()
+    watch(stalls)
+    end_s = time.monotonic() + 30
+
+    for size in itertools.count(1):
+        sum(range(size * 100_000))  # in C, which lets no other thread run
+        if stalls.late_ns or time.monotonic() > end_s:
+            break
+
+    assert stalls.words(0).startswith("held up")
