@@ -30,6 +30,7 @@ from conftest import STALLS
 
 RUNS = []
 
+{mark}
 def test_it():
     RUNS.append(0)
     if {held_up}:
@@ -44,9 +45,10 @@ def outcomes(pytester, monkeypatch):
     for name in ENVIRONMENT:
         monkeypatch.delenv(name, raising=False)
 
-    def run(*, held_up, passes_at, file="test_processes"):
+    def run(*, held_up, passes_at, file="test_processes", mark=""):
         pytester.makeconftest(CONFTEST.format(support=str(SUPPORT)))
-        pytester.makepyfile(**{file: FAILS_FIRST.format(held_up=held_up, passes_at=passes_at)})
+        text = FAILS_FIRST.format(held_up=held_up, passes_at=passes_at, mark=mark)
+        pytester.makepyfile(**{file: text})
         ran = pytester.runpytest_subprocess("-p", "no:cacheprovider", "-p", "no:xdist")
         return {key: count for key, count in ran.parseoutcomes().items() if count}, ran
 
@@ -78,6 +80,12 @@ def test_what_runs_no_real_process_is_never_run_again(outcomes):
     found, _ = outcomes(held_up=True, passes_at=2, file="test_pure")
 
     assert found == {"failed": 1}
+
+
+def test_all_runs_of_a_test_together_have_the_time_of_each(outcomes):
+    found, _ = outcomes(held_up=True, passes_at=3, mark="@__import__('pytest').mark.timeout(0.3)")
+
+    assert found == {"passed": 1, "rerun": 2}  # each waits for 0.2 s for a calm computer
 
 
 def test_a_wake_up_later_than_a_cycle_is_a_stall_and_the_computer_is_calm_some_time_after():

@@ -16,6 +16,8 @@ from typing import Final
 import pytest
 from parallel import ALONE
 
+from gaitd.testing.trainer import HELD_UP_S
+
 EVERY_NS: Final = 5_000_000
 LATE_NS: Final = 10_000_000
 """A cycle of the service."""
@@ -67,6 +69,13 @@ def _witness(stalls: Stalls, processor: int) -> None:
         due_ns = max(due_ns, now_ns - EVERY_NS)
 
 
+def _limit_s(item: pytest.Item) -> float:
+    """One timer counts for all runs of a test, and what lies between them."""
+    marker = item.get_closest_marker("timeout")
+    once_s = float(marker.args[0] if marker else item.config.getini("timeout") or 0)
+    return (1 + AGAIN_MAX) * (once_s + HELD_UP_S) + AGAIN_MAX * PATIENCE_S
+
+
 class HeldUp:
     """The plugin; see `tests/conftest.py`."""
 
@@ -78,11 +87,12 @@ class HeldUp:
         """Of the stalls of the test that runs."""
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        """What runs real processes may be run again."""
+        """What runs real processes may be run again, and has the time for it."""
         again = pytest.mark.flaky(reruns=AGAIN_MAX, condition=self._was)
         for item in items:
             if item.nodeid.startswith(ALONE):
                 item.add_marker(again)
+                item.add_marker(pytest.mark.timeout(_limit_s(item)), append=False)
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_setup(self, item: pytest.Item) -> None:
