@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 import msgspec
 
@@ -39,17 +39,21 @@ _BOOT_ID_LENGTH: Final = 8
 
 
 class KeptFile(NamedTuple):
-    """One file in the folder; without a header it is none of ours, or damaged."""
+    """What the gateway remembers of one file in the folder, so not its whole header."""
 
     path: Path
     size: int
-    header: RingHeader | None
+    core_boot_id: str = ""
+    period_ns: int = 0
+    kept: Kept | None = None
+    """What it was kept for; None: it is none of ours, the ring of a core, or damaged."""
     trouble: str = ""
+    """Why it cannot be read."""
 
-    @property
-    def kept(self) -> Kept | None:
-        """What it was kept for."""
-        return self.header.kept if self.header else None
+    @classmethod
+    def of(cls, path: Path, size: int, header: RingHeader) -> Self:
+        """A file with this header."""
+        return cls(path, size, header.core_boot_id, header.period_ns, header.kept)
 
 
 class Cutting:
@@ -139,9 +143,9 @@ def kept_file(path: Path) -> KeptFile:
     size = path.stat().st_size
     try:
         with closing(RingReader(path)) as ring:
-            return KeptFile(path, size, ring.header)
+            return KeptFile.of(path, size, ring.header)
     except RingError as error:
-        return KeptFile(path, size, None, str(error))
+        return KeptFile(path, size, trouble=str(error))
 
 
 def kept_files(folder: Path) -> list[KeptFile]:

@@ -116,13 +116,13 @@ def _list(state: Path, *, as_json: bool) -> None:
 
 
 def _row(file: "KeptFile") -> tuple[str, ...]:
-    kept, header, size = file.kept, file.header, f"{file.size / 1e6:.1f} MB"
-    if kept is None or header is None:
+    kept, size = file.kept, f"{file.size / 1e6:.1f} MB"
+    if kept is None:
         trouble = file.trouble or "is the ring of a core"
         return ("-", trouble.removeprefix(f"{file.path}: "), *("-",) * 4, size, file.path.name)
     from analysis.stop_recording import utc_words
 
-    period_s = header.period_ns * 1e-9
+    period_s = file.period_ns * 1e-9
     return (
         utc_words(kept.stop_utc_ns).removesuffix(" UTC"),
         ", ".join((kept.cause, *kept.also)),
@@ -139,12 +139,11 @@ def _fields(file: "KeptFile") -> dict[str, object]:
     import msgspec
 
     kept = msgspec.to_builtins(file.kept) if file.kept else None
-    header = file.header
     return {
         "file": str(file.path),
         "size_bytes": file.size,
-        "core_boot_id": header.core_boot_id if header else None,
-        "period_ns": header.period_ns if header else None,
+        "core_boot_id": file.core_boot_id or None,
+        "period_ns": file.period_ns or None,
         "kept": kept,
         "trouble": file.trouble,
     }

@@ -27,7 +27,7 @@ def command(
     from daemon.config.trainer import load_trainer
     from daemon.gateway import endpoints, log
     from daemon.gateway.notes_disk import NotesDisk
-    from daemon.gateway.process import serve
+    from daemon.gateway.process import serve, share_one_heap
     from daemon.gateway.reload import Reload
     from daemon.holding import hold
     from daemon.journal import SOCKET, Journal, is_journal
@@ -36,6 +36,7 @@ def command(
     def read(path: Path) -> "TrainerFile":
         return endpoints.check(load_trainer(path))
 
+    share_one_heap()
     file = read(config)
     settings = file.trainer.zenoh
     in_journal = is_journal(os.environ.get("JOURNAL_STREAM"), sys.stderr.fileno())

@@ -5,6 +5,7 @@ core's datagram, by a query, or after 20 ms without either, so that the core goe
 watchdog is fed from here alone.
 """
 
+import ctypes
 import gc
 import select
 from collections.abc import Callable, Sequence
@@ -29,8 +30,22 @@ _POLL_MS: Final = LEVEL_PERIOD_NS // 1_000_000
 _REST_MS: Final = 1
 """Behind the estimates, if nobody asks for anything: where processors are few, Zenoh's thread sends
 them on this one. Without it they came 0.1 ms later on two."""
+_M_ARENA_MAX: Final = -8
+"""mallopt(3)."""
 _TELL_NS: Final = 500_000_000
 """Between two words to the supervisor."""
+
+
+def share_one_heap() -> None:
+    """Let Zenoh's threads allocate where everybody does; to be called before there are any.
+
+    By default glibc gives each of them a heap of its own, eight for each processor. Links come and
+    go in any of them, and each in turn grows to the buffers of one: for hours, memory that was free
+    elsewhere.
+    """
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:  # glibc's; others have one heap anyway
+        mallopt(_M_ARENA_MAX, 1)
 
 
 def serve(

@@ -39,9 +39,9 @@ class Shelf:
     def covers(self, core_boot_id: str, seq: int) -> bool:
         """Whether some file holds this record."""
         return any(
-            file.header.core_boot_id == core_boot_id and kept.first_seq <= seq <= kept.last_seq
+            file.core_boot_id == core_boot_id and kept.first_seq <= seq <= kept.last_seq
             for file in self._files
-            if file.header and (kept := file.kept)
+            if (kept := file.kept)
         )
 
     def keep(self, header: RingHeader, kept: Kept, cutting: Cutting) -> Path:
@@ -62,7 +62,7 @@ class Shelf:
             raise
         _sync_folder(self.folder)
         known = tuple(file for file in self._files if file.path != path)
-        self._files = (*known, KeptFile(path, size, header))
+        self._files = (*known, KeptFile.of(path, size, header))
         self._make_room()
         return path
 

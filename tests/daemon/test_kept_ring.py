@@ -121,8 +121,12 @@ def test_files_are_listed_by_time_and_one_that_is_damaged_is_named(tmp_path):
 
     first, second = kept_files(tmp_path)
 
-    assert (first.path.name, first.header) == ("1.ring", HEADER)
-    assert (second.path.name, second.header) == ("2.ring", None)
+    assert (first.path.name, first.core_boot_id, first.period_ns) == (
+        "1.ring",
+        HEADER.core_boot_id,
+        HEADER.period_ns,
+    )
+    assert (second.path.name, second.core_boot_id, second.kept) == ("2.ring", "", None)
     assert "is empty" in second.trouble
     assert kept_files(tmp_path / "nowhere") == []
 

@@ -31,7 +31,7 @@ def state(service: Service) -> Path:
 def kept(service: Service, boot_id: str, *causes: str):
     """The newest file of this core that was kept for one of these, or also for one."""
     files = [file for file in kept_files(state(service) / FOLDER) if file.kept]
-    files = [file for file in files if file.header.core_boot_id == boot_id]
+    files = [file for file in files if file.core_boot_id == boot_id]
     found = [file for file in files if {file.kept.cause, *file.kept.also} & set(causes)]
     return found[-1] if found else None
 
@@ -53,7 +53,7 @@ def test_a_stop_by_the_hand_switch_is_kept_and_told_and_its_requests_are_in_the_
 
     replayed = gaitd("replay", str(file.path), "--output", str(walking.folder / "out.csv"))
     assert replayed.returncode == 0, replayed.stderr
-    assert file.header.core_boot_id in replayed.stdout
+    assert file.core_boot_id in replayed.stdout
     assert "cause        hand_switch_open" in replayed.stdout
 
     listed = json.loads(walking.ask("blackbox", "--json").stdout)

@@ -116,7 +116,7 @@ def test_a_verdict_newly_latched_is_kept_with_its_seconds_before_and_after(room)
     assert file.kept.stop_seq == 2001
     assert seqs(file) == list(range(2001 - BEFORE, 2001 + AFTER + 1))
     assert file.kept.active
-    assert file.header.core_boot_id == "boot-a"
+    assert file.core_boot_id == "boot-a"
     assert "hand_switch_open" in file.path.name
 
 
@@ -219,7 +219,7 @@ def test_both_died_and_the_core_came_back_first_its_ring_was_put_aside_and_is_ke
     room.write(100, mode=Mode.READY)
 
     file = room.only()
-    assert file.header.core_boot_id == "boot-a"
+    assert file.core_boot_id == "boot-a"
     assert (file.kept.cause, file.kept.last_seq) == ("core_ended", 300)
     assert not (room.runtime / ASIDE_NAME).exists()
 
@@ -252,7 +252,7 @@ def test_a_core_that_is_replaced_at_once_is_kept_from_the_ring_that_was_open(roo
     room.write(100, mode=Mode.OFF)
 
     file = room.only()
-    assert (file.header.core_boot_id, file.kept.last_seq) == ("boot-a", 300)
+    assert (file.core_boot_id, file.kept.last_seq) == ("boot-a", 300)
     assert not (room.runtime / ASIDE_NAME).exists()
 
 
@@ -271,7 +271,7 @@ def test_a_ring_put_aside_that_could_not_be_kept_stays_for_the_next_gateway(room
     room.kill_gateway()
     room.start_gateway()
     room.write(100, mode=Mode.OFF)
-    assert room.only().header.core_boot_id == "boot-a"
+    assert room.only().core_boot_id == "boot-a"
 
 
 def test_a_gateway_that_ends_keeps_what_it_waits_for(room):
@@ -353,7 +353,7 @@ def test_a_glance_reads_the_first_fields_of_a_record(make_record):
 
 def file_of(tmp_path, name, *, active, size=10):
     kept = Kept("cause", "", "", 1, 0, 1, 2, active)
-    return KeptFile(tmp_path / name, size, msgspec.structs.replace(header(), kept=kept))
+    return KeptFile.of(tmp_path / name, size, msgspec.structs.replace(header(), kept=kept))
 
 
 def test_what_was_driven_stays_longest_and_the_newest_always(tmp_path):

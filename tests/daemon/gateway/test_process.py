@@ -49,6 +49,29 @@ def ask(name: str, config: Path, *arguments: str) -> subprocess.CompletedProcess
     return gaitd(name, "--config", str(config), *arguments)
 
 
+def heaps_of_threads(pid: int) -> list[str]:
+    """What glibc reserves for a heap beside the first: 64 MB, most of it out of reach."""
+    rows = (row.split() for row in Path(f"/proc/{pid}/maps").read_text().splitlines())
+    reserved = [places for places, access, *_ in rows if access == "---p"]
+    return [one for one in reserved if _size(one) > 32 << 20]
+
+
+def _size(places: str) -> int:
+    begin, end = (int(place, 16) for place in places.split("-"))
+    return end - begin
+
+
+def test_all_threads_of_the_gateway_share_one_heap_however_many_have_connected(
+    process, config, start_core
+):
+    start_core()
+    for _ in range(3):
+        assert ask("status", config).returncode == 0
+
+    assert len(list(Path(f"/proc/{process.pid}/task").iterdir())) > 2
+    assert not heaps_of_threads(process.pid)
+
+
 def test_sigterm_ends_the_gateway_with_0_and_leaves_no_socket(process, runtime, start_core):
     start_core()
     time.sleep(0.2)
