@@ -49,7 +49,9 @@ def outcomes(pytester, monkeypatch):
         pytester.makeconftest(CONFTEST.format(support=str(SUPPORT)))
         text = FAILS_FIRST.format(held_up=held_up, passes_at=passes_at, mark=mark)
         pytester.makepyfile(**{file: text})
-        ran = pytester.runpytest_subprocess("-p", "no:cacheprovider", "-p", "no:xdist")
+        ran = pytester.runpytest_subprocess(
+            *("-p", "no:cacheprovider", "-p", "no:xdist", "-raR", "--rerun-show-tracebacks")
+        )
         return {key: count for key, count in ran.parseoutcomes().items() if count}, ran
 
     return run
@@ -59,7 +61,8 @@ def test_a_failure_while_the_computer_was_held_up_is_run_again_and_told(outcomes
     found, ran = outcomes(held_up=True, passes_at=2)
 
     assert found == {"passed": 1, "rerun": 1}
-    assert "R" in re.search(r"test_processes.py (\S+)", ran.stdout.str())[1]
+    assert "RERUN test_processes.py::test_it" in ran.stdout.str()
+    assert re.search(r"held up 1 times, \d+ ms at most", ran.stdout.str())
 
 
 def test_a_failure_while_nothing_stood_still_is_a_failure(outcomes):

@@ -113,7 +113,11 @@ class HeldUp:
         """A failure says how the computer was."""
         report = yield
         if report.failed and item.nodeid.startswith(ALONE):
-            report.sections.append(("this computer", self._words() or "was never held up"))
+            words = ("this computer", self._words() or "was never held up")
+            if hasattr(report.longrepr, "addsection"):
+                report.longrepr.addsection(*words)  # which a test that is run again shows as well
+            else:
+                report.sections.append(words)
         return report
 
     def _was(self) -> bool:
