@@ -1,4 +1,4 @@
-"""A test of real processes is run again if the computer was held up, and for no other reason."""
+"""A test of real processes is run again if the computer was held up, and not otherwise."""
 
 import itertools
 import re
@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from held_up import CALM_S, LATE_NS, Stalls, watch
-from outsiders import ENVIRONMENT
 
 pytest_plugins = ["pytester"]
 
@@ -19,6 +18,7 @@ import held_up, parallel
 
 held_up.ALONE = ("test_processes.py",)
 held_up.CALM_S = 0.2
+held_up.HELD_UP_S = 0.0
 STALLS = held_up.Stalls()
 
 def pytest_configure(config):
@@ -35,19 +35,21 @@ def test_it():
     RUNS.append(0)
     if {held_up}:
         STALLS.woke(0, time.monotonic_ns())
+    if len(RUNS) == {hangs_at}:
+        time.sleep(30)
     assert len(RUNS) == {passes_at}
 """
 
 
 @pytest.fixture
-def outcomes(pytester, monkeypatch):
+def outcomes(pytester):
     """Of one test that passes at a certain run."""
-    for name in ENVIRONMENT:
-        monkeypatch.delenv(name, raising=False)
 
-    def run(*, held_up, passes_at, file="test_processes", mark=""):
+    def run(*, held_up, passes_at, hangs_at=0, file="test_processes", mark=""):
         pytester.makeconftest(CONFTEST.format(support=str(SUPPORT)))
-        text = FAILS_FIRST.format(held_up=held_up, passes_at=passes_at, mark=mark)
+        text = FAILS_FIRST.format(
+            held_up=held_up, passes_at=passes_at, hangs_at=hangs_at, mark=mark
+        )
         pytester.makepyfile(**{file: text})
         ran = pytester.runpytest_subprocess(
             *("-p", "no:cacheprovider", "-p", "no:xdist", "-raR", "--rerun-show-tracebacks")
@@ -85,10 +87,13 @@ def test_what_runs_no_real_process_is_never_run_again(outcomes):
     assert found == {"failed": 1}
 
 
-def test_all_runs_of_a_test_together_have_the_time_of_each(outcomes):
-    found, _ = outcomes(held_up=True, passes_at=3, mark="@__import__('pytest').mark.timeout(0.3)")
+def test_each_run_of_a_test_has_a_timer_of_its_own(outcomes):
+    limit = "@__import__('pytest').mark.timeout(1)"
 
-    assert found == {"passed": 1, "rerun": 2}  # each waits for 0.2 s for a calm computer
+    found, ran = outcomes(held_up=True, hangs_at=2, passes_at=3, mark=limit)
+
+    assert found == {"passed": 1, "rerun": 2}
+    assert "Timeout (>1" in ran.stdout.str()
 
 
 def test_a_wake_up_later_than_a_cycle_is_a_stall_and_the_computer_is_calm_some_time_after():
@@ -112,4 +117,5 @@ def test_a_process_that_computes_without_a_pause_is_seen_by_its_own_witness(monk
         if stalls.late_ns or time.monotonic() > end_s:
             break
 
+    stalls.over.set()
     assert stalls.words(0).startswith("held up")

@@ -76,7 +76,7 @@ class StuckError(Exception):
 
 
 class Patience:
-    """How long nobody gets the machine walking, in time that its processors were ours."""
+    """How long nobody gets it walking; a tenth as fast while others have the processors."""
 
     def __init__(self, now_s: float, stolen_s: float) -> None:
         """Before the very first stride."""

@@ -171,10 +171,13 @@ class VirtualTrainer(Service):
             ServiceError: it refuses, or stops each time.
         """
         begun, tries, end_s = len(self._refused), 0, time.monotonic() + HELD_UP_S
-        while tries < TRIES and time.monotonic() < end_s:
+        while tries < TRIES:
             if self._tried(mode, wanted):
                 return self
-            tries += not self._waited_for_calm()
+            if not self._waited_for_calm():
+                tries += 1
+            elif time.monotonic() > end_s:
+                break
         verdict = self.newest().verdict
         raise ServiceError(
             f"never in {mode.name}: {verdict}; refused: {self._refused[begun:]}\n{self.logs()}"

@@ -38,7 +38,6 @@ class Asked(VirtualTrainer):
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch):
     monkeypatch.setattr(module, "CALM_S", 0.3)
-    monkeypatch.setattr(module, "HELD_UP_S", 3.0)
 
 
 def test_on_a_calm_computer_a_mode_that_never_comes_is_an_error_after_a_few_tries(tmp_path):
@@ -55,7 +54,8 @@ def test_tries_on_a_computer_that_is_held_up_do_not_count_until_it_is_calm_again
     assert Asked(tmp_path, TRIES + 3, *waves).bring(Mode.HOLD).tries == TRIES + 3
 
 
-def test_a_computer_that_is_held_up_for_ever_is_given_up(tmp_path):
+def test_a_computer_that_is_held_up_for_ever_is_given_up(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "HELD_UP_S", 3.0)
     asked = Asked(tmp_path, 100, HELD_UP)
 
     with pytest.raises(ServiceError, match="never in HOLD"):
