@@ -14,7 +14,7 @@ SUPPORT = Path(__file__).with_name("support")
 CONFTEST = """
 import sys
 sys.path.insert(0, {support!r})
-import held_up, parallel
+import held_up
 
 held_up.ALONE = ("test_processes.py",)
 held_up.CALM_S = 0.2
@@ -107,7 +107,7 @@ def test_a_wake_up_later_than_a_cycle_is_a_stall_and_the_computer_is_calm_some_t
     assert stalls.calm(round(CALM_S * 1e9) + 2000 + LATE_NS)
 
 
-def test_a_process_that_computes_without_a_pause_is_seen_by_its_own_witness(monkeypatch):
+def test_a_process_that_computes_without_a_pause_is_seen_by_its_own_witness():
     stalls = Stalls()
     watch(stalls)
     end_s = time.monotonic() + 30

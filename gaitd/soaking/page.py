@@ -157,8 +157,8 @@ def _growth(life: Life) -> str:
 
 # --- the page -------------------------------------------------------------------------------------
 
-HELD_UP_SHOWN_COUNT: Final = 20
-"""Stops for which this computer is to blame: all are counted, so many are described."""
+HELD_UP_SHOWN_COUNT: Final = 5
+"""Stops for which this computer is to blame: all are counted, so many of each cause described."""
 
 _PREFACE: Final = """\
 Real processes in real time on the loopback bus: `gaitd sim`, `gaitd core`, `gaitd gateway`. The leg
@@ -190,10 +190,22 @@ def page(found: Soaked, command: str, figure: str) -> str:
     held_up = _of(found, Judged.HELD_UP)
     if held_up:
         parts.append("## When the computer held us up\n")
-        parts.append("\n".join(f"- {_told(stop)}" for stop in held_up[:HELD_UP_SHOWN_COUNT]))
-        if len(held_up) > HELD_UP_SHOWN_COUNT:
-            parts.append(f"And {len(held_up) - HELD_UP_SHOWN_COUNT} more of the kind.")
+        shown = first_of_each_cause(held_up)
+        parts.append("\n".join(f"- {_told(stop)}" for stop in shown))
+        if len(held_up) > len(shown):
+            parts.append(f"And {len(held_up) - len(shown)} more of these causes.")
     return "\n\n".join(parts) + "\n"
+
+
+def first_of_each_cause(stops: Sequence[Stop]) -> list[Stop]:
+    """Some of each cause, so that the rare ones can be read, in the order in which they came."""
+    seen: Counter[str] = Counter()
+    shown: list[Stop] = []
+    for stop in stops:
+        seen[stop.cause] += 1
+        if seen[stop.cause] <= HELD_UP_SHOWN_COUNT:
+            shown.append(stop)
+    return shown
 
 
 def _table(title: str, rows: Sequence[tuple[str, str]]) -> str:

@@ -8,6 +8,7 @@ from daemon.record import Cause, CycleRecord, Mode, StopCategory, Verdict
 from gaitd.soaking import memory
 from gaitd.soaking.happenings import SOURCES, Chances, Doer, Happening
 from gaitd.soaking.operator import Operator, Situation
+from gaitd.soaking.page import HELD_UP_SHOWN_COUNT, first_of_each_cause
 from gaitd.soaking.play import Patience
 from gaitd.soaking.witness import Judged, Witness
 from sim_drives.faults import parse_command
@@ -256,3 +257,10 @@ def test_a_process_that_was_started_anew_is_another_life():
 
     assert [life.pid for life in memory.lives("gateway", samples)] == [1, 2]
     assert memory.lives("gateway", samples)[0].growth_mb_per_h is None
+
+
+def test_the_page_describes_some_stops_of_each_cause_so_that_a_rare_one_is_among_them():
+    often = [the_stop(walking(SILENT), None) for _ in range(HELD_UP_SHOWN_COUNT + 2)]
+    rare = the_stop(walking(EMERGENCY), None)
+
+    assert first_of_each_cause([*often, rare]) == [*often[:HELD_UP_SHOWN_COUNT], rare]
