@@ -43,7 +43,8 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     """A computer that stands still is no reason to fail; see `tests/support/held_up.py`."""
-    from held_up import HeldUp, Stalls
+    from held_up import HeldUp
+    from stalls import Stalls
 
     config.pluginmanager.register(HeldUp(Stalls()))
 

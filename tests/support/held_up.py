@@ -1,77 +1,40 @@
 """Tests of real processes on a computer that others use as well.
 
 A drive that is silent for 30 ms stops the leg, rightly, and nobody can tell it from a computer that
-stood still for so long. So a witness on each processor wakes up every 5 ms and notes when it came
-late. A test of real processes that failed while that happened has shown nothing: it is run again,
-once the computer is calm, twice at most, and the summary tells of it. One that failed while nothing
-stood still has failed.
+stood still for so long. So witnesses (`stalls.py`) note when it did.
 
-What pytest's own process computes in C without a pause looks the same to a witness. What happened
-to a fixture of many tests before the one that failed is not asked for: it would not be made anew.
+- A test of real processes that failed while the computer stood still has shown nothing: it is run
+  again, five times at most, each time once the computer was calm for longer.
+- A fixture of many tests that was made while the computer stood still is made anew for that.
+- A test that failed while nothing stood still has failed, in whichever run.
+- One whose every run saw the computer stand still for three cycles or more is *not judged*: it is
+  shown as skipped, with what it said. It needs a computer that keeps time, as others need a rig.
+  More than a handful of these are failures: the whole run has shown too little then.
+
+The summary names each test that was run again or not judged, and how the computer was. What
+pytest's own process computes in C without a pause looks like a stall as well.
 """
 
-import os
-import threading
-import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Generator
 from typing import Any, Final
 
 import pytest
 from parallel import ALONE
+from stalls import Stalls, watch
 
 from gaitd.testing.trainer import HELD_UP_S
 
-EVERY_NS: Final = 5_000_000
-LATE_NS: Final = 10_000_000
-"""A cycle of the service."""
-AGAIN_MAX: Final = 2
+AGAIN_MAX: Final = 5
 CALM_S: Final = 2.0
+"""Before the first repetition; twice as long before each next one."""
 PATIENCE_S: Final = 120.0
 """For a calm computer; then the test is run again all the same."""
-
-
-class Stalls:
-    """When this computer came late, and by how much."""
-
-    def __init__(self) -> None:
-        self.late_ns: list[int] = []
-        self.last_ns = 0
-        self.over = threading.Event()
-        """Nobody watches any more."""
-
-    def woke(self, due_ns: int, now_ns: int) -> None:
-        """Take a wake-up that was due."""
-        if now_ns - due_ns > LATE_NS:
-            self.late_ns.append(now_ns - due_ns)
-            self.last_ns = now_ns
-
-    def words(self, begin: int) -> str:
-        """Those from a number on."""
-        late_ns = self.late_ns[begin:]
-        if not late_ns:
-            return ""
-        return f"held up {len(late_ns)} times, {max(late_ns) / 1e6:.0f} ms at most"
-
-    def calm(self, now_ns: int) -> bool:
-        """Whether there was none for a while."""
-        return now_ns - self.last_ns > CALM_S * 1e9
-
-
-def watch(stalls: Stalls) -> None:
-    """A witness on each processor, until it is over."""
-    for processor in os.sched_getaffinity(0):
-        threading.Thread(target=_witness, args=(stalls, processor), daemon=True).start()
-
-
-def _witness(stalls: Stalls, processor: int) -> None:
-    os.sched_setaffinity(0, {processor})
-    due_ns = time.monotonic_ns()
-    while not stalls.over.is_set():
-        due_ns += EVERY_NS
-        time.sleep(max(due_ns - time.monotonic_ns(), 0) * 1e-9)
-        now_ns = time.monotonic_ns()
-        stalls.woke(due_ns, now_ns)
-        due_ns = max(due_ns, now_ns - EVERY_NS)
+MADE_ANEW_MAX: Final = 2
+STOPPING_NS: Final = 30_000_000
+"""Three cycles without a sample stop the leg."""
+NOT_JUDGED_MAX: Final = 12
+"""Of the 1400 tests of real processes."""
 
 
 class HeldUp:
@@ -83,6 +46,14 @@ class HeldUp:
         self._watched = False
         self._first = 0
         """Of the stalls of the test that runs."""
+        self._shared: set[pytest.FixtureDef[Any]] = set()
+        """Fixtures of many tests that the test which runs uses."""
+        self._while_made: dict[pytest.FixtureDef[Any], range] = {}
+        """The stalls while each of them was made."""
+        self._made_anew: Counter[pytest.FixtureDef[Any]] = Counter()
+        self._worst_ns: dict[int, int] = {}
+        """By run of the test that runs."""
+        self._not_judged_count = 0
         self._timer: tuple[pytest.Item, Any] | None = None
         """Of pytest-timeout, the newest: whose, and its settings."""
 
@@ -112,24 +83,66 @@ class HeldUp:
         if not self._watched:
             self._begin(self._stalls)
             self._watched = True
-        if getattr(item, "execution_count", 1) > 1:
-            end_s = time.monotonic() + PATIENCE_S
-            while not self._stalls.calm(time.monotonic_ns()) and time.monotonic() < end_s:
-                time.sleep(0.1)
+        self._shared = _shared(item)
+        run = _run(item)
+        if run == 1:
+            self._worst_ns.clear()
+        else:
+            self._stalls.wait_until_calm(CALM_S * 2 ** (run - 2), PATIENCE_S)
+            self._forget_what_was_made_meanwhile(item)
             self._begin_timer_again(item)
         self._first = len(self._stalls.late_ns)
 
     @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_makereport(self, item: pytest.Item):
+    def pytest_fixture_setup(
+        self, fixturedef: pytest.FixtureDef[Any]
+    ) -> Generator[None, object, object]:
+        """Whoever uses it later wants to know how the computer was."""
+        begin = len(self._stalls.late_ns)
+        try:
+            return (yield)
+        finally:
+            self._while_made[fixturedef] = self._stalls.since(begin)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_makereport(
+        self, item: pytest.Item
+    ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
         """A failure says how the computer was."""
         report = yield
-        if report.failed and item.nodeid.startswith(ALONE):
-            words = ("this computer", self._words() or "was never held up")
-            if hasattr(report.longrepr, "addsection"):
-                report.longrepr.addsection(*words)  # which a test that is run again shows as well
-            else:
-                report.sections.append(words)
+        if not report.failed or not item.nodeid.startswith(ALONE):
+            return report
+        run = _run(item)
+        self._worst_ns[run] = max(self._worst_ns.get(run, 0), self._stalls.worst_ns(self._seen()))
+        if self._is_not_judged(run) and report.when != "teardown":
+            self._not_judged_count += 1
+            report.longrepr = (*item.location[:1], item.location[1], self._why(report))
+            report.outcome = "skipped"
+        elif hasattr(report.longrepr, "addsection"):
+            # Which a test that is run again shows as well.
+            report.longrepr.addsection("this computer", self._words())
+        else:
+            report.sections.append(("this computer", self._words()))
         return report
+
+    def _is_not_judged(self, run: int) -> bool:
+        return (
+            run > AGAIN_MAX
+            and min(self._worst_ns.values()) >= STOPPING_NS
+            and self._not_judged_count < NOT_JUDGED_MAX
+        )
+
+    def _why(self, report: pytest.TestReport) -> str:
+        worst = ", ".join(f"{worst_ns / 1e6:.0f}" for worst_ns in self._worst_ns.values())
+        crash = getattr(report.longrepr, "reprcrash", None)
+        said = crash.message.partition("\n")[0] if crash else str(report.longrepr)[-200:]
+        return f"not judged: in each run the computer stood still, {worst} ms at most; {said}"
+
+    def _forget_what_was_made_meanwhile(self, item: pytest.Item) -> None:
+        for fixture in self._shared:
+            if self._while_made.get(fixture) and self._made_anew[fixture] < MADE_ANEW_MAX:
+                self._made_anew[fixture] += 1
+                fixture.finish(item._request)  # pyright: ignore[reportAttributeAccessIssue]
 
     def _begin_timer_again(self, item: pytest.Item) -> None:
         """The failure before has ended it, for the sake of debuggers."""
@@ -138,7 +151,28 @@ class HeldUp:
             item.ihook.pytest_timeout_set_timer(item=item, settings=self._timer[1])
 
     def _was(self) -> bool:
-        return bool(self._words())
+        return bool(self._seen())
+
+    def _seen(self) -> set[int]:
+        """The numbers of the stalls of this run, and of the fixtures that it shares."""
+        made = (self._while_made.get(fixture, range(0)) for fixture in self._shared)
+        return set(self._stalls.since(self._first)).union(*made)
 
     def _words(self) -> str:
-        return self._stalls.words(self._first)
+        seen = self._seen()
+        if not seen:
+            return "was never held up"
+        worst_ms = self._stalls.worst_ns(seen) / 1e6
+        return f"held up {len(seen)} times, {worst_ms:.0f} ms at most"
+
+
+def _run(item: pytest.Item) -> int:
+    """From 1 on; of pytest-rerunfailures."""
+    return getattr(item, "execution_count", 1)
+
+
+def _shared(item: pytest.Item) -> set[pytest.FixtureDef[Any]]:
+    """The fixtures of many tests that a test uses, those of its fixtures among them."""
+    info = getattr(item, "_fixtureinfo", None)
+    found = info.name2fixturedefs.values() if info else ()
+    return {one for several in found for one in several if one.scope != "function"}
