@@ -5,7 +5,6 @@ One container and one story for all tests (`trainer_on_a_loopback_bus.sh` sets i
 one step has seen. The bus is the loopback one: SocketCAN is the matter of `rig_vcan`.
 """
 
-import functools
 import json
 import sys
 from importlib.metadata import distribution
@@ -16,12 +15,17 @@ import pytest
 HERE = Path(__file__).parent
 PROJECT = HERE.parents[1]
 PACKAGES = distribution("msgspec").locate_file("")
-PLAY = '/opt/gaitd/bin/python /opt/source/tests/rigs/trainer_under_systemd.py "$PWD/seen.json"'
+PLAY = (
+    "PYTHONPATH=/opt/source/tests/support /opt/gaitd/bin/python"
+    ' /opt/source/tests/rigs/trainer_under_systemd.py "$PWD/seen.json"'
+)
+TIMEOUT_S = 2400
+"""Of a machine on which much else runs; three minutes on one that is free."""
 NOT_FOR_YOU = {"Permission denied", "Read-only file system", "Operation not permitted"}
 NO_SUCH_FAMILY = "Address family not supported by protocol"
 NO_POWER = {"OFF", "BRINGING_UP", "READY", "FAULT"}
 QUICK_STOP_ACTIVE = 6
-pytestmark = [pytest.mark.rig_systemd, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.rig_systemd, pytest.mark.timeout(TIMEOUT_S + 100)]
 
 
 def whole_machine(rig_type):
@@ -42,24 +46,21 @@ def whole_machine(rig_type):
     return WholeMachine()
 
 
-@functools.cache
-def played(rig_type, folder):
-    """The story, once for all tests, whatever came of it."""
+@pytest.fixture(scope="module")
+def played(systemd_rig, tmp_path_factory):
+    """The story, once for all tests: how it ended, and the folder with all that was seen."""
+    folder = tmp_path_factory.mktemp("trainer")
     setup, end = (
         (HERE / name).read_text() for name in ("trainer_on_a_loopback_bus.sh", "take_it_off.sh")
     )
-    return whole_machine(rig_type).run("\n".join((setup, PLAY, end)), folder, timeout_s=850)
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("trainer")
+    rig = whole_machine(type(systemd_rig))
+    return rig.run("\n".join((setup, PLAY, end)), folder, TIMEOUT_S), folder
 
 
 @pytest.fixture
-def story(systemd_rig, folder):
-    """The folder with all that was seen."""
-    finished = played(type(systemd_rig), folder)
+def story(played):
+    """The folder, once the story came to its end."""
+    finished, folder = played
     assert finished.exit_code == 0, finished.output[-4000:]
     return folder
 
