@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from processes import MEMORY, Service
+from long_service import LongService
+from processes import MEMORY
 
 from daemon.record import Cause, Mode
 from daemon.refusals import SetpointRefusal
@@ -46,7 +47,7 @@ with zenoh.open(config) as session:
 
 
 class Bench:
-    def __init__(self, service: Service) -> None:
+    def __init__(self, service: LongService) -> None:
         self.service = service
         self.clients: list[subprocess.Popen[str]] = []
 
@@ -62,20 +63,10 @@ class Bench:
         )
         return self.clients[-1]
 
-    def enable(self) -> None:
-        service = self.service
-        for _ in range(TRIES):
-            service.until(lambda record: record.mode in {Mode.READY, Mode.FAULT, Mode.HOLD}, 40)
-            if service.newest().mode == Mode.FAULT:
-                service.wait(lambda: service.ask("reset").returncode == 0, 20)
-            if service.newest().mode == Mode.HOLD or service.ask("enable").returncode == 0:
-                return
-        raise AssertionError(f"never enabled: {service.newest().verdict}")
-
     def steering(self, seconds: float = 60.0) -> subprocess.Popen[str]:
         """The document's controller, its assist in force."""
         for _ in range(TRIES):
-            self.enable()
+            self.service.enable()
             client = self.run(controller_of_the_document(), seconds)
             self.service.wait(
                 lambda client=client: client.poll() is not None or self.assist_nm() > 0.1, 20
@@ -100,7 +91,7 @@ class Bench:
 @pytest.fixture
 def bench():
     with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as folder:
-        service = Service(Path(folder))
+        service = LongService(Path(folder))
         with contextlib.closing(_Closing(service)):
             made = Bench(service.start_all())
             yield made
@@ -108,7 +99,7 @@ def bench():
 
 
 class _Closing:
-    def __init__(self, service: Service) -> None:
+    def __init__(self, service: LongService) -> None:
         self.close = service.end
 
 
