@@ -18,9 +18,6 @@ from gaitd.demonstration.script import Kind
 
 MATCH_NS: Final = 5_000_000
 """Half a cycle: an estimate and a truth further apart belong to different SYNCs."""
-RECENT_ROWS: Final = 300
-"""Three seconds: as long as a stop and the word of it may take."""
-CLOCK_NS: Final = 500_000
 
 
 class Bound(NamedTuple):
@@ -146,20 +143,6 @@ def _only(pair: Pair, inside: NDArray[np.bool_]) -> Pair:
         pair.friction[inside],
         pair.true_friction[inside],
     )
-
-
-def held_up(heard: Track, true: Track) -> int:
-    """By how many ns, of late, a SYNC was delayed on its way to the virtual drives, at most.
-
-    The service says when it sent each SYNC, the virtual drives when it reached them.
-    """
-    sent_ns, _ = heard.arrays(RECENT_ROWS)
-    arrived_ns, _ = true.arrays(2 * RECENT_ROWS)
-    # The two clocks are one; what reads them differs by the time of reading.
-    after = np.searchsorted(arrived_ns, sent_ns - CLOCK_NS)
-    reached = after < len(arrived_ns)
-    delays = arrived_ns[after[reached]] - sent_ns[reached]
-    return int(delays.max()) if len(delays) else 0
 
 
 def judge(spans: Sequence[Span], both: tuple[Pair, Pair]) -> tuple[Row, ...]:

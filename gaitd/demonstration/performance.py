@@ -14,7 +14,7 @@ from typing import Final, Protocol
 
 from daemon import wire
 from gaitd.demonstration.feed import HEARD, TRUE, Audience, Track, TruthTail
-from gaitd.demonstration.judgement import Span, held_up, judge, pairs, within
+from gaitd.demonstration.judgement import Span, judge, pairs, within
 from gaitd.demonstration.picture import Results
 from gaitd.demonstration.script import (
     Act,
@@ -34,8 +34,6 @@ from gaitd.demonstration.view import Moment
 from gaitd.remote import Answer, Target, ask
 
 TURN_S: Final = 0.1
-HELD_UP_MS: Final = 4.0
-"""A SYNC that reaches the virtual drives later than this has missed the cycle's window."""
 REPEATS_MAX: Final = 2
 SETTLE_S: Final = 0.3
 """After an act: the last messages and rows of truth are on their way."""
@@ -122,21 +120,20 @@ class Performance:
     def _act_or_again(self, act: Callable[[Plan], Act], *, empty: bool) -> None:
         """Play an act; again if this machine, and not the service, was too slow for it.
 
-        The virtual drives are a process among others. When they are not let run for longer than
-        the service may wait for a drive, it stops, as it must: that is no fault of the service.
+        The virtual drives are a process among others. When they or the core are not let run for
+        longer than the service may wait for a drive, it stops, as it must: that is no fault of its.
         """
         while True:
             before, health = len(self._spans), len(self._health)
             try:
                 self._act(act(self._plan), empty=empty)
             except ActError as error:
-                held_up_ms = held_up(self._heard, self._true) / 1e6
-                if held_up_ms < HELD_UP_MS or len(self._repeats) >= REPEATS_MAX:
+                if not error.held_up or len(self._repeats) >= REPEATS_MAX:
                     raise
                 self._scene, self._scene_since_s = BEFORE, time.monotonic()
                 del self._spans[before:], self._health[health:]
                 self._repeats.append(
-                    f"this machine held the virtual drives up by {held_up_ms:.0f} ms; "
+                    f"this computer stood still ({', '.join(error.held_up)}); "
                     f"the act is played again ({error})"
                 )
                 if error.folder is not None:
@@ -211,8 +208,9 @@ class Performance:
 
 
 def _words(error: ActError) -> str:
+    how = f"; this computer stood still: {', '.join(error.held_up)}" if error.held_up else ""
     where = f"; logs, truth and black box are in {error.folder}" if error.folder else ""
-    return f"{error}{where}"
+    return f"{error}{how}{where}"
 
 
 def _next(act: Act, now: Situation) -> tuple[Action, bool]:

@@ -22,8 +22,10 @@ import numpy as np
 
 from daemon.config.robot import leg_parameters
 from daemon.config.settings import Robot
+from daemon.seam import RING_NAME, RingError, RingReader
 from gaitd.children import free_ports, memory_folder, tied
 from gaitd.demonstration.script import ActError
+from gaitd.held_up import OBSERVER_LOOK_BACK_CYCLES, held_up
 from gaitd.remote import Target
 from observer.mechanism import gravity
 
@@ -148,7 +150,21 @@ def stage(configs: Path, *, empty: bool) -> Generator[Stage]:
         table = tomllib.loads(config.read_text(encoding="utf-8"))
         target = Target((endpoint,), table["zenoh"]["trainer"])
         leg = table["leg"][0]["name"]
-        yield Stage(folder, config, truth, control, target, leg, drives, service)
+        try:
+            yield Stage(folder, config, truth, control, target, leg, drives, service)
+        except ActError as error:
+            error.held_up = of_late(folder / "run" / RING_NAME)
+            raise
+
+
+def of_late(records: Path) -> tuple[str, ...]:
+    """How this computer held the core of a ring up, in words; empty if it did not."""
+    try:
+        with contextlib.closing(RingReader(records)) as ring:
+            newest = ring.since(ring.newest_seq() - OBSERVER_LOOK_BACK_CYCLES)
+    except (FileNotFoundError, RingError):
+        return ()
+    return tuple(held_up(newest))
 
 
 def _tidy(folder: Path) -> Callable[..., bool]:

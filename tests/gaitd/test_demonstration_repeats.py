@@ -3,10 +3,13 @@
 import time
 
 import pytest
+from msgspec.structs import replace
+from records import HEADER, record
 
-from gaitd.demonstration import performance
+from daemon.seam import RING_NAME, RingWriter
 from gaitd.demonstration.performance import REPEATS_MAX, Performance
 from gaitd.demonstration.script import ActError, Kind, Scene, plan_of
+from gaitd.demonstration.stage import of_late
 
 
 class Screen:
@@ -27,7 +30,7 @@ class Screen:
 def played(monkeypatch):
     """Plays acts that fail so many times, with the virtual drives held up or not."""
 
-    def play(failures: int, held_up_ns: int):
+    def play(failures: int, *held_up: str):
         made = Performance(None, plan_of(30.0), Screen())
         left = [failures]
 
@@ -36,28 +39,29 @@ def played(monkeypatch):
             if left[0]:
                 left[0] -= 1
                 time.sleep(0.1)
-                raise ActError("the service stopped: a drive does not answer")
+                error = ActError("the service stopped: a drive does not answer")
+                error.held_up = held_up
+                raise error
 
         monkeypatch.setattr(made, "_act", act)
-        monkeypatch.setattr(performance, "held_up", lambda heard, true: held_up_ns)
         return made.play()
 
     return play
 
 
 def test_an_act_that_the_machine_held_up_is_played_again_and_only_then_judged(played):
-    results = played(failures=1, held_up_ns=112_000_000)
+    results = played(1, "SYNC 112.0 ms late")
 
     assert not results.trouble
     assert len(results.repeats) == 1
-    assert "112 ms" in results.repeats[0]
+    assert "112.0 ms" in results.repeats[0]
     assert "does not answer" in results.repeats[0]
     assert [span.kind for span in results.spans].count(Kind.ACTIVE) == 1
     assert min(span.begin_ns for span in results.spans) >= results.spans[-1].begin_ns - 10**7
 
 
 def test_a_service_that_stops_for_reasons_of_its_own_gets_no_second_chance(played):
-    results = played(failures=1, held_up_ns=600_000)
+    results = played(1)
 
     assert "does not answer" in results.trouble
     assert not results.repeats
@@ -65,9 +69,9 @@ def test_a_service_that_stops_for_reasons_of_its_own_gets_no_second_chance(playe
 
 
 def test_a_machine_that_is_too_slow_every_time_is_given_up(played):
-    results = played(failures=10, held_up_ns=112_000_000)
+    results = played(10, "SYNC 112.0 ms late", "11 grid points missed")
 
-    assert results.trouble
+    assert "stood still: SYNC 112.0 ms late, 11 grid points missed" in results.trouble
     assert len(results.repeats) == REPEATS_MAX
 
 
@@ -80,3 +84,17 @@ def test_ctrl_c_ends_the_performance_in_an_orderly_way(monkeypatch):
     monkeypatch.setattr(made, "_act", interrupted)
 
     assert made.play().trouble == "interrupted"
+
+
+def test_what_held_the_act_up_is_read_from_the_records_of_the_core(tmp_path):
+    assert of_late(tmp_path / RING_NAME) == ()
+
+    writer = RingWriter(tmp_path / RING_NAME, HEADER)
+    assert of_late(tmp_path / RING_NAME) == ()
+    for seq in range(1, 6):
+        writer.write(record(seq))
+    assert of_late(tmp_path / RING_NAME) == ()
+    writer.write(replace(record(6), timing=replace(record(6).timing, lateness_ns=396_000_000)))
+    writer.close()
+
+    assert of_late(tmp_path / RING_NAME) == ("SYNC 396.0 ms late",)
