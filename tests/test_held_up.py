@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 
 import pytest
-from held_up import AGAIN_MAX
+from held_up import AGAIN_MAX, MADE_MAX
 from stalls import LATE_NS, Stalls, watch
 
 pytest_plugins = ["pytester"]
@@ -57,7 +57,7 @@ MADE = []
 @pytest.fixture(scope="module")
 def base():
     MADE.append("base")
-    stall(40 if len(MADE) == 1 else 1)
+    stall(40 if len(MADE) in {spoiled} else 1)
     yield len(MADE)
     MADE.append("ended")
 
@@ -81,8 +81,8 @@ def test_its_third(recording):
 def outcomes(pytester):
     """Of a file of tests of real processes, or of other ones."""
 
-    def run(text, file="test_processes"):
-        pytester.makeconftest(CONFTEST.format(support=str(SUPPORT)))
+    def run(text, file="test_processes", more=""):
+        pytester.makeconftest(CONFTEST.format(support=str(SUPPORT)) + more)
         pytester.makepyfile(**{file: text})
         ran = pytester.runpytest_subprocess(
             *("-p", "no:cacheprovider", "-p", "no:xdist", "-raR", "--rerun-show-tracebacks")
@@ -159,10 +159,28 @@ def test_what_runs_no_real_process_is_never_run_again(outcomes):
 
 
 def test_what_was_recorded_for_many_tests_on_a_computer_that_stood_still_is_recorded_anew(outcomes):
-    found, ran = outcomes(RECORDED)
+    found, ran = outcomes(RECORDED.replace("{spoiled}", "(1,)"))
 
     assert found == {"passed": 3, "rerun": 1}, ran.stdout.str()
     assert "held up 1 times, 40 ms at most" in ran.stdout.str()
+
+
+def test_what_was_recorded_often_enough_counts_as_good(outcomes):
+    text = RECORDED.replace("{spoiled}", "range(99)").replace("recording == 3", "False")
+
+    found, ran = outcomes(text)
+
+    assert found == {"passed": 2, "failed": 1, "rerun": MADE_MAX - 1}, ran.stdout.str()
+    assert "was never held up" in ran.stdout.str()
+
+
+def test_what_the_report_of_a_failure_takes_is_no_evidence(outcomes):
+    reports = "def pytest_runtest_makereport(item, call):\n    stall(40 if call.excinfo else 1)\n"
+
+    found, ran = outcomes(fails_first(NONE_MS), more=reports)
+
+    assert found == {"failed": 1}
+    assert "was never held up" in ran.stdout.str()
 
 
 def test_each_run_of_a_test_has_a_timer_of_its_own(outcomes):

@@ -121,7 +121,7 @@ class Performance:
         """Play an act; again if this machine, and not the service, was too slow for it.
 
         The virtual drives are a process among others. When they or the core are not let run for
-        longer than the service may wait for a drive, it stops, as it must: that is no fault of its.
+        longer than the service may wait for a drive, it stops, as it must.
         """
         while True:
             before, health = len(self._spans), len(self._health)
@@ -149,7 +149,7 @@ class Performance:
             outstanding = Outstanding(where.target)
             audience = Audience(where.target, where.leg, self._heard)
             try:
-                with audience:
+                with audience, where.excused():
                     self._turns(act, where, audience, tail, outstanding)
             finally:
                 if audience.health is not None:

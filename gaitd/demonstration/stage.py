@@ -24,7 +24,7 @@ from daemon.config.robot import leg_parameters
 from daemon.config.settings import Robot
 from daemon.seam import RING_NAME, RingError, RingReader
 from gaitd.children import free_ports, memory_folder, tied
-from gaitd.demonstration.script import ActError
+from gaitd.demonstration.script import SILENCE_MAX_S, ActError
 from gaitd.held_up import OBSERVER_LOOK_BACK_CYCLES, held_up
 from gaitd.remote import Target
 from observer.mechanism import gravity
@@ -33,6 +33,8 @@ SERVICE_END_S: Final = 15.0
 """The service stops both axes before it ends."""
 DRIVES_END_S: Final = 5.0
 TAIL_LINES: Final = 12
+LOOK_BACK_CYCLES: Final = OBSERVER_LOOK_BACK_CYCLES + round(SILENCE_MAX_S * 100)
+"""A silence of the service is noticed late."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +64,16 @@ class Stage:
         """
         for troupe in (self.drives, self.service):
             troupe.check()
+
+    @contextlib.contextmanager
+    def excused(self) -> Generator[None]:
+        """What ends the act says how this computer was, unless it is that a process ended."""
+        try:
+            yield
+        except ActError as error:
+            if self.drives.exit_code() is None and self.service.exit_code() is None:
+                error.held_up = of_late(self.folder / "run" / RING_NAME)
+            raise
 
 
 class Troupe:
@@ -150,18 +162,14 @@ def stage(configs: Path, *, empty: bool) -> Generator[Stage]:
         table = tomllib.loads(config.read_text(encoding="utf-8"))
         target = Target((endpoint,), table["zenoh"]["trainer"])
         leg = table["leg"][0]["name"]
-        try:
-            yield Stage(folder, config, truth, control, target, leg, drives, service)
-        except ActError as error:
-            error.held_up = of_late(folder / "run" / RING_NAME)
-            raise
+        yield Stage(folder, config, truth, control, target, leg, drives, service)
 
 
 def of_late(records: Path) -> tuple[str, ...]:
     """How this computer held the core of a ring up, in words; empty if it did not."""
     try:
         with contextlib.closing(RingReader(records)) as ring:
-            newest = ring.since(ring.newest_seq() - OBSERVER_LOOK_BACK_CYCLES)
+            newest = ring.since(ring.newest_seq() - LOOK_BACK_CYCLES)
     except (FileNotFoundError, RingError):
         return ()
     return tuple(held_up(newest))

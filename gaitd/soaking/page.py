@@ -158,7 +158,7 @@ def _growth(life: Life) -> str:
 # --- the page -------------------------------------------------------------------------------------
 
 HELD_UP_SHOWN_COUNT: Final = 5
-"""Stops for which this computer is to blame: all are counted, so many of each cause described."""
+"""Of each cause, stops for which this computer is to blame; all of them are counted."""
 
 _PREFACE: Final = """\
 Real processes in real time on the loopback bus: `gaitd sim`, `gaitd core`, `gaitd gateway`. The leg

@@ -9,7 +9,8 @@ from records import HEADER, record
 from daemon.seam import RING_NAME, RingWriter
 from gaitd.demonstration.performance import REPEATS_MAX, Performance
 from gaitd.demonstration.script import ActError, Kind, Scene, plan_of
-from gaitd.demonstration.stage import of_late
+from gaitd.demonstration.stage import Stage, of_late
+from gaitd.remote import Target
 
 
 class Screen:
@@ -28,7 +29,7 @@ class Screen:
 
 @pytest.fixture
 def played(monkeypatch):
-    """Plays acts that fail so many times, with the virtual drives held up or not."""
+    """Plays acts that fail so many times, on a computer that held them up or did not."""
 
     def play(failures: int, *held_up: str):
         made = Performance(None, plan_of(30.0), Screen())
@@ -98,3 +99,26 @@ def test_what_held_the_act_up_is_read_from_the_records_of_the_core(tmp_path):
     writer.close()
 
     assert of_late(tmp_path / RING_NAME) == ("SYNC 396.0 ms late",)
+
+
+class Troupe:
+    def __init__(self, code: int | None):
+        self.exit_code = lambda: code
+
+
+@pytest.mark.parametrize(
+    ("drives", "service", "wanted"),
+    [(None, None, ("SYNC 396.0 ms late",)), (-9, None, ()), (None, 1, ())],
+)
+def test_an_act_that_a_dead_process_ended_is_not_excused(tmp_path, drives, service, wanted):
+    (tmp_path / "run").mkdir()
+    writer = RingWriter(tmp_path / "run" / RING_NAME, HEADER)
+    writer.write(replace(record(1), timing=replace(record(1).timing, lateness_ns=396_000_000)))
+    writer.close()
+    places = tmp_path, tmp_path, tmp_path, tmp_path
+    where = Stage(*places, Target((), "trainer"), "right", Troupe(drives), Troupe(service))
+
+    with pytest.raises(ActError) as caught, where.excused():
+        raise ActError("the service stopped: a drive does not answer")
+
+    assert caught.value.held_up == wanted

@@ -164,6 +164,12 @@ def bring(mode: Mode) -> None:
     raise AssertionError(f"never in {mode.name}: {newest().verdict}")
 
 
+def nothing_runs() -> None:
+    """As before the first start; new virtual drives have no faults."""
+    run("systemctl", "stop", "gaitd.target", CORE, GATEWAY, SIM)
+    run("systemctl", "reset-failed", CORE, GATEWAY, SIM)
+
+
 def _asked(mode: Mode) -> bool:
     with contextlib.suppress(AssertionError):
         if mode == Mode.READY:
@@ -198,6 +204,7 @@ def a_typo() -> Seen:
 
 
 def start() -> Seen:
+    nothing_runs()
     run("systemctl", "start", SIM)
     run("systemctl", "start", "gaitd.target")
     at_once = shown(CORE, "ActiveState")
@@ -350,6 +357,7 @@ def stop() -> Seen:
 
 
 def wrong_drive() -> Seen:
+    nothing_runs()
     bring(Mode.READY)
     inject("wrong_identity right/hip - 4711")
     run("systemctl", "stop", CORE)
@@ -404,18 +412,20 @@ STEPS = (a_typo, start, probes, reload, silent_drive, walk, gateway_killed, watc
 
 
 def played(step: Callable[[], Seen]) -> Seen:
-    """What it saw; again, if it failed while the machine stood still."""
-    for tried in range(STEP_TRIES):
-        STALLS.wait_until_calm(CALM_S, CALM_PATIENCE_S if tried else 0.0)
+    """What it saw; again, if it failed while the machine stood still, and then why as well."""
+    failures: list[str] = []
+    while len(failures) < STEP_TRIES:
         first = len(STALLS.late_ns)
         try:
-            return step()
+            return {**step(), "failed_before": failures}
         except Exception:  # noqa: BLE001 - told in the place of what was to be seen
+            stalls = STALLS.since(first)
             log = run("journalctl", "--no-pager", "--lines=60")
-            failed = {"failed": traceback.format_exc() + log, "tried": tried + 1}
-        if not STALLS.since(first):
+            failures.append(traceback.format_exc() + log)
+        if not stalls:
             break
-    return failed
+        STALLS.wait_until_calm(CALM_S, CALM_PATIENCE_S)
+    return {"failed": "\n".join(failures)}
 
 
 def main(path: Path) -> None:

@@ -5,23 +5,26 @@ stood still for so long. So witnesses (`stalls.py`) note when it did.
 
 - A test of real processes that failed while the computer stood still has shown nothing: it is run
   again, five times at most, each time once the computer was calm for longer.
-- A fixture of many tests that was made while the computer stood still is made anew for that.
+- A fixture of many tests that was made while the computer stood still is made anew for that, twice
+  at most; behind that it counts as good.
 - A test that failed while nothing stood still has failed, in whichever run.
 - One whose every run saw the computer stand still for three cycles or more is *not judged*: it is
   shown as skipped, with what it said. It needs a computer that keeps time, as others need a rig.
-  More than a handful of these are failures: the whole run has shown too little then.
+  More than a dozen of these are failures: the whole run has shown too little then.
 
 The summary names each test that was run again or not judged, and how the computer was. What
-pytest's own process computes in C without a pause looks like a stall as well.
+pytest's own process computes in C without a pause looks like a stall as well; what it computes for
+the report of a failure does not count.
 """
 
+import time
 from collections import Counter
 from collections.abc import Callable, Generator
 from typing import Any, Final
 
 import pytest
 from parallel import ALONE
-from stalls import Stalls, watch
+from stalls import EVERY_NS, Stalls, watch
 
 from gaitd.testing.trainer import HELD_UP_S
 
@@ -30,7 +33,8 @@ CALM_S: Final = 2.0
 """Before the first repetition; twice as long before each next one."""
 PATIENCE_S: Final = 120.0
 """For a calm computer; then the test is run again all the same."""
-MADE_ANEW_MAX: Final = 2
+MADE_MAX: Final = 3
+"""Times a fixture of many tests is made for the sake of a calm computer."""
 STOPPING_NS: Final = 30_000_000
 """Three cycles without a sample stop the leg."""
 NOT_JUDGED_MAX: Final = 12
@@ -45,14 +49,16 @@ class HeldUp:
         self._begin = begin
         self._watched = False
         self._first = 0
-        """Of the stalls of the test that runs."""
+        """Of the stalls of the run."""
+        self._own = range(0)
+        """Those until it failed."""
         self._shared: set[pytest.FixtureDef[Any]] = set()
-        """Fixtures of many tests that the test which runs uses."""
+        """Fixtures of many tests that the run uses."""
         self._while_made: dict[pytest.FixtureDef[Any], range] = {}
-        """The stalls while each of them was made."""
-        self._made_anew: Counter[pytest.FixtureDef[Any]] = Counter()
+        """The stalls while each of those that live was made."""
+        self._made_count: Counter[pytest.FixtureDef[Any]] = Counter()
         self._worst_ns: dict[int, int] = {}
-        """By run of the test that runs."""
+        """By run of the test that runs; of fixtures only what was made in that run."""
         self._not_judged_count = 0
         self._timer: tuple[pytest.Item, Any] | None = None
         """Of pytest-timeout, the newest: whose, and its settings."""
@@ -87,11 +93,13 @@ class HeldUp:
         run = _run(item)
         if run == 1:
             self._worst_ns.clear()
-        else:
-            self._stalls.wait_until_calm(CALM_S * 2 ** (run - 2), PATIENCE_S)
-            self._forget_what_was_made_meanwhile(item)
-            self._begin_timer_again(item)
-        self._first = len(self._stalls.late_ns)
+            self._begin_run()
+            return
+        self._stalls.wait_until_calm(CALM_S * 2 ** (run - 2), PATIENCE_S)
+        self._begin_timer_again(item)
+        self._begin_run()
+        for fixture in self._spoiled():
+            fixture.finish(item._request)  # pyright: ignore[reportAttributeAccessIssue]
 
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(
@@ -99,24 +107,31 @@ class HeldUp:
     ) -> Generator[None, object, object]:
         """Whoever uses it later wants to know how the computer was."""
         begin = len(self._stalls.late_ns)
+        self._made_count[fixturedef] += 1
         try:
             return (yield)
         finally:
             self._while_made[fixturedef] = self._stalls.since(begin)
 
+    def pytest_fixture_post_finalizer(self, fixturedef: pytest.FixtureDef[Any]) -> None:
+        """It is there no more."""
+        self._while_made.pop(fixturedef, None)
+
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(
-        self, item: pytest.Item
+        self, item: pytest.Item, call: pytest.CallInfo[None]
     ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
         """A failure says how the computer was."""
+        alone = item.nodeid.startswith(ALONE)
+        if alone and call.excinfo is not None:
+            self._end_run(_run(item))
         report = yield
-        if not report.failed or not item.nodeid.startswith(ALONE):
+        if not alone or not report.failed:
             return report
-        run = _run(item)
-        self._worst_ns[run] = max(self._worst_ns.get(run, 0), self._stalls.worst_ns(self._seen()))
-        if self._is_not_judged(run) and report.when != "teardown":
+        if self._is_not_judged(_run(item)) and report.when != "teardown":
             self._not_judged_count += 1
-            report.longrepr = (*item.location[:1], item.location[1], self._why(report))
+            path, line, _ = item.location
+            report.longrepr = (path, (line or 0) + 1, self._why(report))
             report.outcome = "skipped"
         elif hasattr(report.longrepr, "addsection"):
             # Which a test that is run again shows as well.
@@ -124,6 +139,15 @@ class HeldUp:
         else:
             report.sections.append(("this computer", self._words()))
         return report
+
+    def _begin_run(self) -> None:
+        self._first = len(self._stalls.late_ns)
+        self._own = range(0)
+
+    def _end_run(self, run: int) -> None:
+        time.sleep(4 * EVERY_NS * 1e-9)  # A witness that waits for us tells its last stall.
+        self._own = self._stalls.since(self._first)
+        self._worst_ns[run] = self._stalls.worst_ns(self._own)
 
     def _is_not_judged(self, run: int) -> bool:
         return (
@@ -138,11 +162,13 @@ class HeldUp:
         said = crash.message.partition("\n")[0] if crash else str(report.longrepr)[-200:]
         return f"not judged: in each run the computer stood still, {worst} ms at most; {said}"
 
-    def _forget_what_was_made_meanwhile(self, item: pytest.Item) -> None:
-        for fixture in self._shared:
-            if self._while_made.get(fixture) and self._made_anew[fixture] < MADE_ANEW_MAX:
-                self._made_anew[fixture] += 1
-                fixture.finish(item._request)  # pyright: ignore[reportAttributeAccessIssue]
+    def _spoiled(self) -> list[pytest.FixtureDef[Any]]:
+        """What this run shares that was made while the computer stood still, and may be again."""
+        return [
+            fixture
+            for fixture in self._shared
+            if self._while_made.get(fixture) and self._made_count[fixture] < MADE_MAX
+        ]
 
     def _begin_timer_again(self, item: pytest.Item) -> None:
         """The failure before has ended it, for the sake of debuggers."""
@@ -154,9 +180,18 @@ class HeldUp:
         return bool(self._seen())
 
     def _seen(self) -> set[int]:
-        """The numbers of the stalls of this run, and of the fixtures that it shares."""
-        made = (self._while_made.get(fixture, range(0)) for fixture in self._shared)
-        return set(self._stalls.since(self._first)).union(*made)
+        """The numbers of the stalls that may have made this run fail.
+
+        They are its own, but for those of a fixture that was made often enough; and those of a
+        fixture that it found made.
+        """
+        made_for_good = (
+            self._while_made.get(fixture, range(0))
+            for fixture in self._shared
+            if self._made_count[fixture] >= MADE_MAX
+        )
+        spoiled = (self._while_made[fixture] for fixture in self._spoiled())
+        return set(self._own).difference(*made_for_good).union(*spoiled)
 
     def _words(self) -> str:
         seen = self._seen()
