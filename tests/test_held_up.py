@@ -20,7 +20,6 @@ import held_up, stalls
 held_up.ALONE = ("test_processes.py",)
 held_up.CALM_S = 0.01
 held_up.HELD_UP_S = 0.0
-held_up.NOT_JUDGED_MAX = 1
 STALLS = stalls.Stalls()
 
 def pytest_configure(config):
@@ -114,42 +113,17 @@ def test_a_failure_while_nothing_stood_still_is_a_failure(outcomes):
     assert "was never held up" in ran.stdout.str()
 
 
-def test_a_test_that_fails_beside_short_stalls_each_time_has_failed(outcomes):
-    found, ran = outcomes(fails_first(SHORT_MS))
-
-    assert found == {"failed": 1, "rerun": AGAIN_MAX}
-    assert "held up 1 times, 20 ms at most" in ran.stdout.str()
-
-
-def test_a_test_in_whose_every_run_the_computer_stood_still_for_three_cycles_is_not_judged(
-    outcomes,
-):
+def test_a_test_that_fails_beside_a_stall_each_time_has_failed_however_long_those_were(outcomes):
     found, ran = outcomes(fails_first(LONG_MS))
 
-    assert found == {"skipped": 1, "rerun": AGAIN_MAX}
-    told = "not judged: in each run the computer stood still, 40, 40, 40, 40, 40, 40 ms at most"
-    assert f"{told}; AssertionError: it is wrong" in ran.stdout.str()
+    assert found == {"failed": 1, "rerun": AGAIN_MAX}
+    assert "held up 1 times, 40 ms at most" in ran.stdout.str()
 
 
 def test_a_test_that_fails_once_while_nothing_stood_still_has_failed_after_all(outcomes):
     found, _ = outcomes(fails_first(LONG_MS, LONG_MS, NONE_MS))
 
     assert found == {"failed": 1, "rerun": 2}
-
-
-def test_a_test_that_had_only_a_short_stall_once_is_judged(outcomes):
-    found, _ = outcomes(fails_first(LONG_MS, SHORT_MS, LONG_MS))
-
-    assert found == {"failed": 1, "rerun": AGAIN_MAX}
-
-
-def test_where_more_than_a_handful_cannot_be_judged_the_others_have_failed(outcomes):
-    more = "@pytest.mark.parametrize('number', range(3))\ndef test_it(number):"
-    text = fails_first(LONG_MS).replace("def test_it():", more)
-
-    found, _ = outcomes(text)
-
-    assert found == {"skipped": 1, "failed": 2, "rerun": 3 * AGAIN_MAX}
 
 
 def test_what_runs_no_real_process_is_never_run_again(outcomes):

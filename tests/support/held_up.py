@@ -7,14 +7,12 @@ stood still for so long. So witnesses (`stalls.py`) note when it did.
   again, five times at most, each time once the computer was calm for longer.
 - A fixture of many tests that was made while the computer stood still is made anew for that, twice
   at most; behind that it counts as good.
-- A test that failed while nothing stood still has failed, in whichever run.
-- One whose every run saw the computer stand still for three cycles or more is *not judged*: it is
-  shown as skipped, with what it said. It needs a computer that keeps time, as others need a rig.
-  More than a dozen of these are failures: the whole run has shown too little then.
+- A test that failed while nothing stood still has failed, in whichever run, and so has one that
+  failed in all six.
 
-The summary names each test that was run again or not judged, and how the computer was. What
-pytest's own process computes in C without a pause looks like a stall as well; what it computes for
-the report of a failure does not count.
+The summary names each test that was run again, and how the computer was. What pytest's own process
+computes in C without a pause looks like a stall as well, so a stall can earn a test another run,
+and never excuse it. What is computed for the report of a failure does not count.
 """
 
 import time
@@ -35,10 +33,6 @@ PATIENCE_S: Final = 120.0
 """For a calm computer; then the test is run again all the same."""
 MADE_MAX: Final = 3
 """Times a fixture of many tests is made for the sake of a calm computer."""
-STOPPING_NS: Final = 30_000_000
-"""Three cycles without a sample stop the leg."""
-NOT_JUDGED_MAX: Final = 12
-"""Of the 1400 tests of real processes."""
 
 
 class HeldUp:
@@ -57,9 +51,6 @@ class HeldUp:
         self._while_made: dict[pytest.FixtureDef[Any], range] = {}
         """The stalls while each of those that live was made."""
         self._made_count: Counter[pytest.FixtureDef[Any]] = Counter()
-        self._worst_ns: dict[int, int] = {}
-        """By run of the test that runs; of fixtures only what was made in that run."""
-        self._not_judged_count = 0
         self._timer: tuple[pytest.Item, Any] | None = None
         """Of pytest-timeout, the newest: whose, and its settings."""
 
@@ -92,7 +83,6 @@ class HeldUp:
         self._shared = _shared(item)
         run = _run(item)
         if run == 1:
-            self._worst_ns.clear()
             self._begin_run()
             return
         self._stalls.wait_until_calm(CALM_S * 2 ** (run - 2), PATIENCE_S)
@@ -124,16 +114,11 @@ class HeldUp:
         """A failure says how the computer was."""
         alone = item.nodeid.startswith(ALONE)
         if alone and call.excinfo is not None:
-            self._end_run(_run(item))
+            self._end_run()
         report = yield
         if not alone or not report.failed:
             return report
-        if self._is_not_judged(_run(item)) and report.when != "teardown":
-            self._not_judged_count += 1
-            path, line, _ = item.location
-            report.longrepr = (path, (line or 0) + 1, self._why(report))
-            report.outcome = "skipped"
-        elif hasattr(report.longrepr, "addsection"):
+        if hasattr(report.longrepr, "addsection"):
             # Which a test that is run again shows as well.
             report.longrepr.addsection("this computer", self._words())
         else:
@@ -144,23 +129,9 @@ class HeldUp:
         self._first = len(self._stalls.late_ns)
         self._own = range(0)
 
-    def _end_run(self, run: int) -> None:
+    def _end_run(self) -> None:
         time.sleep(4 * EVERY_NS * 1e-9)  # A witness that waits for us tells its last stall.
         self._own = self._stalls.since(self._first)
-        self._worst_ns[run] = self._stalls.worst_ns(self._own)
-
-    def _is_not_judged(self, run: int) -> bool:
-        return (
-            run > AGAIN_MAX
-            and min(self._worst_ns.values()) >= STOPPING_NS
-            and self._not_judged_count < NOT_JUDGED_MAX
-        )
-
-    def _why(self, report: pytest.TestReport) -> str:
-        worst = ", ".join(f"{worst_ns / 1e6:.0f}" for worst_ns in self._worst_ns.values())
-        crash = getattr(report.longrepr, "reprcrash", None)
-        said = crash.message.partition("\n")[0] if crash else str(report.longrepr)[-200:]
-        return f"not judged: in each run the computer stood still, {worst} ms at most; {said}"
 
     def _spoiled(self) -> list[pytest.FixtureDef[Any]]:
         """What this run shares that was made while the computer stood still, and may be again."""
