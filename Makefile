@@ -2,20 +2,25 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# What `make quick` runs: a second's answer for what has no bus, no process and no session.
+UNITS := tests/drives tests/observer tests/daemon
 # What safety rests on: the unit tests of these files alone must reach every branch of them.
 SAFETY_TESTS := $(wildcard tests/drives/test_cia402*.py tests/daemon/core/test_modes*.py \
 	tests/daemon/core/test_safety*.py tests/daemon/core/test_every_limit.py)
-# Of pytest: one for each processor, up to 16. Real processes are tested alone, see tests/support/parallel.py.
+# Of pytest: one for each processor, up to 16.
 WORKERS ?= auto --maxprocesses 16
+# Notes the CPU-seconds of a step; pytest prints them with its own.
+STEPS := $(VENV)/cpu_seconds
+STEP = $(BIN)/python scripts/cpu_seconds.py $(STEPS)
 COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
 	--no-emit-index-url --no-emit-find-links --no-header pyproject.toml
 PACKAGES := drives observer daemon sim_drives gaitd analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check lint types imports pytest coverage mutants bench install uninstall purge rigs lock format golden clean
+.PHONY: help demo quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants bench install uninstall purge rigs lock format golden clean
 
 help:  ## list the targets
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-9s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
 
 $(VENV)/run.stamp: requirements/run.txt pyproject.toml
 	@test -d $(VENV) || $(PYTHON) -m venv $(VENV)
@@ -30,25 +35,42 @@ $(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp
 demo: $(VENV)/run.stamp  ## watch it: virtual drives, the service, a scripted patient, a live view
 	$(BIN)/gaitd demo
 
-test: check coverage pytest  ## everything: lint, types, import contracts, branches, all tests
+quick: check $(VENV)/dev.stamp  ## lint, types, import contracts, units: while you write
+	$(BIN)/pytest -q -n $(WORKERS) $(UNITS)
+
+test: clean-steps check coverage pytest  ## all that a contributor must pass; prints its CPU-seconds
+
+test-rigs: $(VENV)/dev.stamp  ## SocketCAN and systemd (after `make rigs`, root)
+	$(BIN)/pytest -m "rig_vcan or rig_systemd" --rigs=required
+
+test-realtime: $(VENV)/dev.stamp  ## what needs the wall clock; on a quiet machine
+	$(BIN)/pytest -m realtime
+
+test-all: check coverage  ## a night: whole fault matrix, long fuzz, statistics, ablation, mutants
+	$(BIN)/pytest -n $(WORKERS) -m "not realtime and not rig_vcan and not rig_systemd"
+	$(BIN)/python scripts/mutants.py
 
 check: lint types imports  ## what needs no running: lint, types, import contracts
 
+clean-steps:
+	@rm -f $(STEPS)
+
 lint: $(VENV)/dev.stamp
-	$(BIN)/ruff format --check .
-	$(BIN)/ruff check .
+	$(STEP) "lint: format" $(BIN)/ruff format --check .
+	$(STEP) "lint" $(BIN)/ruff check .
 
 types: $(VENV)/dev.stamp
-	$(BIN)/basedpyright
+	$(STEP) "types" $(BIN)/basedpyright
 
 imports: $(VENV)/dev.stamp
-	$(BIN)/lint-imports --no-cache
+	$(STEP) "import contracts" $(BIN)/lint-imports --no-cache
 
 pytest: $(VENV)/dev.stamp
-	$(BIN)/pytest -n $(WORKERS)
+	@touch $(STEPS)
+	$(BIN)/pytest -n $(WORKERS) --cpu-seconds $(STEPS)
 
 coverage: $(VENV)/dev.stamp  ## every branch of safety.py, modes.py and cia402.py, by their unit tests alone
-	$(BIN)/coverage run -m pytest -q $(SAFETY_TESTS)
+	$(STEP) "branch coverage of the safety files" $(BIN)/coverage run -m pytest -q $(SAFETY_TESTS)
 	$(BIN)/coverage report
 
 mutants: coverage  ## mutation testing of the same files; docs/mutants.md argues what survives

@@ -4,12 +4,14 @@ The rigs (SocketCAN, systemd) are the plugin's. `--rigs=required` makes the lack
 it is `--gaitd-rigs` of the plugin by a shorter name.
 """
 
-import pytest
+from pathlib import Path
+
+from cpu_seconds import CpuSeconds
 from hypothesis import settings
 
 # pytest finds it by itself once gaitd is installed; a tree that is newer than its installation
 # names it here.
-pytest_plugins = ["gaitd.testing.plugin"]
+pytest_plugins = ["gaitd.testing.plugin", "forked"]
 
 # How long an example takes says something about the machine, and nothing about the project.
 settings.register_profile("untimed", deadline=None)
@@ -39,6 +41,12 @@ def pytest_addoption(parser):
         type=float,
         help="let the CAN fuzz run for so many minutes each, instead of some seconds",
     )
+    parser.addoption(
+        "--cpu-seconds",
+        type=Path,
+        metavar="FILE",
+        help="print CPU-seconds by group, with those of earlier steps in FILE (`make test`)",
+    )
 
 
 def pytest_configure(config):
@@ -47,11 +55,5 @@ def pytest_configure(config):
     from stalls import Stalls
 
     config.pluginmanager.register(HeldUp(Stalls()))
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config, log):
-    """On several processors; see `tests/support/parallel.py`."""
-    from parallel import AloneLast
-
-    return AloneLast(config, log) if config.option.dist == "load" else None
+    if config.option.cpu_seconds or hasattr(config, "workerinput"):
+        config.pluginmanager.register(CpuSeconds(config.option.cpu_seconds))

@@ -8,22 +8,33 @@ import pytest
 from held_up import AGAIN_MAX, MADE_MAX
 from stalls import LATE_NS, Stalls, watch
 
+pytestmark = pytest.mark.realtime
+
 pytest_plugins = ["pytester"]
 
 SUPPORT = Path(__file__).with_name("support")
 CONFTEST = """
 import sys
 import time
+
+import pytest
+
 sys.path.insert(0, {support!r})
 import held_up, stalls
 
-held_up.ALONE = ("test_processes.py",)
 held_up.CALM_S = 0.01
 held_up.HELD_UP_S = 0.0
 STALLS = stalls.Stalls()
 
 def pytest_configure(config):
+    config.addinivalue_line("markers", "realtime: of real processes")
     config.pluginmanager.register(held_up.HeldUp(STALLS, begin=lambda stalls: None))
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if item.nodeid.startswith("test_processes.py"):
+            item.add_marker("realtime")
 
 def stall(stall_ms):
     now_ns = time.monotonic_ns()

@@ -15,6 +15,8 @@ import canopen
 import pytest
 from outside_master import PatientNode, added, eds_of
 
+pytestmark = pytest.mark.realtime
+
 
 def test_canopen_reads_identity_and_names(hip, slide):
     assert hip.sdo["Identity object"]["Vendor-ID"].raw == 0xFB

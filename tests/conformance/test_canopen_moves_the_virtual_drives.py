@@ -18,6 +18,8 @@ import time
 import pytest
 from outside_master import PATIENCE_S
 
+pytestmark = pytest.mark.realtime
+
 SYNC_S = 0.01
 FOLLOWS = 0x1000
 REFERENCED = 0x8000

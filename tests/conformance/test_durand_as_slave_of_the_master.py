@@ -27,6 +27,8 @@ from drives.pdo import layouts
 from drives.plan import plan
 from drives.signals import DriveCommand, OperationMode, PowerRequest, PowerState
 
+pytestmark = pytest.mark.realtime
+
 
 class Slave:
     """One durand node with a bus of its own on the shared channel."""

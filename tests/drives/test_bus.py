@@ -12,6 +12,8 @@ from drives.bus import CanBus, Frame, SteadySocketcan
 from drives.bus_state import BusCondition, BusMonitor
 from drives.errors import BusError
 
+pytestmark = pytest.mark.realtime
+
 RPDO = Frame(0x205, bytes(7))
 QUICK_STOP = Frame(0x205, b"\x02\x00\x0a\x00\x00\x00\x00")
 

@@ -22,6 +22,8 @@ from gaitd.benchmark import (
 from gaitd.benchmark.cycle_parts import PARTS, WHOLE
 from gaitd.demonstration.script import ActError
 
+pytestmark = pytest.mark.realtime
+
 CONFIGS = Path(__file__).parents[2] / "configs"
 
 

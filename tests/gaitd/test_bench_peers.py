@@ -8,6 +8,8 @@ import pytest
 from gaitd.benchmark import bus_times, peer_table, peers, tables
 from gaitd.benchmark.bus_times import Heard, Reaction
 
+pytestmark = pytest.mark.realtime
+
 CONFIGS = Path(__file__).parents[2] / "configs"
 ENABLED = b"\x37\x12"
 STOPPING = b"\x17\x12"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.timeout(400)
+pytestmark = [pytest.mark.realtime, pytest.mark.timeout(400)]
 DEMO = [sys.executable, "-m", "gaitd", "demo", "--headless"]
 
 

@@ -18,6 +18,8 @@ from gaitd.demonstration.stage import Troupe, write_configs
 from gaitd.places import configs_folder
 from sim_drives.truth import TruthRow
 
+pytestmark = pytest.mark.realtime
+
 CONFIGS = Path(__file__).parents[2] / "configs"
 CYCLE_NS = 10_000_000
 

@@ -8,6 +8,8 @@ import can
 import pytest
 from bench_bus import Machine, gaitd
 
+pytestmark = pytest.mark.realtime
+
 ELSEWHERE = ("drives/slide_epos4.toml", "node_id = 6", "node_id = 9")
 ANOTHER = ("drives/hip_epos4.toml", "0x61500000", "0x65520000")
 

@@ -20,6 +20,8 @@ from drives.inventory import FindingKind, take_stock
 from drives.scanning import survey
 from drives.stations import Expected
 
+pytestmark = pytest.mark.realtime
+
 DRIVES = (drive("hip_epos4"), drive("slide_epos4"))
 MBIT = 1_000_000
 

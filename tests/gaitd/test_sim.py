@@ -12,6 +12,8 @@ from pathlib import Path
 import can
 import pytest
 
+pytestmark = pytest.mark.realtime
+
 CONFIGS = Path(__file__).parents[2] / "configs"
 START_S = 60
 """A first run compiles."""

@@ -18,6 +18,8 @@ from witnesses import Watch
 
 from daemon.record import Cause, Mode
 
+pytestmark = pytest.mark.realtime
+
 CONFIGURATION_ERROR = 2
 FULL = Path("/dev/full")
 NOBODY = 65534

@@ -16,6 +16,8 @@ from processes import MEMORY
 from daemon.record import Cause, Mode
 from daemon.refusals import SetpointRefusal
 
+pytestmark = pytest.mark.realtime
+
 DOCUMENT = Path(__file__).parents[2] / "docs" / "control_by_others.md"
 TRIES = 3
 """A machine that stalls for 100 ms makes the drives stop, rightly; here it is only in the way."""

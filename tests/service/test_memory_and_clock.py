@@ -14,6 +14,8 @@ from witnesses import CONTROLWORDS, Watch
 from daemon.record import Cause, Mode, Verdict
 from drives.signals import PowerState
 
+pytestmark = pytest.mark.realtime
+
 STEPS_S = (3600, -7200, 3600)
 SHOWN_CYCLES = 50
 WITHOUT_MEMORY_CYCLES = 200

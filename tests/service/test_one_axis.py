@@ -11,6 +11,8 @@ from sessions import changed_configs
 from daemon.notes_file import NAME
 from daemon.record import Mode
 
+pytestmark = pytest.mark.realtime
+
 TRIES = 3
 """A machine that stalls for 100 ms makes the drives stop, rightly; here it is only in the way."""
 

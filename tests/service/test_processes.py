@@ -11,6 +11,8 @@ from witnesses import Watch
 from daemon.record import Cause, Mode
 from drives.signals import PowerState
 
+pytestmark = pytest.mark.realtime
+
 SILENT_CYCLES = 3
 SHOWN_CYCLES = 150
 

@@ -7,6 +7,8 @@ import pytest
 from processes import MEMORY, Service
 from sessions import changed_configs
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.fixture
 def folder():

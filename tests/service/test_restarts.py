@@ -15,6 +15,8 @@ from witnesses import Watch
 from daemon.record import Cause, Mode
 from daemon.seam import RING_NAME, RingReader
 
+pytestmark = pytest.mark.realtime
+
 CONFIGURATION_ERROR = 2
 SILENCE_CYCLES = 30
 SHOWN_CYCLES = 50

@@ -13,6 +13,8 @@ from witnesses import SYNC, Watch
 from daemon.record import Cause, Mode, StopCategory, Verdict
 from drives.signals import PowerState
 
+pytestmark = pytest.mark.realtime
+
 NODES = (5, 6)
 WHILE = {Mode.GAIT: "walking", Mode.HOLD: "holding"}
 LIFE_GUARD, RPDO_TIMEOUT = 0x8130, 0x8250

@@ -6,6 +6,8 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.realtime
+
 SEED = 3
 """Faults of drives only within its first half minute: no process is killed."""
 

@@ -18,6 +18,8 @@ from daemon.core.loop import NOTHING_RELOADED
 from daemon.record import Cause, Mode
 from drives.signals import PowerState
 
+pytestmark = pytest.mark.realtime
+
 BEATS = 50
 
 

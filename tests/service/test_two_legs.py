@@ -9,6 +9,8 @@ from processes import MEMORY
 
 from daemon.record import Mode
 
+pytestmark = pytest.mark.realtime
+
 LEGS = ("right", "left")
 DRIVES = ["right/hip", "right/slide", "left/hip", "left/slide"]
 EMERGENCY = 0x2310

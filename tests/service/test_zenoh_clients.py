@@ -22,6 +22,8 @@ from witnesses import Watch
 from daemon.record import Cause, Mode
 from gaitd.remote import client_settings
 
+pytestmark = pytest.mark.realtime
+
 CONFIGURATION_ERROR = 2
 FLOOD_S = 2.0
 ASKED_WHILE_FLOODED = 5

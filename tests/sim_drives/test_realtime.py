@@ -17,6 +17,8 @@ from sim_drives.frame import Frame, TimedFrame
 from sim_drives.realtime import STEADY_NS, Arrivals, RealTime, now_ns, open_bus
 from sim_drives.remote_bus import BusAddressError, parse_channel
 
+pytestmark = pytest.mark.realtime
+
 IDENTITY = bytes.fromhex("4018100100000000")
 ANSWER = bytes.fromhex("43181001fb000000")
 

@@ -21,7 +21,6 @@ from collections.abc import Callable, Generator
 from typing import Any, Final
 
 import pytest
-from parallel import ALONE
 from stalls import EVERY_NS, Stalls, watch
 
 from gaitd.testing.trainer import HELD_UP_S
@@ -61,13 +60,13 @@ class HeldUp:
         reruns = 0 if config.option.usepdb else AGAIN_MAX
         again = pytest.mark.flaky(reruns=reruns, condition=self._was)
         for item in items:
-            if item.nodeid.startswith(ALONE):
+            if _is_realtime(item):
                 item.add_marker(again)
 
     @pytest.hookimpl(tryfirst=True, optionalhook=True)
     def pytest_timeout_set_timer(self, item: pytest.Item, settings: Any) -> object:
         """A virtual trainer has some minutes more to be brought into its mode."""
-        if not item.nodeid.startswith(ALONE) or (item, settings) == self._timer:
+        if not _is_realtime(item) or (item, settings) == self._timer:
             return None
         self._timer = item, settings._replace(timeout=settings.timeout + HELD_UP_S)
         return item.ihook.pytest_timeout_set_timer(item=item, settings=self._timer[1])
@@ -75,7 +74,7 @@ class HeldUp:
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_setup(self, item: pytest.Item) -> None:
         """A test that is run again finds the computer calm, if there is such a time."""
-        if not item.nodeid.startswith(ALONE):
+        if not _is_realtime(item):
             return
         if not self._watched:
             self._begin(self._stalls)
@@ -112,7 +111,7 @@ class HeldUp:
         self, item: pytest.Item, call: pytest.CallInfo[None]
     ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
         """A failure says how the computer was."""
-        alone = item.nodeid.startswith(ALONE)
+        alone = _is_realtime(item)
         if alone and call.excinfo is not None:
             self._end_run()
         report = yield
@@ -170,6 +169,10 @@ class HeldUp:
             return "was never held up"
         worst_ms = self._stalls.worst_ns(seen) / 1e6
         return f"held up {len(seen)} times, {worst_ms:.0f} ms at most"
+
+
+def _is_realtime(item: pytest.Item) -> bool:
+    return item.get_closest_marker("realtime") is not None
 
 
 def _run(item: pytest.Item) -> int:

@@ -7,10 +7,13 @@ import sys
 import threading
 import time
 
+import pytest
 import zenoh
 from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 
 from daemon.record import Cause, Outcome, StopCategory, Verdict
+
+pytestmark = pytest.mark.realtime
 
 PLAIN_SUBSCRIBER = """
 import json, sys, time, zenoh

@@ -12,6 +12,8 @@ from daemon.gateway.process import serve
 from daemon.gateway.reload import Reload
 from gaitd.children import free_ports
 
+pytestmark = pytest.mark.realtime
+
 TURNS = 40
 """Of at most 20 ms: longer than the half second between two words."""
 

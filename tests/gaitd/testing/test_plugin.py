@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from outsiders import ENVIRONMENT
 
+pytestmark = pytest.mark.realtime
+
 pytest_plugins = ["pytester"]
 
 PROJECT = Path(__file__).parents[3]
