@@ -1,0 +1,258 @@
+"""A seat's end of simulated time: frames out, frames in, and time that passes while it waits.
+
+`Link` is what bus and clock of a service are made of in simulated time: `SocketLink` in a process
+of its own, and `sim_drives.conductor.DirectLink` in the process of the virtual drives. With the
+server's `--wall-clock` a `SocketLink` carries frames alone, and waits by the computer's clock.
+"""
+
+import contextlib
+import select
+import socket
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, Protocol
+
+from simtime import wire
+from simtime.page import PageError, SimulatedTime, page_path
+from simtime.wire import Frame, Role
+
+CONNECT_TIMEOUT_S: Final = 5.0
+"""For the server's WELCOME."""
+_POLL_MAX_NS: Final = 1_000_000_000
+
+
+class LinkLostError(Exception):
+    """There is no server, or it has ended or refused: says which."""
+
+
+class Link(Protocol):
+    """What a bus and a clock in simulated time need."""
+
+    def now_ns(self) -> int:
+        """Simulated time."""
+        ...
+
+    def utc_ns(self) -> int:
+        """Simulated UTC."""
+        ...
+
+    def open(self) -> None:
+        """Take the seat, unless it is taken.
+
+        Raises:
+            LinkLostError: there is none to be had.
+        """
+        ...
+
+    def check(self) -> None:
+        """Raise if the seat is lost.
+
+        Raises:
+            LinkLostError: there is no bus any more.
+        """
+        ...
+
+    def send(self, frames: Sequence[Frame]) -> int:
+        """Put frames on the bus now; the number that found no room.
+
+        Raises:
+            LinkLostError: the bus is gone.
+        """
+        ...
+
+    def wait(self, until_ns: int, *, for_frame: bool) -> None:
+        """Let time pass up to an instant, or to the first frame.
+
+        Raises:
+            LinkLostError: the bus is gone.
+        """
+        ...
+
+    def take(self) -> list[Frame]:
+        """The frames that have come, each once."""
+        ...
+
+
+class SocketLink:
+    """A seat over the socket of `gaitd sim`.
+
+    Without a server its time goes on by the computer's clock, from where it was; a server that
+    comes later begins no earlier than that.
+    """
+
+    def __init__(self, path: Path, role: Role, name: str) -> None:
+        """Name the seat; it is taken by `open`."""
+        self._path, self._role, self._name = path, role, name
+        self._socket: socket.socket | None = None
+        self._page: SimulatedTime | None = None
+        self._is_wall_clock = False
+        self._now_ns = self._left_ns = time.monotonic_ns()
+        """Simulated time of the newest grant; the computer's time of it, without a server."""
+        self._utc_ahead_ns = time.time_ns() - self._now_ns
+        self._frames: list[Frame] = []
+
+    # --- time ---------------------------------------------------------------------------------
+
+    def now_ns(self) -> int:
+        """As `Link.now_ns`: the page's, so a process that was stopped sees how long."""
+        if self._is_wall_clock:
+            return time.monotonic_ns()
+        if self._socket is None or self._page is None:
+            return self._now_ns + time.monotonic_ns() - self._left_ns
+        self._now_ns = max(self._now_ns, self._page.now_ns())
+        return self._now_ns
+
+    def utc_ns(self) -> int:
+        """As `Link.utc_ns`."""
+        return time.time_ns() if self._is_wall_clock else self.now_ns() + self._utc_ahead_ns
+
+    # --- the seat -----------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """As `Link.open`."""
+        if self._socket is not None:
+            return
+        made = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET | socket.SOCK_CLOEXEC)
+        try:
+            made.settimeout(CONNECT_TIMEOUT_S)
+            made.connect(str(self._path))
+            made.send(wire.pack_hello(self._role, self.now_ns(), self._name))
+            self._welcome(made.recv(wire.MESSAGE_SIZE_MAX))
+            self._page = SimulatedTime(page_path(self._path))
+        except (OSError, wire.WireError, PageError) as error:
+            made.close()
+            raise LinkLostError(f"`gaitd sim` does not answer there: {error}") from error
+        except LinkLostError:
+            made.close()
+            raise
+        made.settimeout(None)
+        self._socket = made
+
+    def _welcome(self, data: bytes) -> None:
+        if not data:
+            raise LinkLostError("`gaitd sim` has hung up")
+        match wire.read_from_server(data):
+            case wire.Welcome(now_ns, utc_ahead_ns, is_wall_clock):
+                self._now_ns, self._utc_ahead_ns = now_ns, utc_ahead_ns
+                self._is_wall_clock = is_wall_clock
+            case wire.Told(text):
+                raise LinkLostError(f"`gaitd sim` refuses this program: {text}")
+            case other:
+                raise LinkLostError(f"`gaitd sim` answers with {type(other).__name__}")
+
+    def check(self) -> None:
+        """As `Link.check`."""
+        self._existing()
+
+    def fileno(self) -> int:
+        """For poll(): readable when something has come.
+
+        Raises:
+            LinkLostError: the seat is not taken.
+        """
+        return self._existing().fileno()
+
+    def close(self) -> None:
+        """Leave the seat; time goes on by the computer's clock."""
+        if self._socket is not None:
+            now_ns = self.now_ns()
+            self._socket.close()
+            self._socket = None
+            if self._is_wall_clock:
+                self._is_wall_clock, now_ns = False, time.monotonic_ns()
+            self._now_ns, self._left_ns = now_ns, time.monotonic_ns()
+
+    # --- frames -------------------------------------------------------------------------------
+
+    def send(self, frames: Sequence[Frame]) -> int:
+        """As `Link.send`."""
+        for message in wire.pack_send(self.now_ns(), frames):
+            self._say(message)
+        return 0
+
+    def wait(self, until_ns: int, *, for_frame: bool) -> None:
+        """As `Link.wait`."""
+        if self._is_wall_clock:
+            self._wait_by_the_wall(until_ns, for_frame=for_frame)
+            return
+        self._say(wire.pack_wait(until_ns, for_frame=for_frame))
+        while not isinstance(message := self._hear(), wire.Grant):
+            self._accept(message)
+        self._now_ns = max(self._now_ns, message.now_ns)
+
+    def take(self) -> list[Frame]:
+        """As `Link.take`."""
+        frames, self._frames = self._frames, []
+        return frames
+
+    def receive_waiting(self) -> None:
+        """Take in what has come, without waiting; for listeners.
+
+        Raises:
+            LinkLostError: the server has ended.
+        """
+        while select.select([self._existing()], [], [], 0)[0]:
+            self._accept(self._hear())
+
+    def command(self, line: str) -> str:
+        """A command of a test, and its answer.
+
+        Raises:
+            ValueError: the server refuses it; with its words.
+            LinkLostError: the server has ended.
+        """
+        self._say(wire.pack_hand(line))
+        while not isinstance(message := self._hear(), wire.Told):
+            self._accept(message)
+        if message.refused:
+            raise ValueError(message.text)
+        return message.text
+
+    def _wait_by_the_wall(self, until_ns: int, *, for_frame: bool) -> None:
+        poller = select.poll()
+        poller.register(self._existing(), select.POLLIN)
+        self.receive_waiting()
+        while not (for_frame and self._frames):
+            left_ns = until_ns - time.monotonic_ns()
+            if left_ns <= 0:
+                return
+            if not for_frame:  # what comes meanwhile waits in the socket
+                time.sleep(left_ns * 1e-9)
+            elif poller.poll(min(left_ns, _POLL_MAX_NS) * 1e-6):
+                self.receive_waiting()
+
+    def _accept(self, message: wire.FromServer) -> None:
+        match message:
+            case wire.Frames(frames):
+                self._frames += frames
+            case wire.Told(text):
+                self._lose(f"`gaitd sim` refuses what was sent: {text}")
+            case other:
+                self._lose(f"`gaitd sim` answers with {type(other).__name__}")
+
+    def _say(self, message: bytes) -> None:
+        try:
+            self._existing().send(message)
+        except OSError as error:
+            self._lose(f"`gaitd sim` is gone: {error}")
+
+    def _hear(self) -> wire.FromServer:
+        try:
+            data = self._existing().recv(wire.MESSAGE_SIZE_MAX)
+        except OSError as error:
+            self._lose(f"`gaitd sim` is gone: {error}")
+            raise
+        if not data:
+            self._lose("`gaitd sim` has ended")
+        return wire.read_from_server(data)
+
+    def _existing(self) -> socket.socket:
+        if self._socket is None:
+            raise LinkLostError("`gaitd sim` is gone")
+        return self._socket
+
+    def _lose(self, why: str) -> None:
+        with contextlib.suppress(OSError):
+            self.close()
+        raise LinkLostError(why)
