@@ -22,6 +22,10 @@ class ControlSocket:
         self._socket = listening
         self._obey = obey
 
+    def fileno(self) -> int:
+        """For poll()."""
+        return self._socket.fileno()
+
     def serve(self) -> None:
         """Obey what has come."""
         while True:

@@ -1,4 +1,7 @@
-"""The virtual drives in real time: one thread between a python-can bus and a `World`.
+"""The virtual drives by the computer's clock: one thread between a CAN bus and a `World`.
+
+The bus is SocketCAN, another one of python-can's, or (`gaitd sim --wall-clock`) the socket of the
+simulated bus, on which then nothing is waited for.
 
 The world's time is this machine's monotonic clock, so a truth row carries the same time as the
 service's record of that SYNC. The thread sleeps on the bus until the world's next event; in
@@ -6,7 +9,7 @@ between it wakes up every SLICE_NS, so that a SYNC finds the plant nearly up to 
 answered early.
 
 A frame reaches the drives when it was on the wire, however late this process comes to read it: a
-real drive latches its encoder at SYNC. That is by the kernel's stamp, on the loopback bus by its
+real drive latches its encoder at SYNC. That is by the kernel's stamp, on our own socket by its
 sender's. Where nobody stamps, or the wall clock has just been set, it is the time of reading. So
 what has come is taken before the world goes on to the present.
 """
@@ -14,29 +17,30 @@ what has come is taken before the world goes on to the present.
 import contextlib
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Generator, Sequence
-from typing import Final
+from typing import Final, Protocol
 
 import can
 from can.interfaces.socketcan import SocketcanBus
-from can.interfaces.virtual import VirtualBus
 
+from sim_drives.bus_server import BusServer, Connection
 from sim_drives.control import ControlSocket
+from sim_drives.faults import FaultCommandError
 from sim_drives.frame import Frame, TimedFrame
-from sim_drives.remote_bus import parse_channel, served_bus
 from sim_drives.timers import MILLISECOND
 from sim_drives.world import SYNC_ID, World
+from simtime import wire
+from simtime.page import PageWriter
 
 SLICE_NS: Final = 5 * MILLISECOND
 SYNC_SILENCE_NS: Final = 20 * MILLISECOND
 """Then SYNC is not late any more, but silent."""
 QUIET_ROW_NS: Final = 10 * MILLISECOND
 NS_PER_S: Final = 1_000_000_000
-REMOTE: Final = "remote"
 SOCKETCAN: Final = "socketcan"
 BEHIND_NS: Final = 3 * MILLISECOND
 """The world is kept so far behind the present where a frame may be on its way to us."""
-STAMPING: Final = (SocketcanBus, VirtualBus)
 STEADY_NS: Final = 100_000
 """A wall clock that has moved by more against the other one since the last frame was set."""
 
@@ -50,23 +54,106 @@ class BusLostError(Exception):
     """The machine's: the CAN interface has gone while we were on it."""
 
 
+class Station(Protocol):
+    """What the virtual drives need of a bus: python-can's, or `ServedBus`."""
+
+    channel_info: str
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """A frame, or None when the timeout is over."""
+        ...
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Put a frame on the bus."""
+        ...
+
+
 @contextlib.contextmanager
 def open_bus(interface: str, channel: str, bitrate_bit_per_s: int) -> Generator[can.BusABC]:
-    """Our station on the bus; for `remote` we serve the bus ourselves.
+    """Our station on a bus of python-can's.
 
     Raises:
-        OSError, can.CanError: the interface or the address cannot be opened.
+        OSError, can.CanError: the interface cannot be opened.
         ValueError: the channel makes no sense for the interface.
     """
-    if interface == REMOTE:
-        with served_bus(*parse_channel(channel)) as bus:
-            yield bus
-    elif interface == SOCKETCAN:
+    if interface == SOCKETCAN:
         with _KernelBus(channel) as bus:
             yield bus
     else:
         with can.Bus(channel=channel, interface=interface, bitrate=bitrate_bit_per_s) as bus:
             yield bus
+
+
+class ServedBus:
+    """The socket of the simulated bus by the computer's clock: a station among its clients."""
+
+    def __init__(self, server: BusServer, page: PageWriter, obey: Callable[[str], str]) -> None:
+        """Take a socket.
+
+        Args:
+            server: of the socket.
+            page: tells readers that time is the computer's.
+            obey: what a hand says.
+        """
+        self._server, self._obey = server, obey
+        self._arrived: deque[can.Message] = deque()
+        self.channel_info = f"simulated {server.path} by the wall clock"
+        page.begin(now_ns(), time.time_ns() - now_ns(), wall_clock=True)
+        page.write_pace(1.0)
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """A frame; None when the timeout is over, or something else has happened."""
+        if not self._arrived:
+            for connection, message in self._server.receive(timeout or 0.0):
+                self._take(connection, message)
+        return self._arrived.popleft() if self._arrived else None
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """To every client."""
+        del timeout
+        frame = wire.Frame(msg.arbitration_id, bytes(msg.data), time.time_ns())
+        self._hand_out(None, [frame])
+
+    def _take(self, connection: Connection, message: wire.ToServer) -> None:
+        match message:
+            case wire.Hello():
+                welcome = wire.Welcome(now_ns(), time.time_ns() - now_ns(), wall_clock=True)
+                self._server.send(connection, wire.pack_welcome(welcome))
+            case wire.Send(sent_ns, frames):
+                stamp_ns = sent_ns + time.time_ns() - now_ns()
+                stamped = [frame._replace(time_ns=stamp_ns) for frame in frames]
+                self._arrived.extend(map(_message, stamped))
+                self._hand_out(connection, stamped)
+            case wire.Wait():
+                self._server.refuse(connection, "time is the wall clock: nothing is granted")
+            case wire.Hand(line):
+                self._command(connection, line)
+
+    def _command(self, connection: Connection, line: str) -> None:
+        try:
+            said, refused = self._obey(line), False
+        except FaultCommandError as error:
+            said, refused = str(error), True
+        self._server.send(connection, wire.pack_told(said, refused=refused))
+
+    def _hand_out(self, sender: Connection | None, frames: Sequence[wire.Frame]) -> None:
+        for connection in self._server.connections:
+            hello = connection.hello
+            if connection is not sender and hello and hello.role is not wire.Role.HAND:
+                self._server.send_frames(connection, frames)
+
+
+def _message(frame: wire.Frame) -> can.Message:
+    return can.Message(
+        timestamp=frame.time_ns * 1e-9,
+        arbitration_id=frame.can_id,
+        data=frame.data,
+        is_extended_id=False,
+        is_error_frame=frame.is_error,
+    )
+
+
+STAMPING: Final = (SocketcanBus, ServedBus)
 
 
 class _KernelBus(SocketcanBus):
@@ -96,7 +183,7 @@ class RealTime:
     def __init__(
         self,
         world: World,
-        bus: can.BusABC,
+        bus: Station,
         control: ControlSocket | None = None,
         on_silence: Callable[[int], None] | None = None,
     ) -> None:
@@ -114,8 +201,8 @@ class RealTime:
         self._on_silence = on_silence
         self._noted_ns = now_ns() + SYNC_SILENCE_NS
         self._arrivals = Arrivals() if isinstance(bus, STAMPING) else None
-        # A frame of the loopback bus comes by way of another thread.
-        self._behind_ns = BEHIND_NS if isinstance(bus, VirtualBus) else 0
+        # A frame of our own socket is some time on its way.
+        self._behind_ns = BEHIND_NS if isinstance(bus, ServedBus) else 0
         self.dropped = 0
         """Frames that the interface did not take."""
 
