@@ -5,9 +5,11 @@ Monotonic time orders and measures; UTC is for records only and never enters a d
 
 import contextlib
 import time
-from typing import Protocol
+from pathlib import Path
+from typing import Final, Protocol
 
 from simtime.link import Link, LinkLostError
+from simtime.page import PageError, SimulatedTime, page_path
 
 
 class Clock(Protocol):
@@ -24,6 +26,9 @@ class Clock(Protocol):
     def sleep_until(self, deadline_ns: int) -> None:
         """Return at the absolute monotonic time, at once if it is over."""
         ...
+
+
+PAGE_RETRY_NS: Final = 100_000_000
 
 
 class MonotonicClock:
@@ -44,6 +49,18 @@ class MonotonicClock:
             time.sleep(remaining_ns * 1e-9)
 
 
+class AgeClock(Protocol):
+    """What judges ages, and waits for nothing: simulated time where the bus is simulated."""
+
+    def now_ns(self) -> int:
+        """Monotonic time in ns."""
+        ...
+
+    def utc_ns(self) -> int:
+        """Wall clock in ns since 1970, for records."""
+        ...
+
+
 class SimulatedClock:
     """Simulated time over a link: sleeping lets it pass (`simtime`)."""
 
@@ -59,9 +76,42 @@ class SimulatedClock:
         return self._link.utc_ns()
 
     def sleep_until(self, deadline_ns: int) -> None:
-        """Let time pass; without a server it is the computer's, and the bus says that it is lost."""
+        """Let time pass; without a server it is the computer's, and the bus says it is lost."""
         with contextlib.suppress(LinkLostError):
             self._link.check()
             self._link.wait(deadline_ns, for_frame=False)
             return
         time.sleep(max(deadline_ns - self._link.now_ns(), 0) * 1e-9)
+
+
+class PageClock:
+    """Simulated time for a process that is no seat: read from the time page of the server.
+
+    Without a server it is the computer's time. It never goes back.
+    """
+
+    def __init__(self, socket_path: Path) -> None:
+        """Name the server's socket; its page is opened once it is there."""
+        self._path = page_path(socket_path)
+        self._page: SimulatedTime | None = None
+        self._retry_ns = 0
+        self._told_ns = 0
+
+    def now_ns(self) -> int:
+        """Simulated time in ns."""
+        page = self._existing()
+        self._told_ns = max(self._told_ns, page.now_ns() if page else time.monotonic_ns())
+        return self._told_ns
+
+    def utc_ns(self) -> int:
+        """Simulated UTC in ns since 1970."""
+        page = self._existing()
+        return page.utc_ns() if page else time.time_ns()
+
+    def _existing(self) -> SimulatedTime | None:
+        wall_ns = time.monotonic_ns()
+        if self._page is None and wall_ns >= self._retry_ns:
+            self._retry_ns = wall_ns + PAGE_RETRY_NS
+            with contextlib.suppress(FileNotFoundError, PageError):
+                self._page = SimulatedTime(self._path)
+        return self._page

@@ -95,10 +95,6 @@ class InStepSeam:
         holder_is_due = self._gateway_expected and self._holder_expected and self._is_leased
         return gateway_lags or (holder_is_due and self._setpoint_cycle < oldest)
 
-    def close(self) -> None:
-        """As `CoreSeam.close`."""
-        self._seam.close()
-
 
 def _is_stopped(lock: Path) -> bool:
     """Whether the process that holds a lock is stopped, as by SIGSTOP."""

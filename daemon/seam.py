@@ -283,10 +283,14 @@ class CoreSeam:
         self.refused_count = 0
         """Datagrams that were no level: counted, and otherwise as if they had not come."""
 
-    def publish(self, record: CycleRecord) -> None:
-        """Write a record and wake the gateway."""
+    def fileno(self) -> int:
+        """For poll(): readable when the gateway has sent a level."""
+        return self._datagrams.fileno()
+
+    def publish(self, record: CycleRecord) -> bool:
+        """Write a record and wake the gateway; false if none was there to be woken."""
         self._ring.write(record)
-        self._datagrams.send(_SEQ.pack(record.seq))
+        return self._datagrams.send(_SEQ.pack(record.seq))
 
     def levels(self) -> list[Level]:
         """All levels that wait, oldest first: stop counts are read over all of them."""

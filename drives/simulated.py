@@ -11,7 +11,6 @@ from typing import Final
 from drives.bus import Clock, Frame
 from drives.errors import BusError
 from simtime.link import Link, LinkLostError
-from simtime.wire import Frame as LinkFrame
 
 RETRY_NS: Final = 200_000
 """Between two tries of an urgent frame, as on a real bus."""
@@ -38,7 +37,7 @@ class SimulatedBus:
     def send(self, frames: Sequence[Frame]) -> int:
         """As `Bus.send`."""
         with self._lost_as_bus_error():
-            return self._link.send([LinkFrame(*frame) for frame in frames])
+            return self._link.send(frames)
 
     def send_urgent(self, frames: Sequence[Frame], deadline_ns: int, clock: Clock) -> int:
         """As `Bus.send_urgent`."""
@@ -51,13 +50,13 @@ class SimulatedBus:
     def drain(self) -> list[Frame]:
         """As `Bus.drain`."""
         self._wait(self._link.now_ns(), for_frame=False)
-        return self._taken()
+        return self._link.take()
 
     def receive_until(self, deadline_ns: int, clock: Clock) -> list[Frame]:
         """As `Bus.receive_until`."""
         del clock
         self._wait(deadline_ns, for_frame=True)
-        return self._taken()
+        return self._link.take()
 
     def close(self) -> None:
         """Forget what has come; the seat stays, because the clock goes by it."""
@@ -67,9 +66,6 @@ class SimulatedBus:
         with self._lost_as_bus_error():
             self._link.check()
             self._link.wait(until_ns, for_frame=for_frame)
-
-    def _taken(self) -> list[Frame]:
-        return [Frame(*frame) for frame in self._link.take()]
 
     @contextmanager
     def _lost_as_bus_error(self) -> Generator[None]:

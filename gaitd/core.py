@@ -11,15 +11,30 @@ import typer
 
 def command(
     config: Annotated[Path, typer.Option("--config", help="trainer file", dir_okay=False)],
+    admit_simulated: Annotated[
+        bool,
+        typer.Option(
+            "--admit-simulated",
+            help="for rigs: a simulated bus under systemd; its server runs with --wall-clock",
+        ),
+    ] = False,
 ) -> None:
     """The core alone; `gaitd run` starts it together with the gateway."""
     # Before numpy and scipy are loaded: each would start threads, and the real-time thread could
     # come to wait for one that has no priority. Our largest matrix is 8 by 24.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     from daemon.config.load import load
+    from daemon.config.strict import ConfigError
+    from daemon.config.trainer import SIMULATED
     from daemon.core.process import run_core
     from daemon.journal import SOCKET, Journal, is_journal
 
     in_journal = is_journal(os.environ.get("JOURNAL_STREAM"), sys.stderr.fileno())
     with closing(Journal("gaitd-core", SOCKET if in_journal else None)) as log:
-        raise typer.Exit(run_core(load(config), os.environ.get("NOTIFY_SOCKET"), log))
+        settings = load(config)
+        has_watchdog = "WATCHDOG_USEC" in os.environ
+        if has_watchdog and settings.trainer.bus.interface == SIMULATED and not admit_simulated:
+            allowed = "a real bus: under systemd no leg is moved in simulated time"
+            raise ConfigError(config, "bus.interface", SIMULATED, allowed)
+        address = os.environ.get("NOTIFY_SOCKET")
+        raise typer.Exit(run_core(settings, address, log, has_watchdog=has_watchdog))

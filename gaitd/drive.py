@@ -17,7 +17,7 @@ from gaitd.station import EXIT_DRIVE, opened, place_of, shown
 
 if TYPE_CHECKING:
     from daemon.config.bundle import Settings
-    from drives.bus import Bus
+    from drives.bus import Bus, Clock
     from drives.plan import DrivePlan
     from drives.witness import Witness
 
@@ -91,8 +91,8 @@ def command(
     settings = read_all(config)
     plan = plan_of(name, settings)
     try:
-        with opened(place_of(settings)) as bus:
-            code = _act(action, plan, options, bus, settings)
+        with opened(place_of(settings)) as (bus, clock):
+            code = _act(action, plan, options, bus, clock, settings)
     except (BringUpRefused, BusError, DriveSilent) as error:
         print(error, file=sys.stderr)
         raise typer.Exit(EXIT_DRIVE) from error
@@ -136,16 +136,20 @@ def plan_of(name: str, settings: "Settings") -> "DrivePlan":
 
 
 def _act(
-    action: Action, plan: "DrivePlan", options: Options, bus: "Bus", settings: "Settings"
+    action: Action,
+    plan: "DrivePlan",
+    options: Options,
+    bus: "Bus",
+    clock: "Clock",
+    settings: "Settings",
 ) -> int:
-    from daemon.clock import MonotonicClock
     from drives.errors import BootFailure, DriveSilent, SdoTimeout
     from drives.scanning import listen
     from drives.witness import Witness, WitnessedBus
     from gaitd.drive_keeping import keep
     from gaitd.drive_reading import compare, dump, refuse_company
 
-    clock, witness = MonotonicClock(), Witness()
+    witness = Witness()
     heard = WitnessedBus(bus, clock, witness)
     shown(listen(heard, clock, LISTEN_NS))
     if action in KEEPING:

@@ -23,8 +23,8 @@ def command(
 
     import zenoh
 
-    from daemon.clock import MonotonicClock
-    from daemon.config.trainer import load_trainer
+    from daemon.clock import MonotonicClock, PageClock
+    from daemon.config.trainer import SIMULATED, load_trainer
     from daemon.gateway import endpoints, log
     from daemon.gateway.notes_disk import NotesDisk
     from daemon.gateway.process import serve, share_one_heap
@@ -39,6 +39,8 @@ def command(
     share_one_heap()
     file = read(config)
     settings = file.trainer.zenoh
+    is_simulated = file.trainer.bus.interface == SIMULATED
+    clock = PageClock(Path(file.channel)) if is_simulated else MonotonicClock()
     in_journal = is_journal(os.environ.get("JOURNAL_STREAM"), sys.stderr.fileno())
     journal = Journal("gaitd-gateway", SOCKET if in_journal else None)
     log.begin(journal, file.trainer.log.level)
@@ -56,7 +58,7 @@ def command(
                 settings.listen,
                 file.runtime,
                 file.state,
-                MonotonicClock(),
+                clock,
                 ending.asked,
                 file.trainer.lease,
                 os.environ.get("NOTIFY_SOCKET"),

@@ -1,13 +1,13 @@
 """The real loop against the virtual machine in one thread, faster than time, bit for bit the same.
 
 Nothing of the service is replaced but its ends: bus and clock are those of simulated time, over a
-link that lets time pass by itself (`sim_drives/conductor.py`); `Gateway` (`lockstep_gateway.py`) stands in for the other
-process, keeps every record and asks for what a script says. What runs in between is the product.
+link that lets time pass by itself (`sim_drives/conductor.py`). `Gateway` (`lockstep_gateway.py`)
+stands in for the other process: it keeps every record and asks for what a script says. What runs in
+between is the product.
 """
 
 import errno
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Final
 
 from daemon.clock import SimulatedClock
@@ -19,11 +19,9 @@ from daemon.core.loop_settings import Log, Supervisor
 from daemon.core.process import loop_settings
 from daemon.core.supervision import Supervision
 from daemon.record import CycleRecord, ModeRequest, Outcome, RequestKind, RequestResult
-from drives.bus import Frame
 from drives.simulated import SimulatedBus
 from gaitd.lockstep_gateway import BOOT_ID, Gateway
 from sim_drives.conductor import UTC_OF_START_NS, Conductor, DirectLink, World
-from simtime.wire import Frame as LinkFrame
 
 NS_PER_S: Final = 1_000_000_000
 
@@ -40,7 +38,7 @@ class WorldBus(SimulatedBus):
         self.link = DirectLink(self.conductor, self.seat)
         super().__init__(self.link, "lockstep")
         self.at = self.conductor.at
-        self.hold, self.pause, self.report = self.seat.hold, self.seat.pause, self.report_frame
+        self.hold, self.pause, self.report = self.seat.hold, self.seat.pause, self.seat.report
         self.utc_of_ns = self.seat.utc_of_ns
         self.trouble = self.seat.trouble
         self.sent = self.seat.sent
@@ -58,10 +56,6 @@ class WorldBus(SimulatedBus):
     def let_pass(self, until_ns: int) -> None:
         """Time passes; what the drives send meanwhile waits."""
         self.link.wait(until_ns, for_frame=False)
-
-    def report_frame(self, frame: Frame) -> None:
-        """The controller says something of itself: an error frame."""
-        self.seat.report(LinkFrame(*frame))
 
 
 class WorldClock(SimulatedClock):
@@ -133,7 +127,7 @@ class Lockstep:
         self.core = built.core
         self.bus = bus or WorldBus(world)
         self.gateway = gateway or Gateway(on_record)
-        grid = replace(loop_settings(settings, built, self.notebook), open_bus=self.bus.open)
+        grid = loop_settings(settings, built, self.notebook, self.bus.open)
         self.clock = WorldClock(self.bus)
         effect = settings.trainer.shutdown.effect
         supervision = Supervision(supervisor or _NoSupervisor(), log or _NoLog(), effect)

@@ -37,8 +37,8 @@ def command(
 
     place, expected = _sought(config, interface, channel, bitrate)
     try:
-        with opened(place) as bus:
-            found = scan(bus, place.bitrate_bit_per_s, expected)
+        with opened(place) as (bus, clock):
+            found = scan(bus, clock, place.bitrate_bit_per_s, expected)
             foreign_count = bus.foreign_count
     except BusError as error:
         print(f"scan: {error}", file=sys.stderr)
@@ -50,17 +50,15 @@ def command(
     raise typer.Exit(EXIT_DRIVE if found.is_wrong else 0)
 
 
-def scan(bus: "Bus", bitrate_bit_per_s: int, expected: "Expected") -> "Inventory":
+def scan(bus: "Bus", clock: "Clock", bitrate_bit_per_s: int, expected: "Expected") -> "Inventory":
     """Look at an open bus, with progress on a terminal.
 
     Raises:
         BusError: the interface is down, or the controller is bus-off.
     """
-    from daemon.clock import MonotonicClock
     from drives.inventory import take_stock
     from drives.scanning import survey
 
-    clock: Clock = MonotonicClock()
     return take_stock(shown(survey(bus, clock, bitrate_bit_per_s)), expected)
 
 

@@ -1,11 +1,15 @@
-"""`gaitd sim`: the virtual drives of a configuration, in real time on its bus."""
+"""`gaitd sim`: the virtual drives of a configuration on its bus.
+
+On a simulated bus it owns time (`sim_drives/time_server.py`). On any other, and with
+`--wall-clock`, the drives go by the computer's clock (`sim_drives/realtime.py`).
+"""
 
 import contextlib
 import gc
 import os
 import signal
 import sys
-import time
+from collections.abc import Callable, Generator
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated
@@ -13,19 +17,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    import can
-
     from daemon.config.trainer import TrainerFile
     from sim_drives.build import Machine
     from sim_drives.control import ControlSocket
-    from sim_drives.realtime import RealTime
+    from sim_drives.realtime import RealTime, Station
+    from sim_drives.time_server import TimeServer
     from sim_drives.truth import TruthLog
+    from sim_drives.world import EmptyWorld, World
 
 FIFO_PRIORITY = 40
 """A drive's firmware is real-time, too; below the service's core, and only where it is granted."""
-GIL_SWITCH_S = 0.0005
-"""Of the threads that serve the loopback bus; Python's own 5 ms is half a cycle."""
 WARM_UP_NS = 20_000_000
+NS_PER_S = 1_000_000_000
 BUS_LOST = 4
 COMMAND_LINE = "command line"
 
@@ -45,43 +48,148 @@ def command(
     ] = None,
     seed: Annotated[int | None, typer.Option("--seed", help="in place of plant.toml's")] = None,
     duration_s: Annotated[
-        float | None, typer.Option("--duration", help="end by itself after so many seconds")
+        float | None, typer.Option("--duration", help="end by itself after so many seconds of its")
     ] = None,
+    pace: Annotated[
+        str | None,
+        typer.Option(
+            "--pace", help="of simulated time: a multiple of real time, or max  [default: 1]"
+        ),
+    ] = None,
+    wall_clock: Annotated[
+        bool, typer.Option("--wall-clock", help="a simulated bus by the computer's clock")
+    ] = False,
+    no_drives: Annotated[
+        bool, typer.Option("--no-drives", help="bus and time alone: the drives are of others")
+    ] = False,
 ) -> None:
     """The virtual drives of that configuration, until SIGTERM or Ctrl-C."""
-    from daemon.config.trainer import load_trainer
-    from sim_drives.realtime import RealTime
+    from daemon.config.trainer import SIMULATED, load_trainer
 
-    end = _End(duration_s)
-    with contextlib.suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
     trainer = load_trainer(config)
+    is_simulated = trainer.trainer.bus.interface == SIMULATED
+    pace_ratio = _pace(pace, allowed=is_simulated and not wall_clock)
+    _refuse_foreign(trainer, wall_clock=wall_clock, no_drives=no_drives, truth=truth)
     with contextlib.ExitStack() as ending:
         logs = _truth_logs(trainer, truth, ending)
-        bus = _bus(trainer, ending)
-        machine = _machine(trainer, seed, logs)
-        listening = _control(control, machine, ending)
-        on_silence = machine.note_truth if truth_in_silence else None
-        raise typer.Exit(
-            _run(bus, machine, RealTime(machine.world, bus, listening, on_silence), end)
-        )
+        part = _Part(trainer, seed, logs, with_drives=not no_drives, with_truth=truth_in_silence)
+        end = _End()
+        if is_simulated and not wall_clock:
+            running = _simulated(part, pace_ratio, control, ending)
+        else:
+            with contextlib.suppress(PermissionError):
+                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
+            running = _by_the_wall(part, control, ending, is_simulated=is_simulated)
+        end.at(running, duration_s)
+        raise typer.Exit(_run(running, end))
 
 
 class _End:
-    """Whether it is over: by signal, or by time."""
+    """Whether it is over: by signal, or by the time of the virtual drives."""
 
-    def __init__(self, duration_s: float | None) -> None:
+    def __init__(self) -> None:
         self._asked = False
-        self._at_s = None if duration_s is None else time.monotonic() + duration_s
+        self._running: TimeServer | RealTime | None = None
+        self._end_ns: int | None = None
         signal.signal(signal.SIGTERM, self._ask)
         signal.signal(signal.SIGINT, self._ask)
 
+    def at(self, running: "TimeServer | RealTime", duration_s: float | None) -> None:
+        """End by itself after so long, from now."""
+        self._running = running
+        if duration_s is not None:
+            self._end_ns = running.now_ns + round(duration_s * NS_PER_S)
+
     def __call__(self) -> bool:
-        return self._asked or (self._at_s is not None and time.monotonic() >= self._at_s)
+        if self._running is None or self._end_ns is None:
+            return self._asked
+        return self._asked or self._running.now_ns >= self._end_ns
 
     def _ask(self, number: int, frame: FrameType | None) -> None:
         del number, frame
         self._asked = True
+
+
+class _Part:
+    """The machine of a configuration, built when the first time of its clock is known."""
+
+    def __init__(
+        self,
+        trainer: "TrainerFile",
+        seed: int | None,
+        logs: "dict[str, TruthLog]",
+        *,
+        with_drives: bool,
+        with_truth: bool,
+    ) -> None:
+        self.trainer = trainer
+        self._seed, self._logs = seed, logs
+        self._with_drives, self._with_truth = with_drives, with_truth
+        self._machine: Machine | None = None
+
+    def warm_up(self) -> None:
+        """Compile what the plant computes with, on no clock."""
+        from gaitd.virtual_machine import virtual_machine
+
+        if self._with_drives:
+            print("compiling the plant, if it has changed", file=sys.stderr, flush=True)
+            virtual_machine(self.trainer, seed=self._seed).world.advance_to(WARM_UP_NS)
+        gc.freeze()
+
+    def build(self, start_ns: int) -> "World | EmptyWorld":
+        """Switch the machine on."""
+        from gaitd.virtual_machine import virtual_machine
+        from sim_drives.world import EmptyWorld
+
+        if not self._with_drives:
+            return EmptyWorld(start_ns)
+        self._machine = virtual_machine(
+            self.trainer, seed=self._seed, start_ns=start_ns, truth=self._logs
+        )
+        return self._machine.world
+
+    @property
+    def on_silence(self) -> Callable[[int], None] | None:
+        """Notes the truth while no SYNC comes, where that is wanted."""
+        return self._machine.note_truth if self._machine and self._with_truth else None
+
+    def obey(self, line: str) -> str:
+        """A command to the virtual drives.
+
+        Raises:
+            FaultCommandError: it makes no sense, or there are none.
+        """
+        from sim_drives.faults import FaultCommandError
+
+        if self._machine is None:
+            raise FaultCommandError(f"{line!r}: there are no virtual drives (--no-drives)")
+        return self._machine.command(line)
+
+
+def _pace(text: str | None, *, allowed: bool) -> float:
+    from daemon.config.strict import ConfigError
+    from sim_drives.time_server import parse_pace
+
+    if text is not None and not allowed:
+        raise ConfigError(COMMAND_LINE, "--pace", text, "only in simulated time")
+    try:
+        return parse_pace(text or "1")
+    except ValueError as error:
+        raise ConfigError(COMMAND_LINE, "--pace", text, str(error)) from error
+
+
+def _refuse_foreign(
+    trainer: "TrainerFile", *, wall_clock: bool, no_drives: bool, truth: Path | None
+) -> None:
+    from daemon.config.strict import ConfigError
+    from daemon.config.trainer import SIMULATED
+
+    if wall_clock and trainer.trainer.bus.interface != SIMULATED:
+        raise ConfigError(COMMAND_LINE, "--wall-clock", True, "only with a simulated bus")
+    if no_drives and trainer.trainer.bus.interface != SIMULATED:
+        raise ConfigError(COMMAND_LINE, "--no-drives", True, "only with a simulated bus")
+    if no_drives and truth is not None:
+        raise ConfigError(COMMAND_LINE, "--truth", truth, "nothing with --no-drives")
 
 
 def _truth_logs(
@@ -92,10 +200,10 @@ def _truth_logs(
     from gaitd.virtual_machine import load_plant
     from sim_drives.truth import TruthLog
 
-    legs = tuple(load_plant(trainer)[1].drives)
     logs: dict[str, TruthLog] = {}
     if truth is None:
         return logs
+    legs = tuple(load_plant(trainer)[1].drives)
     for leg in legs:
         path = truth if len(legs) == 1 else truth.with_stem(f"{truth.stem}_{leg}")
         try:
@@ -106,7 +214,65 @@ def _truth_logs(
     return logs
 
 
-def _bus(trainer: "TrainerFile", ending: contextlib.ExitStack) -> "can.BusABC":
+# --- in simulated time ----------------------------------------------------------------------------
+
+
+def _simulated(
+    part: _Part, pace_ratio: float, control: Path | None, ending: contextlib.ExitStack
+) -> "TimeServer":
+    from sim_drives.bus_server import bus_server
+    from sim_drives.realtime import now_ns
+    from sim_drives.time_server import TimeServer
+    from simtime.page import PageWriter, page_path
+
+    channel = Path(part.trainer.channel)
+    part.warm_up()
+    with _channel_errors(part.trainer):
+        served = ending.enter_context(bus_server(channel))
+        page = PageWriter(page_path(channel))
+    world = part.build(max(now_ns(), page.left_ns))
+    server = TimeServer(
+        world,
+        served,
+        page,
+        pace_ratio=pace_ratio,
+        obey=part.obey,
+        on_silence=part.on_silence,
+        sync_count=lambda: world.sync_count,
+    )
+    server.control = _control(control, server.command, ending)
+    print(f"{_drives(world)} on {channel}, in simulated time", flush=True)
+    return server
+
+
+# --- by the computer's clock ----------------------------------------------------------------------
+
+
+def _by_the_wall(
+    part: _Part, control: Path | None, ending: contextlib.ExitStack, *, is_simulated: bool
+) -> "RealTime":
+    from sim_drives.realtime import RealTime, now_ns
+
+    part.warm_up()
+    bus = _served(part, ending) if is_simulated else _opened(part.trainer, ending)
+    world = part.build(now_ns())
+    listening = _control(control, part.obey, ending)
+    print(f"{_drives(world)} on {bus.channel_info}", flush=True)
+    return RealTime(world, bus, listening, part.on_silence)
+
+
+def _served(part: _Part, ending: contextlib.ExitStack) -> "Station":
+    from sim_drives.bus_server import bus_server
+    from sim_drives.realtime import ServedBus
+    from simtime.page import PageWriter, page_path
+
+    channel = Path(part.trainer.channel)
+    with _channel_errors(part.trainer):
+        served = ending.enter_context(bus_server(channel))
+        return ServedBus(served, PageWriter(page_path(channel)), part.obey)
+
+
+def _opened(trainer: "TrainerFile", ending: contextlib.ExitStack) -> "Station":
     import can
 
     from daemon.config.strict import ConfigError
@@ -114,24 +280,30 @@ def _bus(trainer: "TrainerFile", ending: contextlib.ExitStack) -> "can.BusABC":
 
     table = trainer.trainer.bus
     try:
-        opened = open_bus(table.interface, table.channel, table.bitrate_bit_per_s)
-        return ending.enter_context(opened)
+        return ending.enter_context(
+            open_bus(table.interface, table.channel, table.bitrate_bit_per_s)
+        )
     except (OSError, ValueError, can.CanError) as error:
         allowed = f"a bus that can be opened as {table.interface} ({_reason(error)})"
         raise ConfigError(trainer.path, "bus.channel", table.channel, allowed) from error
 
 
-def _machine(trainer: "TrainerFile", seed: int | None, logs: "dict[str, TruthLog]") -> "Machine":
-    from gaitd.virtual_machine import virtual_machine
-    from sim_drives.realtime import now_ns
+# --- both -----------------------------------------------------------------------------------------
 
-    virtual_machine(trainer, seed=seed).world.advance_to(WARM_UP_NS)  # compiles, on no clock
-    gc.freeze()
-    return virtual_machine(trainer, seed=seed, start_ns=now_ns(), truth=logs)
+
+@contextlib.contextmanager
+def _channel_errors(trainer: "TrainerFile") -> Generator[None]:
+    from daemon.config.strict import ConfigError
+
+    try:
+        yield
+    except OSError as error:
+        allowed = f"a path where a socket can be made ({_reason(error)})"
+        raise ConfigError(trainer.path, "bus.channel", trainer.channel, allowed) from error
 
 
 def _control(
-    path: Path | None, machine: "Machine", ending: contextlib.ExitStack
+    path: Path | None, obey: Callable[[str], str], ending: contextlib.ExitStack
 ) -> "ControlSocket | None":
     from daemon.config.strict import ConfigError
     from sim_drives.control import control_socket
@@ -139,23 +311,25 @@ def _control(
     if path is None:
         return None
     try:
-        return ending.enter_context(control_socket(path, machine.command))
+        return ending.enter_context(control_socket(path, obey))
     except OSError as error:
         allowed = f"a path where a socket can be made ({_reason(error)})"
         raise ConfigError(COMMAND_LINE, "--control", path, allowed) from error
 
 
-def _run(bus: "can.BusABC", machine: "Machine", drives: "RealTime", end: _End) -> int:
+def _run(running: "TimeServer | RealTime", end: _End) -> int:
     from sim_drives.realtime import BusLostError
 
-    print(f"virtual drives {', '.join(machine.world.drives)} on {bus.channel_info}", flush=True)
-    sys.setswitchinterval(GIL_SWITCH_S)
     try:
-        drives.run(end)
+        running.run(end)
     except BusLostError as error:
         print(f"the bus is gone: {error}", file=sys.stderr)
         return BUS_LOST
     return 0
+
+
+def _drives(world: "World | EmptyWorld") -> str:
+    return f"virtual drives {', '.join(world.drives) or 'none'}"
 
 
 def _reason(error: Exception) -> str:

@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar
 
 if TYPE_CHECKING:
+    from daemon.clock import Clock
     from daemon.config.bundle import Settings
     from drives.bus import CanBus
     from drives.scanning import Progress
+    from drives.simulated import SimulatedBus
     from gaitd.check import Section
 
 T = TypeVar("T")
@@ -21,7 +23,7 @@ EXIT_DRIVE: Final = 3
 
 
 class BusPlace(NamedTuple):
-    """A bus by python-can's words, and what named it, for the error."""
+    """A bus by the words of a configuration, and what named it, for the error."""
 
     interface: str
     channel: str
@@ -30,30 +32,45 @@ class BusPlace(NamedTuple):
     key: str
 
 
+class OpenBus(NamedTuple):
+    """A bus, and the clock that goes with it."""
+
+    bus: "CanBus | SimulatedBus"
+    clock: "Clock"
+
+
 def place_of(settings: "Settings") -> BusPlace:
     """The bus of a configuration."""
-    bus, path = settings.trainer.bus, settings.file.path
-    return BusPlace(bus.interface, bus.channel, bus.bitrate_bit_per_s, path, "bus.channel")
+    bus, file = settings.trainer.bus, settings.file
+    return BusPlace(bus.interface, file.channel, bus.bitrate_bit_per_s, file.path, "bus.channel")
 
 
 @contextmanager
-def opened(place: BusPlace) -> "Generator[CanBus]":
+def opened(place: BusPlace) -> "Generator[OpenBus]":
     """The bus, closed in any case.
 
     Raises:
         ConfigError: it cannot be opened.
     """
+    from daemon.bus_choice import choose_bus
     from daemon.config.strict import ConfigError
-    from drives.bus import CanBus
     from drives.errors import BusError
+    from simtime.wire import Role
 
+    choice = choose_bus(
+        place.interface,
+        place.channel,
+        place.bitrate_bit_per_s,
+        role=Role.BESIDE,
+        name="gaitd",
+    )
     try:
-        bus = CanBus.open(place.interface, place.channel, place.bitrate_bit_per_s)
+        bus = choice.open_bus()
     except BusError as error:
         allowed = f"a {place.interface} bus that is there; this one {error.what}"
         raise ConfigError(place.named_by, place.key, place.channel, allowed) from error
     try:
-        yield bus
+        yield OpenBus(bus, choice.clock)
     finally:
         bus.close()
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from simtime import wire
-from simtime.wire import Frame
+from simtime.frame import Frame
 
 BACKLOG: Final = 16
 OUTBOX_BYTES_MAX: Final = 64 * 1024 * 1024

@@ -26,8 +26,8 @@ from typing import Final, Protocol
 from sim_drives.frame import Frame as WorldFrame
 from sim_drives.frame import TimedFrame
 from sim_drives.world import SYNC_ID
+from simtime.frame import Frame
 from simtime.link import LinkLostError
-from simtime.wire import Frame
 
 UTC_OF_START_NS: Final = 1_767_225_600_000_000_000
 """Simulated UTC at time 0 of a world in memory: 2026-01-01."""

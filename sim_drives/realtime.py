@@ -29,8 +29,9 @@ from sim_drives.control import ControlSocket
 from sim_drives.faults import FaultCommandError
 from sim_drives.frame import Frame, TimedFrame
 from sim_drives.timers import MILLISECOND
-from sim_drives.world import SYNC_ID, World
+from sim_drives.world import SYNC_ID, EmptyWorld, World
 from simtime import wire
+from simtime.frame import Frame as BusFrame
 from simtime.page import PageWriter
 
 SLICE_NS: Final = 5 * MILLISECOND
@@ -111,7 +112,7 @@ class ServedBus:
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """To every client."""
         del timeout
-        frame = wire.Frame(msg.arbitration_id, bytes(msg.data), time.time_ns())
+        frame = BusFrame(msg.arbitration_id, bytes(msg.data), time.time_ns())
         self._hand_out(None, [frame])
 
     def _take(self, connection: Connection, message: wire.ToServer) -> None:
@@ -136,14 +137,14 @@ class ServedBus:
             said, refused = str(error), True
         self._server.send(connection, wire.pack_told(said, refused=refused))
 
-    def _hand_out(self, sender: Connection | None, frames: Sequence[wire.Frame]) -> None:
+    def _hand_out(self, sender: Connection | None, frames: Sequence[BusFrame]) -> None:
         for connection in self._server.connections:
             hello = connection.hello
             if connection is not sender and hello and hello.role is not wire.Role.HAND:
                 self._server.send_frames(connection, frames)
 
 
-def _message(frame: wire.Frame) -> can.Message:
+def _message(frame: BusFrame) -> can.Message:
     return can.Message(
         timestamp=frame.time_ns * 1e-9,
         arbitration_id=frame.can_id,
@@ -182,7 +183,7 @@ class RealTime:
 
     def __init__(
         self,
-        world: World,
+        world: World | EmptyWorld,
         bus: Station,
         control: ControlSocket | None = None,
         on_silence: Callable[[int], None] | None = None,
@@ -205,6 +206,11 @@ class RealTime:
         self._behind_ns = BEHIND_NS if isinstance(bus, ServedBus) else 0
         self.dropped = 0
         """Frames that the interface did not take."""
+
+    @property
+    def now_ns(self) -> int:
+        """The world's time."""
+        return self._world.now_ns
 
     def run(self, should_end: Callable[[], bool]) -> None:
         """Until `should_end` says so; it is asked at least every SLICE_NS.

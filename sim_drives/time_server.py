@@ -3,8 +3,8 @@
 Rules:
 1.  Time passes only while every seat in step waits, no hand holds it, and the pace permits. It then
     passes to the first instant at which a seat may go on.
-2.  The pace: simulated time is at most `pace` times as fast as the computer's. Who is behind by more
-    than BEHIND_MAX_NS does not catch up: a stall of the computer stretches time, and nothing else.
+2.  The pace: simulated time is at most `pace` times as fast as the computer's. What is behind by
+    more than BEHIND_MAX_NS is not caught up: a stall of the computer stretches time, nothing else.
     Time may run AHEAD_MAX_NS ahead, so this process sleeps once a cycle and not at every event.
 3.  A client that has gone is no seat from then on. One whose process is stopped (state T, as after
     SIGSTOP) is not waited for, nor is one that has said nothing for HUNG_S; both are in step again
@@ -141,7 +141,6 @@ class TimeServer:
         *,
         pace_ratio: float,
         obey: Callable[[str], str],
-        control: ControlSocket | None = None,
         on_silence: Callable[[int], None] | None = None,
         sync_count: Callable[[], int] = lambda: 0,
     ) -> None:
@@ -153,13 +152,13 @@ class TimeServer:
             page: where time can be read.
             pace_ratio: how fast time may pass against the computer's; PACE_MAX: as it can.
             obey: what the virtual drives are told.
-            control: the command socket.
             on_silence: called every QUIET_ROW_NS while no SYNC comes, with the last one's number.
             sync_count: SYNCs so far.
         """
         self._conductor = Conductor(world)
         self._server, self._page, self._obey = server, page, obey
-        self._control = control
+        self.control: ControlSocket | None = None
+        """The command socket, if there is one."""
         self._on_silence, self._sync_count = on_silence, sync_count
         self._noted = (sync_count(), world.now_ns + SYNC_SILENCE_NS)
         self._clients: dict[Connection, _Client] = {}
@@ -180,8 +179,8 @@ class TimeServer:
     def run(self, should_end: Callable[[], bool]) -> None:
         """Until `should_end` says so; it is asked at least every LOOK_S."""
         while not should_end():
-            if self._control is not None:
-                self._control.serve()
+            if self.control is not None:
+                self.control.serve()
             patience_s = self._patience_s()
             for connection, message in self._server.receive(patience_s):
                 client = self._clients.get(connection)
@@ -225,7 +224,7 @@ class TimeServer:
             seat.is_excused = True
             name, hung_s = client.connection.name, HUNG_LOOKS * LOOK_S
             print(
-                f"gaitd sim: {name} has not asked for time for {hung_s:g} s; time goes on without it",
+                f"gaitd sim: {name} asks for nothing for {hung_s:g} s; time goes on without it",
                 file=sys.stderr,
                 flush=True,
             )

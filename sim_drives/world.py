@@ -23,8 +23,32 @@ from sim_drives.frame import Frame, TimedFrame
 from sim_drives.node import Node
 from sim_drives.one_leg import NS_PER_S, Leg, OneLeg
 from sim_drives.settings import FaultSettings
+from sim_drives.timers import NEVER
 
 SYNC_ID: Final = 0x080
+
+
+class EmptyWorld:
+    """A bus without virtual drives: those of others are on it."""
+
+    drives: tuple[str, ...] = ()
+
+    def __init__(self, start_ns: int) -> None:
+        self.now_ns = start_ns
+        self.sync_count = 0
+
+    def receive(self, frame: Frame) -> None:
+        """Count SYNC."""
+        self.sync_count += frame.can_id == SYNC_ID
+
+    def advance_to(self, time_ns: int) -> list[TimedFrame]:
+        """Time passes, and nothing happens."""
+        self.now_ns = time_ns
+        return []
+
+    def next_event_ns(self) -> int:
+        """Nothing happens by itself."""
+        return NEVER
 
 
 class World:

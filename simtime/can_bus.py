@@ -12,8 +12,9 @@ from pathlib import Path
 
 import can
 
+from simtime.frame import Frame
 from simtime.link import LinkLostError, SocketLink
-from simtime.wire import Frame, Role
+from simtime.wire import Role
 
 _FOR_EVER_S = 3600.0
 
@@ -82,7 +83,9 @@ class SimulatedCanBus(can.BusABC):
 
     def _receive(self, timeout: float | None) -> None:
         if self._in_step:
-            until_ns = self._link.now_ns() + int((_FOR_EVER_S if timeout is None else timeout) * 1e9)
+            until_ns = self._link.now_ns() + int(
+                (_FOR_EVER_S if timeout is None else timeout) * 1e9
+            )
             self._link.wait(until_ns, for_frame=True)
         elif select.select([self._link], [], [], timeout)[0]:
             self._link.receive_waiting()

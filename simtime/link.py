@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from simtime import wire
+from simtime.frame import Frame
 from simtime.page import PageError, SimulatedTime, page_path
-from simtime.wire import Frame, Role
+from simtime.wire import Role
 
 CONNECT_TIMEOUT_S: Final = 5.0
 """For the server's WELCOME."""
@@ -81,9 +82,17 @@ class SocketLink:
     comes later begins no earlier than that.
     """
 
-    def __init__(self, path: Path, role: Role, name: str) -> None:
-        """Name the seat; it is taken by `open`."""
+    def __init__(self, path: Path, role: Role, name: str, *, wall_clock_only: bool = False) -> None:
+        """Name the seat; it is taken by `open`.
+
+        Args:
+            path: of the server's socket.
+            role: what the seat is to time.
+            name: for people, and for `stall NAME`.
+            wall_clock_only: refuse a server whose time is simulated.
+        """
         self._path, self._role, self._name = path, role, name
+        self._wall_clock_only = wall_clock_only
         self._socket: socket.socket | None = None
         self._page: SimulatedTime | None = None
         self._is_wall_clock = False
@@ -106,6 +115,11 @@ class SocketLink:
     def utc_ns(self) -> int:
         """As `Link.utc_ns`."""
         return time.time_ns() if self._is_wall_clock else self.now_ns() + self._utc_ahead_ns
+
+    @property
+    def is_in_step(self) -> bool:
+        """Whether the seat is taken, and its time simulated."""
+        return self._socket is not None and not self._is_wall_clock
 
     # --- the seat -----------------------------------------------------------------------------
 
@@ -134,6 +148,11 @@ class SocketLink:
             raise LinkLostError("`gaitd sim` has hung up")
         match wire.read_from_server(data):
             case wire.Welcome(now_ns, utc_ahead_ns, is_wall_clock):
+                if self._wall_clock_only and not is_wall_clock:
+                    raise LinkLostError(
+                        "its time is simulated, and a watchdog goes by the computer's: "
+                        "start `gaitd sim` with --wall-clock"
+                    )
                 self._now_ns, self._utc_ahead_ns = now_ns, utc_ahead_ns
                 self._is_wall_clock = is_wall_clock
             case wire.Told(text):

@@ -14,7 +14,8 @@ numbers are little-endian. The first byte is the kind of the message; the rest:
     FRAMES   frames                              came on the bus; before the GRANT of a seat's WAIT
     GRANT    i64 now_ns                          the wait is over; time stands until the next WAIT
     DONE     text                                what the command has done
-    REFUSED  text                                what is wrong; behind a HELLO the server then hangs up
+    REFUSED  text                                what is wrong; the server then hangs up, but on
+                                                 a HAND
 
     a frame  u32 can_id, u8 length, u8 flags, i64 time_ns, 8 bytes of data    (22 bytes)
              flags: bit 0 is an error frame of the controller
@@ -27,6 +28,8 @@ import struct
 from collections.abc import Iterable, Iterator, Sequence
 from enum import IntEnum
 from typing import Final, NamedTuple
+
+from simtime.frame import Frame
 
 FRAMES_MAX: Final = 512
 MESSAGE_SIZE_MAX: Final = 16384
@@ -60,16 +63,6 @@ class Role(IntEnum):
     """It commands: a test that holds time, lets it run, injects faults."""
 
 
-class Frame(NamedTuple):
-    """One classic CAN frame with an 11-bit identifier, or an error frame of the controller."""
-
-    can_id: int
-    data: bytes
-    time_ns: int = 0
-    """When it came, in simulated UTC; 0 in a frame that is sent."""
-    is_error: bool = False
-
-
 class WireError(ValueError):
     """A message that is none: says what is wrong with it."""
 
@@ -84,6 +77,7 @@ _ERROR_FLAG: Final = 0x01
 _ID_MAX: Final = 0x7FF
 _ERROR_ID_MAX: Final = 0x1FFFFFFF
 _LENGTH_MAX: Final = 8
+_ROLES: Final = frozenset(int(role) for role in Role)
 
 
 class Hello(NamedTuple):
@@ -200,8 +194,8 @@ def read_to_server(data: bytes) -> ToServer:
     match _kind(data):
         case Kind.HELLO:
             _, role, now_ns = _unpacked(_HELLO, data)
-            if role not in Role:
-                raise WireError(f"role {role} is none of {[one.value for one in Role]}")
+            if role not in _ROLES:
+                raise WireError(f"role {role} is none of {sorted(_ROLES)}")
             name = _text(data[_HELLO.size :])
             if len(name) > NAME_LENGTH_MAX or not name.isprintable():
                 raise WireError(f"a name has at most {NAME_LENGTH_MAX} printable characters")
@@ -239,9 +233,12 @@ def read_from_server(data: bytes) -> FromServer:
 
 
 def _kind(data: bytes) -> Kind:
-    if not data or data[0] not in Kind:
-        raise WireError(f"a message begins with its kind, not with {data[:1].hex() or 'nothing'}")
-    return Kind(data[0])
+    if not data:
+        raise WireError("an empty message")
+    try:
+        return Kind(data[0])
+    except ValueError as error:
+        raise WireError(f"a message begins with its kind: {error}") from error
 
 
 def _unpacked(layout: struct.Struct, data: bytes) -> tuple[int, ...]:

@@ -163,9 +163,9 @@ class Robot(Table, frozen=True):
 
 
 class Bus(Table, frozen=True):
-    """Python-can's own words for the interface."""
+    """`simulated` is the bus of `gaitd sim`; every other word is python-can's."""
 
-    interface: Literal["socketcan", "remote", "virtual"]
+    interface: Text
     channel: Text
     bitrate_bit_per_s: Literal[125_000, 250_000, 500_000, 800_000, 1_000_000]
     load_max_ratio: Annotated[float, Meta(gt=0, le=0.8)]

@@ -11,6 +11,8 @@ from typing import Final
 from daemon.config.settings import Trainer
 from daemon.config.strict import ConfigError, decoded, read_toml
 
+SIMULATED: Final = "simulated"
+"""The interface whose channel is the socket of `gaitd sim`, which owns time."""
 SOCKET_PATH_BYTES_MAX: Final = 107
 """sun_path of unix(7) holds 108 bytes with the closing zero."""
 _LONGEST_SOCKET_NAME: Final = "gateway.sock"
@@ -31,6 +33,8 @@ class TrainerFile:
     """Directory that outlives a restart."""
     sim: Path | None
     """plant.toml of the virtual drives."""
+    channel: str
+    """Of the bus; an absolute path where the bus is simulated."""
 
 
 def load_trainer(path: Path) -> TrainerFile:
@@ -51,6 +55,7 @@ def load_trainer(path: Path) -> TrainerFile:
         runtime=beside(path, trainer.paths.runtime).absolute(),
         state=beside(path, trainer.paths.state).absolute(),
         sim=beside(path, trainer.sim) if trainer.sim is not None else None,
+        channel=_channel(path, trainer),
     )
 
 
@@ -58,6 +63,17 @@ def beside(file: Path, named: str) -> Path:
     """The path that `file` means by `named`: relative ones start at the file's own folder."""
     # normpath, not resolve(): a person should find the path again that stands in the file.
     return Path(os.path.normpath(file.parent / named))
+
+
+def _channel(path: Path, trainer: Trainer) -> str:
+    channel = trainer.bus.channel
+    if trainer.bus.interface != SIMULATED:
+        return channel
+    absolute = str(beside(path, channel).absolute())
+    if len(os.fsencode(absolute)) > SOCKET_PATH_BYTES_MAX:
+        allowed = f"the path of a socket, at most {SOCKET_PATH_BYTES_MAX} bytes"
+        raise ConfigError(path, "bus.channel", absolute, allowed)
+    return absolute
 
 
 def _check_paths(path: Path, trainer: Trainer) -> None:

@@ -24,7 +24,7 @@ class ExitCode(IntEnum):
 class Seam(Protocol):
     """What the loop needs of the seam: `daemon.seam.CoreSeam`, or a list in a test."""
 
-    def publish(self, record: CycleRecord) -> None:
+    def publish(self, record: CycleRecord) -> object:
         """Hand a record over."""
         ...
 

@@ -9,13 +9,14 @@ import signal
 import sys
 import traceback
 import uuid
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from importlib.metadata import version
 from types import FrameType
 from typing import Final
 
-from daemon.clock import MonotonicClock
+from daemon.bus_choice import BusChoice, choose_bus
 from daemon.config.bundle import Settings
+from daemon.config.trainer import SIMULATED
 from daemon.core import realtime
 from daemon.core.build import NS_PER_MS, Built, build, ring_header
 from daemon.core.loop import Loop
@@ -24,11 +25,14 @@ from daemon.core.notebook import Notebook, NoteKeeper
 from daemon.core.supervision import ERROR, INFORMATIONAL, WARNING, Supervision
 from daemon.core.warm import warm_up
 from daemon.holding import directory_errors, hold
+from daemon.in_step import InStepSeam
 from daemon.journal import Journal
 from daemon.sd_notify import Notifier
 from daemon.seam import CoreSeam, RingHeader
-from drives.bus import CanBus
+from drives.bus import Bus
 from drives.busload import BusLoad, bus_load
+from drives.errors import BusError
+from simtime.wire import Role
 
 PART: Final = "core"
 
@@ -85,15 +89,23 @@ class Wishes:
         self._reload = True
 
 
-def run_core(settings: Settings, notify_address: str | None, log: Journal) -> ExitCode:
+def run_core(
+    settings: Settings, notify_address: str | None, log: Journal, *, has_watchdog: bool = False
+) -> ExitCode:
     """Run the core until it is asked to end; both axes are at rest and without power then.
+
+    Args:
+        settings: what the files say.
+        notify_address: of the supervisor.
+        log: of what it does.
+        has_watchdog: a supervisor watches it by the computer's clock.
 
     Raises:
         ConfigError: a directory cannot be written, is full, or another core holds it.
     """
     wishes = Wishes()
     with _directories(settings):
-        return _run(settings, notify_address, log, wishes)
+        return _run(settings, notify_address, log, wishes, has_watchdog=has_watchdog)
 
 
 def _run(
@@ -101,18 +113,32 @@ def _run(
     notify_address: str | None,
     log: Journal,
     wishes: Wishes,
+    *,
+    has_watchdog: bool,
 ) -> ExitCode:
-    clock = MonotonicClock()
+    is_simulated = settings.trainer.bus.interface == SIMULATED
     boot_id = uuid.uuid4().hex
     notebook = _notebook(settings)
     built = build(settings, boot_id, notebook.notes)
     warm_up(build(settings, boot_id, notebook.notes))
-    seam = _seam(settings, ring_header(settings, boot_id, clock.utc_ns(), version("gaitd")))
+    bus = _bus(settings, has_watchdog=has_watchdog)
+    clock = bus.clock
+    if is_simulated:
+        with contextlib.suppress(BusError):  # a server that comes later is found by the loop
+            bus.open_bus()
+    header = ring_header(settings, boot_id, clock.utc_ns(), version("gaitd"))
+    core_seam = seam = _seam(settings, header)
+    if is_simulated:
+        lock = settings.runtime / "gateway.lock"
+        seam = InStepSeam(core_seam, boot_id, lock, bus.is_in_step)
     supervisor = Notifier(notify_address)
     supervision = Supervision(supervisor, log, settings.trainer.shutdown.effect)
-    loop = Loop(built.core, loop_settings(settings, built, notebook), seam, clock, supervision)
+    grid = loop_settings(settings, built, notebook, bus.open_bus)
+    loop = Loop(built.core, grid, seam, clock, supervision)
     cycle = settings.trainer.cycle
-    refused = realtime.prepare(cycle.realtime_priority, cycle.realtime_cpus)
+    # In simulated time nothing is late, and a process that others wait for must let them run.
+    is_real = has_watchdog or not is_simulated
+    refused = realtime.prepare(cycle.realtime_priority, cycle.realtime_cpus) if is_real else []
     for line in (bus_load_line(settings, built), *refused):
         built.core.events.append(line)
         _say(log, line, WARNING if line in refused else INFORMATIONAL)
@@ -120,7 +146,7 @@ def _run(
         wishes.wait()
         code = loop.run(wishes.end, wishes.reload)
     finally:
-        seam.close()
+        core_seam.close()
         notebook.close()
         supervisor.close()
     if loop.bug is not None:
@@ -155,7 +181,21 @@ def _bus_load(settings: Settings, built: Built) -> BusLoad:
     return bus_load(settings.drives, built.cycle, heartbeat_ms, rate_bit_per_s)
 
 
-def loop_settings(settings: Settings, built: Built, notebook: NoteKeeper) -> LoopSettings:
+def _bus(settings: Settings, *, has_watchdog: bool) -> BusChoice:
+    bus = settings.trainer.bus
+    return choose_bus(
+        bus.interface,
+        settings.file.channel,
+        bus.bitrate_bit_per_s,
+        role=Role.IN_STEP,
+        name=PART,
+        wall_clock_only=has_watchdog,
+    )
+
+
+def loop_settings(
+    settings: Settings, built: Built, notebook: NoteKeeper, open_bus: Callable[[], Bus]
+) -> LoopSettings:
     """The grid and the bus, as the configuration wants them."""
     cycle, bus = settings.trainer.cycle, settings.trainer.bus
     return LoopSettings(
@@ -167,8 +207,6 @@ def loop_settings(settings: Settings, built: Built, notebook: NoteKeeper) -> Loo
         master_node_id=cycle.master_node_id,
         bus_load_ratio=_bus_load(settings, built).busy_ratio,
         bitrate_bit_per_s=bus.bitrate_bit_per_s,
-        open_bus=lambda: CanBus.open(
-            bus.interface, bus.channel, bus.bitrate_bit_per_s, MonotonicClock().utc_ns
-        ),
+        open_bus=open_bus,
         notebook=notebook,
     )

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from daemon.clock import Clock
+from daemon.clock import AgeClock
 from daemon.gateway.blackbox import BlackBox
 from daemon.gateway.disk import Disk, Trouble
 from daemon.gateway.events import Happening, Kind, Priority
@@ -27,7 +27,7 @@ REMEDY: Final = (
 class Keeper:
     """Black box and request log of one state directory, and the thread that writes both."""
 
-    def __init__(self, state: Path, runtime: Path, clock: Clock, version: str) -> None:
+    def __init__(self, state: Path, runtime: Path, clock: AgeClock, version: str) -> None:
         """Look what is there; a directory that cannot be used is an event, and no error."""
         self._clock = clock
         self._disk = Disk()

@@ -6,7 +6,7 @@ A controller waits for the estimate, and counts microseconds; nobody waits for t
 from collections.abc import Sequence
 from typing import Final
 
-from daemon.clock import Clock
+from daemon.clock import AgeClock
 from daemon.gateway import strides, translate
 from daemon.gateway.health import HealthWindow
 from daemon.gateway.outlet import Outlet
@@ -21,7 +21,7 @@ _LATER_MESSAGES: Final = (("activity", translate.activity), ("friction", transla
 class LegMessages:
     """Of all legs of a core."""
 
-    def __init__(self, outlet: Outlet, clock: Clock, health: HealthWindow) -> None:
+    def __init__(self, outlet: Outlet, clock: AgeClock, health: HealthWindow) -> None:
         self._outlet, self._clock, self._health = outlet, clock, health
         self._views: list[View] = []
         """Their estimates are out, the rest is not."""

@@ -14,7 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
-from daemon.clock import Clock
+from daemon.clock import AgeClock, MonotonicClock
 from daemon.config.settings import Lease
 from daemon.gateway.keeper import Keeper
 from daemon.gateway.publish import Mailbox, ZenohOutlet
@@ -53,13 +53,16 @@ def serve(
     listen: Sequence[str],
     runtime: Path,
     state: Path,
-    clock: Clock,
+    clock: AgeClock,
     ended: Callable[[], bool],
     lease: Lease,
     notify_address: str | None,
     reload: Reload,
 ) -> None:
     """Run the gateway until `ended` says so, which is asked at least every 20 ms.
+
+    Ages of records, leases and setpoints go by `clock`. How long its own work takes, and when the
+    supervisor is told, goes by the computer's.
 
     Raises:
         zenoh.ZError: an endpoint cannot be listened on.
@@ -84,15 +87,15 @@ def serve(
         poller.register(box.fileno(), select.POLLIN)
         _freeze()
         supervisor.send("READY=1")
-        tell_ns = 0
+        wall, tell_ns = MonotonicClock(), 0
         while not ended():
             poller.poll(_POLL_MS)
-            woken_ns = clock.now_ns()
-            has_put = gateway.hurry(woken_ns)
-            hurried_ns = clock.now_ns() - woken_ns
+            woken_ns = wall.now_ns()
+            has_put = gateway.hurry(clock.now_ns())
+            hurried_ns = wall.now_ns() - woken_ns
             if has_put:
                 poller.poll(_REST_MS)
-            begun_ns = clock.now_ns()
+            begun_ns, resumed_ns = clock.now_ns(), wall.now_ns()
             inquiries = keeper.watch(mailbox.drain())
             gateway.turn(begun_ns, inquiries, box.drain(begun_ns))
             gateway.tell(keeper.turn(seam.ring, begun_ns))
@@ -101,11 +104,11 @@ def serve(
             gateway.health.counters.not_kept_count = keeper.not_kept_count
             box.expect(gateway.steering.lease)
             gateway.health.counters.inquiry_dropped_count = mailbox.dropped_count
-            gateway.health.note_wake(hurried_ns + clock.now_ns() - begun_ns)
-            if begun_ns >= tell_ns:
+            gateway.health.note_wake(hurried_ns + wall.now_ns() - resumed_ns)
+            if resumed_ns >= tell_ns:
                 status = "; ".join(filter(None, (gateway.status, reload.needs_restart)))
                 supervisor.send("WATCHDOG=1", f"STATUS={status}")
-                tell_ns = begun_ns + _TELL_NS
+                tell_ns = resumed_ns + _TELL_NS
         supervisor.send("STOPPING=1")
 
 

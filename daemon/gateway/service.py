@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple, Protocol
 import msgspec
 
 from daemon import wire
-from daemon.clock import Clock
+from daemon.clock import AgeClock
 from daemon.config.settings import Lease
 from daemon.gateway import control, events, translate
 from daemon.gateway.alive import SILENCE_NS, Presence
@@ -67,7 +67,7 @@ class Gateway:
         self,
         seam: GatewaySeam,
         outlet: Outlet,
-        clock: Clock,
+        clock: AgeClock,
         trainer: str,
         listen: Sequence[str],
         lease: Lease,

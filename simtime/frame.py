@@ -1,0 +1,14 @@
+"""A CAN frame, as every bus of this project hands it over."""
+
+from typing import NamedTuple
+
+
+class Frame(NamedTuple):
+    """One classic CAN frame with an 11-bit identifier, or an error frame of the controller."""
+
+    can_id: int
+    data: bytes
+    time_ns: int = 0
+    """When it arrived, by the wall clock (of this machine's kernel, or simulated); 0 if unknown."""
+    is_error: bool = False
+    """An error frame (`drives/bus_state.py`): `can_id` holds the error class."""
