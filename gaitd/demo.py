@@ -15,6 +15,7 @@ import typer
 if TYPE_CHECKING:
     from gaitd.demonstration.picture import Results
     from gaitd.demonstration.script import Plan, Scene
+    from gaitd.demonstration.stage import Tempo
     from gaitd.demonstration.view import Moment
 
 SHORTEST_S = 6.0
@@ -33,21 +34,29 @@ def command(
     ] = 55.0,
     headless: Annotated[bool, typer.Option("--headless", help="plain lines, no live view")] = False,
     plot: Annotated[Path, typer.Option(metavar="PNG", help="where the picture goes")] = PICTURE,
+    pace: Annotated[
+        str, typer.Option(help="of simulated time: a multiple of real time, or max")
+    ] = "1",
+    wall_clock: Annotated[
+        bool, typer.Option("--wall-clock", help="by the computer's clock: shows its lateness")
+    ] = False,
 ) -> None:
     """Play gait without and with the patient, then the paper's experiment; judge the errors."""
     from gaitd.demonstration.performance import Performance
     from gaitd.demonstration.picture import draw
     from gaitd.demonstration.report import report
     from gaitd.demonstration.script import plan_of
+    from gaitd.demonstration.stage import Tempo
     from gaitd.places import configs_folder
 
     configs = configs_folder("configs", "demo.toml")
     signal.signal(signal.SIGTERM, _interrupt)
-    plan = plan_of(seconds)
+    _refuse(pace, wall_clock=wall_clock)
+    plan, tempo = plan_of(seconds), Tempo(pace, wall_clock)
     if headless or not sys.stdout.isatty():
-        results = Performance(configs, plan, _Lines()).play()
+        results = Performance(configs, plan, _Lines(), tempo).play()
     else:
-        results = _watch(configs, plan)
+        results = _watch(configs, plan, tempo)
     plot.parent.mkdir(parents=True, exist_ok=True)
     draw(results, plot)
     report(results, plan)
@@ -55,12 +64,24 @@ def command(
     raise typer.Exit(0 if results.passed else 1)
 
 
+def _refuse(pace: str, *, wall_clock: bool) -> None:
+    from daemon.config.strict import ConfigError
+    from sim_drives.time_server import parse_pace
+
+    try:
+        parse_pace(pace)
+    except ValueError as error:
+        raise ConfigError("command line", "--pace", pace, str(error)) from error
+    if wall_clock and pace != "1":
+        raise ConfigError("command line", "--pace", pace, "nothing with --wall-clock")
+
+
 def _interrupt(_signal: int, _frame: FrameType | None) -> None:
     """SIGTERM ends a demonstration as Ctrl-C does: orderly."""
     raise KeyboardInterrupt
 
 
-def _watch(configs: Path, plan: "Plan") -> "Results":
+def _watch(configs: Path, plan: "Plan", tempo: "Tempo") -> "Results":
     from rich.live import Live
 
     from gaitd.demonstration.performance import Performance
@@ -81,10 +102,7 @@ def _watch(configs: Path, plan: "Plan") -> "Results":
             def scene(self, scene: "Scene") -> None:
                 """The next picture shows it."""
 
-            def say(self, words: str) -> None:
-                """It is in the report."""
-
-        return Performance(configs, plan, Pictures()).play()
+        return Performance(configs, plan, Pictures(), tempo).play()
 
 
 class _Lines:
@@ -102,6 +120,3 @@ class _Lines:
 
     def scene(self, scene: "Scene") -> None:
         print(f"--- {scene.title}", flush=True)
-
-    def say(self, words: str) -> None:
-        print(words, flush=True)

@@ -32,6 +32,7 @@ WAKEUP_GOOD_MS: Final = 0.5
 SYSTEMD_MIN: Final = 252
 IMPORTS: Final = {
     "python-can": "can",
+    "python-can-remote": "can_remote",
     "canopen": "canopen",
     "numpy": "numpy",
     "scipy": "scipy",

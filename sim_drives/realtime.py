@@ -23,11 +23,13 @@ from typing import Final, Protocol
 
 import can
 from can.interfaces.socketcan import SocketcanBus
+from can.interfaces.virtual import VirtualBus
 
 from sim_drives.bus_server import BusServer, Connection
 from sim_drives.control import ControlSocket
 from sim_drives.faults import FaultCommandError
 from sim_drives.frame import Frame, TimedFrame
+from sim_drives.remote_bus import parse_channel, served_bus
 from sim_drives.timers import MILLISECOND
 from sim_drives.world import SYNC_ID, EmptyWorld, World
 from simtime import wire
@@ -39,6 +41,7 @@ SYNC_SILENCE_NS: Final = 20 * MILLISECOND
 """Then SYNC is not late any more, but silent."""
 QUIET_ROW_NS: Final = 10 * MILLISECOND
 NS_PER_S: Final = 1_000_000_000
+REMOTE: Final = "remote"
 SOCKETCAN: Final = "socketcan"
 BEHIND_NS: Final = 3 * MILLISECOND
 """The world is kept so far behind the present where a frame may be on its way to us."""
@@ -71,13 +74,16 @@ class Station(Protocol):
 
 @contextlib.contextmanager
 def open_bus(interface: str, channel: str, bitrate_bit_per_s: int) -> Generator[can.BusABC]:
-    """Our station on a bus of python-can's.
+    """Our station on a bus of python-can's; for `remote` we serve the bus ourselves.
 
     Raises:
-        OSError, can.CanError: the interface cannot be opened.
+        OSError, can.CanError: the interface or the address cannot be opened.
         ValueError: the channel makes no sense for the interface.
     """
-    if interface == SOCKETCAN:
+    if interface == REMOTE:
+        with served_bus(*parse_channel(channel)) as bus:
+            yield bus
+    elif interface == SOCKETCAN:
         with _KernelBus(channel) as bus:
             yield bus
     else:
@@ -154,7 +160,9 @@ def _message(frame: BusFrame) -> can.Message:
     )
 
 
-STAMPING: Final = (SocketcanBus, ServedBus)
+STAMPING: Final = (SocketcanBus, VirtualBus, ServedBus)
+ON_ITS_WAY: Final = (VirtualBus, ServedBus)
+"""On these a frame is some time on its way to us."""
 
 
 class _KernelBus(SocketcanBus):
@@ -202,8 +210,7 @@ class RealTime:
         self._on_silence = on_silence
         self._noted_ns = now_ns() + SYNC_SILENCE_NS
         self._arrivals = Arrivals() if isinstance(bus, STAMPING) else None
-        # A frame of our own socket is some time on its way.
-        self._behind_ns = BEHIND_NS if isinstance(bus, ServedBus) else 0
+        self._behind_ns = BEHIND_NS if isinstance(bus, ON_ITS_WAY) else 0
         self.dropped = 0
         """Frames that the interface did not take."""
 

@@ -178,6 +178,12 @@ class TimeServer:
 
     def run(self, should_end: Callable[[], bool]) -> None:
         """Until `should_end` says so; it is asked at least every LOOK_S."""
+        try:
+            self._run(should_end)
+        finally:
+            self._page.leave()
+
+    def _run(self, should_end: Callable[[], bool]) -> None:
         while not should_end():
             if self.control is not None:
                 self.control.serve()
@@ -291,7 +297,7 @@ class TimeServer:
 
     def _join(self, connection: Connection, hello: wire.Hello) -> None:
         in_step = hello.role is Role.IN_STEP
-        if hello.now_ns > self.now_ns:
+        if hello.now_ns > self.now_ns and not any(one.in_step for one in self._conductor.seats):
             self._conductor.step(hello.now_ns)  # its time must not go back
             self._pace.anchor(self.now_ns)
             self._page.write(self.now_ns)

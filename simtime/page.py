@@ -1,7 +1,7 @@
 """The time page: simulated time as a file in memory, for those who only read it.
 
 `gaitd sim` writes it at each advance, beside its socket (SOCKET.time). The gateway, the
-demonstration, the tests and a core that computes read it. Eight cells of 64 bit, little-endian:
+demonstration, the tests and a core that computes read it. Cells of 64 bit, little-endian:
 
     0  magic        "GAITDTP1"
     1  now_ns       simulated time, monotonic
@@ -9,10 +9,11 @@ demonstration, the tests and a core that computes read it. Eight cells of 64 bit
     3  pace         thousandths of real time; 0: as fast as it can
     4  wall_clock   1: time is the computer's monotonic clock
     5  pid          of the process that writes
+    6  wall_ns      the computer's monotonic clock when now_ns was written
 
-Each cell is one aligned store, so a reader never sees half a number. The file outlives its writer:
-a later one goes on in it, from the time that stands there. While no writer lives, a reader's time
-goes on by the computer's clock, so that its ages go on growing.
+Each cell is one aligned store, so a reader never sees half a number. The file outlives its writer.
+While no writer lives, time goes on by the computer's clock from where it was left: a reader's ages
+go on growing, and a later writer begins there.
 """
 
 import contextlib
@@ -27,7 +28,9 @@ MAGIC: Final = int.from_bytes(b"GAITDTP1", "little")
 SUFFIX: Final = ".time"
 ALIVE_CHECK_NS: Final = 200_000_000
 """A time that stands still for longer makes a reader look whether its writer lives."""
-_MAGIC, _NOW, _UTC_AHEAD, _PACE, _WALL_CLOCK, _PID = range(6)
+_MAGIC, _NOW, _UTC_AHEAD, _PACE, _WALL_CLOCK, _PID, _WALL = range(7)
+_NO_PROCESS: Final = 2**31 - 1
+"""Beyond every process id."""
 
 
 class PageError(Exception):
@@ -61,13 +64,14 @@ class PageWriter:
             temporary.write_bytes(bytes(PAGE_SIZE))
             temporary.replace(path)
         self._cells = _cells(path, write=True)
-        was_ours = self._cells[_MAGIC] == MAGIC
-        self.left_ns: int = self._cells[_NOW] if was_ours else 0
-        """The time at which an earlier server left it; 0 where there was none."""
+        is_page = self._cells[_MAGIC] == MAGIC
+        since_ns = max(time.monotonic_ns() - self._cells[_WALL], 0)
+        self.left_ns: int = self._cells[_NOW] + since_ns if is_page else 0
+        """The time by now, behind an earlier server; 0 where there was none."""
 
     def begin(self, now_ns: int, utc_ahead_ns: int, *, wall_clock: bool) -> None:
         """Say that we write from now on."""
-        self._cells[_NOW] = now_ns
+        self.write(now_ns)
         self._cells[_UTC_AHEAD] = utc_ahead_ns
         self._cells[_WALL_CLOCK] = wall_clock
         self._cells[_PID] = os.getpid()
@@ -76,6 +80,11 @@ class PageWriter:
     def write(self, now_ns: int) -> None:
         """Time has passed."""
         self._cells[_NOW] = now_ns
+        self._cells[_WALL] = time.monotonic_ns()
+
+    def leave(self) -> None:
+        """Say that we write no more."""
+        self._cells[_PID] = _NO_PROCESS
 
     def write_pace(self, pace_ratio: float) -> None:
         """How fast time is meant to pass; 0: as fast as it can."""
@@ -118,7 +127,7 @@ class SimulatedTime:
         if now_ns != self._seen_ns:
             self._seen_ns, self._seen_wall_ns = now_ns, wall_ns
         elif wall_ns - self._seen_wall_ns > ALIVE_CHECK_NS and not self._writer_lives():
-            now_ns += wall_ns - self._seen_wall_ns
+            now_ns += wall_ns - self._cells[_WALL]
         self._told_ns = max(self._told_ns, now_ns)
         return self._told_ns
 

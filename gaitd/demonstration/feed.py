@@ -1,12 +1,11 @@
 """What the audience hears: messages over Zenoh as any client gets them, and the plant's truth.
 
 The truth comes from the file that the virtual drives write for comparison; the service never sees
-it. Both are put on the monotonic clock of this machine, where the SYNC of a cycle is one instant.
+it. Both are put on the monotonic clock of the core, where the SYNC of a cycle is one instant.
 """
 
 import json
 import math
-import time
 from collections import deque
 from io import TextIOWrapper
 from pathlib import Path
@@ -19,6 +18,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from daemon import wire
+from daemon.clock import AgeClock
 from gaitd.demonstration.script import Situation
 from gaitd.remote import Target, client_settings
 from sim_drives.truth import TruthRow
@@ -69,14 +69,16 @@ class Track:
 class Audience:
     """A plain Zenoh client of one service: subscribes, and keeps what it hears."""
 
-    def __init__(self, target: Target, leg: str, heard: Track) -> None:
+    def __init__(self, target: Target, leg: str, heard: Track, clock: AgeClock) -> None:
         """Know whom to listen to; `connect` opens the session.
 
         Args:
             target: where the service listens.
             leg: whose estimate is kept.
             heard: takes the columns of HEARD.
+            clock: of the act.
         """
+        self._clock = clock
         self.safety: wire.Safety | None = None
         self.health: wire.Health | None = None
         self.drives: dict[str, wire.DriveState] = {}
@@ -87,6 +89,11 @@ class Audience:
         self._track = heard
         self._target, self._leg = target, leg
         self._session: zenoh.Session | None = None
+
+    @property
+    def hears_the_core(self) -> bool:
+        """Whether records of a core arrive."""
+        return self.safety is not None and self.safety.valid
 
     def connect(self) -> bool:
         """Try once; False while nobody listens."""
@@ -145,20 +152,21 @@ class Audience:
 
     def _on_estimate(self, sample: zenoh.Sample) -> None:
         message = _message(sample, wire.Estimate)
-        # Both clocks of this machine are read together: the SYNC's UTC becomes monotonic time.
-        behind_ns = time.time_ns() - message.sample_time_ns
+        # Both clocks are read together: the SYNC's UTC becomes monotonic time.
+        now_ns = self._clock.now_ns()
+        behind_ns = self._clock.utc_ns() - message.sample_time_ns
         values = tuple(
             math.nan if (value := getattr(message, name)) is None else value for name in HEARD
         )
-        self._track.add(time.monotonic_ns() - behind_ns, values)
+        self._track.add(now_ns - behind_ns, values)
         self._estimate = message
-        self._estimate_s = self._heard_s = time.monotonic()
+        self._estimate_s = self._heard_s = now_ns * 1e-9
 
     def _on_safety(self, sample: zenoh.Sample) -> None:
         message = _message(sample, wire.Safety)
         self.safety = message
         if message.valid:
-            self._heard_s = time.monotonic()
+            self._heard_s = self._clock.now_ns() * 1e-9
 
     def _on_health(self, sample: zenoh.Sample) -> None:
         self.health = _message(sample, wire.Health)

@@ -1,13 +1,12 @@
 """The performance: acts on their stages, messages to the audience, pictures on the screen.
 
-One loop looks around ten times a second: read what came, ask the script what to do, do it, show.
+One loop looks around ten times a second of simulated time: read what came, ask the script what to
+do, do it, show.
 Requests to the service run in a thread of their own, because an answer may take seconds.
 """
 
 import json
-import shutil
 import time
-from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Final, Protocol
@@ -29,15 +28,20 @@ from gaitd.demonstration.script import (
     gait_act,
     paper_act,
 )
-from gaitd.demonstration.stage import Stage, stage
+from gaitd.demonstration.stage import Stage, Tempo, stage
 from gaitd.demonstration.view import Moment
 from gaitd.remote import Answer, Target, ask
 
-TURN_S: Final = 0.1
-REPEATS_MAX: Final = 2
+PROJECT: Final = Path(__file__).resolve().parents[2]
 SETTLE_S: Final = 0.3
 """After an act: the last messages and rows of truth are on their way."""
 BEFORE: Final = Scene("the virtual drives and the service start", Kind.INTERLUDE)
+COMPILING: Final = Scene(
+    "the virtual drives and the service start; the first start compiles for about a minute",
+    Kind.INTERLUDE,
+)
+CACHES: Final = "observer/__pycache__/*.nbi"
+"""Where Numba keeps what it has compiled, beside the sources of the filter."""
 
 
 class Screen(Protocol):
@@ -49,10 +53,6 @@ class Screen(Protocol):
 
     def scene(self, scene: Scene) -> None:
         """A scene begins."""
-        ...
-
-    def say(self, words: str) -> None:
-        """Something that a person should know now; it is also in the results."""
         ...
 
 
@@ -89,70 +89,54 @@ class Outstanding:
 class Performance:
     """All acts, one after the other, and what they leave."""
 
-    def __init__(self, configs: Path, plan: Plan, screen: Screen) -> None:
+    def __init__(
+        self, configs: Path, plan: Plan, screen: Screen, tempo: Tempo | None = None
+    ) -> None:
         """Prepare; `play` begins."""
+        self._tempo = tempo or Tempo()
         self._configs = configs
         self._plan = plan
         self._screen = screen
         self._heard, self._true = Track(HEARD), Track(TRUE)
         self._spans: list[Span] = []
         self._health: list[wire.Health] = []
-        self._repeats: list[str] = []
-        self._scene, self._scene_since_s = BEFORE, time.monotonic()
+        self._scene = _first_scene()
+        self._scene_since_ns = self._now_ns = time.monotonic_ns()
         self._began_s = time.monotonic()
 
     def play(self) -> Results:
         """Play to the end, or to the first trouble; whatever happened, the results are judged."""
         trouble = ""
         try:
-            self._act_or_again(gait_act, empty=False)
+            self._act(gait_act(self._plan), empty=False)
             if self._plan.paper_s > 0:
-                self._act_or_again(paper_act, empty=True)
+                self._act(paper_act(self._plan), empty=True)
         except ActError as error:
-            trouble = _words(error)
+            where = f"; logs, truth and black box are in {error.folder}" if error.folder else ""
+            trouble = f"{error}{where}"
         except KeyboardInterrupt:
             trouble = "interrupted"
         self._end_span()
         both = within(pairs(self._heard, self._true), self._spans)
         rows = judge(self._spans, both)
-        return Results(both, self._spans, rows, self._health, trouble, tuple(self._repeats))
-
-    def _act_or_again(self, act: Callable[[Plan], Act], *, empty: bool) -> None:
-        """Play an act; again if this machine, and not the service, was too slow for it.
-
-        The virtual drives are a process among others. When they or the core are not let run for
-        longer than the service may wait for a drive, it stops, as it must.
-        """
-        while True:
-            before, health = len(self._spans), len(self._health)
-            try:
-                self._act(act(self._plan), empty=empty)
-            except ActError as error:
-                if not error.held_up or len(self._repeats) >= REPEATS_MAX:
-                    raise
-                self._scene, self._scene_since_s = BEFORE, time.monotonic()
-                del self._spans[before:], self._health[health:]
-                self._repeats.append(
-                    f"this computer stood still ({', '.join(error.held_up)}); "
-                    f"the act is played again ({error})"
-                )
-                if error.folder is not None:
-                    shutil.rmtree(error.folder, ignore_errors=True)
-                self._screen.say(self._repeats[-1])
-            else:
-                return
+        return Results(both, self._spans, rows, self._health, trouble)
 
     def _act(self, act: Act, *, empty: bool) -> None:
-        self._begin_scene(BEFORE)
-        with stage(self._configs, empty=empty) as where:
+        with stage(self._configs, empty=empty, tempo=self._tempo, begin_ns=self._now_ns) as where:
             tail = TruthTail(where.truth, self._true)
             outstanding = Outstanding(where.target)
-            audience = Audience(where.target, where.leg, self._heard)
+            audience = Audience(where.target, where.leg, self._heard, where.time)
+            self._look_at(where)
+            self._begin_scene(_first_scene())
             try:
-                with audience, where.excused():
+                with audience:
                     self._turns(act, where, audience, tail, outstanding)
+            except ActError as error:
+                if stopped := where.stopped():
+                    raise ActError(f"{error}; {', '.join(stopped)}") from error
+                raise
             finally:
-                if audience.health is not None:
+                if audience.health is not None and self._tempo.wall_clock:
                     self._health.append(audience.health)
                 outstanding.close()
                 tail.read()
@@ -162,19 +146,22 @@ class Performance:
         self, act: Act, where: Stage, audience: Audience, tail: TruthTail, outstanding: Outstanding
     ) -> None:
         action = next(act)
-        settled_s: float | None = None
-        while settled_s is None or time.monotonic() < settled_s:
+        over = False
+        while not over:
             self._do(action, where, outstanding)
-            action = None
             where.check()
             audience.connect()
             tail.read()
-            self._screen.show(self._moment(audience))
-            time.sleep(TURN_S)
-            if settled_s is None:
-                now = audience.situation(time.monotonic(), *outstanding.outcome())
-                action, over = _next(act, now)
-                settled_s = time.monotonic() + SETTLE_S if over else None
+            self._screen.show(self._moment(audience, where))
+            # Before the core is there, nothing but the computer's time can pass.
+            where.time.turn(in_step=audience.hears_the_core)
+            self._look_at(where)
+            now = audience.situation(self._now_ns * 1e-9, *outstanding.outcome())
+            action, over = _next(act, now)
+        time.sleep(SETTLE_S)
+
+    def _look_at(self, where: Stage) -> None:
+        self._now_ns = where.time.now_ns()
 
     def _do(self, action: Action, where: Stage, outstanding: Outstanding) -> None:
         if isinstance(action, Ask):
@@ -186,31 +173,30 @@ class Performance:
 
     def _begin_scene(self, scene: Scene) -> None:
         self._end_span()
-        self._scene, self._scene_since_s = scene, time.monotonic()
+        self._scene = scene
         self._screen.scene(scene)
 
     def _end_span(self) -> None:
-        begin_ns, end_ns = round(self._scene_since_s * 1e9), time.monotonic_ns()
-        self._spans.append(Span(self._scene.title, self._scene.kind, begin_ns, end_ns))
-        self._scene_since_s = time.monotonic()
+        span = Span(self._scene.title, self._scene.kind, self._scene_since_ns, self._now_ns)
+        self._spans.append(span)
+        self._scene_since_ns = self._now_ns
 
-    def _moment(self, audience: Audience) -> Moment:
-        now_s = time.monotonic()
+    def _moment(self, audience: Audience, where: Stage) -> Moment:
         return Moment(
-            now_ns=round(now_s * 1e9),
-            elapsed_s=now_s - self._began_s,
+            now_ns=self._now_ns,
+            elapsed_s=time.monotonic() - self._began_s,
             scene=self._scene,
-            scene_s=now_s - self._scene_since_s,
+            scene_s=(self._now_ns - self._scene_since_ns) * 1e-9,
+            speed_ratio=where.time.speed_ratio,
             audience=audience,
             heard=self._heard,
             true=self._true,
         )
 
 
-def _words(error: ActError) -> str:
-    how = f"; this computer stood still: {', '.join(error.held_up)}" if error.held_up else ""
-    where = f"; logs, truth and black box are in {error.folder}" if error.folder else ""
-    return f"{error}{how}{where}"
+def _first_scene() -> Scene:
+    """What is seen until the service answers; a first start takes long, and says why."""
+    return BEFORE if any(PROJECT.glob(CACHES)) else COMPILING
 
 
 def _next(act: Act, now: Situation) -> tuple[Action, bool]:

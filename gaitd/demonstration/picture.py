@@ -47,11 +47,9 @@ class Results(NamedTuple):
     spans: Sequence[Span]
     rows: Sequence[Row]
     health: Sequence[wire.Health]
-    """The last of each act."""
+    """The last of each act; of the computer's clock alone, in simulated time nothing is late."""
     trouble: str
     """Why it did not play to its end; empty if it did."""
-    repeats: tuple[str, ...] = ()
-    """What was played again, and why."""
 
     @property
     def passed(self) -> bool:

@@ -25,13 +25,12 @@ def line(moment: Moment) -> str:
     """One line of plain text: time, mode, each axis as estimated and as it is, lateness, stop."""
     audience = moment.audience
     safety = audience.safety if audience else None
-    health = audience.health if audience else None
     words = [f"{moment.elapsed_s:6.1f} s", f"{(safety.mode if safety else None) or 'starting':<12}"]
     for (axis, _, unit), pair in zip(AXES, pairs(moment.heard, moment.true, NEWEST), strict=True):
         said, wanted, rubs = (_newest(v) for v in (pair.estimate, pair.wanted, pair.friction))
         words.append(f"{axis} patient {said} (true {wanted}) friction {rubs} {unit}")
-    if health is not None and health.lateness_max_us is not None:
-        words.append(f"SYNC late {health.lateness_max_us / 1000:.2f} ms")
+    if moment.speed_ratio is not None:
+        words.append(f"{moment.speed_ratio:.1f} x real time")
     words.append(verdict_text(safety) or (safety.progress if safety else None) or "")
     return "  ".join(words).rstrip()
 
@@ -52,8 +51,6 @@ def report(results: Results, plan: Plan) -> None:
         console.print(_cycles(results.health))
     if plan.paper_s == 0:
         console.print("[dim]The paper's experiment was left out: it wants 40 seconds or more.[/]")
-    for repeat in results.repeats:
-        console.print(f"[yellow]{repeat}[/]", highlight=False)
     if results.trouble:
         console.print(f"[bold red]{results.trouble}[/]", highlight=False)
     if results.passed:

@@ -29,8 +29,6 @@ class ActError(Exception):
 
     folder: Path | None = None
     """Where logs, truth and black box of the act are, once it has ended."""
-    held_up: tuple[str, ...] = ()
-    """How this computer held the act up of late, in words; empty if it did not."""
 
 
 class Situation(NamedTuple):

@@ -1,4 +1,7 @@
-"""The stage of an act: a folder of its own, free ports, virtual drives and service as processes.
+"""The stage of an act: a folder of its own, virtual drives and service as processes, its time.
+
+The act is played in simulated time, in which the demonstration has a seat as the core has: time
+passes only while it waits. With `--wall-clock` it is the computer's.
 
 Nothing outlives an act. The processes get SIGTERM in their order, SIGKILL when their time is over,
 and SIGTERM from the kernel should the demonstration itself be killed.
@@ -11,6 +14,7 @@ import signal
 import socket
 import subprocess
 import tempfile
+import time
 import tomllib
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
@@ -20,21 +24,94 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from daemon.clock import PageClock
 from daemon.config.robot import leg_parameters
 from daemon.config.settings import Robot
-from daemon.seam import RING_NAME, RingError, RingReader
 from gaitd.children import free_ports, memory_folder, tied
-from gaitd.demonstration.script import SILENCE_MAX_S, ActError
-from gaitd.held_up import OBSERVER_LOOK_BACK_CYCLES, held_up
+from gaitd.demonstration.script import ActError
 from gaitd.remote import Target
 from observer.mechanism import gravity
+from sim_drives.time_server import process_state
+from simtime.link import LinkLostError, SocketLink
+from simtime.page import PageWriter, page_path
+from simtime.wire import Role
 
 SERVICE_END_S: Final = 15.0
 """The service stops both axes before it ends."""
 DRIVES_END_S: Final = 5.0
 TAIL_LINES: Final = 12
-LOOK_BACK_CYCLES: Final = OBSERVER_LOOK_BACK_CYCLES + round(SILENCE_MAX_S * 100)
-"""A silence of the service is noticed late."""
+BUS: Final = "bus"
+"""Name of the bus's socket, in the folder of an act."""
+TURN_S: Final = 0.1
+STOPPED: Final = "T"
+"""State of a process that was stopped by a signal, as proc(5) has it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tempo:
+    """How fast the time of the acts passes."""
+
+    pace: str = "1"
+    """Of simulated time, as `gaitd sim --pace` takes it."""
+    wall_clock: bool = False
+    """The computer's time instead."""
+
+    @property
+    def arguments(self) -> list[str]:
+        """For `gaitd sim`."""
+        return ["--wall-clock"] if self.wall_clock else ["--pace", self.pace]
+
+
+class StageTime:
+    """The time of an act."""
+
+    def __init__(self, channel: Path, begin_ns: int) -> None:
+        """Let it begin no earlier than the act before has ended.
+
+        Args:
+            channel: socket of the act's simulated bus.
+            begin_ns: when the act before has ended.
+        """
+        page = PageWriter(page_path(channel))
+        page.begin(max(begin_ns, page.left_ns), time.time_ns() - begin_ns, wall_clock=False)
+        page.leave()
+        self._page = PageClock(channel)
+        self._link = SocketLink(channel, Role.IN_STEP, "demo")
+        self._began_ns, self._began_wall_s = 0, 0.0
+
+    def now_ns(self) -> int:
+        """Monotonic time of the core."""
+        return self._page.now_ns()
+
+    def utc_ns(self) -> int:
+        """UTC of the core's records."""
+        return self._page.utc_ns()
+
+    @property
+    def speed_ratio(self) -> float | None:
+        """How fast time has passed against the computer's; None before it is in step."""
+        wall_s = time.monotonic() - self._began_wall_s
+        if not self._began_ns or wall_s < 1:
+            return None
+        return (self.now_ns() - self._began_ns) * 1e-9 / wall_s
+
+    def turn(self, *, in_step: bool) -> None:
+        """Let a turn pass: by the computer's time until the core is there, then in simulated."""
+        try:
+            if in_step:
+                self._link.open()
+                if not self._began_ns:
+                    self._began_ns, self._began_wall_s = self.now_ns(), time.monotonic()
+                self._link.wait(self._link.now_ns() + round(TURN_S * 1e9), for_frame=False)
+                self._link.take()
+                return
+        except LinkLostError:
+            pass  # the process that has ended is found by its exit code
+        time.sleep(TURN_S)
+
+    def close(self) -> None:
+        """Time need not wait for us any more."""
+        self._link.close()
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +125,7 @@ class Stage:
     """Socket of the virtual drives: faults and the patient, by command."""
     target: Target
     leg: str
+    time: StageTime
     drives: "Troupe"
     service: "Troupe"
 
@@ -65,15 +143,14 @@ class Stage:
         for troupe in (self.drives, self.service):
             troupe.check()
 
-    @contextlib.contextmanager
-    def excused(self) -> Generator[None]:
-        """What ends the act says how this computer was, unless it is that a process ended."""
-        try:
-            yield
-        except ActError as error:
-            if self.drives.exit_code() is None and self.service.exit_code() is None:
-                error.held_up = of_late(self.folder / "run" / RING_NAME)
-            raise
+    def stopped(self) -> list[str]:
+        """The processes of the act that a signal has stopped, for people."""
+        return [
+            f"{name} (pid {pid}) is stopped by a signal"
+            for troupe in (self.drives, self.service)
+            for pid, name in troupe.family()
+            if process_state(pid) == STOPPED
+        ]
 
 
 class Troupe:
@@ -121,6 +198,14 @@ class Troupe:
         """Send it a signal; after its end this does nothing."""
         self._process.send_signal(number)
 
+    def family(self) -> list[tuple[int, str]]:
+        """It and its children, by process id, with what they run."""
+        pids = [self.pid]
+        for task in Path(f"/proc/{self.pid}/task").glob("*/children"):
+            with contextlib.suppress(OSError):
+                pids += map(int, task.read_text(encoding="ascii").split())
+        return [(pid, f"gaitd {_part_of(pid)}") for pid in pids]
+
     def last_words(self) -> str:
         """The end of its output."""
         lines = self._log.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -138,41 +223,44 @@ class Troupe:
         return self._process.returncode
 
 
+def _part_of(pid: int) -> str:
+    """Which part of gaitd a process runs."""
+    with contextlib.suppress(OSError):
+        words = Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8").split("\0")
+        if "--config" in words:
+            return words[words.index("--config") - 1]
+    return "process"
+
+
 @contextlib.contextmanager
-def stage(configs: Path, *, empty: bool) -> Generator[Stage]:
+def stage(
+    configs: Path, *, empty: bool, tempo: Tempo | None = None, begin_ns: int = 0
+) -> Generator[Stage]:
     """Everything of one act, started; ended whatever happens.
 
     Args:
         configs: the project's folder of configurations.
         empty: nobody is in the trainer, and its springs carry it alone.
+        tempo: how fast its time passes; None: as the computer's.
+        begin_ns: its time begins no earlier.
     """
     folder = Path(tempfile.mkdtemp(prefix="gaitd-demo-", dir=memory_folder()))
     with contextlib.ExitStack() as ending:
         ending.push(_tidy(folder))
         config, endpoint = write_configs(configs, folder / "configs", empty=empty)
         truth, control = folder / "truth.csv", folder / "sim.sock"
-        drives = Troupe(
-            "gaitd sim",
-            ["sim", "--config", str(config), "--truth", str(truth), "--control", str(control)],
-            folder / "sim.log",
-        )
+        places = ["--config", str(config), "--truth", str(truth), "--control", str(control)]
+        passing = StageTime(folder / BUS, begin_ns)
+        ending.callback(passing.close)
+        arguments = ["sim", *places, *(tempo or Tempo()).arguments]
+        drives = Troupe("gaitd sim", arguments, folder / "sim.log")
         ending.callback(drives.end, DRIVES_END_S)
         service = Troupe("gaitd run", ["run", "--config", str(config)], folder / "run.log")
         ending.callback(service.end, SERVICE_END_S)
         table = tomllib.loads(config.read_text(encoding="utf-8"))
         target = Target((endpoint,), table["zenoh"]["trainer"])
         leg = table["leg"][0]["name"]
-        yield Stage(folder, config, truth, control, target, leg, drives, service)
-
-
-def of_late(records: Path) -> tuple[str, ...]:
-    """How this computer held the core of a ring up, in words; empty if it did not."""
-    try:
-        with contextlib.closing(RingReader(records)) as ring:
-            newest = ring.since(ring.newest_seq() - LOOK_BACK_CYCLES)
-    except (FileNotFoundError, RingError):
-        return ()
-    return tuple(held_up(newest))
+        yield Stage(folder, config, truth, control, target, leg, passing, drives, service)
 
 
 def _tidy(folder: Path) -> Callable[..., bool]:
@@ -194,11 +282,11 @@ def write_configs(configs: Path, folder: Path, *, empty: bool) -> tuple[Path, st
     Returns: the trainer file, and the Zenoh endpoint it listens on.
     """
     shutil.copytree(configs, folder)
-    bus_port, zenoh_port = free_ports(2)
+    (zenoh_port,) = free_ports(1)
     endpoint = f"tcp/127.0.0.1:{zenoh_port}"
     trainer, plant = folder / "demo.toml", folder / "plant.toml"
     values = {
-        "channel": f'"ws://127.0.0.1:{bus_port}/"',
+        "channel": f'"../{BUS}"',
         "listen": f'["{endpoint}"]',
         "runtime": '"../run"',
         "state": '"../state"',

@@ -48,6 +48,8 @@ class Moment(NamedTuple):
     scene: Scene
     scene_s: float
     """Since the scene began."""
+    speed_ratio: float | None
+    """How fast time passes against the computer's; None before it is known."""
     audience: Audience | None
     heard: Track
     true: Track
@@ -86,7 +88,8 @@ def _header(moment: Moment) -> RenderableType:
         "  ",
         (moment.scene.title, "bold"),
     )
-    right = Text(f"{moment.elapsed_s:5.0f} s ", style="dim")
+    speed = "" if moment.speed_ratio is None else f"{moment.speed_ratio:.1f} × real time  "
+    right = Text(f"{speed}{moment.elapsed_s:5.0f} s ", style="dim")
     line = Table.grid(expand=True)
     line.add_column(ratio=1, no_wrap=True, overflow="ellipsis")
     line.add_column(justify="right", no_wrap=True)
