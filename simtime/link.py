@@ -11,7 +11,7 @@ import socket
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final, NoReturn, Protocol
 
 from simtime import wire
 from simtime.frame import Frame
@@ -20,6 +20,7 @@ from simtime.wire import Role
 
 CONNECT_TIMEOUT_S: Final = 5.0
 """For the server's WELCOME."""
+_LAST_LOOKS: Final = 1000
 _POLL_MAX_NS: Final = 1_000_000_000
 
 
@@ -261,7 +262,6 @@ class SocketLink:
             data = self._existing().recv(wire.MESSAGE_SIZE_MAX)
         except OSError as error:
             self._lose(f"`gaitd sim` is gone: {error}")
-            raise
         if not data:
             self._lose("`gaitd sim` has ended")
         return wire.read_from_server(data)
@@ -271,7 +271,19 @@ class SocketLink:
             raise LinkLostError("`gaitd sim` is gone")
         return self._socket
 
-    def _lose(self, why: str) -> None:
+    def _lose(self, why: str) -> NoReturn:
+        told = self._last_words()
         with contextlib.suppress(OSError):
             self.close()
-        raise LinkLostError(why)
+        raise LinkLostError(f"`gaitd sim` refuses what was sent: {told}" if told else why)
+
+    def _last_words(self) -> str:
+        """Why the server has hung up, where it said so: its message may still wait to be read."""
+        end = self._existing()
+        end.setblocking(False)
+        for _ in range(_LAST_LOOKS):
+            with contextlib.suppress(OSError, wire.WireError):
+                message = wire.read_from_server(end.recv(wire.MESSAGE_SIZE_MAX))
+                if isinstance(message, wire.Told):
+                    return message.text
+        return ""
