@@ -11,8 +11,9 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-READY_WITHIN_S: Final = 240.0
-"""From start; the very first start compiles the observer's kernels, a minute on a slow machine."""
+READY_WITHIN_S: Final = 900.0
+"""From start; the very first start compiles the observer's kernels: 40 s of an idle processor, and
+many times that beside other programs."""
 ENABLE_WITHIN_S: Final = 20.0
 MOTION_WITHIN_S: Final = 40.0
 """From the request to the first stride: announcement and approach."""

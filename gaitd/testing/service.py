@@ -1,5 +1,8 @@
 """The service and the virtual drives as the processes that people run, and what is seen of them.
 
+Time is simulated, at the pace of the computer's (`simtime`): a computer that stands still makes a
+test take longer, and changes nothing of what it sees.
+
 Every part is a process of its own (`gaitd sim`, `gaitd core`, `gaitd gateway`) with its output in
 a file. None outlives this process: it is ended by `end`, and killed by the kernel if we are.
 """
@@ -63,7 +66,7 @@ class Service:
             EditError: a key that is not there.
         """
         self.folder = folder
-        self.bus_port, self.zenoh_port = free_ports(2)
+        (self.zenoh_port,) = free_ports(1)
         configs = configs or configs_folder("configs", trainer_file)
         own = shutil.copytree(configs, folder / "configuration")
         self.config = own / trainer_file
@@ -74,8 +77,8 @@ class Service:
 
     def _own_places(self) -> dict[str, str | Sequence[str]]:
         return {
-            "bus.interface": "remote",
-            "bus.channel": f"ws://127.0.0.1:{self.bus_port}/",
+            "bus.interface": "simulated",
+            "bus.channel": str(self.folder / "bus"),
             "zenoh.listen": [f"tcp/127.0.0.1:{self.zenoh_port}"],
             "paths.runtime": str(self.folder / "run"),
             "paths.state": str(self.folder / "state"),

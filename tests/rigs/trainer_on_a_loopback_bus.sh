@@ -28,8 +28,10 @@ real_time core 50
 real_time sim 40
 sed 's#/etc/gaitd/vcan.toml#/etc/gaitd/demo.toml#; /^ExecStart=/!d' /usr/lib/systemd/system/gaitd-sim.service |
     sed '1i [Service]\nExecStart=' > $units/gaitd-sim.service.d/60-desk.conf
-bus=$(sed -n 's/^channel = //p' /etc/gaitd/demo.toml)
-sed -i -e "s#^interface = .*#interface = \"remote\"#; s#^channel = .*#channel = $bus#" \
+# By the computer's clock: here systemd watches the core.
+by_the_clock='s#^interface = .*#interface = "remote"#; s#^channel = .*#channel = "ws://127.0.0.1:54701/"#'
+sed -i -e "$by_the_clock" /etc/gaitd/demo.toml
+sed -i -e "$by_the_clock" \
     -e 's/signs = "proven"/signs = "assumed"/; s/without_stored_pose = "home"/without_stored_pose = "believe"/' \
     -e 's/required = "daily"/required = "never"/; s/announce_s = 3.0/announce_s = 0.5/' \
     -e 's/pose_tolerance_deg = .*/pose_tolerance_deg = 180.0/; s/pose_tolerance_m = .*/pose_tolerance_m = 2.0/' \

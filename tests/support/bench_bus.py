@@ -31,8 +31,8 @@ class Machine:
 
     def __init__(self, folder, *changes):
         self.channel = uuid.uuid4().hex
-        demo = ("demo.toml", 'interface = "remote"', 'interface = "virtual"')
-        address = ("demo.toml", "ws://127.0.0.1:54701/", self.channel)
+        demo = ("demo.toml", 'interface = "simulated"', 'interface = "virtual"')
+        address = ("demo.toml", "/dev/shm/gaitd-demo.bus", self.channel)
         self.config = changed_configs(folder, demo, address, *changes) / "demo.toml"
         self.bench = Bench(start_ns=now_ns() - HALF_A_SECOND_NS)
 
