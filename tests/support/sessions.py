@@ -64,7 +64,9 @@ class Session:
         return self.lockstep.records[begun:]
 
     def exciting(self, scenario: str, duration_s: float) -> "Session":
-        self.enabled()
+        """Of a session that is enabled, or new."""
+        if not self.lockstep.records:
+            self.enabled()
         wanted = ModeRequest(Mode.EXCITE, duration_s=duration_s, scenario=scenario)
         answer = self.lockstep.request(RequestKind.MODE, wanted)
         assert answer.outcome == Outcome.DONE, answer.reason
@@ -89,6 +91,18 @@ class Session:
             column = "hip_patient_nm" if axis == 0 else "slide_patient_n"
             found[name] = score(estimate, np.array([getattr(row, column) for _, row in pairs]))
         return found
+
+
+def reaches_rest_in_fault(session: Session, within_s: float = 3.0) -> None:
+    """Turn until both joints have been at rest for 0.2 s, in mode fault. Raises if they are not."""
+
+    def rests(record: CycleRecord) -> bool:
+        return record.mode == Mode.FAULT and all(
+            abs(row.hip_velocity_rad_per_s) < 0.05 and abs(row.slide_velocity_m_per_s) < 0.05
+            for row in session.truth.rows[-20:]
+        )
+
+    session.lockstep.run_until(rests, within_s)
 
 
 def changed_configs(folder: Path, *changes: tuple[str, str, str]) -> Path:
