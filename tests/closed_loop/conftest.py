@@ -26,6 +26,12 @@ def warm_gait():
     return Session().walking()
 
 
+@pytest.fixture
+def session(warm_gait):
+    """What most tests begin with."""
+    return warm_gait
+
+
 @pytest.fixture(scope="session")
 def warm_fast_gait():
     """The same at 0.5 Hz."""

@@ -1,7 +1,10 @@
 """Sessions of the whole service against the virtual machine, in lock-step, faster than time."""
 
+import multiprocessing
 import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -91,6 +94,19 @@ class Session:
             column = "hip_patient_nm" if axis == 0 else "slide_patient_n"
             found[name] = score(estimate, np.array([getattr(row, column) for _, row in pairs]))
         return found
+
+
+def elsewhere(session: Session, play: Callable[[Session], Any]) -> Any:
+    """What this returns of a copy of the session: played in a fork, nothing changes here."""
+    context = multiprocessing.get_context("fork")
+    reader, writer = context.Pipe(duplex=False)
+    child = context.Process(target=lambda: writer.send(play(session)))
+    child.start()
+    writer.close()
+    try:
+        return reader.recv()
+    finally:
+        child.join()
 
 
 def reaches_rest_in_fault(session: Session, within_s: float = 3.0) -> None:
