@@ -36,6 +36,9 @@ class Session:
         return self
 
     def enabled(self) -> "Session":
+        """In hold, if it is not there already."""
+        if self.lockstep.records and self.lockstep.record.mode == Mode.HOLD:
+            return self
         self.until_ready()
         answer = self.lockstep.request(RequestKind.ENABLE)
         assert answer.outcome == Outcome.DONE, answer.reason
@@ -67,9 +70,7 @@ class Session:
         return self.lockstep.records[begun:]
 
     def exciting(self, scenario: str, duration_s: float) -> "Session":
-        """Of a session that is enabled, or new."""
-        if not self.lockstep.records:
-            self.enabled()
+        self.enabled()
         wanted = ModeRequest(Mode.EXCITE, duration_s=duration_s, scenario=scenario)
         answer = self.lockstep.request(RequestKind.MODE, wanted)
         assert answer.outcome == Outcome.DONE, answer.reason
