@@ -39,7 +39,9 @@ def test_without_gaps_nothing_is_changed():
     assert np.array_equal(same.state, estimates.state)
 
 
-@pytest.mark.parametrize("rows", [1, 2, 30])
+@pytest.mark.parametrize(
+    "rows", [1, *(pytest.param(n, marks=pytest.mark.thorough) for n in (2, 30))]
+)
 def test_the_shortest_recordings_can_be_drawn(rows, tmp_path):
     draw(*made(np.arange(rows) * 0.01), tmp_path / "a.png")
 

@@ -59,7 +59,7 @@ def test_a_share_that_there_is_not_is_an_empty_cell(walked, tmp_path):
     assert row["share_ratio"] == row["share_ratio_std"] == ""
 
 
-@pytest.mark.parametrize("repeats", [0, 1, 30])
+@pytest.mark.parametrize("repeats", [0, pytest.param(1, marks=pytest.mark.thorough), 30])
 def test_the_picture_is_drawn_for_no_strides_and_for_many(walked, tmp_path, repeats):
     columns, smooth, found = walked
     path = tmp_path / "strides.png"

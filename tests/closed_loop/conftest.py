@@ -5,7 +5,7 @@ its own in the same way, with a name that begins with `warm_`.
 """
 
 import pytest
-from sessions import Session
+from sessions import Session, generic_drives, position_guidance
 
 
 @pytest.fixture(scope="session")
@@ -24,3 +24,63 @@ def warm_hold():
 def warm_gait():
     """The same in the middle of a gait at 0.25 Hz, its ramps behind it."""
     return Session().walking()
+
+
+@pytest.fixture
+def session(warm_gait):
+    """What most tests begin with."""
+    return warm_gait
+
+
+@pytest.fixture(scope="session")
+def warm_fast_gait():
+    """The same at 0.5 Hz."""
+    return Session().walking(cadence_hz=0.5, warm_s=4.0)
+
+
+@pytest.fixture(scope="session")
+def position_configs(tmp_path_factory):
+    return position_guidance(tmp_path_factory.mktemp("position"))
+
+
+@pytest.fixture(scope="session")
+def warm_position_hold(position_configs):
+    """Both axes hold by the drives' own loops."""
+    return Session(position_configs).enabled()
+
+
+@pytest.fixture(scope="session")
+def warm_position_gait(position_configs):
+    """A gait at 0.25 Hz by the drives' own loops."""
+    return Session(position_configs).walking()
+
+
+@pytest.fixture(scope="session")
+def warm_fast_position_gait(position_configs):
+    """The same at 0.5 Hz."""
+    return Session(position_configs).walking(cadence_hz=0.5, warm_s=6.0)
+
+
+@pytest.fixture(scope="session")
+def warm_generic_gait(tmp_path_factory):
+    """A gait at 0.25 Hz with the CiA-standard drives."""
+    return Session(generic_drives(tmp_path_factory.mktemp("generic"))).walking()
+
+
+@pytest.fixture(params=["impedance", "position"])
+def guidance(request):
+    return request.param
+
+
+@pytest.fixture
+def warm_guided_hold(request, guidance):
+    """Held by either guidance."""
+    name = "warm_hold" if guidance == "impedance" else "warm_position_hold"
+    return request.getfixturevalue(name)
+
+
+@pytest.fixture
+def warm_guided_gait(request, guidance):
+    """A gait at 0.25 Hz by either guidance."""
+    name = "warm_gait" if guidance == "impedance" else "warm_position_gait"
+    return request.getfixturevalue(name)

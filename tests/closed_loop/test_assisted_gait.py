@@ -6,7 +6,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from controllers import Controller, constant
-from sessions import Session, position_guidance
 
 from daemon.record import Cause, Mode
 from daemon.refusals import SetpointRefusal
@@ -15,10 +14,10 @@ STIFFNESS_STEP = 0.01
 """1 per second."""
 
 
-def walking(law):
-    session = Session()
-    session.walking(cadence_hz=0.25, warm_s=2)
-    return session, Controller(session.lockstep.gateway, law)
+@pytest.fixture
+def walking(warm_gait):
+    """A gait under a controller of this law."""
+    return lambda law: (warm_gait, Controller(warm_gait.lockstep.gateway, law))
 
 
 def lag(records):
@@ -27,7 +26,7 @@ def lag(records):
     return np.abs(off).mean(axis=0)
 
 
-def test_assist_adds_to_guidance_and_the_gait_goes_on():
+def test_assist_adds_to_guidance_and_the_gait_goes_on(walking):
     session, controller = walking(constant(hip_nm=10.0))
     session.lockstep.run(4)
     pushed = session.lockstep.records[-400:]
@@ -45,7 +44,7 @@ def test_assist_adds_to_guidance_and_the_gait_goes_on():
     assert ahead[0] - ahead[1] == pytest.approx(20 / 300, rel=0.3)
 
 
-def test_a_stiffness_scale_softens_guidance_by_its_rate_and_is_given_back_the_same_way():
+def test_a_stiffness_scale_softens_guidance_by_its_rate_and_is_given_back_the_same_way(walking):
     session, controller = walking(constant())
     session.lockstep.run(4)
     stiff = lag(session.lockstep.records[-400:])
@@ -63,9 +62,13 @@ def test_a_stiffness_scale_softens_guidance_by_its_rate_and_is_given_back_the_sa
     assert np.abs(np.diff(ratios)).max() <= STIFFNESS_STEP * 1.001
 
 
-@pytest.mark.parametrize("law", [constant(hip_nm=8.0), constant(stiffness_ratio=0.3)])
-@pytest.mark.parametrize("how", ["hangs", "lease ends"])
-def test_a_gait_under_a_controller_that_is_gone_brakes_where_the_leg_is_and_holds(law, how):
+@pytest.mark.parametrize(
+    ("law", "how"),
+    [(constant(hip_nm=8.0), "hangs"), (constant(stiffness_ratio=0.3), "lease ends")],
+)
+def test_a_gait_under_a_controller_that_is_gone_brakes_where_the_leg_is_and_holds(
+    walking, law, how
+):
     session, controller = walking(law)
     session.lockstep.run(1)
     if how == "hangs":
@@ -95,7 +98,7 @@ def test_a_gait_under_a_controller_that_is_gone_brakes_where_the_leg_is_and_hold
 
 
 @pytest.mark.parametrize("ever", [False, True])
-def test_a_gait_in_which_nothing_is_in_force_does_not_care_about_leases(ever):
+def test_a_gait_in_which_nothing_is_in_force_does_not_care_about_leases(walking, ever):
     session, controller = walking(constant(hip_nm=5.0) if ever else constant())
     session.lockstep.run(1)
     controller.law = constant()
@@ -109,7 +112,7 @@ def test_a_gait_in_which_nothing_is_in_force_does_not_care_about_leases(ever):
     assert (record.mode, record.assist.lapse_count) == (Mode.GAIT, 0)
 
 
-def test_the_end_of_a_gait_ends_its_assist_without_a_lapse():
+def test_the_end_of_a_gait_ends_its_assist_without_a_lapse(walking):
     session, controller = walking(constant(hip_nm=5.0, stiffness_ratio=0.5))
     session.lockstep.run(1)
     plan = session.lockstep.core.legs[0].plan
@@ -124,8 +127,10 @@ def test_the_end_of_a_gait_ends_its_assist_without_a_lapse():
     assert record.assist.legs[0].stiffness_ratio == pytest.approx(1.0)
 
 
-def test_with_position_guidance_assist_in_a_gait_is_refused_and_the_gait_goes_on(tmp_path):
-    session = Session(position_guidance(tmp_path)).walking(warm_s=1)
+def test_with_position_guidance_assist_in_a_gait_is_refused_and_the_gait_goes_on(
+    warm_position_gait,
+):
+    session = warm_position_gait
     Controller(session.lockstep.gateway, constant(hip_nm=5.0))
 
     session.lockstep.run(0.5)
@@ -136,7 +141,7 @@ def test_with_position_guidance_assist_in_a_gait_is_refused_and_the_gait_goes_on
     assert record.assist.legs[0].assist == (0.0, 0.0)
 
 
-def test_assist_of_one_holder_is_not_taken_over_by_the_next_one():
+def test_assist_of_one_holder_is_not_taken_over_by_the_next_one(walking):
     session, _ = walking(constant(hip_nm=8.0))
     session.lockstep.run(1)
 

@@ -37,8 +37,7 @@ def words_sent(session, since=0):
 # --- the controller's state -----------------------------------------------------------------------
 
 
-def test_while_the_controller_is_bus_off_nothing_is_sent_at_all():
-    session = Session().walking(warm_s=2)
+def test_while_the_controller_is_bus_off_nothing_is_sent_at_all(session):
     put(session, BUS_OFF)
     session.lockstep.run(0.01)
     before = len(session.lockstep.bus.sent)
@@ -50,9 +49,7 @@ def test_while_the_controller_is_bus_off_nothing_is_sent_at_all():
     assert session.lockstep.record.verdict.cause == Cause.BUS_OFF
 
 
-def test_bus_off_is_told_once_and_every_axis_counts_as_lost():
-    session = Session().walking(warm_s=2)
-
+def test_bus_off_is_told_once_and_every_axis_counts_as_lost(session):
     put(session, BUS_OFF, BUS_OFF)
     session.lockstep.run(1)
 
@@ -63,8 +60,9 @@ def test_bus_off_is_told_once_and_every_axis_counts_as_lost():
 
 
 @pytest.mark.parametrize("restarted_after_ms", [0, 5, 300])
-def test_a_controller_that_comes_back_enables_nothing_until_somebody_resets(restarted_after_ms):
-    session = Session().walking(warm_s=2)
+def test_a_controller_that_comes_back_enables_nothing_until_somebody_resets(
+    session, restarted_after_ms
+):
     before = len(session.lockstep.bus.sent)
     put(session, BUS_OFF)
     session.lockstep.run(restarted_after_ms * 1e-3)
@@ -80,8 +78,7 @@ def test_a_controller_that_comes_back_enables_nothing_until_somebody_resets(rest
     assert session.lockstep.record.mode == Mode.READY
 
 
-def test_a_reset_is_tried_also_when_the_report_of_the_restart_was_lost():
-    session = Session().walking(warm_s=2)
+def test_a_reset_is_tried_also_when_the_report_of_the_restart_was_lost(session):
     put(session, BUS_OFF)
     session.lockstep.run(1)
 
@@ -91,9 +88,8 @@ def test_a_reset_is_tried_also_when_the_report_of_the_restart_was_lost():
     assert session.lockstep.record.bus.condition == "active"
 
 
-def test_bus_off_at_rest_is_not_brought_up_again_without_a_request():
-    session = Session().until_ready()
-
+def test_bus_off_at_rest_is_not_brought_up_again_without_a_request(warm_ready):
+    session = warm_ready
     put(session, BUS_OFF)
     session.lockstep.run(0.1)
     put(session, RESTARTED)
@@ -108,9 +104,7 @@ def test_bus_off_at_rest_is_not_brought_up_again_without_a_request():
     ("frame", "condition", "words"),
     [(PASSIVE, "error passive", "is error passive"), (WARNING, "warning", "sees many errors")],
 )
-def test_error_passive_and_warning_are_told_and_do_not_stop(frame, condition, words):
-    session = Session().walking(warm_s=2)
-
+def test_error_passive_and_warning_are_told_and_do_not_stop(session, frame, condition, words):
     put(session, frame, frame)
     session.lockstep.run(0.5)
     during = session.lockstep.record
@@ -142,9 +136,7 @@ def told_in(record, words):
     return any(words in event for event in record.events)
 
 
-def test_frames_lost_in_the_controller_are_counted_and_told_in_powers_of_ten():
-    session = Session().walking(warm_s=2)
-
+def test_frames_lost_in_the_controller_are_counted_and_told_in_powers_of_ten(session):
     for _ in range(50):
         put(session, OVERFLOW)
         session.lockstep.run(0.01)
@@ -153,9 +145,7 @@ def test_frames_lost_in_the_controller_are_counted_and_told_in_powers_of_ten():
     assert len(told(session, "CAN controller lost frames")) == 2
 
 
-def test_a_missing_acknowledgement_alone_is_told_apart_and_does_not_stop():
-    session = Session().walking(warm_s=2)
-
+def test_a_missing_acknowledgement_alone_is_told_apart_and_does_not_stop(session):
     put(session, NO_ACKNOWLEDGE)
     session.lockstep.run(0.2)
 
@@ -164,9 +154,7 @@ def test_a_missing_acknowledgement_alone_is_told_apart_and_does_not_stop():
     assert len(told(session, "nobody else is on the bus")) == 1
 
 
-def test_another_master_in_operation_is_counted_and_told():
-    session = Session().walking(warm_s=2)
-
+def test_another_master_in_operation_is_counted_and_told(session):
     put(session, Frame(0x080, b""), Frame(0x701, b"\x05"))
     session.lockstep.run(0.2)
 
@@ -208,8 +196,7 @@ class FullQueue:
         return len(waiting)
 
 
-def test_process_data_that_find_a_full_queue_are_dropped_and_counted_and_the_gait_goes_on():
-    session = Session().walking(warm_s=2)
+def test_process_data_that_find_a_full_queue_are_dropped_and_counted_and_the_gait_goes_on(session):
     FullQueue(session).refusals = 2
 
     session.lockstep.run(1)
@@ -218,8 +205,7 @@ def test_process_data_that_find_a_full_queue_are_dropped_and_counted_and_the_gai
     assert session.lockstep.record.mode == Mode.GAIT
 
 
-def test_a_queue_that_stays_full_ends_in_a_quick_stop_that_is_tried_until_it_leaves():
-    session = Session().walking(warm_s=2)
+def test_a_queue_that_stays_full_ends_in_a_quick_stop_that_is_tried_until_it_leaves(session):
     queue = FullQueue(session)
     before = len(session.lockstep.bus.sent)
     # Three cycles of five frames; the stop of the fourth finds the queue full three times more.
@@ -235,8 +221,7 @@ def test_a_queue_that_stays_full_ends_in_a_quick_stop_that_is_tried_until_it_lea
     assert session.lockstep.record.mode == Mode.FAULT
 
 
-def test_twenty_refusals_never_raise_out_of_the_loop_and_end_at_rest():
-    session = Session().walking(warm_s=2)
+def test_twenty_refusals_never_raise_out_of_the_loop_and_end_at_rest(session):
     queue = FullQueue(session)
 
     for _ in range(20):
@@ -251,8 +236,7 @@ def test_twenty_refusals_never_raise_out_of_the_loop_and_end_at_rest():
     assert abs(truth.slide_velocity_m_per_s) < 0.05
 
 
-def test_nmt_stop_of_a_lost_drive_that_finds_a_full_queue_is_sent_again_until_it_leaves():
-    session = Session().walking(warm_s=2)
+def test_nmt_stop_of_a_lost_drive_that_finds_a_full_queue_is_sent_again_until_it_leaves(session):
     queue = FullQueue(session)
     queue.refusals, queue.only = 10**6, {0x000}
     sent = session.lockstep.bus.sent
@@ -269,8 +253,7 @@ def test_nmt_stop_of_a_lost_drive_that_finds_a_full_queue_is_sent_again_until_it
     assert [f.data for f in sent[before:] if f.can_id == 0x000] == [b"\x02\x05"]
 
 
-def test_the_drives_show_that_they_were_stopped_when_the_queue_is_free_again():
-    session = Session().walking(warm_s=2)
+def test_the_drives_show_that_they_were_stopped_when_the_queue_is_free_again(session):
     FullQueue(session).refusals = 3 * 5
 
     session.lockstep.run(1)

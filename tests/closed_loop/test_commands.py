@@ -5,7 +5,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from sessions import Session, changed_configs, position_guidance
+from sessions import CONFIGS, Session
 from wire import (
     ENABLE_OPERATION,
     ENABLED_WORD,
@@ -25,11 +25,6 @@ from daemon.record import Cause, Mode, Outcome, RequestKind, StopCategory
 INT16_MAX = 0x7FFF
 
 
-def session_of(guidance, folder):
-    configs = position_guidance(folder) if guidance == "position" else changed_configs(folder)
-    return Session(configs).enabled()
-
-
 def guided_to(session, **change):
     """From now on every reference says this."""
     honest = plans.reference_of
@@ -42,10 +37,10 @@ def guided_to(session, **change):
 
 @pytest.mark.parametrize("wild_nm", [1e4, -1e4, 1e300, -1e300])
 def test_a_torque_beyond_every_limit_is_clipped_and_never_wraps_into_its_opposite(
-    tmp_path, wild_nm
+    warm_hold, wild_nm
 ):
     """M34: far more than 16 bits hold."""
-    session = session_of("impedance", tmp_path)
+    session = warm_hold
     sent = len(session.lockstep.bus.sent)
 
     with guided_to(session, feedforward=(wild_nm, 0.0)):
@@ -60,13 +55,12 @@ def test_a_torque_beyond_every_limit_is_clipped_and_never_wraps_into_its_opposit
     assert np.abs(asked).max() <= round(most) < INT16_MAX
 
 
-@pytest.mark.parametrize("guidance", ["impedance", "position"])
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("field", ["position", "velocity", "feedforward"])
 def test_a_number_that_is_not_finite_is_a_quick_stop_in_the_same_cycle(
-    tmp_path, guidance, field, number
+    warm_guided_hold, field, number
 ):
-    session = session_of(guidance, tmp_path)
+    session = warm_guided_hold
     sent = len(session.lockstep.bus.sent)
 
     with guided_to(session, **{field: (number, 0.0)}):
@@ -87,8 +81,10 @@ def targets_while_enabled(session, since):
 
 
 @pytest.mark.parametrize("wild_rad", [1.0, -1.0, 1e9])
-def test_a_target_that_runs_away_is_no_faster_than_the_axis_may_be_and_stops(tmp_path, wild_rad):
-    session = session_of("position", tmp_path)
+def test_a_target_that_runs_away_is_no_faster_than_the_axis_may_be_and_stops(
+    warm_position_hold, wild_rad
+):
+    session = warm_position_hold
     sent = len(session.lockstep.bus.sent)
     axis = session.lockstep.core.axes[0]
     begun_rad, slide_m = session.lockstep.record.legs[0].measured
@@ -103,9 +99,9 @@ def test_a_target_that_runs_away_is_no_faster_than_the_axis_may_be_and_stops(tmp
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_target_beyond_the_range_stops_before_the_drive_faults(tmp_path, sign):
+def test_a_target_beyond_the_range_stops_before_the_drive_faults(warm_position_hold, sign):
     """M35: outside 607Dh this drive faults (8A82h), so no target may come near it."""
-    session = session_of("position", tmp_path)
+    session = warm_position_hold
     sent = len(session.lockstep.bus.sent)
     axis = session.lockstep.core.axes[0]
     begun_rad, slide_m = session.lockstep.record.legs[0].measured
@@ -126,9 +122,9 @@ def test_a_target_beyond_the_range_stops_before_the_drive_faults(tmp_path, sign)
     assert session.lockstep.record.verdict.cause == Cause.TRACKING_LIMIT
 
 
-def test_a_drive_s_own_position_limit_stops_and_is_not_retried(tmp_path):
+def test_a_drive_s_own_position_limit_stops_and_is_not_retried(warm_position_hold):
     """M35: 8A82h from the drive, of which the cause is gone at once."""
-    session = session_of("position", tmp_path)
+    session = warm_position_hold
     session.machine.command("emcy right/hip 0.1 0x8A82")
 
     session.lockstep.run(2)
@@ -139,11 +135,9 @@ def test_a_drive_s_own_position_limit_stops_and_is_not_retried(tmp_path):
     assert not any(word & (ENABLE_OPERATION | 0x80) for one in told for word in one.values())
 
 
-@pytest.mark.parametrize("guidance", ["impedance", "position"])
-def test_a_mode_that_never_shows_is_not_enabled_and_gets_no_torque(tmp_path, guidance):
+def test_a_mode_that_never_shows_is_not_enabled_and_gets_no_torque(position_configs, guidance):
     """M14, at enabling."""
-    configs = position_guidance(tmp_path) if guidance == "position" else changed_configs(tmp_path)
-    session = Session(configs).until_ready()
+    session = Session(position_configs if guidance == "position" else CONFIGS).until_ready()
 
     def show_velocity_mode(frame):
         if frame.can_id != 0x185:
@@ -167,13 +161,12 @@ def test_a_mode_that_never_shows_is_not_enabled_and_gets_no_torque(tmp_path, gui
     assert sent_permille[start:-1] == pytest.approx(present, abs=1)
 
 
-@pytest.mark.parametrize("guidance", ["impedance", "position"])
 @pytest.mark.parametrize("node", NODES)
 def test_a_drive_that_says_it_does_not_follow_stops_both_and_its_cause_is_named(
-    tmp_path, guidance, node
+    warm_guided_hold, node
 ):
     """M15."""
-    session = session_of(guidance, tmp_path)
+    session = warm_guided_hold
     cycle = session.lockstep.record.cycle
     change_what_drives_say(session, without_bit_12(node))
 

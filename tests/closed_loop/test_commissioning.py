@@ -17,9 +17,37 @@ EMPTY = (
 PROVEN = ("demo.toml", 'signs = "assumed"', 'signs = "proven"')
 
 
+@pytest.fixture(scope="module")
+def configs(tmp_path_factory):
+    return changed_configs(tmp_path_factory.mktemp("proven"), *EMPTY, PROVEN)
+
+
+@pytest.fixture(scope="module")
+def warm_untested(configs):
+    return Session(configs).until_ready()
+
+
 @pytest.fixture
-def session(tmp_path):
-    return Session(changed_configs(tmp_path, *EMPTY, PROVEN)).until_ready()
+def session(warm_untested):
+    return warm_untested
+
+
+@pytest.fixture(scope="module")
+def warm_tested(configs):
+    """After a sign test of the hip, with its records."""
+    session = Session(configs).until_ready()
+    return session, sign_test(session, HIP)
+
+
+@pytest.fixture(scope="module")
+def proof(configs):
+    """The notes after both axes were tested and watched."""
+    session = Session(configs).until_ready()
+    for axis in (HIP, SLIDE):
+        sign_test(session, axis)
+        asked(session, axis, witnessed=True)
+    session.lockstep.run(0.1)
+    return session.lockstep.notebook.notes
 
 
 def asked(session, axis, *, witnessed=False):
@@ -48,8 +76,8 @@ def test_nothing_can_be_enabled_before_every_sign_is_proven(session):
     assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.DONE
 
 
-def test_an_axis_that_moves_with_its_torque_and_was_watched_is_proven_and_says_so(session):
-    records = sign_test(session, HIP)
+def test_an_axis_that_moves_with_its_torque_and_was_watched_is_proven_and_says_so(warm_tested):
+    session, records = warm_tested
     assert any("moves with its torque: pushed forth" in event for event in events(records))
     assert not session.lockstep.record.drives[0].sign_proven
 
@@ -69,24 +97,15 @@ def test_a_witness_of_nothing_is_not_believed(session):
     assert "has not been tested" in answer.reason
 
 
-def test_the_torque_of_a_sign_test_is_bounded_in_the_drive_and_by_the_core(session):
-    records = sign_test(session, HIP)
+def test_the_torque_of_a_sign_test_is_bounded_in_the_drive_and_by_the_core(warm_tested):
+    session, records = warm_tested
     pushed = [abs(record.drives[0].target_effort_si) for record in records]
-    limits = [
-        struct.unpack_from("<I", frame.data, 4)[0]
-        for frame in session.lockstep.bus.sent
-        if frame.can_id == 0x605 and frame.data[:4] == bytes.fromhex("23013002")
-    ]
 
     assert 7.0 < max(pushed) <= 12.0
-    full_ma, gentle_ma, again_ma = limits
+    full_ma, gentle_ma, again_ma = torque_limits_ma(session)
     assert gentle_ma == int(12.0 / 100 / 0.055736 * 1e3)
     assert again_ma == full_ma > gentle_ma
-
-
-def test_the_other_axis_has_no_power_during_a_sign_test(session):
-    records = sign_test(session, HIP)
-
+    # The other axis has no power.
     assert PowerState.OPERATION_ENABLED in {record.drives[0].power_state for record in records}
     assert PowerState.OPERATION_ENABLED not in {record.drives[1].power_state for record in records}
 
@@ -158,14 +177,8 @@ def test_an_axis_that_does_not_exist_is_named_with_those_that_do(session):
     assert "right/hip, right/slide" in answer.reason
 
 
-def test_a_proof_outlives_a_restart(session, tmp_path):
-    for axis in (HIP, SLIDE):
-        sign_test(session, axis)
-        asked(session, axis, witnessed=True)
-    session.lockstep.run(0.1)
-    notes = session.lockstep.notebook.notes
-
-    again = Session(tmp_path / "configs", notes).until_ready()
+def test_a_proof_outlives_a_restart(configs, proof):
+    again = Session(configs, proof).until_ready()
 
     assert again.lockstep.request(RequestKind.ENABLE).outcome == Outcome.DONE
 
@@ -179,23 +192,16 @@ def test_a_proof_outlives_a_restart(session, tmp_path):
     ],
     ids=["another drive", "another sign", "another gear"],
 )
-def test_a_proof_is_of_one_drive_and_one_transmission(session, tmp_path, change):
-    for axis in (HIP, SLIDE):
-        sign_test(session, axis)
-        asked(session, axis, witnessed=True)
-    session.lockstep.run(0.1)
-    notes = session.lockstep.notebook.notes
-
-    changed = changed_configs(tmp_path / "changed", *EMPTY, PROVEN, change)
-    again = Session(changed, notes).until_ready()
+def test_a_proof_is_of_one_drive_and_one_transmission(proof, tmp_path, change):
+    changed = changed_configs(tmp_path, *EMPTY, PROVEN, change)
+    again = Session(changed, proof).until_ready()
 
     refused = again.lockstep.request(RequestKind.ENABLE)
     assert refused.outcome == Outcome.REFUSED
     assert "sign is not proven: right/hip:" in refused.reason
 
 
-def test_notes_that_cannot_be_read_prove_nothing(tmp_path):
-    configs = changed_configs(tmp_path, *EMPTY, PROVEN)
+def test_notes_that_cannot_be_read_prove_nothing(configs):
     session = Session(configs, Notes(damaged=True)).until_ready()
 
     refused = session.lockstep.request(RequestKind.ENABLE)
@@ -276,8 +282,8 @@ def test_a_sign_test_that_is_disabled_leaves_the_usual_limits(session):
     assert full_ma == again_ma > gentle_ma
 
 
-def test_a_drive_that_is_swapped_after_its_test_is_not_proven_by_it(session):
-    sign_test(session, HIP)
+def test_a_drive_that_is_swapped_after_its_test_is_not_proven_by_it(warm_tested):
+    session, _ = warm_tested
     session.machine.command("wrong_identity right/hip")
     session.lockstep.run(6.0)
     session.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)

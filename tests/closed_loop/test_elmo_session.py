@@ -7,13 +7,17 @@ from daemon.record import Mode, Outcome, RequestKind
 from drives.signals import PowerState
 
 
+@pytest.fixture(scope="module")
+def warm_elmo_gait(tmp_path_factory):
+    return Session(elmo_drives(tmp_path_factory.mktemp("elmo"))).walking(warm_s=6.0)
+
+
 @pytest.fixture
-def session(tmp_path):
-    return Session(elmo_drives(tmp_path))
+def session(warm_elmo_gait):
+    return warm_elmo_gait
 
 
 def test_it_walks_on_them_and_sees_the_patients_effort(session):
-    session.walking(warm_s=6.0)
     scores = session.scores(6.0)
 
     assert session.lockstep.record.mode == Mode.GAIT
@@ -25,7 +29,6 @@ def test_it_walks_on_them_and_sees_the_patients_effort(session):
 
 @pytest.mark.parametrize("drive", ["right/hip", "right/slide"])
 def test_it_stops_resets_and_enables_again(session, drive):
-    session.walking(warm_s=3.5)
     session.machine.command(f"emcy {drive} 0.5 0x2310")
     session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=6)
     session.lockstep.run(2)

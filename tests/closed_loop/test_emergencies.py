@@ -1,7 +1,6 @@
 """EMCY messages in operation: what stops, what is only told, and what a flood of them costs."""
 
 import pytest
-from sessions import Session
 
 from daemon.record import Cause, Mode, Outcome, RequestKind, StopCategory
 from drives.bus import Frame
@@ -24,9 +23,7 @@ def events(session):
     return [event for record in session.lockstep.records for event in record.events]
 
 
-def test_a_warning_is_recorded_and_does_not_stop():
-    session = Session().walking(warm_s=2)
-
+def test_a_warning_is_recorded_and_does_not_stop(session):
     put(session, emcy(5, OVERLOADED))
     session.lockstep.run(0.5)
 
@@ -39,9 +36,7 @@ def test_a_warning_is_recorded_and_does_not_stop():
 
 
 @pytest.mark.parametrize("code", [0x8611, 0x2310, 0x8130, 0x1000, 0x6199, 0x4242])
-def test_every_other_code_stops_and_is_recorded_with_its_reaction(code):
-    session = Session().walking(warm_s=2)
-
+def test_every_other_code_stops_and_is_recorded_with_its_reaction(session, code):
     put(session, emcy(6, code))
     session.lockstep.run_until(lambda record: not record.mode.active, within_s=0.1)
     session.lockstep.run(0.02)
@@ -54,9 +49,7 @@ def test_every_other_code_stops_and_is_recorded_with_its_reaction(code):
     assert kept.reaction
 
 
-def test_an_encoder_that_cannot_be_believed_costs_the_reference_and_the_hold_of_its_axis():
-    session = Session().walking(warm_s=2)
-
+def test_an_encoder_that_cannot_be_believed_costs_the_reference_and_the_hold_of_its_axis(session):
     put(session, emcy(5, HALL_SENSOR))
     session.lockstep.run(0.2)
 
@@ -71,8 +64,7 @@ def test_an_encoder_that_cannot_be_believed_costs_the_reference_and_the_hold_of_
     )
 
 
-def test_an_encoder_that_came_up_in_error_is_looked_at_again_by_the_next_reset():
-    session = Session().walking(warm_s=2)
+def test_an_encoder_that_came_up_in_error_is_looked_at_again_by_the_next_reset(session):
     request = session.lockstep.request
     session.machine.command(f"emcy right/slide 0.3 {HALL_SENSOR:#06x}")
     session.lockstep.run(4)
@@ -89,9 +81,8 @@ def test_an_encoder_that_came_up_in_error_is_looked_at_again_by_the_next_reset()
     assert enabled.outcome == Outcome.DONE
 
 
-def test_an_encoder_that_cannot_be_believed_at_rest_is_not_referenced_either():
-    session = Session().until_ready()
-
+def test_an_encoder_that_cannot_be_believed_at_rest_is_not_referenced_either(warm_ready):
+    session = warm_ready
     put(session, emcy(5, HALL_SENSOR), emcy(5, 0x0000, 0))
     session.lockstep.run(0.2)
 
@@ -99,8 +90,9 @@ def test_an_encoder_that_cannot_be_believed_at_rest_is_not_referenced_either():
 
 
 @pytest.mark.parametrize("codes", [(0x1000,), (0x1000, 0x2310, 0x8611), (0x1000, 0x0000)])
-def test_a_flood_of_emergencies_is_counted_exactly_and_answered_a_bounded_number_of_times(codes):
-    session = Session().walking(warm_s=2)
+def test_a_flood_of_emergencies_is_counted_exactly_and_answered_a_bounded_number_of_times(
+    session, codes
+):
     bus = session.lockstep.bus
     before = len(bus.sent)
 
@@ -121,8 +113,7 @@ def test_a_flood_of_emergencies_is_counted_exactly_and_answered_a_bounded_number
     assert len(stops) == 1
 
 
-def test_after_the_flood_the_code_0000_clears_what_is_open():
-    session = Session().walking(warm_s=2)
+def test_after_the_flood_the_code_0000_clears_what_is_open(session):
     for _ in range(50):
         put(session, *[emcy(5, 0x8611)] * 10)
         session.lockstep.run(0.01)
@@ -136,8 +127,8 @@ def test_after_the_flood_the_code_0000_clears_what_is_open():
     assert session.lockstep.record.drives[0].emergency_count == 500
 
 
-def test_an_emergency_is_told_once_also_when_its_drive_is_brought_up_anew():
-    session = Session().enabled()
+def test_an_emergency_is_told_once_also_when_its_drive_is_brought_up_anew(warm_hold):
+    session = warm_hold
     put(session, emcy(5, 0x8611))
     session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
     put(session, emcy(5, 0x8611))

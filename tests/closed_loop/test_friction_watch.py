@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from sessions import Session, changed_configs, empty_machine
+from sessions import Session, empty_machine
 
 
 def excited(configs, duration_s=18.0):
@@ -42,11 +42,10 @@ def test_friction_as_calibrated_is_not_worth_a_word(tmp_path):
     assert not [event for event in said(session) if "calibrate" in event]
 
 
-def test_with_a_patient_in_the_machine_the_number_is_there_and_no_advice(tmp_path):
+def test_with_a_patient_in_the_machine_the_number_is_there_and_no_advice(session):
     """A patient who pushes with the motion looks the same."""
-    session = Session(
-        changed_configs(tmp_path, ("plant.toml", 'start = "passive"', 'start = "active"'))
-    ).walking(warm_s=16.0)
+    session.machine.command("patient active")
+    session.lockstep.run(14.0)
 
     leg = session.lockstep.record.legs[0]
     assert all(map(math.isfinite, leg.drift_correlation))

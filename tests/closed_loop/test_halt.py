@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from sessions import POSITION_GUIDANCE, Session, changed_configs, generic_drives
+from sessions import POSITION_GUIDANCE, Session, generic_drives
 from wire import rpdo1
 
 from drives.bus import Frame
@@ -57,13 +57,24 @@ class ByHand:
         return self.feedbacks[0]
 
 
-def enabled(kind, mode, folder):
-    configs = generic_drives(folder) if kind == "generic" else changed_configs(folder)
-    if mode is CSP:
-        file, before, after = POSITION_GUIDANCE
-        text = (configs / file).read_text()
-        (configs / file).write_text(text.replace(before, after))
+@pytest.fixture(scope="module")
+def warm_generic_hold(tmp_path_factory):
+    return Session(generic_drives(tmp_path_factory.mktemp("generic"))).enabled()
+
+
+@pytest.fixture(scope="module")
+def warm_generic_position_hold(tmp_path_factory):
+    configs = generic_drives(tmp_path_factory.mktemp("generic"))
+    file, before, after = POSITION_GUIDANCE
+    text = (configs / file).read_text()
+    (configs / file).write_text(text.replace(before, after))
     return Session(configs).enabled()
+
+
+@pytest.fixture
+def warm_enabled(request, kind, mode):
+    make = "generic_" if kind == "generic" else ""
+    return request.getfixturevalue(f"warm_{make}{'position_' if mode is CSP else ''}hold")
 
 
 def set_halt_option(session, option):
@@ -76,12 +87,11 @@ def set_halt_option(session, option):
     ("kind", "option"), [("epos4", None), ("generic", 1), ("generic", 2), ("generic", 3)]
 )
 def test_a_halt_brakes_holds_in_operation_enabled_and_goes_on_when_released(
-    tmp_path, kind, option, mode
+    warm_enabled, option, mode
 ):
-    session = enabled(kind, mode, tmp_path)
     if option is not None:
-        set_halt_option(session, option)
-    hand = ByHand(session)
+        set_halt_option(warm_enabled, option)
+    hand = ByHand(warm_enabled)
     push = 0 if mode is CSP else 300
     step = SPEED_COUNTS if mode is CSP else 0
     before = hand.run(1).position_counts

@@ -1,7 +1,15 @@
 """The inputs that the drives see (60FDh): hand switch, STO, limit switches; both kinds of drive."""
 
+from itertools import product
+
 import pytest
-from sessions import POSITION_GUIDANCE, Session, changed_configs, generic_drives
+from sessions import (
+    POSITION_GUIDANCE,
+    Session,
+    changed_configs,
+    generic_drives,
+    reaches_rest_in_fault,
+)
 from wire import change_what_drives_say
 
 from daemon.record import Cause, Mode, ModeRequest, RequestKind
@@ -36,27 +44,28 @@ def wired_the_other_way(folder, name, bit):
     return session
 
 
-@pytest.mark.parametrize("kind", ["epos4", "generic"])
-def test_an_open_hand_switch_is_a_quick_stop_of_both_drives(tmp_path, kind):
-    session = Session(drives_of(kind, tmp_path)).walking(warm_s=1)
-    session.machine.command("hand_switch_open right/slide")
+@pytest.fixture(params=["warm_gait", "warm_generic_gait"])
+def warm_walking(request):
+    return request.getfixturevalue(request.param)
 
-    session.lockstep.run(1.5)
 
-    record = session.lockstep.record
-    assert (record.mode, record.verdict.cause) == (Mode.FAULT, Cause.HAND_SWITCH_OPEN)
+def test_an_open_hand_switch_is_a_quick_stop_of_both_drives(warm_walking):
+    warm_walking.machine.command("hand_switch_open right/slide")
+
+    reaches_rest_in_fault(warm_walking)
+
+    record = warm_walking.lockstep.record
+    assert record.verdict.cause == Cause.HAND_SWITCH_OPEN
     assert {drive.power_state for drive in record.drives} == {PowerState.QUICK_STOP_ACTIVE}
     assert [drive.hand_switch_closed for drive in record.drives] == [True, False]
 
 
-@pytest.mark.parametrize("kind", ["epos4", "generic"])
-def test_sto_takes_the_power_from_both_drives(tmp_path, kind):
-    session = Session(drives_of(kind, tmp_path)).walking(warm_s=1)
-    session.machine.command("sto_open right/hip")
+def test_sto_takes_the_power_from_both_drives(warm_walking):
+    warm_walking.machine.command("sto_open right/hip")
 
-    session.lockstep.run(1.5)
+    warm_walking.lockstep.run(1.5)
 
-    record = session.lockstep.record
+    record = warm_walking.lockstep.record
     powered = {PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE}
     assert (record.mode, record.verdict.cause) == (Mode.FAULT, Cause.STO_ACTIVE)
     assert not powered & {drive.power_state for drive in record.drives}
@@ -71,7 +80,7 @@ def test_sto_takes_the_power_from_both_drives(tmp_path, kind):
     ],
 )
 def test_an_input_of_the_other_level_means_the_same(tmp_path, name, bit, fault, cause):
-    session = wired_the_other_way(tmp_path, name, bit).walking(warm_s=1)
+    session = wired_the_other_way(tmp_path, name, bit).enabled()
     session.machine.command(f"{fault} right/hip")
 
     stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
@@ -99,9 +108,21 @@ def on_its_switch(configs):
     return session
 
 
-@pytest.mark.parametrize("guidance", ["impedance", "position"])
-@pytest.mark.parametrize("kind", ["epos4", "generic"])
-@pytest.mark.parametrize(("axis", "old", "new", "switch"), SHORT_OF_THE_GAIT)
+@pytest.mark.parametrize(
+    ("axis", "old", "new", "switch", "kind", "guidance"),
+    [
+        pytest.param(
+            *SHORT_OF_THE_GAIT[number],
+            kind,
+            guidance,
+            marks=[] if number == always else pytest.mark.thorough,
+        )
+        for always, (kind, guidance) in enumerate(
+            product(("epos4", "generic"), ("impedance", "position"))
+        )
+        for number in range(len(SHORT_OF_THE_GAIT))
+    ],
+)
 def test_a_joint_that_runs_on_to_its_limit_switch_stops(
     tmp_path, kind, guidance, axis, old, new, switch
 ):

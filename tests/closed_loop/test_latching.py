@@ -3,10 +3,11 @@
 import pytest
 from sessions import Session, changed_configs
 
+from daemon.core import daily
 from daemon.core.axis_notes import UNREADABLE, Notes
 from daemon.core.notebook import Notebook
 from daemon.notes_file import NAME
-from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind, StopCategory
+from daemon.record import Cause, Mode, Outcome, RequestKind, StopCategory
 from gaitd.lockstep import Lockstep
 
 
@@ -40,8 +41,8 @@ CAUSES = {
 }
 
 
-def stopped(line: str) -> Session:
-    session = Session().walking(warm_s=1.0)
+def stopped(session: Session, line: str) -> Session:
+    """In the cycle in which this stops it."""
     if line == "stop":
         session.lockstep.gateway.stop()
     else:
@@ -51,9 +52,9 @@ def stopped(line: str) -> Session:
 
 
 @pytest.mark.parametrize("line", list(CAUSES))
-def test_a_core_that_is_killed_as_it_stops_has_left_the_verdict(line):
+def test_a_core_that_is_killed_as_it_stops_has_left_the_verdict(session, line):
     """In the very cycle in which the stop begins: nothing later has to happen for it."""
-    session = stopped(line)
+    stopped(session, line)
     verdict = session.lockstep.record.verdict
 
     # The machine has been without power meanwhile: nothing but the notes remembers.
@@ -69,8 +70,8 @@ def test_a_core_that_is_killed_as_it_stops_has_left_the_verdict(line):
 
 
 @pytest.mark.parametrize("line", ["stop", "hand_switch_open * 0.3"])
-def test_beside_drives_that_still_hold_the_leg_the_latched_stop_is_what_is_shown(line):
-    session = stopped(line)
+def test_beside_drives_that_still_hold_the_leg_the_latched_stop_is_what_is_shown(session, line):
+    stopped(session, line)
     session.lockstep.run(0.4)
 
     again = up(restarted(session))
@@ -80,8 +81,8 @@ def test_beside_drives_that_still_hold_the_leg_the_latched_stop_is_what_is_shown
     assert told(again, "latched since")
 
 
-def test_a_latched_stop_enables_nothing_and_a_reset_takes_it_away_from_the_file_too():
-    session = Session(notes=notes_of(stopped("stop")))
+def test_a_latched_stop_enables_nothing_and_a_reset_takes_it_away_from_the_file_too(session):
+    session = Session(notes=notes_of(stopped(session, "stop")))
     again = up(session.lockstep)
 
     assert again.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
@@ -95,8 +96,8 @@ def test_a_latched_stop_enables_nothing_and_a_reset_takes_it_away_from_the_file_
     assert third.record.mode == Mode.READY
 
 
-def test_a_second_restart_without_a_reset_is_latched_as_before():
-    first = Session(notes=notes_of(stopped("hand_switch_open * 0.3")))
+def test_a_second_restart_without_a_reset_is_latched_as_before(session):
+    first = Session(notes=notes_of(stopped(session, "hand_switch_open * 0.3")))
     up(first.lockstep)
 
     second = up(Session(notes=notes_of(first)).lockstep)
@@ -105,8 +106,8 @@ def test_a_second_restart_without_a_reset_is_latched_as_before():
     assert second.record.verdict.cause == Cause.HAND_SWITCH_OPEN
 
 
-def test_drives_that_are_not_there_at_the_restart_do_not_make_it_forget():
-    session = Session(notes=notes_of(stopped("stop")))
+def test_drives_that_are_not_there_at_the_restart_do_not_make_it_forget(session):
+    session = Session(notes=notes_of(stopped(session, "stop")))
     session.machine.command("unplugged right/hip 3")
     session.lockstep.run(2.5)
     assert session.lockstep.record.mode in {Mode.OFF, Mode.BRINGING_UP}
@@ -114,16 +115,15 @@ def test_drives_that_are_not_there_at_the_restart_do_not_make_it_forget():
     assert up(session.lockstep).record.verdict.cause == Cause.STOP_REQUESTED
 
 
-def test_an_orderly_shutdown_in_motion_latches_nothing():
-    session = Session().walking(warm_s=1.0)
+def test_an_orderly_shutdown_in_motion_latches_nothing(session):
     session.lockstep.shut_down()
 
     assert notes_of(session).latched is None
     assert up(Session(notes=notes_of(session)).lockstep).record.mode == Mode.READY
 
 
-def test_an_orderly_shutdown_of_a_stopped_machine_keeps_its_stop():
-    session = stopped("hand_switch_open * 0.3")
+def test_an_orderly_shutdown_of_a_stopped_machine_keeps_its_stop(session):
+    stopped(session, "hand_switch_open * 0.3")
     session.lockstep.run(1.0)
     session.lockstep.shut_down()
 
@@ -133,16 +133,14 @@ def test_an_orderly_shutdown_of_a_stopped_machine_keeps_its_stop():
 
 
 @pytest.mark.parametrize("moment", ["enabling", "walking", "braking to switch off"])
-def test_a_run_that_ends_while_drives_are_enabled_is_one_that_nobody_knows(moment):
-    session = Session().until_ready()
-    session.lockstep.gateway.ask(RequestKind.ENABLE)
-    session.lockstep.run(0.1)
-    if moment != "enabling":
-        session.lockstep.run(1.5)
-        gait = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=60.0)
-        session.lockstep.request(RequestKind.MODE, gait)
-        session.lockstep.run_until(lambda record: record.gait_phase >= 0, within_s=30)
-    if moment.startswith("braking"):
+def test_a_run_that_ends_while_drives_are_enabled_is_one_that_nobody_knows(
+    warm_ready, warm_gait, moment
+):
+    session = warm_ready if moment == "enabling" else warm_gait
+    if moment == "enabling":
+        session.lockstep.gateway.ask(RequestKind.ENABLE)
+        session.lockstep.run(0.1)
+    elif moment == "braking to switch off":
         session.lockstep.gateway.ask(RequestKind.DISABLE)
         session.lockstep.run_until(lambda record: record.mode == Mode.STOPPING, within_s=2)
 
@@ -154,9 +152,8 @@ def test_a_run_that_ends_while_drives_are_enabled_is_one_that_nobody_knows(momen
     assert again.request(RequestKind.RESET).outcome == Outcome.DONE
 
 
-def test_after_a_power_cut_the_older_page_is_not_clean_either(tmp_path):
+def test_after_a_power_cut_the_older_page_is_not_clean_either(session, tmp_path):
     """The disk has what was written before the stop; the stop never got there."""
-    session = Session().walking(warm_s=1.0)
     Notebook(tmp_path).write(notes_of(session))
     page = (tmp_path / NAME).read_bytes()
     session.lockstep.gateway.stop()
@@ -171,8 +168,8 @@ def test_after_a_power_cut_the_older_page_is_not_clean_either(tmp_path):
 
 
 @pytest.mark.parametrize("kept", [0, 1, 100])
-def test_a_page_that_the_power_cut_tore_is_latched_until_a_reset(tmp_path, kept):
-    session = stopped("stop")
+def test_a_page_that_the_power_cut_tore_is_latched_until_a_reset(session, tmp_path, kept):
+    stopped(session, "stop")
     Notebook(tmp_path).write(notes_of(session))
     page = (tmp_path / NAME).read_bytes()
     (tmp_path / NAME).write_bytes(page[:kept] + b"\0" * (len(page) - kept))
@@ -189,8 +186,8 @@ def test_a_page_that_the_power_cut_tore_is_latched_until_a_reset(tmp_path, kept)
     assert notes_of(again).damaged
 
 
-def test_a_cause_of_another_version_is_latched_all_the_same():
-    notes = notes_of(stopped("stop"))
+def test_a_cause_of_another_version_is_latched_all_the_same(session):
+    notes = notes_of(stopped(session, "stop"))
     latched = notes.latched
     assert latched is not None
     text = latched.__class__(latched.category, "METEORITE", utc_ns=latched.utc_ns)
@@ -202,8 +199,7 @@ def test_a_cause_of_another_version_is_latched_all_the_same():
     assert "METEORITE" in again.record.verdict.detail
 
 
-def test_an_end_of_the_service_while_it_stops_makes_nobody_forget_why():
-    session = Session().walking(warm_s=2)
+def test_an_end_of_the_service_while_it_stops_makes_nobody_forget_why(session):
     session.lockstep.gateway.stop()
     session.lockstep.run(0.05)
     assert session.lockstep.record.mode == Mode.STOPPING
@@ -215,8 +211,10 @@ def test_an_end_of_the_service_while_it_stops_makes_nobody_forget_why():
     assert again.record.verdict.cause == Cause.STOP_REQUESTED
 
 
-def test_nothing_is_written_while_the_drives_are_enabled_but_the_stop_that_ends_it():
-    session = Session().walking(warm_s=0.5)
+def test_nothing_is_written_while_the_drives_are_enabled_but_the_stop_that_ends_it(
+    session, monkeypatch
+):
+    monkeypatch.setattr(daily, "NOTE_NS", 1_000_000_000)
     modes_written = []
     write = session.lockstep.notebook.write
 
@@ -225,7 +223,7 @@ def test_nothing_is_written_while_the_drives_are_enabled_but_the_stop_that_ends_
         write(notes)
 
     session.lockstep.notebook.write = note
-    session.lockstep.run(70)
+    session.lockstep.run(3)
     assert modes_written == []
 
     session.lockstep.gateway.stop()

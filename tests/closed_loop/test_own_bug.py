@@ -2,8 +2,6 @@
 
 from unittest import mock
 
-import pytest
-from sessions import Session, changed_configs, position_guidance
 from wire import rpdo1
 
 from daemon.core import cycle
@@ -14,9 +12,8 @@ ENABLE = 0x0F
 QUICK_STOP = 0x02
 
 
-@pytest.mark.parametrize(("guided", "mode"), [(changed_configs, 10), (position_guidance, 8)])
-def test_an_exception_in_a_cycle_stops_both_drives_and_ends_as_our_bug(tmp_path, guided, mode):
-    session = Session(guided(tmp_path)).walking(warm_s=2)
+def test_an_exception_in_a_cycle_stops_both_drives_and_ends_as_our_bug(warm_guided_gait, guidance):
+    session = warm_guided_gait
     stood = [drive.feedback.position_counts for drive in session.lockstep.core.axes]
     bus = session.lockstep.bus
     before = len(bus.sent)
@@ -34,7 +31,7 @@ def test_an_exception_in_a_cycle_stops_both_drives_and_ends_as_our_bug(tmp_path,
     assert words == {QUICK_STOP}
     for node, counts in zip((5, 6), stood, strict=True):
         told = rpdo1(sent, node)
-        assert {one.mode for one in told} == {mode}
+        assert {one.mode for one in told} == {10 if guidance == "impedance" else 8}
         assert all(abs(one.target_counts - counts) < 200 for one in told)
     assert sum(frame.can_id == 0x080 for frame in sent) >= BLIND_STOP_CYCLES
     assert abs(truth.hip_velocity_rad_per_s) < 0.05

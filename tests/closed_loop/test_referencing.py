@@ -30,9 +30,29 @@ STRICT = (
 )
 
 
+@pytest.fixture(scope="module")
+def incremental_configs(tmp_path_factory):
+    return changed_configs(tmp_path_factory.mktemp("incremental"), *EMPTY, *INCREMENTAL)
+
+
+@pytest.fixture(scope="module")
+def warm_incremental(incremental_configs):
+    return Session(incremental_configs).until_ready()
+
+
 @pytest.fixture
-def incremental(tmp_path):
-    return Session(changed_configs(tmp_path, *EMPTY, *INCREMENTAL)).until_ready()
+def incremental(warm_incremental):
+    return warm_incremental
+
+
+@pytest.fixture(scope="module")
+def warm_homed(incremental_configs):
+    """Both axes are homed, the hip first; with the records of its homing."""
+    session = Session(incremental_configs).until_ready()
+    records = home(session, HIP)
+    assert referenced(session) == [True, False]
+    home(session, SLIDE)
+    return session, records
 
 
 def asked(session, axis):
@@ -55,10 +75,8 @@ def test_an_incremental_encoder_is_not_referenced_and_cannot_be_enabled(incremen
     assert incremental.lockstep.record.legs[0].status & (1 << 10)  # UNREFERENCED
 
 
-def test_homing_finds_the_joint_where_it_is_within_an_encoder_count_or_two(incremental):
-    home(incremental, HIP)
-    assert referenced(incremental) == [True, False]
-    home(incremental, SLIDE)
+def test_homing_finds_the_joint_where_it_is_within_an_encoder_count_or_two(warm_homed):
+    incremental, _ = warm_homed
     assert referenced(incremental) == [True, True]
 
     truth, drives = incremental.truth.rows[-1], incremental.lockstep.record.drives
@@ -67,8 +85,8 @@ def test_homing_finds_the_joint_where_it_is_within_an_encoder_count_or_two(incre
     assert incremental.lockstep.request(RequestKind.ENABLE).outcome == Outcome.DONE
 
 
-def test_homing_is_the_drive_s_own_mode_of_one_axis_with_limited_torque(incremental):
-    records = home(incremental, HIP)
+def test_homing_is_the_drive_s_own_mode_of_one_axis_with_limited_torque(warm_homed):
+    _, records = warm_homed
 
     moving = [record for record in records if record.mode == Mode.REFERENCE]
     assert {record.drives[0].mode_display for record in moving[20:]} == {OperationMode.HOMING}
@@ -77,9 +95,8 @@ def test_homing_is_the_drive_s_own_mode_of_one_axis_with_limited_torque(incremen
     assert PowerState.OPERATION_ENABLED not in {record.drives[1].power_state for record in records}
 
 
-def test_the_stroke_of_a_homing_is_asked_for_by_one_edge_of_bit_4(incremental):
-    home(incremental, HIP)
-
+def test_the_stroke_of_a_homing_is_asked_for_by_one_edge_of_bit_4(warm_homed):
+    incremental, _ = warm_homed
     words = [
         int.from_bytes(frame.data[:2], "little")
         for frame in incremental.lockstep.bus.sent
@@ -118,9 +135,8 @@ def test_a_stop_during_homing_ends_in_fault_and_references_nothing(incremental):
     assert incremental.lockstep.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
 
 
-def test_a_reboot_of_a_drive_loses_its_home(incremental):
-    home(incremental, HIP)
-    home(incremental, SLIDE)
+def test_a_reboot_of_a_drive_loses_its_home(warm_homed):
+    incremental, _ = warm_homed
     incremental.machine.command("reboot right/hip 0.3")
     incremental.lockstep.run(4.0)
 
@@ -193,8 +209,8 @@ def test_a_damaged_pose_is_not_believed_where_a_missing_one_would_be(tmp_path):
     assert referenced(Session(lenient, Notes(damaged=True)).until_ready()) == [False, False]
 
 
-def test_the_pose_is_stored_at_an_orderly_stop_and_followed_while_nothing_is_driven(tmp_path):
-    session = Session(changed_configs(tmp_path, *STRICT[:2])).enabled()
+def test_the_pose_is_stored_at_an_orderly_stop_and_followed_while_nothing_is_driven(warm_hold):
+    session = warm_hold
     before = session.lockstep.notebook.notes.of(HIP).position_si
     session.lockstep.run(2.0)
     assert session.lockstep.notebook.notes.of(HIP).position_si == before
@@ -213,9 +229,7 @@ def test_an_unreferenced_axis_stores_no_pose(incremental):
     assert incremental.lockstep.notebook.notes.axes == {}
 
 
-def test_a_service_that_is_asked_to_end_waits_for_the_leg_to_rest_and_stores_where(tmp_path):
-    session = Session(changed_configs(tmp_path, *STRICT[:2])).walking(warm_s=3.0)
-
+def test_a_service_that_is_asked_to_end_waits_for_the_leg_to_rest_and_stores_where(session):
     session.lockstep.shut_down()
 
     last, notes = session.truth.rows[-1], session.lockstep.notebook.notes

@@ -13,7 +13,7 @@ RELEASE = ModeRequest(Mode.RELEASE)
 HOLD = ModeRequest(Mode.HOLD)
 BEFORE = "[[patient.programme]]                  # pushes against a leg that is held still"
 PROGRAMME = """[[patient.programme]]
-name = "leads"
+name = "{name}"
 
 [[patient.programme.effort]]
 kind = "steady"
@@ -27,23 +27,37 @@ slide_n = {slide_n}
 """
 
 OUT = {
-    "the foot comes in": (4.0, 0.0, -110.0),
-    "the leg is laid straight": (3.0, 0.0, 110.0),
-    "the thigh is lifted": (2.5, 14.0, 0.0),
-    "the thigh is put down": (3.0, -14.0, 0.0),
+    "foot_in": (4.0, 0.0, -110.0),
+    "leg_straight": (3.0, 0.0, 110.0),
+    "thigh_up": (2.5, 14.0, 0.0),
+    "thigh_down": (3.0, -14.0, 0.0),
 }
+LED = OUT | {"a_little": (1.5, 0.0, -110.0), "torn": (3.0, 0.0, -450.0)}
 """Until when somebody leads the leg, and how hard: N·m and N. Breakaway friction is 7 and 75."""
 
 
-def led(
-    folder: Path,
-    until_s: float,
-    hip_nm: float,
-    slide_n: float,
-    configs: Callable[..., Path] = changed_configs,
-) -> Session:
-    programme = PROGRAMME.format(until_s=until_s, hip_nm=hip_nm, slide_n=slide_n)
-    return Session(configs(folder, ("plant.toml", BEFORE, programme + BEFORE)))
+def led(folder: Path, configs: Callable[..., Path]) -> Session:
+    """A session whose patient can lead the leg in each of these ways."""
+    programmes = "".join(
+        PROGRAMME.format(name=name, until_s=until_s, hip_nm=hip_nm, slide_n=slide_n)
+        for name, (until_s, hip_nm, slide_n) in LED.items()
+    )
+    return Session(configs(folder, ("plant.toml", BEFORE, programmes + BEFORE)))
+
+
+@pytest.fixture(scope="module")
+def warm_led(tmp_path_factory):
+    return led(tmp_path_factory.mktemp("led"), changed_configs).enabled()
+
+
+@pytest.fixture(scope="module")
+def warm_led_position(tmp_path_factory):
+    return led(tmp_path_factory.mktemp("led"), position_guidance).enabled()
+
+
+@pytest.fixture
+def warm_held(request, guidance):
+    return request.getfixturevalue("warm_led" if guidance == "impedance" else "warm_led_position")
 
 
 def released(session: Session) -> Session:
@@ -58,17 +72,23 @@ def where(session: Session) -> tuple[float, float]:
     return row.hip_angle_rad, row.slide_position_m
 
 
-@pytest.mark.parametrize("configs", [changed_configs, position_guidance])
-@pytest.mark.parametrize("way", list(OUT))
-def test_the_leg_can_be_moved_to_the_end_where_one_gets_out_and_stays_there(tmp_path, way, configs):
+@pytest.mark.parametrize(
+    ("guidance", "way"),
+    [
+        pytest.param(guidance, way, marks=[] if (m + n) % 2 == 0 else pytest.mark.thorough)
+        for m, guidance in enumerate(("impedance", "position"))
+        for n, way in enumerate(OUT)
+    ],
+)
+def test_the_leg_can_be_moved_to_the_end_where_one_gets_out_and_stays_there(warm_held, way):
     until_s, hip_nm, slide_n = OUT[way]
-    session = released(led(tmp_path, *OUT[way], configs=configs).enabled())
+    session = released(warm_held)
     begun = where(session)
 
-    session.machine.command("patient leads")
+    session.machine.command(f"patient {way}")
     session.lockstep.run(until_s + 0.5)
     there = where(session)
-    session.lockstep.run(10.0)
+    session.lockstep.run(4.0)
     later = where(session)
 
     assert session.lockstep.record.verdict.cause == Cause.NONE
@@ -82,21 +102,21 @@ def test_the_leg_can_be_moved_to_the_end_where_one_gets_out_and_stays_there(tmp_
     assert later[1] == pytest.approx(there[1], abs=0.01)
 
 
-@pytest.mark.parametrize("configs", [changed_configs, position_guidance])
-def test_a_leg_that_nobody_moves_stays_where_it_is(tmp_path, configs):
-    session = released(Session(configs(tmp_path)).enabled())
+@pytest.mark.parametrize("for_s", [6.0, pytest.param(20.0, marks=pytest.mark.thorough)])
+def test_a_leg_that_nobody_moves_stays_where_it_is(warm_held, for_s):
+    session = released(warm_held)
     begun = where(session)
 
-    session.lockstep.run(20.0)
+    session.lockstep.run(for_s)
 
     assert where(session)[0] == pytest.approx(begun[0], abs=0.002)
     assert where(session)[1] == pytest.approx(begun[1], abs=0.001)
 
 
-def test_somebody_who_tears_at_the_leg_stops_it_by_the_speed_of_hand_guiding(tmp_path):
-    session = released(led(tmp_path, 3.0, 0.0, -450.0).enabled())
+def test_somebody_who_tears_at_the_leg_stops_it_by_the_speed_of_hand_guiding(warm_led):
+    session = released(warm_led)
 
-    session.machine.command("patient leads")
+    session.machine.command("patient torn")
     session.lockstep.run_until(lambda record: record.mode == Mode.STOPPING, within_s=3)
 
     verdict = session.lockstep.record.verdict
@@ -105,10 +125,9 @@ def test_somebody_who_tears_at_the_leg_stops_it_by_the_speed_of_hand_guiding(tmp
     assert verdict.value < session.settings.limits.slide.velocity_max_m_per_s
 
 
-@pytest.mark.parametrize("configs", [changed_configs, position_guidance])
-def test_the_hand_switch_stops_hand_guiding_as_any_motion(tmp_path, configs):
-    session = released(led(tmp_path, 4.0, 0.0, -110.0, configs=configs).enabled())
-    session.machine.command("patient leads")
+def test_the_hand_switch_stops_hand_guiding_as_any_motion(warm_held):
+    session = released(warm_held)
+    session.machine.command("patient foot_in")
     session.lockstep.run(1.5)
 
     session.machine.command("hand_switch_open *")
@@ -132,10 +151,9 @@ def test_it_ends_by_itself_and_holds_the_leg_where_it_is_then(tmp_path):
     assert session.lockstep.record.mode == Mode.HOLD
 
 
-@pytest.mark.parametrize("configs", [changed_configs, position_guidance])
-def test_after_it_the_leg_is_held_or_switched_off_and_walks_again(tmp_path, configs):
-    session = released(led(tmp_path, 1.5, 0.0, -110.0, configs=configs).enabled())
-    session.machine.command("patient leads")
+def test_after_it_the_leg_is_held_or_switched_off_and_walks_again(warm_held):
+    session = released(warm_held)
+    session.machine.command("patient a_little")
     session.lockstep.run(2.5)
 
     assert session.lockstep.request(RequestKind.MODE, HOLD).outcome == Outcome.DONE
@@ -147,16 +165,16 @@ def test_after_it_the_leg_is_held_or_switched_off_and_walks_again(tmp_path, conf
     assert session.lockstep.record.mode == Mode.READY
 
 
-def test_out_of_it_the_drives_can_be_switched_off_at_once(tmp_path):
-    session = released(Session().enabled())
+def test_out_of_it_the_drives_can_be_switched_off_at_once(warm_hold):
+    session = released(warm_hold)
 
     assert session.lockstep.request(RequestKind.DISABLE).outcome == Outcome.DONE
     assert session.lockstep.record.mode == Mode.READY
 
 
 @pytest.mark.parametrize("line", ["hand_switch_open * 0.3", "emcy right/hip 0.3 0x2310"])
-def test_after_a_stop_the_way_out_is_reset_enable_release(tmp_path, line):
-    session = led(tmp_path, 4.0, 0.0, -110.0).walking(warm_s=1.0)
+def test_after_a_stop_the_way_out_is_reset_enable_release(warm_led, line):
+    session = warm_led.walking(warm_s=1.0)
     session.machine.command(line)
     session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=4)
     session.lockstep.run(1.0)
@@ -166,17 +184,15 @@ def test_after_a_stop_the_way_out_is_reset_enable_release(tmp_path, line):
         assert answer.outcome == Outcome.DONE, answer.reason
     released(session)
     begun = where(session)
-    session.machine.command("patient leads")
+    session.machine.command("patient foot_in")
     session.lockstep.run(4.0)
 
     assert session.lockstep.record.mode == Mode.RELEASE
     assert where(session)[1] < begun[1] - 0.1
 
 
-def test_it_is_asked_for_in_hold_alone():
-    session = Session().until_ready()
-
-    answer = session.lockstep.request(RequestKind.MODE, RELEASE)
+def test_it_is_asked_for_in_hold_alone(warm_ready):
+    answer = warm_ready.lockstep.request(RequestKind.MODE, RELEASE)
 
     assert answer.outcome == Outcome.REFUSED
     assert "not possible in mode ready" in answer.reason
@@ -191,12 +207,12 @@ def pushes(records: list[CycleRecord]) -> list[tuple[float, float]]:
     ]
 
 
-def test_nothing_it_sends_steps_by_more_than_a_person_would_feel(tmp_path):
+def test_nothing_it_sends_steps_by_more_than_a_person_would_feel(warm_led):
     """A tenth of what the rate limits would let through from one cycle to the next; no edge."""
-    session = led(tmp_path, 2.0, 0.0, -110.0).enabled()
+    session = warm_led
     begun = len(session.lockstep.records)
     released(session)
-    session.machine.command("patient leads")
+    session.machine.command("patient a_little")
     session.lockstep.run(2.5)
 
     sent = pushes(session.lockstep.records[begun:])

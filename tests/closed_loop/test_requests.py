@@ -27,47 +27,35 @@ MODES = [mode for mode in Mode if mode not in {Mode.TORQUE, Mode.BRINGING_UP}]
 """Mode torque is entered with a lease; its tests are with those of leases. Bring-up has its own."""
 
 
-@pytest.fixture(scope="module")
-def kept() -> dict[Mode, Lockstep]:
-    """A machine in each mode, for as long as it stays there."""
-    return {}
-
-
-def brought(mode: Mode, folder) -> Lockstep:
-    """A machine in this mode."""
+@pytest.fixture(scope="module", params=MODES, ids=[mode.name.lower() for mode in MODES])
+def warm_mode(request, tmp_path_factory) -> tuple[Mode, Lockstep]:
+    """A machine in each mode."""
+    mode = request.param
     if mode in {Mode.REFERENCE, Mode.COMMISSION}:
         more = INCREMENTAL if mode == Mode.REFERENCE else ()
+        folder = tmp_path_factory.mktemp(mode.name)
         session = Session(changed_configs(folder, *EMPTY, *more)).until_ready()
         session.prepare(mode, "right/hip")
-        return session.lockstep
-    session = Session()
-    if mode == Mode.OFF:
+    elif mode == Mode.OFF:
+        session = Session()
         session.machine.command("unplugged *")
         session.lockstep.run_until(lambda record: record.mode == mode, within_s=10)
     elif mode == Mode.READY:
-        session.until_ready()
+        session = Session().until_ready()
     else:
-        session.enabled()
+        session = Session().enabled()
         if mode in BY_REQUEST:
             session.lockstep.request(RequestKind.MODE, BY_REQUEST[mode])
         elif mode in {Mode.STOPPING, Mode.FAULT}:
             session.lockstep.gateway.stop()
             session.lockstep.run_until(lambda record: record.mode == mode, within_s=5)
-    return session.lockstep
+    assert session.lockstep.record.mode == mode
+    return mode, session.lockstep
 
 
-def in_mode(mode: Mode, kept: dict[Mode, Lockstep], folder) -> Lockstep:
-    there = kept.get(mode)
-    if there is None or there.record.mode != mode:
-        there = kept[mode] = brought(mode, folder)
-    assert there.record.mode == mode
-    return there
-
-
-@pytest.mark.parametrize("name", list(ASKS))
-@pytest.mark.parametrize("mode", MODES, ids=[mode.name.lower() for mode in MODES])
-def test_a_request_is_answered_with_done_or_why_not(kept, tmp_path, mode, name):
-    lockstep = in_mode(mode, kept, tmp_path)
+@pytest.mark.parametrize("name", ASKS)
+def test_a_request_is_answered_with_done_or_why_not(warm_mode, name):
+    mode, lockstep = warm_mode
     kind, wanted = ASKS[name]
     possible = (mode, event_of(kind, wanted)) in TRANSITIONS
 
@@ -110,9 +98,8 @@ def told(lockstep: Lockstep) -> list[str]:
     return [event for record in lockstep.records for event in record.events]
 
 
-@pytest.mark.parametrize("mode", MODES, ids=[mode.name.lower() for mode in MODES])
-def test_a_stop_is_obeyed_in_every_mode_that_moves_and_harms_in_none(kept, tmp_path, mode):
-    lockstep = in_mode(mode, kept, tmp_path)
+def test_a_stop_is_obeyed_in_every_mode_that_moves_and_harms_in_none(warm_mode):
+    mode, lockstep = warm_mode
 
     lockstep.gateway.stop()
     lockstep.run(1.0)
@@ -124,26 +111,17 @@ def test_a_stop_is_obeyed_in_every_mode_that_moves_and_harms_in_none(kept, tmp_p
         assert record.mode == Mode.FAULT
 
 
-@pytest.mark.parametrize(
-    ("name", "wanted"),
-    [
-        ("off", ModeRequest(Mode.OFF)),
-        ("ready", ModeRequest(Mode.READY)),
-        ("fault", ModeRequest(Mode.FAULT)),
-        ("stopping", ModeRequest(Mode.STOPPING)),
-    ],
-)
-def test_a_mode_that_nobody_can_ask_for_is_refused_by_name(kept, tmp_path, name, wanted):
-    lockstep = in_mode(Mode.READY, kept, tmp_path)
-
-    answer = lockstep.request(RequestKind.MODE, wanted)
+@pytest.mark.parametrize("mode", [Mode.OFF, Mode.READY, Mode.FAULT, Mode.STOPPING])
+def test_a_mode_that_nobody_can_ask_for_is_refused_by_name(warm_ready, mode):
+    answer = warm_ready.lockstep.request(RequestKind.MODE, ModeRequest(mode))
 
     assert answer.outcome == Outcome.REFUSED
-    assert answer.reason == f"{name} is not a mode that can be asked for"
+    assert answer.reason == f"{mode.name.lower()} is not a mode that can be asked for"
 
 
-def test_a_request_made_long_ago_is_refused_with_both_cycles(kept, tmp_path):
-    lockstep = in_mode(Mode.READY, kept, tmp_path)
+def test_a_request_made_long_ago_is_refused_with_both_cycles(warm_ready):
+    lockstep = warm_ready.lockstep
+    lockstep.run(1.0)
     gateway = lockstep.gateway
     gateway.ask(RequestKind.ENABLE)
     gateway._request = type(gateway._request)(gateway._request.id, RequestKind.ENABLE, 1)

@@ -1,9 +1,10 @@
 """The test of the day: what must have been seen and passed before a leg is moved."""
 
 import re
+from pathlib import Path
 
 import pytest
-from sessions import Session, changed_configs, position_guidance, two_legs
+from sessions import Session, changed_configs, elsewhere, position_guidance, two_legs
 
 from daemon.core.axis_notes import Notes
 from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind, RequestResult
@@ -54,6 +55,30 @@ def enabled(session: Session) -> Session:
     return session
 
 
+@pytest.fixture(scope="module")
+def daily(tmp_path_factory) -> Path:
+    return changed_configs(tmp_path_factory.mktemp("daily"), DAILY)
+
+
+@pytest.fixture(scope="module")
+def warm_day(daily) -> Session:
+    """Nothing has been seen to act yet."""
+    return Session(daily).until_ready()
+
+
+@pytest.fixture(scope="module")
+def warm_seen(daily) -> Session:
+    return enabled(seen_to_act(Session(daily)))
+
+
+@pytest.fixture(scope="module")
+def warm_tested(daily) -> tuple[Session, int]:
+    """With the number of rows of the truth from before the test."""
+    session = enabled(seen_to_act(Session(daily)))
+    begun = len(session.truth.rows)
+    return put_to_test(session), begun
+
+
 def events(session: Session) -> list[str]:
     return [event for record in session.lockstep.records for event in record.events]
 
@@ -61,10 +86,8 @@ def events(session: Session) -> list[str]:
 # --- passive ----------------------------------------------------------------------------------
 
 
-def test_enable_waits_until_hand_switch_and_emergency_stop_have_been_seen_to_act(tmp_path):
-    session = Session(changed_configs(tmp_path, DAILY)).until_ready()
-
-    answer = session.lockstep.request(RequestKind.ENABLE)
+def test_enable_waits_until_hand_switch_and_emergency_stop_have_been_seen_to_act(warm_day):
+    answer = warm_day.lockstep.request(RequestKind.ENABLE)
 
     assert answer.outcome == Outcome.REFUSED
     assert answer.reason == (
@@ -74,25 +97,25 @@ def test_enable_waits_until_hand_switch_and_emergency_stop_have_been_seen_to_act
     )
 
 
-def test_a_switch_that_one_drive_alone_has_seen_is_named_for_the_other(tmp_path):
-    session = Session(changed_configs(tmp_path, DAILY)).until_ready()
-    session.machine.command("hand_switch_open right/hip 0.3")
-    session.lockstep.run(0.5)
+def test_a_switch_that_one_drive_alone_has_seen_is_named_for_the_other(warm_day):
+    warm_day.machine.command("hand_switch_open right/hip 0.3")
+    warm_day.lockstep.run(0.5)
 
-    reason = session.lockstep.request(RequestKind.ENABLE).reason
+    reason = warm_day.lockstep.request(RequestKind.ENABLE).reason
 
     assert "right/hip hand switch" not in reason
     assert "right/slide hand switch open" in reason
 
 
-def test_what_was_seen_today_counts_after_a_restart_and_not_a_day_later(tmp_path, monkeypatch):
-    configs = changed_configs(tmp_path, DAILY)
-    notes = seen_to_act(Session(configs)).lockstep.notebook.notes
+def test_what_was_seen_today_counts_after_a_restart_and_not_a_day_later(
+    daily, warm_seen, monkeypatch
+):
+    notes = disabled(warm_seen)
 
-    enabled(Session(configs, notes).until_ready())
+    enabled(Session(daily, notes).until_ready())
     start_ns = lockstep.UTC_OF_START_NS
     monkeypatch.setattr(lockstep, "UTC_OF_START_NS", start_ns + 21 * HOUR_NS)
-    later = Session(configs, notes).until_ready()
+    later = Session(daily, notes).until_ready()
 
     assert "hand switch open" in later.lockstep.request(RequestKind.ENABLE).reason
 
@@ -100,14 +123,16 @@ def test_what_was_seen_today_counts_after_a_restart_and_not_a_day_later(tmp_path
 # --- active -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("configs", [changed_configs, position_guidance])
-def test_a_machine_as_configured_passes_and_may_walk_then(tmp_path, configs):
-    session = enabled(seen_to_act(Session(configs(tmp_path, DAILY))))
-    for wanted in (GAIT, EXCITE):
-        answer = ask(session, wanted)
-        assert answer.reason == "no self-test has been passed today: `gaitd self-test`"
+@pytest.mark.parametrize("wanted", [GAIT, EXCITE])
+def test_without_a_self_test_nothing_moves(warm_seen, wanted):
+    assert ask(warm_seen, wanted).reason == "no self-test has been passed today: `gaitd self-test`"
 
-    put_to_test(session)
+
+@pytest.mark.parametrize("guidance", ["impedance", "position"])
+def test_a_machine_as_configured_passes_and_may_walk_then(tmp_path, warm_tested, guidance):
+    session, _ = warm_tested
+    if guidance == "position":
+        session = put_to_test(enabled(seen_to_act(Session(position_guidance(tmp_path, DAILY)))))
 
     note = session.lockstep.notebook.notes.self_test
     assert note is not None
@@ -120,11 +145,8 @@ def test_a_machine_as_configured_passes_and_may_walk_then(tmp_path, configs):
     assert ask(session, GAIT).outcome == Outcome.DONE
 
 
-def test_it_moves_one_axis_after_the_other_by_no_more_than_configured(tmp_path):
-    session = enabled(seen_to_act(Session(changed_configs(tmp_path, DAILY))))
-    begun = len(session.truth.rows)
-
-    put_to_test(session)
+def test_it_moves_one_axis_after_the_other_by_no_more_than_configured(warm_tested):
+    session, begun = warm_tested
 
     rows = session.truth.rows[begun:]
     hips = [row.hip_angle_rad for row in rows]
@@ -141,10 +163,8 @@ def test_it_moves_one_axis_after_the_other_by_no_more_than_configured(tmp_path):
     assert not together
 
 
-def test_hand_guiding_does_not_wait_for_a_self_test(tmp_path):
-    session = enabled(seen_to_act(Session(changed_configs(tmp_path, DAILY))))
-
-    assert ask(session, ModeRequest(Mode.RELEASE)).outcome == Outcome.DONE
+def test_hand_guiding_does_not_wait_for_a_self_test(warm_seen):
+    assert ask(warm_seen, ModeRequest(Mode.RELEASE)).outcome == Outcome.DONE
 
 
 @pytest.mark.parametrize(
@@ -204,8 +224,8 @@ def test_a_failed_test_is_tested_again_before_anything_moves(tmp_path):
     assert ask(session, GAIT).reason == "the last self-test was not passed: `gaitd self-test`"
 
 
-def test_a_test_that_is_broken_off_counts_for_nothing(tmp_path):
-    session = enabled(seen_to_act(Session(changed_configs(tmp_path, DAILY))))
+def test_a_test_that_is_broken_off_counts_for_nothing(warm_seen):
+    session = warm_seen
     ask(session, SELF_TEST)
     session.lockstep.run(1.0)
 
@@ -229,13 +249,16 @@ def test_both_legs_are_tested_one_after_the_other(tmp_path):
 # --- for how long -----------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def passed(tmp_path_factory) -> tuple[object, Notes]:
-    configs = changed_configs(tmp_path_factory.mktemp("passed"), DAILY)
-    session = put_to_test(enabled(seen_to_act(Session(configs))))
+def disabled(session: Session) -> Notes:
     session.lockstep.request(RequestKind.DISABLE)
     session.lockstep.run(0.1)
-    return configs, session.lockstep.notebook.notes
+    return session.lockstep.notebook.notes
+
+
+@pytest.fixture(scope="module")
+def passed(daily, warm_tested) -> tuple[Path, Notes]:
+    session, _ = warm_tested
+    return daily, elsewhere(session, disabled)
 
 
 @pytest.mark.parametrize(

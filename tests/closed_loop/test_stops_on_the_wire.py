@@ -1,7 +1,7 @@
 """Stops as the drives get them: from every state, and both axes between the same two SYNCs."""
 
 import pytest
-from sessions import Session, changed_configs, position_guidance
+from sessions import Session, elsewhere
 from wire import (
     DISABLE_VOLTAGE_WORD,
     ENABLE_OPERATION,
@@ -13,8 +13,7 @@ from wire import (
     words_by_cycle,
 )
 
-from daemon.record import Mode, Outcome, RequestKind, StopCategory
-from drives.bus import Frame
+from daemon.record import Cause, Mode, Outcome, RequestKind, StopCategory
 from drives.signals import PowerState
 
 QS, OFF = QUICK_STOP_WORD, DISABLE_VOLTAGE_WORD
@@ -24,49 +23,40 @@ ENABLED = (ENABLED_WORD, ENABLED_WORD)
 # --- both axes between the same two SYNCs -----------------------------------------------------
 
 
-@pytest.fixture(scope="module", params=["impedance", "position"])
-def configs(request, tmp_path_factory):
-    folder = tmp_path_factory.mktemp(request.param)
-    return position_guidance(folder) if request.param == "position" else changed_configs(folder)
-
-
 def told(interval, node):
     """What one drive gets in an interval, stripped of when."""
     ids = {0x200 + node, 0x300 + node}
     return [(frame.can_id, frame.data) for frame in interval if frame.can_id in ids]
 
 
-def first_change(stopped, free, node):
+def first_change(free, stopped, node):
     """The first interval in which a drive is told something else than without the stop."""
-    for number, (one, other) in enumerate(zip(stopped, free, strict=False)):
+    for number, (one, other) in enumerate(zip(free, stopped, strict=False)):
         if told(one, node) != told(other, node):
             return number
     return None
 
 
-def moving(configs):
-    """In the middle of a gait, both axes on their way."""
-    session = Session(configs).walking(cadence_hz=0.25, warm_s=1.5)
+def test_a_stop_that_holds_begins_for_both_drives_between_the_same_two_syncs(warm_guided_gait):
+    """Compared with the very same session that nobody stops."""
+    session = warm_guided_gait
     session.lockstep.run_until(
         lambda record: min(abs(drive.velocity_si or 0.0) for drive in record.drives) > 0.15,
         within_s=8,
     )
-    return session
+    before = len(session.lockstep.bus.sent)
 
+    def sent_later(one):
+        one.lockstep.run(0.3)
+        return one.lockstep.bus.sent[before:]
 
-def test_a_stop_that_holds_begins_for_both_drives_between_the_same_two_syncs(configs):
-    """Compared with the very same session that nobody stops."""
-    free, stopped = moving(configs), moving(configs)
+    free = elsewhere(session, sent_later)
+    session.lockstep.gateway.stop()
+    stopped = sent_later(session)
 
-    stopped.lockstep.gateway.stop()
-    intervals: list[list[list[Frame]]] = []
-    for session in (free, stopped):
-        session.lockstep.run(0.3)
-        intervals.append(list(cycles(session.lockstep.bus.sent)))
-
-    hip, slide = (first_change(*intervals, node) for node in NODES)
-    words = words_by_cycle(stopped.lockstep.bus.sent)
-    assert stopped.lockstep.record.verdict.category == StopCategory.S2
+    hip, slide = (first_change(list(cycles(free)), list(cycles(stopped)), node) for node in NODES)
+    words = words_by_cycle(stopped)
+    assert session.lockstep.record.verdict.category == StopCategory.S2
     assert hip == slide is not None
     assert all(set(one.values()) == {ENABLED_WORD} for one in words[hip:])
 
@@ -86,8 +76,8 @@ def test_a_stop_that_holds_begins_for_both_drives_between_the_same_two_syncs(con
         ("emcy right/hip - 0x2310", (QS, QS)),
     ],
 )
-def test_a_stop_reaches_both_drives_between_the_same_two_syncs(configs, cause, words):
-    session = Session(configs).walking(cadence_hz=0.25, warm_s=1.5)
+def test_a_stop_reaches_both_drives_between_the_same_two_syncs(warm_guided_gait, cause, words):
+    session = warm_guided_gait
     begun = len(list(cycles(session.lockstep.bus.sent))) - 1
 
     session.machine.command(cause)
@@ -104,8 +94,10 @@ def test_a_stop_reaches_both_drives_between_the_same_two_syncs(configs, cause, w
     assert set(pairs[reached:]) == {words}
 
 
-def test_an_emcy_between_two_windows_is_answered_to_both_drives_before_the_next_sync(configs):
-    session = Session(configs).walking(cadence_hz=0.25, warm_s=1.5)
+def test_an_emcy_between_two_windows_is_answered_to_both_drives_before_the_next_sync(
+    warm_guided_gait,
+):
+    session = warm_guided_gait
     running = len(list(cycles(session.lockstep.bus.sent))) - 1
 
     session.machine.command("emcy right/hip - 0x2310")
@@ -124,7 +116,6 @@ def in_flight(word):
     """Enabling, with this controlword on its way to the hip drive."""
 
     def reach(session):
-        session.until_ready()
         session.lockstep.gateway.ask(RequestKind.ENABLE)
         for _ in range(20):
             session.lockstep.loop.turn()
@@ -151,39 +142,51 @@ def bringing_up(session):
 
 
 def stopping(session):
-    session.walking(cadence_hz=0.5, warm_s=2.5)
     session.lockstep.gateway.stop()
     session.lockstep.run_until(lambda record: record.mode == Mode.STOPPING, within_s=1)
 
 
 def fault(session):
-    session.enabled()
     session.machine.command("hand_switch_open right/hip 0.5")
     session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
     session.lockstep.run(1)
 
 
+@pytest.fixture
+def powered_on():
+    return Session()
+
+
+def there_already(session):
+    pass
+
+
 STATES = {
-    "bringing up": bringing_up,
-    "ready": lambda session: session.until_ready(),
-    "transition 2 in flight": in_flight(0x06),
-    "transition 3 in flight": in_flight(0x07),
-    "transition 4 in flight": in_flight(0x0F),
-    "hold": lambda session: session.enabled(),
-    "gait": lambda session: session.walking(warm_s=2),
-    "stopping": stopping,
-    "fault": fault,
+    "bringing up": ("powered_on", bringing_up),
+    "ready": ("warm_ready", there_already),
+    "transition 2 in flight": ("warm_ready", in_flight(0x06)),
+    "transition 3 in flight": ("warm_ready", in_flight(0x07)),
+    "transition 4 in flight": ("warm_ready", in_flight(0x0F)),
+    "hold": ("warm_hold", there_already),
+    "gait": ("warm_gait", there_already),
+    "stopping": ("warm_fast_gait", stopping),
+    "fault": ("warm_hold", fault),
 }
+"""What each begins with, and how it is reached from there."""
 
 
-@pytest.mark.parametrize("category", ["S2", "S1", "S0"])
+@pytest.fixture
+def warm_begin(request, state):
+    return request.getfixturevalue(STATES[state][0])
+
+
+@pytest.mark.parametrize("category", list(StopCategory)[1:])
 @pytest.mark.parametrize("state", STATES)
-def test_a_stop_from_every_state_energises_nothing(tmp_path, state, category):
+def test_a_stop_from_every_state_energises_nothing(warm_begin, state, category):
     """M08, on the wire: bit 3 only ever goes on to a drive that shows operation enabled."""
-    chosen = ("limits.toml", 'stop_requested = "S2"', f'stop_requested = "{category}"')
-    change = () if category == "S2" else (chosen,)
-    session = Session(changed_configs(tmp_path, *change))
-    STATES[state](session)
+    session = warm_begin
+    session.lockstep.core.config.categories._by_cause[Cause.STOP_REQUESTED] = category
+    STATES[state][1](session)
     enabled = {
         5 + number
         for number, drive in enumerate(session.lockstep.record.drives)
@@ -197,22 +200,21 @@ def test_a_stop_from_every_state_energises_nothing(tmp_path, state, category):
     frames = session.lockstep.bus.sent[sent:]
     for node in NODES:
         raised = [one for one in rpdo1(frames, node) if one.controlword & ENABLE_OPERATION]
-        assert not raised or (node in enabled and category == "S2")
+        assert not raised or (node in enabled and category == StopCategory.S2)
     powered = {
         5 + number
         for number, drive in enumerate(session.lockstep.record.drives)
         if drive.power_state == PowerState.OPERATION_ENABLED
     }
-    assert powered <= (enabled if category == "S2" else set())
+    assert powered <= (enabled if category == StopCategory.S2 else set())
     quiet = {"bringing up", "ready"}
     assert session.lockstep.record.mode == (Mode.READY if state in quiet else Mode.FAULT)
 
 
-def test_an_enable_that_comes_together_with_a_stop_is_refused():
-    session = Session().until_ready()
-    session.lockstep.gateway.stop()
+def test_an_enable_that_comes_together_with_a_stop_is_refused(warm_ready):
+    warm_ready.lockstep.gateway.stop()
 
-    answer = session.lockstep.request(RequestKind.ENABLE)
+    answer = warm_ready.lockstep.request(RequestKind.ENABLE)
 
     assert answer.outcome == Outcome.REFUSED
     assert "asked to stop" in answer.reason

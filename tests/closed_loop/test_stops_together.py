@@ -1,13 +1,11 @@
 """An axis never holds alone: when one has to be taken further, the other leaves its hold too."""
 
-from sessions import Session
-
 from daemon.record import Cause, StopCategory
 from drives.signals import PowerState
 
 
-def test_a_hold_that_one_axis_does_not_obey_is_a_quick_stop_of_both_in_the_same_cycle():
-    session = Session().enabled()
+def test_a_hold_that_one_axis_does_not_obey_is_a_quick_stop_of_both_in_the_same_cycle(warm_hold):
+    session = warm_hold
     session.lockstep.gateway.stop()
     session.lockstep.run(0.5)
     assert session.lockstep.record.verdict.category == StopCategory.S2
@@ -35,9 +33,8 @@ def test_a_hold_that_one_axis_does_not_obey_is_a_quick_stop_of_both_in_the_same_
     assert PowerState.OPERATION_ENABLED not in states
 
 
-def test_two_axes_that_fail_in_the_same_cycle_are_each_stopped_by_their_own_cause():
-    session = Session().enabled()
-
+def test_two_axes_that_fail_in_the_same_cycle_are_each_stopped_by_their_own_cause(warm_hold):
+    session = warm_hold
     session.machine.command("encoder_glitch right/hip - 3000")
     session.machine.command("encoder_glitch right/slide - 30000")
     session.lockstep.run(1)
@@ -50,9 +47,8 @@ def test_two_axes_that_fail_in_the_same_cycle_are_each_stopped_by_their_own_caus
     assert states <= {PowerState.SWITCH_ON_DISABLED, PowerState.FAULT}
 
 
-def test_two_drives_that_are_lost_together_are_both_told_to_stop():
-    session = Session().enabled()
-
+def test_two_drives_that_are_lost_together_are_both_told_to_stop(warm_hold):
+    session = warm_hold
     session.machine.command("silent right/hip")
     session.machine.command("silent right/slide")
     session.lockstep.run(0.5)

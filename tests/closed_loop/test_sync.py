@@ -32,6 +32,16 @@ class Counted(Session):
         self.lockstep = Lockstep(dataclasses.replace(self.settings, file=file), world)
 
 
+@pytest.fixture(scope="module")
+def warm_counted():
+    return Counted().until_ready()
+
+
+@pytest.fixture(scope="module")
+def warm_counted_gait():
+    return Counted().walking(warm_s=2)
+
+
 def syncs(session, since=0):
     return [frame for frame in session.lockstep.bus.sent[since:] if frame.can_id == SYNC]
 
@@ -58,14 +68,14 @@ def pause_after_sync(session, pause_ns):
     bus.send = send
 
 
-def test_a_sync_without_counter_is_an_empty_frame():
-    session = Session().until_ready()
-
-    assert {frame.data for frame in syncs(session)} == {b""}
+def test_a_sync_without_counter_is_an_empty_frame(warm_ready):
+    assert {frame.data for frame in syncs(warm_ready)} == {b""}
 
 
-def test_the_counter_begins_with_one_when_the_nodes_are_started_and_has_no_gap_from_there():
-    session = Counted().until_ready()
+def test_the_counter_begins_with_one_when_the_nodes_are_started_and_has_no_gap_from_there(
+    warm_counted,
+):
+    session = warm_counted
     sent = session.lockstep.bus.sent
     started = max(n for n, f in enumerate(sent) if f.can_id == 0 and f.data[:1] == START)
 
@@ -77,8 +87,8 @@ def test_the_counter_begins_with_one_when_the_nodes_are_started_and_has_no_gap_f
     assert len(counts) > 20
 
 
-def test_the_counter_begins_again_when_the_nodes_are_started_again():
-    session = Counted().until_ready()
+def test_the_counter_begins_again_when_the_nodes_are_started_again(warm_counted):
+    session = warm_counted
     session.machine.command("sto_open right/hip 0.1")
     session.machine.command("emcy right/hip 0.1 0x2310")
     session.lockstep.run(0.5)
@@ -95,8 +105,10 @@ def test_the_counter_begins_again_when_the_nodes_are_started_again():
 
 @pytest.mark.parametrize("pause", [pause_while_waiting, pause_after_sync])
 @pytest.mark.parametrize("pause_ms", [4, 9, 12, 35, 200])
-def test_after_a_pause_there_is_no_burst_and_the_counter_goes_on(pause, pause_ms):
-    session = Counted().walking(warm_s=2)
+def test_after_a_pause_there_is_no_burst_and_the_counter_goes_on(
+    warm_counted_gait, pause, pause_ms
+):
+    session = warm_counted_gait
     before = len(session.lockstep.bus.sent)
 
     pause(session, pause_ms * MS)
@@ -110,8 +122,7 @@ def test_after_a_pause_there_is_no_burst_and_the_counter_goes_on(pause, pause_ms
     assert len(frames) > 10
 
 
-def test_a_pause_of_a_few_cycles_is_told_and_counted_and_the_targets_go_on_without_a_step():
-    session = Counted().walking(warm_s=2)
+def test_a_pause_of_a_few_cycles_is_told_and_counted_and_the_targets_go_on_without_a_step(session):
     missed = session.lockstep.record.timing.overrun_count
     limits = session.settings.limits
     begun = len(session.lockstep.records)
@@ -131,9 +142,7 @@ def test_a_pause_of_a_few_cycles_is_told_and_counted_and_the_targets_go_on_witho
     assert max(steps_nm) <= limits.hip.torque_rate_max_nm_per_s * 0.01 * 1.001
 
 
-def test_a_pause_that_is_too_long_is_a_verdict():
-    session = Counted().walking(warm_s=2)
-
+def test_a_pause_that_is_too_long_is_a_verdict(session):
     pause_while_waiting(session, 70 * MS)
     stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=0.1)
 

@@ -3,7 +3,6 @@
 import itertools
 
 import pytest
-from sessions import Session, changed_configs, position_guidance
 
 from daemon.record import Mode, ModeRequest, Outcome, RequestKind
 
@@ -19,21 +18,28 @@ STEPS = (
 PERIOD_S = 0.01
 
 
-@pytest.mark.parametrize("configs", [changed_configs, position_guidance])
-@pytest.mark.parametrize("end", ["disable", "stop"])
+@pytest.mark.parametrize(
+    ("guidance", "end"),
+    [
+        ("impedance", "stop"),
+        ("position", "disable"),
+        pytest.param("impedance", "disable", marks=pytest.mark.thorough),
+        pytest.param("position", "stop", marks=pytest.mark.thorough),
+    ],
+)
 def test_torque_never_rises_faster_than_its_rate_over_any_switch_that_keeps_power(
-    tmp_path, configs, end
+    warm_guided_hold, end
 ):
-    session = Session(configs(tmp_path)).enabled()
+    session = warm_guided_hold
     lockstep = session.lockstep
     begun, begun_rows = len(lockstep.records), len(session.truth.rows)
     for wanted in STEPS:
         answer = lockstep.request(RequestKind.MODE, wanted)
         assert answer.outcome == Outcome.DONE, answer.reason
-        lockstep.run(9.0 if wanted.mode in {Mode.GAIT, Mode.EXCITE} else 1.0)
+        lockstep.run(6.0 if wanted.mode in {Mode.GAIT, Mode.EXCITE} else 1.0)
     lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=20)
     lockstep.request(RequestKind.MODE, STEPS[0])
-    lockstep.run(9.0)
+    lockstep.run(6.0)
     ended_rows = len(session.truth.rows)
     if end == "disable":
         lockstep.gateway.ask(RequestKind.DISABLE)

@@ -1,7 +1,5 @@
 """The virtual drives in real time on a bus of their own, and python-canopen's network on it."""
 
-import time
-
 import pytest
 from drive_bench import Bench
 from outside_master import PatientNode, added, eds_of, on_a_bus
@@ -9,6 +7,7 @@ from outside_master import PatientNode, added, eds_of, on_a_bus
 from sim_drives.realtime import now_ns
 
 PLAIN = {"personality": "generic", "eds": "drives/generic402.eds"}
+PAST_BOOT_NS = 500_000_000
 ELMO = {"personality": "elmo_gold", "eds": "drives/elmo_gold.eds"}
 MAKES = {"generic": PLAIN, "elmo_gold": ELMO}
 """Of node 6, a slide."""
@@ -29,8 +28,7 @@ def _on_a_bus(encoder, make):
     """Node 5 is like an EPOS4, node 6 of another make; no mechanics to speak of."""
     hip = {"encoder": encoder}
     slide = MAKES.get(make, PLAIN) | hip
-    with on_a_bus(Bench(hip=hip, slide=slide, start_ns=now_ns())) as parts:
-        time.sleep(0.35)  # real time: boot-up and self-test
+    with on_a_bus(Bench(hip=hip, slide=slide, start_ns=now_ns() - PAST_BOOT_NS)) as parts:
         yield parts
 
 

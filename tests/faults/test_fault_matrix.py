@@ -1,4 +1,4 @@
-"""Every fault in every mode on both axes; a failure names what plays its cell again."""
+"""Every fault in every mode on both axes, by default a sample of it; a failure names its cell."""
 
 from pathlib import Path
 
@@ -13,14 +13,14 @@ from gaitd.fault_matrix.exceptions import EXCEPTIONS
 from gaitd.fault_matrix.expected import ROWS
 from gaitd.fault_matrix.faults import FAULTS
 from gaitd.fault_matrix.judgement import broken
-from gaitd.fault_matrix.modes import COLUMNS, LEFT_OUT
-from gaitd.fault_matrix.run import cells, run
+from gaitd.fault_matrix.modes import COLUMNS, LEFT_OUT, Group
+from gaitd.fault_matrix.run import cells, parts, play_part, run
+from gaitd.fault_matrix.watch import AXES
 from sim_drives.settings import FaultKind
 
 PROJECT = Path(__file__).resolve().parents[2]
 DEMO = PROJECT / "configs/demo.toml"
 SEED = 1
-JOBS = 2
 NOT_IN_OPERATION = {
     FaultKind.REFUSES_OBJECT: "of bring-up, tests/closed_loop/test_bring_up*.py",
     FaultKind.WRONG_IDENTITY: "of bring-up, and a loss in operation: tests/closed_loop",
@@ -30,28 +30,57 @@ NOT_IN_OPERATION = {
 """Faults of the virtual drives without a row, with where they are tested."""
 
 
-def played(*wanted):
-    return [one for part in run(DEMO, list(wanted), SEED, JOBS) for one in part]
+def sample():
+    """Each fault once, modes and axes in turn; where its mode has no power, in the gait as well."""
+    found = []
+    for number, fault in enumerate(sorted(FAULTS)):
+        turn, place = divmod(number, len(COLUMNS))
+        own = list(COLUMNS.values())[place]
+        for mode in [own.name, *["gait_impedance"] * (own.group is Group.IDLE)]:
+            on_each_axis = cells((fault,), (mode,))
+            found.append(on_each_axis[turn % len(on_each_axis)])
+    return found
+
+
+def pytest_generate_tests(metafunc):
+    if "part" in metafunc.fixturenames:
+        a_few = [pytest.param(part, id=part[0].mode) for part in parts(sample())]
+        every = [
+            pytest.param(part, id=f"{part[0].mode}_{number}", marks=pytest.mark.thorough)
+            for number, part in enumerate(parts(cells()))
+        ]
+        metafunc.parametrize("part", a_few + every)
+
+
+@pytest.fixture
+def warm_process():
+    """So a part is played in a fork: `play_part` freezes what the garbage collector knows."""
 
 
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize("mode", COLUMNS)
-def test_every_fault_in_this_mode_does_what_is_right_on_both_axes(mode):
-    found = played(*cells(modes=(mode,)))
-
+def test_a_fault_does_what_is_right_in_this_mode(part, warm_process):
     wrong = [
         f"{page.command(one)}\n    {'; '.join(reasons)}"
-        for one in found
+        for one in play_part(DEMO, part, SEED)
         if (reasons := broken(one))
     ]
     assert not wrong, "\n".join(["", *wrong])
 
 
-def test_a_cell_alone_is_played_bit_for_bit_as_among_others():
+def test_every_fault_is_played_on_both_axes_in_turn_and_at_least_once_with_power_in_the_drives():
+    played = sample()
+
+    assert {cell.mode for cell in played} == set(COLUMNS)
+    assert {cell.axis for cell in played} == {"", *AXES}
+    with_power = {cell.fault for cell in played if COLUMNS[cell.mode].group is not Group.IDLE}
+    assert with_power == set(FAULTS)
+
+
+def test_a_cell_alone_is_played_bit_for_bit_as_among_others(warm_process):
     cell = Cell("hand_switch", "hold", "right/slide")
 
-    (alone,) = played(cell)
-    among = played(*cells(("silent", "hand_switch", "overrun_3"), ("hold",)))
+    ((alone,),) = run(DEMO, [cell], SEED, jobs=1)
+    among = play_part(DEMO, cells(("silent", "hand_switch", "overrun_3"), ("hold",)), SEED)
 
     assert alone in among
     assert alone.stopped

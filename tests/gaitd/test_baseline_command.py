@@ -1,25 +1,13 @@
-import subprocess
-import sys
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import gaitd
+from sessions import CONFIGS, changed_configs
 
 from daemon.config.load import load
 from daemon.config.strict import ConfigError
 from tests.observer.trainer import PATIENT, encoded, gait, simulate
-
-CONFIGS = Path(__file__).parents[2] / "configs"
-
-
-def gaitd(*arguments) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "gaitd", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
 
 
 def write(path, columns):
@@ -39,12 +27,12 @@ def recorded(tmp_path_factory):
     return write(tmp_path_factory.mktemp("passive") / "passive.csv", encoded(truth))
 
 
-@pytest.fixture
-def baseline(recorded, tmp_path):
-    out = tmp_path / "baseline.toml"
+@pytest.fixture(scope="module")
+def baseline(recorded):
+    out = recorded.with_name("baseline.toml")
     ran = gaitd("baseline", recorded, "--robot", CONFIGS / "robot.toml", "--output", out)
-    assert ran.returncode == 0, ran.stderr
-    assert "strides" in ran.stdout
+    assert ran.code == 0, ran.err
+    assert "strides" in ran.out
     return out
 
 
@@ -59,9 +47,9 @@ def test_a_passive_run_becomes_a_file_with_what_is_left_over(baseline):
 def test_strides_without_the_baseline_show_next_to_nothing(recorded, baseline, tmp_path):
     bare, clean = tmp_path / "bare.csv", tmp_path / "clean.csv"
     robot = ("--robot", CONFIGS / "robot.toml", "--output", tmp_path / "e.csv")
-    assert gaitd("replay", recorded, *robot, "--strides", bare).returncode == 0
+    assert gaitd("replay", recorded, *robot, "--strides", bare).code == 0
     ran = gaitd("replay", recorded, *robot, "--strides", clean, "--baseline", baseline)
-    assert ran.returncode == 0, ran.stderr
+    assert ran.code == 0, ran.err
 
     def work(path):
         table = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8")
@@ -78,8 +66,8 @@ def test_smooth_writes_the_same_columns(recorded, tmp_path):
 
     ran = gaitd("replay", recorded, *robot, "--smooth", "--output", out)
 
-    assert ran.returncode == 0, ran.stderr
-    assert "smoothed" in ran.stdout
+    assert ran.code == 0, ran.err
+    assert "smoothed" in ran.out
     from analysis.estimates import COLUMNS
 
     assert out.read_text().splitlines()[0] == ",".join(COLUMNS)
@@ -95,14 +83,12 @@ def test_a_recording_with_too_few_strides_is_refused(recorded, tmp_path):
 
     ran = gaitd("baseline", short, "--robot", CONFIGS / "robot.toml", "--output", out)
 
-    assert ran.returncode == 2
-    assert "strides; a baseline takes 5" in ran.stderr
+    assert ran.code == 2
+    assert "strides; a baseline takes 5" in ran.err
     assert not out.exists()
 
 
 def test_the_service_takes_the_baseline_that_a_leg_names(baseline, tmp_path):
-    from sessions import changed_configs
-
     configs = changed_configs(
         tmp_path,
         ("demo.toml", 'name = "right"', f'name = "right"\nbaseline = "{baseline}"'),
@@ -112,8 +98,6 @@ def test_the_service_takes_the_baseline_that_a_leg_names(baseline, tmp_path):
 
 
 def test_a_baseline_of_another_robot_is_refused_with_its_hash(baseline, tmp_path):
-    from sessions import changed_configs
-
     configs = changed_configs(
         tmp_path,
         ("demo.toml", 'name = "right"', f'name = "right"\nbaseline = "{baseline}"'),

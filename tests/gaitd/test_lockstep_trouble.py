@@ -10,27 +10,27 @@ MS = 1_000_000
 FRAME = Frame(0x080, b"")
 
 
-@pytest.fixture
-def bench():
+@pytest.fixture(scope="module")
+def warm_bench():
     session = Session()
     session.lockstep.run(0.02)
     return session.lockstep
 
 
-def test_a_full_queue_drops_at_once_and_keeps_what_is_urgent_until_its_deadline(bench):
-    bus, before, now_ns = bench.bus, len(bench.bus.sent), bench.bus.now_ns
+def test_a_full_queue_drops_at_once_and_keeps_what_is_urgent_until_its_deadline(warm_bench):
+    bus, before, now_ns = warm_bench.bus, len(warm_bench.bus.sent), warm_bench.bus.now_ns
     bus.trouble.queue_full = True
     bus.at(now_ns + 3 * MS, lambda: setattr(bus.trouble, "queue_full", False))
 
     assert bus.send([FRAME, FRAME]) == 2
-    assert bus.send_urgent([FRAME], now_ns + 2 * MS, bench.clock) == 1
+    assert bus.send_urgent([FRAME], now_ns + 2 * MS, warm_bench.clock) == 1
     assert bus.now_ns == now_ns + 2 * MS
-    assert bus.send_urgent([FRAME], now_ns + 9 * MS, bench.clock) == 0
+    assert bus.send_urgent([FRAME], now_ns + 9 * MS, warm_bench.clock) == 0
     assert len(bus.sent) == before + 1
 
 
-def test_a_controller_that_is_off_neither_sends_nor_hears(bench):
-    bus, before = bench.bus, len(bench.bus.sent)
+def test_a_controller_that_is_off_neither_sends_nor_hears(warm_bench):
+    bus, before = warm_bench.bus, len(warm_bench.bus.sent)
     bus.drain()
     bus.trouble.is_off = True
 
@@ -41,16 +41,16 @@ def test_a_controller_that_is_off_neither_sends_nor_hears(bench):
     assert bus.drain() == []
 
 
-def test_an_interface_that_is_gone_cannot_be_used_or_opened(bench):
-    bench.bus.trouble.is_gone = True
+def test_an_interface_that_is_gone_cannot_be_used_or_opened(warm_bench):
+    warm_bench.bus.trouble.is_gone = True
 
-    for use in (bench.bus.open, bench.bus.drain, lambda: bench.bus.send([FRAME])):
+    for use in (warm_bench.bus.open, warm_bench.bus.drain, lambda: warm_bench.bus.send([FRAME])):
         with pytest.raises(BusError):
             use()
 
 
-def test_a_sync_that_waits_is_on_the_wire_later_and_nothing_else_is(bench):
-    bus = bench.bus
+def test_a_sync_that_waits_is_on_the_wire_later_and_nothing_else_is(warm_bench):
+    bus = warm_bench.bus
     bus.trouble.sync_delay_ns = 2 * MS
     at_ns = bus.now_ns
 
@@ -63,8 +63,8 @@ def test_a_sync_that_waits_is_on_the_wire_later_and_nothing_else_is(bench):
     ]
 
 
-def test_a_service_that_is_held_finds_the_world_and_its_clock_farther_on(bench):
-    bus, world = bench.bus, bench.world
+def test_a_service_that_is_held_finds_the_world_and_its_clock_farther_on(warm_bench):
+    bus, world = warm_bench.bus, warm_bench.world
     begun_ns = world.now_ns
 
     bus.at(begun_ns + 1 * MS, lambda: bus.hold(35 * MS))
@@ -73,8 +73,10 @@ def test_a_service_that_is_held_finds_the_world_and_its_clock_farther_on(bench):
     assert world.now_ns == bus.now_ns == begun_ns + 36 * MS
 
 
-def test_a_machine_that_was_suspended_finds_the_world_farther_on_and_its_clock_where_it_was(bench):
-    bus, world = bench.bus, bench.world
+def test_a_machine_that_was_suspended_finds_the_world_farther_on_and_its_clock_where_it_was(
+    warm_bench,
+):
+    bus, world = warm_bench.bus, warm_bench.world
     begun_ns = world.now_ns
 
     bus.at(begun_ns + 1 * MS, lambda: bus.pause(1000 * MS))
@@ -85,10 +87,10 @@ def test_a_machine_that_was_suspended_finds_the_world_farther_on_and_its_clock_w
     assert bus.behind_ns == 1000 * MS
 
 
-def test_a_wall_clock_that_is_set_moves_no_deadline(bench):
-    now_ns, utc_ns = bench.clock.now_ns(), bench.clock.utc_ns()
+def test_a_wall_clock_that_is_set_moves_no_deadline(warm_bench):
+    now_ns, utc_ns = warm_bench.clock.now_ns(), warm_bench.clock.utc_ns()
 
-    bench.clock.utc_stepped_ns = -3_600_000 * MS
+    warm_bench.clock.utc_stepped_ns = -3_600_000 * MS
 
-    assert bench.clock.now_ns() == now_ns
-    assert bench.clock.utc_ns() == utc_ns - 3_600_000 * MS
+    assert warm_bench.clock.now_ns() == now_ns
+    assert warm_bench.clock.utc_ns() == utc_ns - 3_600_000 * MS

@@ -6,17 +6,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from bench_bus import Machine
+from command_line import gaitd
 from config_files import CONFIGS, Change, changed, copied
 
 from gaitd.__main__ import COMMANDS
 
 HEAVY = {"numba", "numpy", "scipy", "zenoh", "can", "canopen", "matplotlib", "plotext"}
-
-
-def gaitd(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "gaitd", *arguments], capture_output=True, text=True, check=False
-    )
 
 
 def test_help_lists_every_command_and_imports_nothing_heavy():
@@ -40,45 +36,107 @@ def test_help_lists_every_command_and_imports_nothing_heavy():
 def test_every_command_explains_itself(name):
     ended = gaitd(name, "--help")
 
-    assert ended.returncode == 0, ended.stderr
-    assert f"{name} [OPTIONS]" in ended.stdout
+    assert ended.code == 0, ended.err
+    assert f"{name} [OPTIONS]" in ended.out
 
 
 def test_an_unknown_command_is_a_matter_of_usage():
     ended = gaitd("dance")
 
-    assert ended.returncode == 2
-    assert "dance" in ended.stderr
+    assert ended.code == 2
+    assert "dance" in ended.err
 
 
 def test_the_version_is_told():
-    assert gaitd("--version").stdout.startswith("gaitd 0.")
+    assert gaitd("--version").out.startswith("gaitd 0.")
 
 
 @pytest.mark.parametrize("command", ["check", "core", "gateway"])
-def test_a_configuration_error_is_one_line_and_exit_code_2_in_every_command(tmp_path, command):
+def test_a_configuration_error_is_one_line_and_exit_code_2_in_every_command(
+    tmp_path, monkeypatch, command
+):
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")  # `core` sets it, for good
+    monkeypatch.setattr("daemon.gateway.process.share_one_heap", lambda: None)
     broken = tmp_path / "broken.toml"
     broken.write_text(
         (CONFIGS / "demo.toml").read_text().replace("period_ms = 10", "period_ms = 9")
     )
 
-    ended = gaitd(command, "--config", str(broken))
+    ended = gaitd(command, "--config", broken)
 
-    assert ended.returncode == 2
-    assert ended.stderr == (f"configuration error: {broken}: cycle.period_ms = 9: one of 10\n")
+    assert ended.code == 2
+    assert ended.err == f"configuration error: {broken}: cycle.period_ms = 9: one of 10\n"
 
 
-@pytest.mark.parametrize("name", ["check", "core", "run"])
-def test_a_bus_that_cannot_carry_the_frames_is_refused_before_it_is_opened(name, tmp_path):
+def test_a_bus_that_cannot_carry_the_frames_is_refused_before_it_is_opened(tmp_path):
     slow = Change("demo.toml", "bitrate_bit_per_s = 1_000_000", "bitrate_bit_per_s = 250_000")
+    ours = Change("demo.toml", "/dev/shm/gaitd-demo", f"{tmp_path}/run")
+    words = [
+        sys.executable,
+        "-m",
+        "gaitd",
+        "run",
+        "--config",
+        changed(copied(tmp_path), slow, ours),
+    ]
 
-    ended = gaitd(name, "--config", str(changed(copied(tmp_path), slow)))
+    ended = subprocess.run(words, capture_output=True, text=True, check=False)
 
-    # The channel's server does not run: whoever had tried to open it would say so.
+    # The channel's server does not run: a process that had tried to open it would say so.
     assert ended.returncode == 2
     assert "bus.bitrate_bit_per_s" in ended.stderr
     assert "250000" in ended.stderr
-    assert len(set(ended.stderr.splitlines())) == 1  # `run` may say it for core and gateway
+    assert len(set(ended.stderr.splitlines())) == 1  # core and gateway may both say it
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--config", "FILE", "--channel", "can0"), "--channel"),
+        (("--interface", "virtual", "--channel", "x", "--bitrate", "0"), "--bitrate"),
+        (("--interface", "no-such", "--channel", "x", "--bitrate", "125000"), "no-such"),
+        ((), "--interface = (missing)"),
+    ],
+)
+def test_scan_told_wrongly_is_one_line_and_exit_code_2(tmp_path, words, said):
+    config = Machine(tmp_path).config
+
+    ended = gaitd("scan", *(config if word == "FILE" else word for word in words))
+
+    assert ended.code == 2
+    assert said in ended.err
+    assert ended.err.count("\n") == 1
+
+
+def test_a_bus_that_cannot_be_opened_is_a_matter_of_configuration(tmp_path):
+    config = Machine(tmp_path).config
+    gone = ('interface = "virtual"', 'interface = "remote"')
+    config.write_text(config.read_text().replace(*gone))
+
+    for words in (("scan",), ("drive", "right/hip", "dump")):
+        ended = gaitd(*words, "--config", config)
+
+        assert ended.code == 2
+        assert "bus.channel" in ended.err
+        assert ended.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("action", "option", "said"),
+    [
+        ("compare", ("--output", "x"), "--output"),
+        ("dump", ("--eds",), "only for compare"),
+        ("dump", ("--yes",), "only for store and restore"),
+        ("store", ("--reset",), "only for restore"),
+        ("store", ("--json",), "only for dump and compare"),
+        ("compare", ("--eds", "--with", "x"), "not together"),
+    ],
+)
+def test_an_option_of_another_action_is_refused(tmp_path, action, option, said):
+    ended = gaitd("drive", "right/hip", action, *option, "--config", Machine(tmp_path).config)
+
+    assert ended.code == 2
+    assert said in ended.err
 
 
 def test_a_shell_completes_commands_and_their_options():

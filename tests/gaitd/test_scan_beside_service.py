@@ -80,12 +80,6 @@ NOISE = (
 """Each look at a virtual drive draws new noise; without it, a look changes nothing at all."""
 
 
-@pytest.fixture(scope="module")
-def configs(tmp_path_factory):
-    changes = (("plant.toml", old, new) for old, new in NOISE)
-    return changed_configs(tmp_path_factory.mktemp("noiseless"), *changes)
-
-
 def walking(configs):
     session = Session(configs).enabled()
     gait = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=600.0)
@@ -106,57 +100,69 @@ def expected(session):
     return Expected(session.settings.drives, session.settings.trainer.cycle.master_node_id)
 
 
-def test_a_scan_of_a_walking_machine_finds_it_and_changes_no_record(configs):
-    scanned, alone = walking(configs), walking(configs)
-    station = SecondStation(scanned.lockstep)
+@pytest.fixture(scope="module")
+def configs(tmp_path_factory):
+    changes = (("plant.toml", old, new) for old, new in NOISE)
+    return changed_configs(tmp_path_factory.mktemp("noiseless"), *changes)
 
-    found = take_stock(finished(survey(station, station.clock, MBIT)), expected(scanned))
-    while len(alone.lockstep.records) < len(scanned.lockstep.records):
-        alone.lockstep.loop.turn()
+
+@pytest.fixture(scope="module")
+def warm_walking(configs):
+    return walking(configs)
+
+
+@pytest.fixture(scope="module")
+def alone(configs):
+    """The same, which walks on for longer than it takes to look at it, unseen."""
+    session = walking(configs)
+    session.lockstep.run(4.0)
+    return session
+
+
+def assert_unchanged(looked_at, alone):
+    ours, theirs = what_it_did(looked_at), what_it_did(alone)
+    sent = looked_at.lockstep.bus.sent
+    assert len(ours) < len(theirs)
+    assert looked_at.lockstep.record.mode == Mode.GAIT
+    assert ours == theirs[: len(ours)]
+    assert sent == alone.lockstep.bus.sent[: len(sent)]
+
+
+def test_a_scan_of_a_walking_machine_finds_it_and_changes_no_record(warm_walking, alone):
+    station = SecondStation(warm_walking.lockstep)
+
+    found = take_stock(finished(survey(station, station.clock, MBIT)), expected(warm_walking))
 
     assert [s.power_state for s in found.stations] == ["operation enabled"] * 2
     assert [s.nmt_state for s in found.stations] == ["operational"] * 2
     assert [f.kind for f in found.findings] == [FindingKind.SERVICE]
-    assert scanned.lockstep.record.mode == Mode.GAIT
-    assert what_it_did(scanned) == what_it_did(alone)
-    assert scanned.lockstep.bus.sent == alone.lockstep.bus.sent
+    assert_unchanged(warm_walking, alone)
 
 
-def test_a_dump_of_a_walking_drive_changes_no_record(configs):
-    read, alone = walking(configs), walking(configs)
-    station = SecondStation(read.lockstep)
-    description = read.settings.drives[0]
-    dictionary = load_eds(description.eds, description.node_id)
+def test_a_dump_of_a_walking_drive_changes_no_record(warm_walking, alone):
+    station = SecondStation(warm_walking.lockstep)
+    dictionary = load_eds(warm_walking.settings.drives[0].eds, 5)
 
     port = Configurator(station, station.clock)
     entries = finished(read_objects(5, readable(dictionary), port, as_filled=True))
-    while len(alone.lockstep.records) < len(read.lockstep.records):
-        alone.lockstep.loop.turn()
 
-    values = {(entry.index, entry.sub): entry.value for entry in entries}
-    assert values[0x6061, 0] == 10
-    assert what_it_did(read) == what_it_did(alone)
+    assert {(entry.index, entry.sub): entry.value for entry in entries}[0x6061, 0] == 10
+    assert_unchanged(warm_walking, alone)
 
 
-def test_nothing_is_stored_or_restored_while_a_service_works():
-    session = Session().until_ready()
+def test_nothing_is_stored_or_restored_beside_a_service_or_in_a_drive_that_has_power():
+    session = Session().enabled()
     station = SecondStation(session.lockstep)
     witness = Witness()
     with closing(WitnessedBus(station, station.clock, witness)) as bus:
         bus.receive_until(station.clock.now_ns() + 1, station.clock)
         session.lockstep.run(0.1)
         bus.drain()
+    steps = plan(session.settings.drives[0], HIP_LIMITS, CYCLE)
 
     with pytest.raises(KeepingRefusedError, match="somebody works on this bus"):
         check_bus(witness, 1)
-
-
-@pytest.mark.parametrize("keeping", Keeping)
-def test_nothing_is_stored_or_restored_in_a_drive_that_has_power(keeping):
-    session = Session().enabled()
-    station = SecondStation(session.lockstep)
-    steps = plan(session.settings.drives[0], HIP_LIMITS, CYCLE)
-
-    with pytest.raises(KeepingRefusedError, match="operation enabled"):
-        check_drive(steps, keeping, Configurator(station, station.clock))
+    for keeping in Keeping:
+        with pytest.raises(KeepingRefusedError, match="operation enabled"):
+            check_drive(steps, keeping, Configurator(station, station.clock))
     assert all(frame.data[0] == 0x40 for frame in station.sent)

@@ -1,12 +1,11 @@
 """Trials: recordings of the virtual machine beside the truth."""
 
 import dataclasses
-from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
-from sessions import changed_configs
+from sessions import CONFIGS, changed_configs
 
 from analysis.ablation_choices import friction_levels
 from analysis.trial import (
@@ -19,7 +18,7 @@ from analysis.trial import (
 )
 from gaitd.trials import Situation, TrialError, Trials, balanced
 
-CONFIG = Path(__file__).parents[2] / "configs" / "demo.toml"
+CONFIG = CONFIGS / "demo.toml"
 ENCODER_NOISE = np.array([5e-5, 2e-5])
 QUANTUM = np.array([2 * np.pi / (4 * 1024 * 100), 0.15 / (4 * 512 * 6)])
 LATCH_S = 30e-6
@@ -37,14 +36,13 @@ def walk(trials: Trials) -> Trial:
 
 
 def test_the_same_situation_gives_the_same_bits(trials, walk):
-    again = trials.gait(Situation(cadence_hz=0.5, programme="active"), 8.0)
+    again = trials.gait(Situation(cadence_hz=0.5, programme="active"), 2.0)
+    begun = slice(len(again.recording.time_s))
 
     for name in ("time_s", "position", "effort"):
-        assert np.array_equal(
-            getattr(walk.recording, name), getattr(again.recording, name), equal_nan=True
-        )
-    assert np.array_equal(walk.truth, again.truth)
-    assert np.array_equal(walk.judged, again.judged)
+        first, second = (getattr(one.recording, name) for one in (walk, again))
+        assert np.array_equal(first[begun], second, equal_nan=True)
+    assert np.array_equal(walk.truth[begun], again.truth)
 
 
 def test_recording_and_truth_are_of_the_same_instants(walk):
@@ -111,7 +109,7 @@ def test_another_patient_is_carried_by_the_springs_at_mid_pose(trials):
 
 def test_a_machine_that_rubs_twice_as_much_walks_too(trials):
     rough = Trials(CONFIG, friction_levels(2.0)(trials.robot))
-    trial = rough.gait(Situation(cadence_hz=0.5), 6.0)
+    trial = rough.gait(Situation(cadence_hz=0.5), 3.0)
     level_nm = trials.robot.friction.hip.coulomb_nm
 
     assert trial.ended == ""
@@ -121,7 +119,7 @@ def test_a_machine_that_rubs_twice_as_much_walks_too(trials):
 
 def test_progress_rises_to_the_whole(trials):
     told: list[float] = []
-    trials.rest(3.0, told.append)
+    trials.rest(1.0, told.append)
 
     assert told == sorted(told)
     assert told[-1] == 1.0

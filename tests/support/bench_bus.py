@@ -1,29 +1,17 @@
 """A trainer file whose virtual drives run in real time on a bus inside the test's own process."""
 
 import contextlib
-import re
-import sys
 import threading
 import uuid
-from typing import NamedTuple
 
 import can
 from drive_bench import Bench
 from sessions import changed_configs
 
-from gaitd.__main__ import main
 from sim_drives.realtime import RealTime, now_ns
 
 HALF_A_SECOND_NS = 500_000_000
 """Past boot-up and self-test."""
-
-
-class Ended(NamedTuple):
-    """What a command left behind."""
-
-    code: int
-    out: str
-    err: str
 
 
 class Machine:
@@ -48,15 +36,3 @@ class Machine:
             finally:
                 over.set()
                 thread.join()
-
-
-def gaitd(monkeypatch, capsys, *words):
-    """Run a command line in this process, as the installed script does."""
-    monkeypatch.setattr(sys, "argv", ["gaitd", *map(str, words)])
-    code = 0
-    try:
-        main()
-    except SystemExit as end:
-        code = end.code or 0
-    captured = capsys.readouterr()
-    return Ended(code, re.sub(r" +\n", "\n", captured.out), captured.err)

@@ -2,8 +2,9 @@
 
 import contextlib
 import threading
+import time
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from queue import Empty, Queue
 
 import can
@@ -13,8 +14,17 @@ from drive_bench import CONFIGS, Bench
 
 from sim_drives.realtime import RealTime
 
-PATIENCE_S = 10.0
+PATIENCE_S = 30.0
 """How long an outside master waits for an answer: a busy machine is no fault of the drives."""
+
+
+def eventually(met: Callable[[], object]) -> bool:
+    """Whether it comes true while we are patient; it is asked at least once."""
+    end_s = time.monotonic() + PATIENCE_S
+    while not met():
+        if time.monotonic() > end_s:
+            return False
+    return True
 
 
 def eds_of(name: str) -> str:
@@ -79,3 +89,18 @@ def added(network: canopen.Network, node: PatientNode) -> PatientNode:
     network.add_node(node)
     node.sdo.RESPONSE_TIMEOUT = PATIENCE_S
     return node
+
+
+@contextlib.contextmanager
+def boot_up(node: PatientNode) -> Iterator[None]:
+    """Until the boot-up message of what is done within; canopen's own waiter may miss it (#560)."""
+    booted = threading.Event()
+    node.network.subscribe(0x700 + node.id, lambda _id, data, _time: data[0] or booted.set())
+    yield
+    assert booted.wait(PATIENCE_S)
+
+
+def reset(node: PatientNode, command: str) -> None:
+    """A reset by NMT, until the node is there again."""
+    with boot_up(node):
+        node.nmt.state = command

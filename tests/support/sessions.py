@@ -1,7 +1,10 @@
 """Sessions of the whole service against the virtual machine, in lock-step, faster than time."""
 
+import multiprocessing
 import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +36,9 @@ class Session:
         return self
 
     def enabled(self) -> "Session":
+        """In hold, if it is not there already."""
+        if self.lockstep.records and self.lockstep.record.mode == Mode.HOLD:
+            return self
         self.until_ready()
         answer = self.lockstep.request(RequestKind.ENABLE)
         assert answer.outcome == Outcome.DONE, answer.reason
@@ -89,6 +95,31 @@ class Session:
             column = "hip_patient_nm" if axis == 0 else "slide_patient_n"
             found[name] = score(estimate, np.array([getattr(row, column) for _, row in pairs]))
         return found
+
+
+def elsewhere(session: Session, play: Callable[[Session], Any]) -> Any:
+    """What this returns of a copy of the session: played in a fork, nothing changes here."""
+    context = multiprocessing.get_context("fork")
+    reader, writer = context.Pipe(duplex=False)
+    child = context.Process(target=lambda: writer.send(play(session)))
+    child.start()
+    writer.close()
+    try:
+        return reader.recv()
+    finally:
+        child.join()
+
+
+def reaches_rest_in_fault(session: Session, within_s: float = 3.0) -> None:
+    """Turn until both joints have been at rest for 0.2 s, in mode fault. Raises if they are not."""
+
+    def rests(record: CycleRecord) -> bool:
+        return record.mode == Mode.FAULT and all(
+            abs(row.hip_velocity_rad_per_s) < 0.05 and abs(row.slide_velocity_m_per_s) < 0.05
+            for row in session.truth.rows[-20:]
+        )
+
+    session.lockstep.run_until(rests, within_s)
 
 
 def changed_configs(folder: Path, *changes: tuple[str, str, str]) -> Path:

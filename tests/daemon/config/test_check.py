@@ -1,10 +1,9 @@
 """`gaitd check`: what it computes, what it refuses, and how it ends."""
 
 import json
-import subprocess
-import sys
 
 import pytest
+from command_line import gaitd
 from config_files import CONFIGS, Change, changed, copied
 
 from daemon.config.check import examine, refuse
@@ -21,12 +20,6 @@ EMPTY_WITH_A_PATIENTS_SPRINGS = (
 @pytest.fixture(scope="module")
 def report():
     return examine(load(CONFIGS / "demo.toml"))
-
-
-def gaitd(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "gaitd", *arguments], capture_output=True, text=True, check=False
-    )
 
 
 def test_one_count_one_permille_and_one_milliampere_are_told_at_each_joint(report):
@@ -115,20 +108,20 @@ def test_sigterm_is_told_with_what_the_leg_then_does(report):
 
 
 def test_the_command_ends_with_0_and_tells_all_of_it_on_a_good_configuration():
-    ended = gaitd("check", "--config", str(CONFIGS / "demo.toml"))
+    ended = gaitd("check", "--config", CONFIGS / "demo.toml")
 
-    assert (ended.returncode, ended.stderr) == (0, "")
+    assert (ended.code, ended.err) == (0, "")
     for part in ("one count", "Workspace", "Without power", "Bus", "SIGTERM", "SHA-256"):
-        assert part in ended.stdout
-    assert "\x1b" not in ended.stdout
-    assert not set("│┃─━") & set(ended.stdout)
+        assert part in ended.out
+    assert "\x1b" not in ended.out
+    assert not set("│┃─━") & set(ended.out)
 
 
 def test_the_command_tells_a_program_the_same_in_json():
-    ended = gaitd("check", "--json", "--config", str(CONFIGS / "demo.toml"))
+    ended = gaitd("check", "--json", "--config", CONFIGS / "demo.toml")
 
-    told = json.loads(ended.stdout)
-    assert ended.returncode == 0
+    told = json.loads(ended.out)
+    assert ended.code == 0
     assert {"axes", "stops", "sweeps", "drift", "bus", "shutdown", "warnings", "sha256"} < set(told)
     assert told["bus"]["load_ratio"] < told["bus"]["load_max_ratio"]
 
@@ -138,10 +131,10 @@ def test_the_command_ends_with_2_and_one_line_on_a_broken_configuration(tmp_path
         copied(tmp_path), Change("limits.toml", "torque_max_nm = 62.0", "torque_max_nm = 300.0")
     )
 
-    ended = gaitd("check", "--config", str(demo))
+    ended = gaitd("check", "--config", demo)
 
-    assert (ended.returncode, ended.stdout) == (2, "")
-    assert ended.stderr == (
+    assert (ended.code, ended.out) == (2, "")
+    assert ended.err == (
         f"configuration error: {demo.parent / 'limits.toml'}: hip.torque_max_nm = 300.0: "
         "a number > 0 and <= 120\n"
     )
@@ -153,23 +146,23 @@ def test_the_command_refuses_an_endpoint_that_the_gateway_would_refuse(tmp_path)
         Change("demo.toml", "tcp/127.0.0.1:7447", "tcp/192.168.1.5:7447"),
     )
 
-    ended = gaitd("check", "--config", str(demo))
+    ended = gaitd("check", "--config", demo)
 
-    assert (ended.returncode, ended.stdout) == (2, "")
-    assert "zenoh.listen[" in ended.stderr
-    assert "tcp/192.168.1.5:7447" in ended.stderr
-    assert "listen_beyond_loopback = true" in ended.stderr
+    assert (ended.code, ended.out) == (2, "")
+    assert "zenoh.listen[" in ended.err
+    assert "tcp/192.168.1.5:7447" in ended.err
+    assert "listen_beyond_loopback = true" in ended.err
 
 
 def test_the_command_shows_the_sweep_that_it_refuses(tmp_path):
     demo = changed(copied(tmp_path), *EMPTY_WITH_A_PATIENTS_SPRINGS)
 
-    ended = gaitd("check", "--config", str(demo))
+    ended = gaitd("check", "--config", demo)
 
-    assert ended.returncode == 2
-    assert "LEAVES THE WORKSPACE" in ended.stdout
-    assert ended.stderr.startswith("configuration error: ")
-    assert ended.stderr.count("\n") == 1
+    assert ended.code == 2
+    assert "LEAVES THE WORKSPACE" in ended.out
+    assert ended.err.startswith("configuration error: ")
+    assert ended.err.count("\n") == 1
 
 
 def test_a_terminal_gets_tables(capsys):

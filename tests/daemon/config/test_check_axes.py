@@ -1,10 +1,9 @@
 """`gaitd check` of each axis: where its numbers come from, and what a drive may not be."""
 
 import json
-import subprocess
-import sys
 
 import pytest
+from command_line import gaitd
 from config_files import CONFIGS, Change, changed, copied
 
 from daemon.config.check import examine, refuse
@@ -157,17 +156,12 @@ def test_the_command_ends_with_2_on_a_drive_that_the_eds_denies(tmp_path):
     change = Change("drives/hip_epos4.toml", 'eds = "epos4.eds"', 'eds = "generic402.eds"')
     demo = changed(copied(tmp_path), change)
 
-    ended = subprocess.run(
-        [sys.executable, "-m", "gaitd", "check", "--json", "--config", str(demo)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    ended = gaitd("check", "--json", "--config", demo)
 
-    assert ended.returncode == 2
-    assert ended.stderr.startswith(f"configuration error: {demo.parent}/drives/hip_epos4.toml: eds")
-    assert ended.stderr.count("\n") == 1
-    axis = json.loads(ended.stdout)["axes"][0]
+    assert ended.code == 2
+    assert ended.err.startswith(f"configuration error: {demo.parent}/drives/hip_epos4.toml: eds")
+    assert ended.err.count("\n") == 1
+    axis = json.loads(ended.out)["axes"][0]
     assert axis["torque_source"]["object"] == "30D1h:02"
     assert any("3001h:01 is not in the EDS" in line for line in axis["objections"])
 
