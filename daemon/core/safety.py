@@ -216,12 +216,18 @@ def _unasked(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
 
 
 def _power(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
-    """A drive that should be enabled, in its mode and following, and is not."""
-    if not axis.enable_wanted or not axis.joint.fresh:
+    """A drive that should be enabled, in its mode and following, and is not.
+
+    By the newest statusword, since the next controlword follows from that one: a sample that is not
+    complete hides nothing. Quick stop active is no state on the way to operation enabled.
+    """
+    if not axis.enable_wanted:
         return
     feedback = axis.feedback
     enabled = feedback.power_state == PowerState.OPERATION_ENABLED
-    if not enabled and (axis.reached_enabled or axis.unready_cycles > ENABLE_CYCLES):
+    stopping = feedback.power_state == PowerState.QUICK_STOP_ACTIVE
+    late = axis.unready_cycles > ENABLE_CYCLES
+    if not enabled and (axis.reached_enabled or stopping or late):
         yield Cause.DRIVE_LEFT_ENABLED, 0.0, 0.0, feedback.power_state.name
         return
     patience = thresholds.mode_switch_cycles if axis.reached_enabled else ENABLE_CYCLES

@@ -454,13 +454,31 @@ def test_a_drive_that_shows_another_mode_is_told_so_and_not_that_it_does_not_fol
     assert verdict_of(axes=[axis]).cause == Cause.MODE_NOT_SHOWN
 
 
-@pytest.mark.parametrize(
-    "change", [{"enable_wanted": False}, {"joint": JOINT._replace(fresh=False)}]
-)
-def test_nobody_expects_power_who_did_not_ask_or_sees_nothing_new(change):
-    axis = fed(replace(AXIS, unready_cycles=99, **change), power_state=PowerState.SWITCHED_ON)
+def test_nobody_expects_power_who_did_not_ask():
+    axis = replace(AXIS, unready_cycles=99, enable_wanted=False)
 
-    assert verdict_of(axes=[axis]) == NO_VERDICT
+    assert verdict_of(axes=[fed(axis, power_state=PowerState.SWITCHED_ON)]) == NO_VERDICT
+
+
+@pytest.mark.parametrize("fresh", [True, False])
+@pytest.mark.parametrize("power_state", set(PowerState) - {PowerState.OPERATION_ENABLED})
+def test_a_state_that_the_next_controlword_follows_from_is_judged_though_no_sample_is_complete(
+    power_state, fresh
+):
+    axis = replace(AXIS, joint=JOINT._replace(fresh=fresh))
+
+    found = told(axes=[fed(axis, fresh=fresh, power_state=power_state)])
+
+    cause = Cause.DRIVE_FAULT if power_state.name.startswith("FAULT") else Cause.DRIVE_LEFT_ENABLED
+    assert found[0] == cause
+
+
+@pytest.mark.parametrize("power_state", PowerState)
+def test_a_drive_on_its_way_to_be_enabled_may_show_every_state_but_quick_stop(power_state):
+    axis = fed(replace(STARTING, unready_cycles=1), power_state=power_state)
+
+    stops = power_state.name.startswith("FAULT") or power_state is PowerState.QUICK_STOP_ACTIVE
+    assert (verdict_of(axes=[axis]) != NO_VERDICT) == stops
 
 
 @pytest.mark.parametrize(
