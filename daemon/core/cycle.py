@@ -103,6 +103,7 @@ def react(core: Core, frames: Sequence[Frame], tick: Tick) -> list[Frame]:
 def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
     """What each joint does, and whether its drive is where it should be."""
     for axis, feedback in zip(core.axes, feedbacks, strict=True):
+        _tell_overdue(core, axis, feedback)
         axis.feedback = feedback
         axis.joint = _measured(core, axis, feedback, tick)
         lost = _reference_lost(core, axis, feedback)
@@ -116,6 +117,14 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
     for leg in core.legs:
         _place(leg)
         watching.watch_raw(core, leg)
+
+
+def _tell_overdue(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
+    before = axis.feedback is not None and axis.feedback.temperature_overdue
+    if feedback.temperature_overdue and not before:
+        core.events.append(f"{axis.name}: its temperature is not measured any more")
+    elif before and not feedback.temperature_overdue:
+        core.events.append(f"{axis.name}: its temperature is measured again")
 
 
 def _measured(core: Core, axis: Axis, feedback: DriveFeedback, tick: Tick) -> joints.Joint:

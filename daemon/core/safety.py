@@ -348,6 +348,8 @@ def _limits(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
     if not joint.known:
         return
     temperature_degc = axis.feedback.temperature_degc
+    if axis.feedback.temperature_overdue:
+        yield Cause.TEMPERATURE_LIMIT, 0.0, 0.0, "not measured any more: no TPDO3"
     if temperature_degc is not None and temperature_degc > limits.temperature_max_degc:
         yield Cause.TEMPERATURE_LIMIT, temperature_degc, limits.temperature_max_degc, "degC"
     for cause, value, limit in (
