@@ -94,6 +94,23 @@ _REACTING = PowerState.FAULT_REACTION_ACTIVE
 _FAULT = PowerState.FAULT
 
 
+TORQUE_FREE: Final = frozenset(
+    {
+        PowerState.NOT_READY_TO_SWITCH_ON,
+        _OFF,
+        _READY,
+        _ON,  # the power stage may be live, the drive function is not enabled
+        _FAULT,
+    }
+)
+"""States that prove that a drive gives no torque. Operation enabled and quick stop active do give
+some; fault reaction active brakes, for as long as the profile says; unknown proves nothing."""
+
+
+WITHOUT_POWER: Final = TORQUE_FREE - {_ON}
+"""States that prove that the power stage is off as well."""
+
+
 class Transition(NamedTuple):
     """One arrow of the figure; `controlword` is None where the drive moves by itself."""
 

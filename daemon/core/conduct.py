@@ -309,6 +309,7 @@ def _advance_stops(core: Core, cycle: int) -> None:
         if axis.stop is None or axis.feedback is None:
             continue
         before = axis.stop
+        rules = core.config.stop_rules._replace(reaction_cycles=axis.reaction_cycles)
         axis.stop = stopping.advance(before, axis.feedback, axis.joint, axis.limits, rules, cycle)
         if axis.stop.step > before.step and axis.stop.disobeyed:
             _report_disobedience(core, axis, before.step)

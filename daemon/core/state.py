@@ -84,6 +84,8 @@ class Axis:
     """None: this axis cannot be homed."""
     torque_sampling: TorqueSampling
     spasm: SpasmWatch
+    reaction_cycles: int
+    """From its drive's profile: so long a fault reaction may last."""
     serial_number: int = 0
     referenced: bool = False
     homed: bool = False
