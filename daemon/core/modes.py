@@ -68,6 +68,7 @@ TRANSITIONS: Mapping[tuple[Mode, Event], Mode] = {
     (Mode.READY, Event.TO_COMMISSION): Mode.COMMISSION,
     (Mode.READY, Event.DRIVES_LOST): Mode.OFF,
     (Mode.READY, Event.DRIVE_FAULTY): Mode.FAULT,
+    (Mode.READY, Event.STOP): Mode.STOPPING,
     (Mode.HOLD, Event.TO_GAIT): Mode.GAIT,
     (Mode.HOLD, Event.TO_TORQUE): Mode.TORQUE,
     (Mode.HOLD, Event.TO_EXCITE): Mode.EXCITE,

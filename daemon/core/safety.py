@@ -205,12 +205,21 @@ def _fault(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
 
 
 def _unasked(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
-    """A drive that somebody else has enabled: it moves by what that one says."""
-    if axis.unasked_cycles > ENABLE_CYCLES:
+    """A drive that somebody else has enabled, or that does not go off: it moves by what others say.
+
+    Power that appears is judged at once. One that we have just had enabled may take its time to go
+    off, and a fault reaction its own.
+    """
+    state, limit_cycles = axis.feedback.power_state, ENABLE_CYCLES
+    if state == PowerState.FAULT_REACTION_ACTIVE:
+        limit_cycles = axis.reaction_cycles
+    elif axis.seen_off and state != PowerState.UNKNOWN:
+        limit_cycles = 0
+    if axis.unasked_cycles > limit_cycles:
         yield (
             Cause.DRIVE_ENABLED_UNASKED,
             float(axis.unasked_cycles),
-            float(ENABLE_CYCLES),
+            float(limit_cycles),
             "cycles",
         )
 

@@ -36,7 +36,11 @@ class AxisSituation:
     unready_cycles: int
     """Cycles in a row in which it should be that and was not."""
     unasked_cycles: int
-    """Cycles in a row in which it was enabled, and nobody here had asked for it."""
+    """Cycles in a row in which it had power, or may have had, and nobody here had asked for it."""
+    seen_off: bool
+    """It has been off since power was last asked for: power that it shows now is another's."""
+    reaction_cycles: int
+    """So long its fault reaction may last."""
     mode_wanted: int
     new_emergency: bool
     watch: EffortWatch

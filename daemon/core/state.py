@@ -97,6 +97,8 @@ class Axis:
     stop: DriveStop | None = None
     mode_sent: OperationMode = OperationMode.CYCLIC_SYNC_TORQUE
     """6060h of the last command: what 6061h is to show."""
+    seen_off: bool = False
+    """Since power was last asked for its drive has shown that it is off, and not on its way."""
     effort_sent_si: float = 0.0
     position_sent_si: float = 0.0
     """Target position of the last command, whatever the mode."""

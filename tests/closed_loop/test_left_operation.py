@@ -14,13 +14,14 @@ from wire import (
     rpdo1,
 )
 
-from daemon.record import Cause, Mode
+from daemon.record import Cause, Mode, Outcome, RequestKind
 from drives.cia402 import decode_statusword
 from drives.signals import PowerState
 from sim_drives.frame import Frame
 
 HIP = 5
 SWITCH_ON_WORD = 0x0007
+AT_THE_ENDS = {PowerState.SWITCH_ON_DISABLED, PowerState.OPERATION_ENABLED}
 
 
 def leave_operation(session, word):
@@ -72,3 +73,33 @@ def test_a_drive_that_left_operation_is_stopped_in_the_cycle_that_shows_it_witho
         assert words
         assert not any(word & ENABLE_OPERATION for word in words)
     assert session.lockstep.record.mode == Mode.FAULT
+
+
+def test_a_drive_that_goes_straight_to_operation_enabled_is_held_like_any_other(warm_ready):
+    """06h is answered with operation enabled; what lies between is never shown."""
+    session, told = warm_ready, []
+
+    def hear(frame):
+        if frame.can_id != 0x200 + HIP or not frame.data[0] & 0x04:
+            return frame
+        told.append(frame)
+        word = 0x06 if len(told) == 1 else 0x0F
+        return Frame(frame.can_id, word.to_bytes(2, "little") + frame.data[2:])
+
+    def say(frame):
+        word = int.from_bytes(frame.data[:2], "little")
+        if frame.can_id != 0x180 + HIP or decode_statusword(word) in AT_THE_ENDS:
+            return frame
+        return frame._replace(data=(word & ~0x6F | 0x40).to_bytes(2, "little") + frame.data[2:])
+
+    change_what_drives_hear(session, hear)
+    change_what_drives_say(session, say)
+    begun, since = session.truth.rows[-1], len(session.lockstep.records)
+
+    answer = session.lockstep.request(RequestKind.ENABLE)
+    session.lockstep.run(1.0)
+
+    shown = {record.drives[0].power_state for record in session.lockstep.records[since:]}
+    assert shown == AT_THE_ENDS
+    assert answer.outcome == Outcome.DONE, answer.reason
+    assert session.truth.rows[-1].hip_angle_rad == pytest.approx(begun.hip_angle_rad, abs=0.01)

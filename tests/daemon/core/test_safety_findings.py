@@ -454,6 +454,49 @@ def test_a_drive_that_shows_another_mode_is_told_so_and_not_that_it_does_not_fol
     assert verdict_of(axes=[axis]).cause == Cause.MODE_NOT_SHOWN
 
 
+SOMEBODY_ELSES = replace(AXIS, enable_wanted=False, reached_enabled=False)
+
+
+@pytest.mark.parametrize("driving", [True, False])
+@pytest.mark.parametrize(
+    ("state", "seen_off", "patience"),
+    [
+        (PowerState.OPERATION_ENABLED, True, 0),
+        (PowerState.QUICK_STOP_ACTIVE, True, 0),
+        (PowerState.UNKNOWN, True, 25),
+        (PowerState.OPERATION_ENABLED, False, 25),
+        (PowerState.QUICK_STOP_ACTIVE, False, 25),
+        (PowerState.UNKNOWN, False, 25),
+    ],
+)
+def test_power_that_appears_stops_at_once_and_power_that_does_not_go_soon(
+    state, seen_off, patience, driving
+):
+    within = fed(replace(SOMEBODY_ELSES, seen_off=seen_off), power_state=state)
+    within = replace(within, unasked_cycles=patience)
+    beyond = replace(within, unasked_cycles=patience + 1)
+
+    assert verdict_of(axes=[within], driving=driving) == NO_VERDICT
+    found = told(axes=[beyond], driving=driving)
+    assert found == (
+        Cause.DRIVE_ENABLED_UNASKED,
+        AXIS.name,
+        float(patience + 1),
+        float(patience),
+        "cycles",
+    )
+
+
+def test_a_fault_reaction_that_nobody_asked_for_may_last_as_long_as_its_profile_says():
+    reacting = fed(SOMEBODY_ELSES, power_state=PowerState.FAULT_REACTION_ACTIVE)
+
+    for seen_off in (False, True):
+        within = replace(reacting, seen_off=seen_off, unasked_cycles=reacting.reaction_cycles)
+        beyond = replace(within, unasked_cycles=reacting.reaction_cycles + 1)
+        assert verdict_of(axes=[within]).cause == Cause.DRIVE_FAULT
+        assert verdict_of(axes=[beyond]).cause == Cause.DRIVE_ENABLED_UNASKED
+
+
 def test_nobody_expects_power_who_did_not_ask():
     axis = replace(AXIS, unready_cycles=99, enable_wanted=False)
 
