@@ -172,6 +172,8 @@ class Drive:
             emergency_count=self.emergencies.count,
             protocol_error_count=self._protocol_error_count,
             alarm_count=self.emergencies.alarm_count,
+            alarm=self.emergencies.alarm,
+            temperature_overdue=self._temperature is not None and self._is_slow_overdue(),
             reference_lost=self.emergencies.reference_lost,
             news=news,
         )

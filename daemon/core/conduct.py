@@ -360,9 +360,6 @@ def _come_to_rest(core: Core) -> None:
 
 def _await_reset(core: Core) -> None:
     """A requested fault reset ends when no drive is in fault any more, or its time is over."""
-    for axis in core.axes:
-        if axis.feedback is not None:
-            axis.emergencies_seen = axis.feedback.alarm_count
     known = all(axis.joint.known for axis in core.axes)
     faulty = any(_is_faulty(axis) for axis in core.axes)
     core.reset_cycles_left = core.reset_cycles_left - 1 if faulty or not known else 0

@@ -254,6 +254,9 @@ def judge(core: Core, orders: inbox.Orders, tick: Tick) -> tuple[Verdict, ...]:
         LegSituation(leg.name, leg.singularity_ratio, leg.stopping_ratio, leg.observer_bad_cycles)
         for leg in core.legs
     ]
+    for axis in core.axes:
+        if axis.feedback is not None:
+            axis.emergencies_seen = axis.feedback.alarm_count
     config = core.config
     return safety.judge(
         service, axes, legs, config.thresholds, config.categories, driving=conduct.driving(core)

@@ -196,12 +196,14 @@ def _communication(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Find
 
 
 def _fault(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
-    emergency = axis.feedback.emergency
-    if axis.feedback.power_state in {PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE}:
-        detail = f"{emergency.code:04X}h {emergency.text}" if emergency else "no EMCY seen"
+    """An alarm that the drive itself has taken back is none the less one: 0000h undoes no stop."""
+    feedback = axis.feedback
+    reason = feedback.alarm or feedback.emergency
+    if feedback.power_state in {PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE}:
+        detail = f"{reason.code:04X}h {reason.text}" if reason else "no EMCY seen"
         yield Cause.DRIVE_FAULT, 0.0, 0.0, detail
-    if axis.new_emergency and emergency is not None:
-        yield Cause.EMERGENCY, 0.0, 0.0, f"{emergency.code:04X}h {emergency.text}"
+    if axis.new_emergency and feedback.alarm is not None:
+        yield Cause.EMERGENCY, 0.0, 0.0, f"{feedback.alarm.code:04X}h {feedback.alarm.text}"
 
 
 def _unasked(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:

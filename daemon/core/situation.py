@@ -43,6 +43,7 @@ class AxisSituation:
     """So long its fault reaction may last."""
     mode_wanted: int
     new_emergency: bool
+    """An EMCY that asks for a stop has come, and was not judged yet."""
     watch: EffortWatch
     """Whether its drive gives the effort that it is asked for."""
     stride_energy_j: float
@@ -54,8 +55,6 @@ class AxisSituation:
     spasm_cycles: int
     """How long the patient has been working against the motion; 0: not at all."""
     spasm_rise_si: float
-
-    """An EMCY that asks for a stop has come since the last reset."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -123,7 +123,7 @@ class Axis:
     unready_cycles: int = 0
     unasked_cycles: int = 0
     emergencies_seen: int = 0
-    """Alarms by EMCY at the last reset: only later ones stop."""
+    """Alarms by EMCY that have been judged: each is, once."""
     drift: Drift = NO_DRIFT
     calibration_advised: bool = False
 

@@ -131,7 +131,7 @@ def test_the_rest_is_told_too():
     unasked = replace(AXIS, enable_wanted=False, unasked_cycles=26)
     mode = fed(replace(AXIS, unready_cycles=6), mode_display=OperationMode.CYCLIC_SYNC_POSITION)
     ignoring = fed(replace(AXIS, unready_cycles=6), following=False)
-    emergency = replace(fed(emergency=EMERGENCY), new_emergency=True)
+    emergency = replace(fed(emergency=EMERGENCY, alarm=EMERGENCY), new_emergency=True)
     stretched = replace(LEG, singularity_ratio=0.1)
     blind = replace(LEG, observer_bad_cycles=51)
 
@@ -153,7 +153,7 @@ def test_the_rest_is_told_too():
 
 
 def test_a_low_code_of_an_emergency_is_told_in_four_digits():
-    emergency = replace(fed(emergency=LOW_CODE), new_emergency=True)
+    emergency = replace(fed(alarm=LOW_CODE), new_emergency=True)
 
     assert verdict_of(axes=[emergency]).detail == "0100h something"
 
@@ -361,7 +361,7 @@ def test_where_nothing_moves_there_is_nothing_of_the_service_to_stop(change):
         fed(rebooted=True),
         fed(nmt_state=NmtState.STOPPED),
         fed(heartbeat_age_ns=10**9),
-        replace(fed(emergency=EMERGENCY), new_emergency=True),
+        replace(fed(emergency=EMERGENCY, alarm=EMERGENCY), new_emergency=True),
         replace(AXIS, enable_wanted=False, unasked_cycles=26),
     ],
 )
@@ -375,12 +375,32 @@ def test_what_the_leg_does_at_rest_is_nobody_s_stop():
     assert verdict_of(axes=[moved(velocity_si=9.0)], legs=[stretched], driving=False) == NO_VERDICT
 
 
-def test_an_emergency_of_before_the_last_reset_stops_nothing():
-    assert verdict_of(axes=[fed(emergency=EMERGENCY)]) == NO_VERDICT
+def test_an_emergency_that_was_judged_stops_nothing_more():
+    assert verdict_of(axes=[fed(emergency=EMERGENCY, alarm=EMERGENCY)]) == NO_VERDICT
 
 
-def test_a_new_emergency_that_the_drive_took_back_at_once_stops_nothing_more():
-    assert verdict_of(axes=[replace(AXIS, new_emergency=True)]) == NO_VERDICT
+@pytest.mark.parametrize("driving", [True, False])
+def test_a_new_alarm_stops_by_its_own_name_whatever_the_drive_said_after_it(driving):
+    """It has taken it back, or a warning is what is open now."""
+    for later in (None, LOW_CODE):
+        axis = replace(fed(emergency=later, alarm=EMERGENCY), new_emergency=True)
+
+        found = told(axes=[axis], driving=driving)
+        assert found == (Cause.EMERGENCY, "right/hip", 0.0, 0.0, "8611h following error")
+
+
+def test_a_fault_is_named_by_the_alarm_that_came_with_it_also_after_it_was_taken_back():
+    faulty = fed(alarm=EMERGENCY, emergency=LOW_CODE, power_state=PowerState.FAULT)
+
+    assert verdict_of(axes=[faulty]).detail == "8611h following error"
+
+
+def test_a_temperature_that_is_not_measured_any_more_is_judged_as_one_beyond_its_limit():
+    unknown = fed(temperature_degc=None, temperature_overdue=True)
+
+    assert told(axes=[unknown])[:4] == (Cause.TEMPERATURE_LIMIT, "right/hip", 0.0, 0.0)
+    assert "not measured" in told(axes=[unknown])[4]
+    assert verdict_of(axes=[fed(temperature_degc=None)]) == NO_VERDICT
 
 
 def test_a_drive_is_taken_for_enabled_by_others_after_a_quarter_of_a_second():
