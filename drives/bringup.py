@@ -1,8 +1,9 @@
 """Bring-up: all drives of a bus from unknown to OPERATIONAL, one bounded step at a time.
 
-`bring_up` is a generator: each `next` does one step of one drive (at most two SDO transfers) or
-waits one slice, and yields what it did, so the core can feed its watchdog and tell people between
-steps. It ends with one `DriveReport` for each drive, or with an error:
+`bring_up` is a generator: each `next` does one step of one drive (at most two SDO transfers, more
+only where all drives are switched off) or waits one slice, and yields what it did, so the core can
+feed its watchdog and tell people between steps. It ends with one `DriveReport` for each drive, or
+with an error:
 
     BringUpRefused   identity or configuration: with drive, object, value and abort text
     DriveSilent      no answer, or a reboot on the way: worth another try
@@ -18,7 +19,8 @@ Rules:
     two nodes then answer under one number.
 3.  Everything written is read back. A drive that answers something else is refused.
 4.  Nothing is enabled and no fault is reset, whatever state a drive is found in: it is reported.
-    A drive that holds its joint goes on holding it until somebody asks to switch it off.
+    A drive that holds its joint goes on holding it until somebody asks to switch it off. Then all
+    drives are identified first, and let go of their joints within milliseconds of each other.
 5.  Our own heartbeat is not sent here: the drives' watch begins with the first one of the cycle.
 6.  Two nodes under one number are refused: a request that was answered twice, or a serial number
     that differs between two reads. Only they can tell, so there is no other try.
@@ -34,7 +36,7 @@ from collections.abc import Generator, Sequence
 from contextlib import suppress
 from typing import Final, NamedTuple
 
-from drives.cia402 import decode_statusword
+from drives.cia402 import WITHOUT_POWER, decode_statusword
 from drives.emcy import decode_emergency
 from drives.emcy_codes import meaning
 from drives.errors import BootFailure, BringUpRefused, DrivePowered, DriveSilent
@@ -60,14 +62,6 @@ SWITCH_OFF_TIMEOUT_NS: Final = 3_000_000_000
 """A fault reaction that is under way may ramp down first."""
 
 _DISABLE_VOLTAGE: Final = Step(StepKind.WRITE, "disable voltage", 0x6040, bits=16, is_hex=True)
-_POWERED: Final = frozenset(
-    (
-        PowerState.SWITCHED_ON,
-        PowerState.OPERATION_ENABLED,
-        PowerState.QUICK_STOP_ACTIVE,
-        PowerState.FAULT_REACTION_ACTIVE,
-    )
-)
 _POSITION: Final = Step(StepKind.REPORT, "position", 0x6064, signed=True)
 
 
@@ -149,8 +143,8 @@ def bring_up(
     for text in master.listen():
         yield Progress("", text, done_count, total_count)
     try:
-        for drive, step in _ordered(drives):
-            for text in _run(step, drive, port, cycle, may_switch_off):
+        for drive, step in _ordered(drives, together=may_switch_off):
+            for text in _run(step, drive, drives if may_switch_off else (), port, cycle):
                 master.check()
                 yield Progress(drive.name, text, done_count, total_count)
             done_count += 1
@@ -166,16 +160,30 @@ def bring_up(
     return tuple(_report(drive, port) for drive in drives)
 
 
-def _ordered(drives: Sequence[_Found]) -> list[tuple[_Found, Step]]:
-    """All resets first: no drive may still act while another is being configured."""
-    every = [(drive, step) for drive in drives for step in drive.plan.steps]
-    resets = [pair for pair in every if pair[1].kind is StepKind.RESET]
-    return resets + [pair for pair in every if pair[1].kind is not StepKind.RESET]
+def _ordered(drives: Sequence[_Found], *, together: bool) -> list[tuple[_Found, Step]]:
+    """All resets first: no drive may still act while another is being configured.
+
+    Where power is to be switched off it is that of all drives `together`, as soon as each of them
+    has shown that it is the one of the files.
+    """
+    phased: list[tuple[int, _Found, Step]] = []
+    for drive in drives:
+        steps = drive.plan.steps
+        power = [step.kind for step in steps].index(StepKind.POWER) if together else -1
+        for number, step in enumerate(steps):
+            phase = 1 + (number >= power) + (number > power)
+            phased.append((0 if step.kind is StepKind.RESET else phase, drive, step))
+    return [(drive, step) for _, drive, step in sorted(phased, key=lambda one: one[0])]
 
 
 def _run(
-    step: Step, drive: _Found, port: DrivePort, cycle: CycleSettings, may_switch_off: bool
+    step: Step,
+    drive: _Found,
+    may_switch_off: Sequence[_Found],
+    port: DrivePort,
+    cycle: CycleSettings,
 ) -> Texts:
+    """One step of one drive; power is switched off where and with whom it may be."""
     match step.kind:
         case StepKind.RESET:
             _reset(drive, port)
@@ -186,7 +194,7 @@ def _run(
         case StepKind.HEAR:
             yield from _await_heartbeat(drive, port, cycle, str(step))
         case StepKind.POWER:
-            yield from _without_power(step, drive, port, may_switch_off)
+            yield from _without_power(step, drive, may_switch_off, port)
         case StepKind.CHECK | StepKind.COMPARE | StepKind.REPORT | StepKind.ASK:
             drive.values[step.index, step.sub] = examine(step, drive.target(port))
         case StepKind.SWITCH_OFF:
@@ -230,17 +238,26 @@ def _await_boot(drive: _Found, port: DrivePort, text: str) -> Texts:
     drive.booted = True
 
 
-def _without_power(step: Step, drive: _Found, port: DrivePort, may_switch_off: bool) -> Texts:
-    def state() -> PowerState:
-        return decode_statusword(read(step, drive.target(port)))
+def _without_power(
+    step: Step, drive: _Found, may_switch_off: Sequence[_Found], port: DrivePort
+) -> Texts:
+    """The drive has no power; if it has, none of those that may be switched off has any from now.
 
-    if state() not in _POWERED:
+    All in one go: what is let go first would pull at what is still held.
+    """
+
+    def state(one: _Found = drive) -> PowerState:
+        return decode_statusword(read(step, one.target(port)))
+
+    shown = state()
+    if shown in WITHOUT_POWER:
         return
     if not may_switch_off:
-        raise DrivePowered(drive.name, state().name)
+        raise DrivePowered(drive.name, shown.name)
     deadline_ns = port.now_ns() + SWITCH_OFF_TIMEOUT_NS
-    write(_DISABLE_VOLTAGE, drive.target(port), 0)
-    if not (yield from until(port, deadline_ns, str(step), lambda: state() not in _POWERED)):
+    for one in [one for one in may_switch_off if state(one) not in WITHOUT_POWER]:
+        write(_DISABLE_VOLTAGE, one.target(port), 0)
+    if not (yield from until(port, deadline_ns, str(step), lambda: state() in WITHOUT_POWER)):
         what = f"it stays in {state().name} after disable voltage"
         raise DriveSilent(drive.name, BootFailure.WRONG_STATE, what)
 

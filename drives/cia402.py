@@ -23,6 +23,10 @@ Rules of this file, all in the two tables below:
     CST, CSV and CSP), so no stop of ours rests on it.
 8.  An unknown state (no statusword yet, or a bit pattern that the standard does not know) is
     answered with quick stop: it brakes a drive that should be on and energises none that is off.
+9.  One ENABLE or HOME leads to operation enabled once. Once that state was shown, a drive that
+    shows any other one gets quick stop for as long as the request goes on: it has left by itself,
+    and only another request may enable it again. Where it shows nothing, the word stays 0Fh: no
+    other word keeps a drive enabled, and one lost TPDO1 is no reason to stop.
 
                  +----------------------+  0,1 automatic
                  | not ready (NRTSO)    |-------------+
@@ -88,6 +92,23 @@ _ENABLED = PowerState.OPERATION_ENABLED
 _STOPPING = PowerState.QUICK_STOP_ACTIVE
 _REACTING = PowerState.FAULT_REACTION_ACTIVE
 _FAULT = PowerState.FAULT
+
+
+TORQUE_FREE: Final = frozenset(
+    {
+        PowerState.NOT_READY_TO_SWITCH_ON,
+        _OFF,
+        _READY,
+        _ON,  # the power stage may be live, the drive function is not enabled
+        _FAULT,
+    }
+)
+"""States that prove that a drive gives no torque. Operation enabled and quick stop active do give
+some; fault reaction active brakes, for as long as the profile says; unknown proves nothing."""
+
+
+WITHOUT_POWER: Final = TORQUE_FREE - {_ON}
+"""States that prove that the power stage is off as well."""
 
 
 class Transition(NamedTuple):
@@ -207,6 +228,8 @@ class Sent(NamedTuple):
 
     controlword: int = DISABLE_VOLTAGE
     edge: ResetEdge = ResetEdge.IDLE
+    was_enabled: bool = False
+    """Operation enabled has been shown during the present ENABLE or HOME."""
 
 
 def _decode(low_bits: int) -> PowerState:
@@ -261,14 +284,19 @@ def next_word(state: PowerState, request: PowerRequest, sent: Sent, *, resume: b
         state: as the newest statusword shows it.
         request: what the core wants, as a level.
         sent: what this function returned in the cycle before.
-        resume: whether ENABLE leaves quick stop active by transition 16, torque going on, which a
-            drive must support (605Ah 5..8); otherwise it goes the long way by transition 12.
+        resume: whether an ENABLE that finds a drive in quick stop active leaves it by transition
+            16, torque going on, which a drive must support (605Ah 5..8); otherwise it goes the
+            long way by transition 12.
     """
     if request is PowerRequest.FAULT_RESET:
         return _reset(state, sent)
-    if resume and request in _ENABLING and state is _STOPPING:
+    if request not in _ENABLING:
+        return Sent(_WORDS[request][state])
+    if sent.was_enabled and state is not _ENABLED:
+        return Sent(_WORDS[PowerRequest.QUICK_STOP][state], was_enabled=True)
+    if resume and state is _STOPPING:
         return Sent(ENABLE_OPERATION)
-    return Sent(_WORDS[request][state])
+    return Sent(_WORDS[request][state], was_enabled=state is _ENABLED)
 
 
 def _reset(state: PowerState, sent: Sent) -> Sent:

@@ -17,6 +17,7 @@ Rules:
 3.  A frame of another length than mapped is not used, and counted (what a drive would answer with
     EMCY 8210h or 8220h).
 4.  EMCY, heartbeat, boot-up and TPDO3 count whenever they come.
+5.  What TPDO3 told is known until three of them are missing, and unknown from then on.
 """
 
 from collections.abc import Callable, Sequence
@@ -42,6 +43,9 @@ _CYCLIC_MODES: Final = frozenset(
     (OperationMode.CYCLIC_SYNC_POSITION, 9, OperationMode.CYCLIC_SYNC_TORQUE)
 )
 """Modes in which statusword bit 12 means that the drive follows; 9 is cyclic sync velocity."""
+
+SLOW_MISSED_MAX: Final = 3
+"""TPDO3s in a row that may be lost."""
 
 Handler = Callable[[bytes, int, bool], bool]
 """Takes a frame's data, the time, whether a window is open; True asks for an answer at once."""
@@ -73,6 +77,7 @@ class Drive:
         self._inputs = Input.NONE
         self._temperature_degc: float | None = None
         self._error_code = 0
+        self._windows_since_slow = 0
         # this window, not complete yet
         self._has_status = False
         self._has_torque = False
@@ -132,6 +137,9 @@ class Drive:
             self._torque_raw = self._window_torque_raw
             self._sample_cycle = cycle
         self._has_status = self._has_torque = False
+        self._windows_since_slow += 1
+        if self._is_slow_overdue():
+            self._temperature_degc, self._error_code = None, 0
         return self._feedback(now_ns, fresh=fresh, news=self.emergencies.take_news())
 
     def peek(self, now_ns: int) -> DriveFeedback:
@@ -164,9 +172,15 @@ class Drive:
             emergency_count=self.emergencies.count,
             protocol_error_count=self._protocol_error_count,
             alarm_count=self.emergencies.alarm_count,
+            alarm=self.emergencies.alarm,
+            temperature_overdue=self._temperature is not None and self._is_slow_overdue(),
             reference_lost=self.emergencies.reference_lost,
             news=news,
         )
+
+    def _is_slow_overdue(self) -> bool:
+        """Counted in windows: while we send no SYNC, none is due."""
+        return self._windows_since_slow > SLOW_MISSED_MAX * self._pdos.slow.transmission_type
 
     def frames(self, command: DriveCommand) -> tuple[Frame, Frame]:
         """RPDO1 and RPDO2 for this command, the controlword chosen from the state last shown."""
@@ -210,6 +224,7 @@ class Drive:
         if len(data) != self._pdos.slow.size:
             self._protocol_error_count += 1
         else:
+            self._windows_since_slow = 0
             values = self._pdos.slow.codec.unpack(data)
             if self._temperature is not None:
                 self._temperature_degc = values[0] * self._temperature.degc_per_count

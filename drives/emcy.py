@@ -59,6 +59,7 @@ class EmergencyLog:
         "_node_id",
         "_since_clear",
         "_table",
+        "alarm",
         "alarm_count",
         "cleared_count",
         "count",
@@ -77,6 +78,8 @@ class EmergencyLog:
         """The newest alarm that no code 0000h has cleared; without one, the newest warning."""
         self.count = 0
         """Messages with a code."""
+        self.alarm: Emergency | None = None
+        """The newest alarm, cleared since or not."""
         self.alarm_count = 0
         """Those among them that ask for a stop."""
         self.cleared_count = 0
@@ -117,6 +120,7 @@ class EmergencyLog:
         alarm = is_alarm(emergency)
         self.count += 1
         self.alarm_count += alarm
+        self.alarm = emergency if alarm else self.alarm
         self.reference_lost |= emergency.loses_reference
         if alarm or self.open is None or not is_alarm(self.open):
             self.open = emergency

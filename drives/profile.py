@@ -182,6 +182,9 @@ class DriveProfile(Table, frozen=True, kw_only=True):
     pdo: Pdo
     heartbeat: Heartbeat
     fault_reset: FaultReset
+    fault_reaction_max_ms: Annotated[int, Meta(ge=10, le=5000)]
+    """After a fault the drive has no torque any more at the latest so long after: a stop that waits
+    for a reaction waits no longer."""
     emergency_table: EmergencyTable
     resume_from_quick_stop: bool
     """Enabling leaves quick stop active by transition 16, so a held load stays held."""

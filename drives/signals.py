@@ -130,6 +130,10 @@ class DriveFeedback:
     """Frames of a wrong length or content, which were not used."""
     alarm_count: int = 0
     """Those of `emergency_count` that ask for a stop: all but warnings."""
+    alarm: Emergency | None = None
+    """The newest of those, also where code 0000h has cleared it since."""
+    temperature_overdue: bool = False
+    """It has a temperature, and has not told it for too long."""
     reference_lost: bool = False
     """An EMCY since bring-up said that the encoder cannot be believed any more."""
     news: tuple[tuple[Emergency, bool], ...] = ()

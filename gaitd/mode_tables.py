@@ -56,6 +56,7 @@ ASKS: Final[Mapping[str, tuple[RequestKind, ModeRequest]]] = {
 WRONG: Final[Mapping[str, Mapping[str, Any]]] = {
     "the gateway is silent": {"gateway_alive": False},
     "a joint moves": {"at_rest": False},
+    "a joint was not sampled in this cycle": {"unsampled": ("right/hip",)},
     "the hand switch is open": {"hand_switch_closed": False},
     "STO is active": {"sto_released": False},
     "an axis is not referenced": {"unreferenced": ("right/hip",)},

@@ -145,6 +145,7 @@ def _begin(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> None
     axis.stop = None
     axis.effort_sent_si = 0.0
     axis.reached_enabled, axis.unready_cycles, axis.unasked_cycles = False, 0, 0
+    axis.seen_off = True  # bring-up goes on with no drive that has power
     axis.emergencies_seen = 0
 
 

@@ -184,6 +184,7 @@ def _core_config(
             standstill_cycles=stop.standstill_cycles,
             ramp_margin_ratio=stop.ramp_margin_ratio,
             period_s=period_ms * 1e-3,
+            reaction_cycles=0,  # each axis has its own
         ),
         spasm=SpasmRules(
             window_cycles=limits.spasm.rise_window_ms // period_ms,
@@ -269,4 +270,5 @@ def _axis(
         ),
         torque_sampling=drive.profile.torque_source.sampling,
         spasm=SpasmWatch(spasm_cycles),
+        reaction_cycles=drive.profile.fault_reaction_max_ms // period_ms,
     )

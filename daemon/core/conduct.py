@@ -126,10 +126,12 @@ def _doing(core: Core, plan: Play) -> str:
 
 
 def _take_verdicts(core: Core, found: Sequence[Verdict], cycle: int) -> None:
-    if driving(core):
-        for verdict in found:
+    stopping_all = driving(core)
+    for verdict in found:
+        # Power that nobody here asked for is something to stop, whatever the mode.
+        if stopping_all or verdict.cause == Cause.DRIVE_ENABLED_UNASKED:
             stop(core, verdict, cycle)
-    elif found and core.mode == Mode.READY:
+    if found and core.mode == Mode.READY:
         _take_resting_verdict(core, found[0])
 
 
@@ -151,9 +153,10 @@ def _take_resting_verdict(core: Core, found: Verdict) -> None:
 
 def stop(core: Core, verdict: Verdict, cycle: int) -> None:
     """Stop all drives for this verdict, or take a stop that is under way further."""
-    if core.mode.active:
+    if core.mode.active or core.mode == Mode.READY:
         core.verdict = verdict
         core.disabling = False
+        core.reset_cycles_left = 0
         core.causes_told = {(verdict.cause, verdict.drive)}
         _begin_stop(
             core, cycle, {axis.name: _first_step(core, verdict, axis) for axis in core.axes}
@@ -169,8 +172,10 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
         core.events.append(f"also: {describe(verdict)}")
     core.causes_told.add((verdict.cause, verdict.drive))
     for axis in core.axes:
-        if axis.stop is not None:
-            step = _first_step(core, verdict, axis)
+        step = _first_step(core, verdict, axis)
+        if axis.stop is None:  # in FAULT without one: its drive had no power
+            axis.stop = stopping.begin(step, axis.joint, cycle)
+        else:
             axis.stop = stopping.harsher(axis.stop, step, axis.joint, cycle)
     _hold_together(core, cycle)
 
@@ -304,11 +309,11 @@ def _end_exercise(core: Core, cycle: int, utc_ns: int) -> None:
 
 
 def _advance_stops(core: Core, cycle: int) -> None:
-    rules = core.config.stop_rules
     for axis in core.axes:
         if axis.stop is None or axis.feedback is None:
             continue
         before = axis.stop
+        rules = core.config.stop_rules._replace(reaction_cycles=axis.reaction_cycles)
         axis.stop = stopping.advance(before, axis.feedback, axis.joint, axis.limits, rules, cycle)
         if axis.stop.step > before.step and axis.stop.disobeyed:
             _report_disobedience(core, axis, before.step)
@@ -355,9 +360,6 @@ def _come_to_rest(core: Core) -> None:
 
 def _await_reset(core: Core) -> None:
     """A requested fault reset ends when no drive is in fault any more, or its time is over."""
-    for axis in core.axes:
-        if axis.feedback is not None:
-            axis.emergencies_seen = axis.feedback.alarm_count
     known = all(axis.joint.known for axis in core.axes)
     faulty = any(_is_faulty(axis) for axis in core.axes)
     core.reset_cycles_left = core.reset_cycles_left - 1 if faulty or not known else 0

@@ -34,6 +34,7 @@ from daemon.core.state import Axis, Core, Leg
 from daemon.core.tick import Tick
 from daemon.record import CycleRecord, Level, Mode, Verdict
 from drives.bus import Frame
+from drives.cia402 import TORQUE_FREE
 from drives.signals import DriveFeedback, OperationMode, PowerState
 from observer.leg_observer import PoseError
 from observer.mechanism import ratio_and_load
@@ -103,6 +104,7 @@ def react(core: Core, frames: Sequence[Frame], tick: Tick) -> list[Frame]:
 def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
     """What each joint does, and whether its drive is where it should be."""
     for axis, feedback in zip(core.axes, feedbacks, strict=True):
+        _tell_overdue(core, axis, feedback)
         axis.feedback = feedback
         axis.joint = _measured(core, axis, feedback, tick)
         lost = _reference_lost(core, axis, feedback)
@@ -116,6 +118,14 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
     for leg in core.legs:
         _place(leg)
         watching.watch_raw(core, leg)
+
+
+def _tell_overdue(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
+    before = axis.feedback is not None and axis.feedback.temperature_overdue
+    if feedback.temperature_overdue and not before:
+        core.events.append(f"{axis.name}: its temperature is not measured any more")
+    elif before and not feedback.temperature_overdue:
+        core.events.append(f"{axis.name}: its temperature is measured again")
 
 
 def _measured(core: Core, axis: Axis, feedback: DriveFeedback, tick: Tick) -> joints.Joint:
@@ -136,19 +146,28 @@ def _reference_lost(core: Core, axis: Axis, feedback: DriveFeedback) -> str:
 
 
 def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
-    enabled = feedback.fresh and feedback.power_state == PowerState.OPERATION_ENABLED
+    state = feedback.power_state
     if not conduct.enable_wanted(core, axis):
-        asked = axis.stop is not None
-        axis.unasked_cycles = axis.unasked_cycles + 1 if enabled and not asked else 0
+        axis.seen_off = axis.seen_off or state in _OFF
+        held = axis.stop is not None and not axis.seen_off
+        powered = state not in TORQUE_FREE
+        axis.unasked_cycles = axis.unasked_cycles + 1 if powered and not held else 0
         axis.reached_enabled, axis.unready_cycles = False, 0
         return
+    axis.seen_off, axis.unasked_cycles = False, 0
     ready = (
-        feedback.power_state == PowerState.OPERATION_ENABLED
+        state == PowerState.OPERATION_ENABLED
         and feedback.mode_display == axis.mode_sent
         and (feedback.following or axis.mode_sent == OperationMode.HOMING)
     )
     axis.reached_enabled = axis.reached_enabled or ready
     axis.unready_cycles = 0 if ready else axis.unready_cycles + 1
+
+
+_OFF = frozenset(
+    {PowerState.NOT_READY_TO_SWITCH_ON, PowerState.SWITCH_ON_DISABLED, PowerState.FAULT}
+)
+"""No single controlword leads from here to power, so none of ours that is still on its way does."""
 
 
 def _place(leg: Leg) -> None:
@@ -235,6 +254,9 @@ def judge(core: Core, orders: inbox.Orders, tick: Tick) -> tuple[Verdict, ...]:
         LegSituation(leg.name, leg.singularity_ratio, leg.stopping_ratio, leg.observer_bad_cycles)
         for leg in core.legs
     ]
+    for axis in core.axes:
+        if axis.feedback is not None:
+            axis.emergencies_seen = axis.feedback.alarm_count
     config = core.config
     return safety.judge(
         service, axes, legs, config.thresholds, config.categories, driving=conduct.driving(core)
@@ -262,6 +284,8 @@ def _situation(core: Core, leg: Leg, index: int) -> AxisSituation:
         reached_enabled=axis.reached_enabled,
         unready_cycles=axis.unready_cycles,
         unasked_cycles=axis.unasked_cycles,
+        seen_off=axis.seen_off,
+        reaction_cycles=axis.reaction_cycles,
         mode_wanted=axis.mode_sent,
         new_emergency=feedback.alarm_count > axis.emergencies_seen,
         watch=axis.watch,

@@ -41,9 +41,9 @@ from daemon.core.window import Window
 from daemon.cycle_timing import CyclePart, CycleTiming
 from daemon.record import Cause, CycleRecord, Level, Mode
 from drives.bus import Frame
+from drives.cia402 import TORQUE_FREE
 from drives.errors import BringUpRefused, BusError
 from drives.nmt import NmtCommand, heartbeat_frame, nmt_frame
-from drives.signals import PowerState
 
 RETRY_NS: Final = 1_000_000_000
 """Between two tries to bring up drives that do not answer."""
@@ -346,9 +346,8 @@ class Loop:
             return False
         conduct.power_off(core, self._grid.cycle)
         self._power_off_cycles += 1
-        powered = {PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE}
         states = {axis.feedback.power_state for axis in core.axes if axis.feedback is not None}
-        if states & powered:
+        if states - TORQUE_FREE:
             return self._power_off_cycles > POWER_OFF_CYCLES
         if not poses.all_rest(core) and self._power_off_cycles <= SETTLE_CYCLES:
             return False

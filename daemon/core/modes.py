@@ -13,11 +13,13 @@ Rules:
 5. TORQUE needs a lease that somebody holds, and drives that go by torque. A lease that lapses, or
    setpoints that grow stale, end it in HOLD; a gait only while assist or a stiffness scale is in
    force. No verdict is latched by that: the drives are well.
-6. Where a test of the day is required, ENABLE waits until hand switch and STO have been seen to
+6. Whether a leg rests is known from a sample of the cycle that asks. ENABLE needs one of every
+   axis, RESET one of every axis whose drive is not lost: the next bring-up judges that one.
+7. Where a test of the day is required, ENABLE waits until hand switch and STO have been seen to
    act, and nothing but RELEASE and SELF_TEST moves a leg before a self-test was passed.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
@@ -66,6 +68,7 @@ TRANSITIONS: Mapping[tuple[Mode, Event], Mode] = {
     (Mode.READY, Event.TO_COMMISSION): Mode.COMMISSION,
     (Mode.READY, Event.DRIVES_LOST): Mode.OFF,
     (Mode.READY, Event.DRIVE_FAULTY): Mode.FAULT,
+    (Mode.READY, Event.STOP): Mode.STOPPING,
     (Mode.HOLD, Event.TO_GAIT): Mode.GAIT,
     (Mode.HOLD, Event.TO_TORQUE): Mode.TORQUE,
     (Mode.HOLD, Event.TO_EXCITE): Mode.EXCITE,
@@ -177,6 +180,12 @@ class Circumstances:
     """What of hand switch and STO must have been seen to act today, and has not been."""
     self_test_due: str = ""
     """Why no leg may be moved before a self-test; empty if it may."""
+    unsampled: tuple[str, ...] = ()
+    """Names of the axes of which no complete sample came in this cycle: whether they rest, nobody
+    knows."""
+    lost: frozenset[str] = frozenset()
+    """Names of the axes whose drive is silent, or was told NMT stop: the next bring-up judges
+    them."""
 
 
 def refusal(kind: RequestKind, wanted: ModeRequest, now: Circumstances) -> str:
@@ -228,6 +237,8 @@ def _refuse_enable(now: Circumstances) -> str:
         return f"not referenced: {', '.join(now.unreferenced)}"
     if now.inputs_unseen:
         return f"not seen to act today: {', '.join(now.inputs_unseen)}"
+    if now.unsampled:
+        return _not_sampled(now.unsampled)
     if not now.at_rest:
         return "the leg is moving"
     if now.outside:
@@ -244,10 +255,19 @@ def _refuse_preparation(now: Circumstances) -> str:
         return "the hand switch is open"
     if not now.sto_released:
         return "safe torque off is active"
+    if now.unsampled:
+        return _not_sampled(now.unsampled)
     return "" if now.at_rest else "the leg is moving"
 
 
+def _not_sampled(axes: Iterable[str]) -> str:
+    return f"no sample of this cycle: {', '.join(axes)}: ask again"
+
+
 def _refuse_reset(now: Circumstances) -> str:
+    unsampled = [name for name in now.unsampled if name not in now.lost]
+    if now.mode == Mode.FAULT and unsampled:
+        return _not_sampled(unsampled)
     if now.mode == Mode.FAULT and not now.at_rest:
         return "the leg is moving"
     if now.mode == Mode.FAULT and not now.hand_switch_closed:

@@ -156,7 +156,7 @@ def _begin_or_leave(core: Core, axis: Axis, run: Preparation, cycle: int) -> Non
         bring_up_anew(core)
     elif cycle - run.asked_cycle > BEGIN_CYCLES:
         cancel(core, "the drives and the leg were not ready in time: ask again")
-    elif all(one.joint.known and _rests(one) for one in core.axes):
+    elif all(_rests(one) for one in core.axes):
         core.preparation = preparation.begin(run)
         homing = isinstance(run, Homing)
         enter(core, Event.TO_REFERENCE if homing else Event.TO_COMMISSION)
@@ -176,7 +176,8 @@ def _seen(axis: Axis) -> Seen:
 
 
 def _rests(axis: Axis) -> bool:
-    return abs(axis.joint.velocity_si) < axis.limits.standstill_si_per_s
+    joint = axis.joint
+    return joint.fresh and abs(joint.velocity_si) < axis.limits.standstill_si_per_s
 
 
 def _end(core: Core, axis: Axis, run: Preparation, cycle: int) -> None:

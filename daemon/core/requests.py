@@ -17,7 +17,7 @@ from daemon.core.inbox import Orders
 from daemon.core.modes import Event
 from daemon.core.preparation import OVER
 from daemon.core.reference import Approach, ExcitePlay, GaitPlay, Pair, TorquePlay
-from daemon.core.state import Core, Leg, Plan
+from daemon.core.state import Axis, Core, Leg, Plan
 from daemon.core.stopping import Step
 from daemon.core.transition import describe, enter
 from daemon.record import (
@@ -233,7 +233,17 @@ def _circumstances(core: Core, cycle: int) -> modes.Circumstances:
             axis.name for axis in core.axes if config.signs_must_be_proven and not axis.sign_proven
         ),
         lease_held=core.lease != 0,
+        unsampled=tuple(axis.name for axis in core.axes if not axis.joint.fresh),
+        lost=frozenset(axis.name for axis in core.axes if _is_lost(core, axis)),
     )
+
+
+def _is_lost(core: Core, axis: Axis) -> bool:
+    feedback = axis.feedback
+    if core.drives is None or feedback is None:
+        return True
+    silent = feedback.sample_age_cycles > core.config.thresholds.sample_age_max_cycles
+    return silent or (axis.stop is not None and axis.stop.step >= Step.NMT_STOP)
 
 
 def _outside(core: Core) -> tuple[str, ...]:

@@ -196,32 +196,49 @@ def _communication(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Find
 
 
 def _fault(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
-    emergency = axis.feedback.emergency
-    if axis.feedback.power_state in {PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE}:
-        detail = f"{emergency.code:04X}h {emergency.text}" if emergency else "no EMCY seen"
+    """An alarm that the drive itself has taken back is none the less one: 0000h undoes no stop."""
+    feedback = axis.feedback
+    reason = feedback.alarm or feedback.emergency
+    if feedback.power_state in {PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE}:
+        detail = f"{reason.code:04X}h {reason.text}" if reason else "no EMCY seen"
         yield Cause.DRIVE_FAULT, 0.0, 0.0, detail
-    if axis.new_emergency and emergency is not None:
-        yield Cause.EMERGENCY, 0.0, 0.0, f"{emergency.code:04X}h {emergency.text}"
+    if axis.new_emergency and feedback.alarm is not None:
+        yield Cause.EMERGENCY, 0.0, 0.0, f"{feedback.alarm.code:04X}h {feedback.alarm.text}"
 
 
 def _unasked(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
-    """A drive that somebody else has enabled: it moves by what that one says."""
-    if axis.unasked_cycles > ENABLE_CYCLES:
+    """A drive that somebody else has enabled, or that does not go off: it moves by what others say.
+
+    Power that appears is judged at once. One that we have just had enabled may take its time to go
+    off, and a fault reaction its own.
+    """
+    state, limit_cycles = axis.feedback.power_state, ENABLE_CYCLES
+    if state == PowerState.FAULT_REACTION_ACTIVE:
+        limit_cycles = axis.reaction_cycles
+    elif axis.seen_off and state != PowerState.UNKNOWN:
+        limit_cycles = 0
+    if axis.unasked_cycles > limit_cycles:
         yield (
             Cause.DRIVE_ENABLED_UNASKED,
             float(axis.unasked_cycles),
-            float(ENABLE_CYCLES),
+            float(limit_cycles),
             "cycles",
         )
 
 
 def _power(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
-    """A drive that should be enabled, in its mode and following, and is not."""
-    if not axis.enable_wanted or not axis.joint.fresh:
+    """A drive that should be enabled, in its mode and following, and is not.
+
+    By the newest statusword, since the next controlword follows from that one: a sample that is not
+    complete hides nothing. Quick stop active is no state on the way to operation enabled.
+    """
+    if not axis.enable_wanted:
         return
     feedback = axis.feedback
     enabled = feedback.power_state == PowerState.OPERATION_ENABLED
-    if not enabled and (axis.reached_enabled or axis.unready_cycles > ENABLE_CYCLES):
+    stopping = feedback.power_state == PowerState.QUICK_STOP_ACTIVE
+    late = axis.unready_cycles > ENABLE_CYCLES
+    if not enabled and (axis.reached_enabled or stopping or late):
         yield Cause.DRIVE_LEFT_ENABLED, 0.0, 0.0, feedback.power_state.name
         return
     patience = thresholds.mode_switch_cycles if axis.reached_enabled else ENABLE_CYCLES
@@ -342,6 +359,8 @@ def _limits(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
     if not joint.known:
         return
     temperature_degc = axis.feedback.temperature_degc
+    if axis.feedback.temperature_overdue:
+        yield Cause.TEMPERATURE_LIMIT, 0.0, 0.0, "not measured any more: no TPDO3"
     if temperature_degc is not None and temperature_degc > limits.temperature_max_degc:
         yield Cause.TEMPERATURE_LIMIT, temperature_degc, limits.temperature_max_degc, "degC"
     for cause, value, limit in (

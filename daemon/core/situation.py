@@ -36,9 +36,14 @@ class AxisSituation:
     unready_cycles: int
     """Cycles in a row in which it should be that and was not."""
     unasked_cycles: int
-    """Cycles in a row in which it was enabled, and nobody here had asked for it."""
+    """Cycles in a row in which it had power, or may have had, and nobody here had asked for it."""
+    seen_off: bool
+    """It has been off since power was last asked for: power that it shows now is another's."""
+    reaction_cycles: int
+    """So long its fault reaction may last."""
     mode_wanted: int
     new_emergency: bool
+    """An EMCY that asks for a stop has come, and was not judged yet."""
     watch: EffortWatch
     """Whether its drive gives the effort that it is asked for."""
     stride_energy_j: float
@@ -50,8 +55,6 @@ class AxisSituation:
     spasm_cycles: int
     """How long the patient has been working against the motion; 0: not at all."""
     spasm_rise_si: float
-
-    """An EMCY that asks for a stop has come since the last reset."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -84,6 +84,8 @@ class Axis:
     """None: this axis cannot be homed."""
     torque_sampling: TorqueSampling
     spasm: SpasmWatch
+    reaction_cycles: int
+    """From its drive's profile: so long a fault reaction may last."""
     serial_number: int = 0
     referenced: bool = False
     homed: bool = False
@@ -95,6 +97,8 @@ class Axis:
     stop: DriveStop | None = None
     mode_sent: OperationMode = OperationMode.CYCLIC_SYNC_TORQUE
     """6060h of the last command: what 6061h is to show."""
+    seen_off: bool = False
+    """Since power was last asked for its drive has shown that it is off, and not on its way."""
     effort_sent_si: float = 0.0
     position_sent_si: float = 0.0
     """Target position of the last command, whatever the mode."""
@@ -119,7 +123,7 @@ class Axis:
     unready_cycles: int = 0
     unasked_cycles: int = 0
     emergencies_seen: int = 0
-    """Alarms by EMCY at the last reset: only later ones stop."""
+    """Alarms by EMCY that have been judged: each is, once."""
     drift: Drift = NO_DRIFT
     calibration_advised: bool = False
 

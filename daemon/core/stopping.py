@@ -13,6 +13,17 @@ Rules:
 4. A drive that is not enabled yet is not enabled in order to hold: it gets a quick stop, which
    takes it back to switch on disabled.
 5. Nothing here ever goes back a step; only a reset begins anew.
+6. What a statusword proves, after the cycles that a drive has to obey:
+
+    shown                      hold            quick stop      disable voltage and further
+    ------------------------   -------------   -------------   ---------------------------
+    a state without torque     nothing to do   obeyed          obeyed
+    operation enabled          its ramp        not obeyed      not obeyed
+    quick stop active          its ramp        its ramp        not obeyed
+    fault reaction active      obeyed for as long as the drive's profile says that one may last
+    unknown                    obeyed for the same cycles once more
+
+   "Its ramp": as long as its speed falls as that asks, and what has come to rest is held.
 """
 
 from enum import IntEnum
@@ -22,6 +33,7 @@ from daemon.causes import DOUBTFUL_FEEDBACK, LOST_DRIVE
 from daemon.core.joints import Joint
 from daemon.core.limits import AxisLimits
 from daemon.record import StopCategory, Verdict
+from drives.cia402 import TORQUE_FREE
 from drives.signals import DriveFeedback, PowerRequest, PowerState
 
 
@@ -50,6 +62,8 @@ class DriveStop(NamedTuple):
     """It has come to rest in this step: from now on it is held, and no longer on a ramp."""
     disobeyed: bool = False
     """It had to be taken further than its verdict asked."""
+    unproven_cycles: int = 0
+    """Cycles in a row in which its state proved neither torque nor that there is none."""
 
 
 class StopRules(NamedTuple):
@@ -59,6 +73,8 @@ class StopRules(NamedTuple):
     standstill_cycles: int
     ramp_margin_ratio: float
     period_s: float
+    reaction_cycles: int
+    """From the drive's profile: so long a fault reaction may last."""
 
 
 HELD_SPEED_RATIO = 10.0
@@ -78,7 +94,7 @@ _BY_CATEGORY = {
     StopCategory.S0: Step.DISABLE,
 }
 
-_POWERED = frozenset({PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE})
+_UNPROVEN = frozenset({PowerState.UNKNOWN, PowerState.FAULT_REACTION_ACTIVE})
 
 
 def first_step(verdict: Verdict, drive: str) -> Step:
@@ -104,7 +120,13 @@ def begin(step: Step, joint: Joint, cycle: int, *, disobeyed: bool = False) -> D
 
 def harsher(stop: DriveStop, step: Step, joint: Joint, cycle: int) -> DriveStop:
     """The stop taken to `step` if that is further than it is."""
-    return begin(step, joint, cycle, disobeyed=stop.disobeyed) if step > stop.step else stop
+    return _further(stop, step, joint, cycle) if step > stop.step else stop
+
+
+def _further(stop: DriveStop, step: Step, joint: Joint, cycle: int) -> DriveStop:
+    """The next step begins; how long its drive has been proving nothing is not forgotten."""
+    begun = begin(step, joint, cycle, disobeyed=stop.disobeyed)
+    return begun._replace(unproven_cycles=stop.unproven_cycles)
 
 
 def advance(
@@ -116,13 +138,19 @@ def advance(
     cycle: int,
 ) -> DriveStop:
     """The stop after this cycle: further if it was not obeyed, at rest if it was."""
-    at_rest = abs(joint.velocity_si) < limits.standstill_si_per_s
-    stop = stop._replace(at_rest_cycles=stop.at_rest_cycles + 1 if at_rest else 0)
-    stop = stop._replace(has_rested=stop.has_rested or is_at_rest(stop, rules))
+    if joint.fresh:  # of a joint that is not seen nobody knows whether it rests
+        at_rest = abs(joint.velocity_si) < limits.standstill_si_per_s
+        stop = stop._replace(at_rest_cycles=stop.at_rest_cycles + 1 if at_rest else 0)
+    unproven = feedback.power_state in _UNPROVEN
+    stop = stop._replace(
+        has_rested=stop.has_rested or is_at_rest(stop, rules),
+        unproven_cycles=stop.unproven_cycles + 1 if unproven else 0,
+    )
     if feedback.fresh and not _obeyed(stop, feedback, joint, limits, rules, cycle):
-        return begin(Step(min(stop.step + 1, Step.SILENCE)), joint, cycle, disobeyed=True)
+        step = Step(min(stop.step + 1, Step.SILENCE))
+        return _further(stop._replace(disobeyed=True), step, joint, cycle)
     if stop.step == Step.QUICK_STOP and limits.brake and is_at_rest(stop, rules):
-        return begin(Step.DISABLE, joint, cycle, disobeyed=stop.disobeyed)
+        return _further(stop, Step.DISABLE, joint, cycle)
     return stop
 
 
@@ -146,16 +174,18 @@ def _obeyed(
     rules: StopRules,
     cycle: int,
 ) -> bool:
-    elapsed_cycles = cycle - stop.since_cycle
-    if elapsed_cycles <= rules.obey_cycles:
-        return True
-    if stop.step == Step.QUICK_STOP and feedback.power_state == PowerState.OPERATION_ENABLED:
-        return False
-    if stop.step >= Step.DISABLE:
-        return feedback.power_state not in _POWERED
-    if feedback.power_state not in _POWERED:
+    elapsed_cycles, state = cycle - stop.since_cycle, feedback.power_state
+    if elapsed_cycles <= rules.obey_cycles or state in TORQUE_FREE:
         # Without power there is no ramp to follow: gravity, springs and the patient move the leg.
         return True
+    if state in _UNPROVEN:
+        reacting = state == PowerState.FAULT_REACTION_ACTIVE
+        patience_cycles = rules.reaction_cycles if reacting else rules.obey_cycles
+        return stop.unproven_cycles <= patience_cycles
+    if stop.step >= Step.DISABLE:
+        return False
+    if stop.step == Step.QUICK_STOP and state == PowerState.OPERATION_ENABLED:
+        return False
     return abs(joint.velocity_si) <= _allowed_speed_si(stop, limits, rules, elapsed_cycles)
 
 

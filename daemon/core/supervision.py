@@ -18,18 +18,10 @@ from daemon.core.loop_settings import ExitCode, Log, Supervisor
 from daemon.core.state import Axis, Core
 from daemon.core.transition import describe
 from daemon.record import Cause, CycleRecord, Mode, Verdict
-from drives.signals import PowerState
+from drives.cia402 import WITHOUT_POWER
 
 PROGRESS_CYCLES: Final = 500
 """Between two lines that differ in nothing but their progress."""
-POWERED: Final = frozenset(
-    (
-        PowerState.SWITCHED_ON,
-        PowerState.OPERATION_ENABLED,
-        PowerState.QUICK_STOP_ACTIVE,
-        PowerState.FAULT_REACTION_ACTIVE,
-    )
-)
 ERROR, WARNING, NOTICE, INFORMATIONAL = 3, 4, 5, 6
 """Priorities of syslog(3)."""
 
@@ -150,7 +142,7 @@ def remains(core: Core, code: ExitCode, shutdown_effect: str) -> str:
 
 
 def _is_powered(axis: Axis) -> bool:
-    return axis.feedback is None or axis.feedback.power_state in POWERED
+    return axis.feedback is None or axis.feedback.power_state not in WITHOUT_POWER
 
 
 def _seen(core: Core) -> str:

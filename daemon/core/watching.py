@@ -12,19 +12,10 @@ from daemon.core.reference import GaitPlay, Stage
 from daemon.core.spasm import STILL_CYCLES, softened
 from daemon.core.state import Axis, Core, Leg
 from daemon.record import Mode
+from drives.cia402 import TORQUE_FREE
 from drives.signals import OperationMode, PowerState
 from observer.leg_observer import LegEstimate
 from observer.status import Validity
-
-POWERED = frozenset(
-    {
-        PowerState.OPERATION_ENABLED,
-        PowerState.QUICK_STOP_ACTIVE,
-        PowerState.FAULT_REACTION_ACTIVE,
-        PowerState.UNKNOWN,
-    }
-)
-"""A power stage that may be on."""
 
 
 def watch_raw(core: Core, leg: Leg) -> None:
@@ -41,7 +32,7 @@ def watch_raw(core: Core, leg: Leg) -> None:
             leg.balance,
             index,
             preparing.limits_in_force(core, axis),
-            powered=axis.feedback is not None and axis.feedback.power_state in POWERED,
+            powered=axis.feedback is not None and axis.feedback.power_state not in TORQUE_FREE,
             free=_free(core, leg, axis),
             placed=_placed(core, leg),
         )

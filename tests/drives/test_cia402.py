@@ -36,7 +36,12 @@ QUICK_STOP_BIT = 0x0004
 STATES = list(PowerState)
 REQUESTS = list(PowerRequest)
 ENABLING = (PowerRequest.ENABLE, PowerRequest.HOME)
-EVERY_SENT = [Sent(word, edge) for word in (0, 0x0F, 0x80) for edge in ResetEdge]
+EVERY_SENT = [
+    Sent(word, edge, was_enabled)
+    for word in (0, 0x0F, 0x80)
+    for edge in ResetEdge
+    for was_enabled in (False, True)
+]
 
 
 class ModelDrive:
@@ -382,6 +387,24 @@ def test_leaving_quick_stop_goes_by_transition_16_or_12_as_the_profile_says(resu
 
     assert sent == words
     assert drive.state is S.OPERATION_ENABLED
+
+
+@pytest.mark.parametrize("resume", [False, True])
+@pytest.mark.parametrize("left_to", sorted(set(STATES) - {S.OPERATION_ENABLED}))
+def test_a_drive_that_left_operation_enabled_is_not_enabled_again_by_the_same_request(
+    left_to, resume
+):
+    """Not from the first state that it then shows, and not from any that it shows after that."""
+    sent = Sent()
+    for request in (PowerRequest.ENABLE, PowerRequest.HOME):
+        sent = next_word(S.OPERATION_ENABLED, request, sent, resume=resume)
+    for shown in (left_to, S.SWITCH_ON_DISABLED, S.READY_TO_SWITCH_ON, S.SWITCHED_ON):
+        sent = next_word(shown, PowerRequest.ENABLE, sent, resume=resume)
+        assert sent.controlword == 0x02
+
+    ended = next_word(S.SWITCH_ON_DISABLED, PowerRequest.DISABLE_VOLTAGE, sent, resume=resume)
+    again = next_word(S.SWITCHED_ON, PowerRequest.ENABLE, ended, resume=resume)
+    assert again.controlword == 0x0F
 
 
 @pytest.mark.parametrize("state", STATUSWORDS)

@@ -191,6 +191,24 @@ def test_slow_values_come_when_they_come():
     assert group.drives[0].error_code == 0x8611
 
 
+def test_slow_values_are_unknown_once_three_of_them_stayed_away_and_known_again_with_the_next():
+    group = hip()
+    slow = Frame(0x385, struct.pack("<hH", 415, 0x8611))
+
+    group.feed_between([slow], NOW)
+    told = [window(group, sample(), cycle) for cycle in range(1, 33)]
+
+    assert [one.temperature_degc is None for one in told] == [False] * 30 + [True] * 2
+    assert [one.temperature_overdue for one in told] == [False] * 30 + [True] * 2
+    assert group.drives[0].error_code == 0
+    # Of another length it tells nothing; and windows that were left out do not count.
+    group.feed_between([slow._replace(data=b"\1")], NOW)
+    assert window(group, sample(), 33).temperature_overdue
+    group.feed_between([slow], NOW)
+    again = window(group, sample(), 500)
+    assert (again.temperature_overdue, again.temperature_degc) == (False, pytest.approx(41.5))
+
+
 def test_the_cia_402_drive_sends_a_shorter_torque_frame():
     group = DriveGroup([Drive(drive("hip_generic"), NOW)])
 

@@ -236,6 +236,19 @@ def test_a_warning_is_counted_and_kept_and_hides_no_alarm():
     assert [entry.code for entry in log.ring] == [0xFF01, 0x8611, 0xFF01]
 
 
+def test_an_alarm_that_was_taken_back_is_remembered_and_no_warning_takes_its_place():
+    log = EmergencyLog(5, "epos4")
+
+    for code in (0x8611, 0x0000, 0xFF01):
+        log.feed(emcy(code), 0)
+
+    assert log.alarm is not None
+    assert log.alarm.code == 0x8611
+    assert log.open is not None
+    assert log.open.code == 0xFF01
+    assert log.alarm_count == 1
+
+
 def test_a_code_that_is_still_open_asks_for_nothing_new():
     log = EmergencyLog(5, "epos4")
     asked = []

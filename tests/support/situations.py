@@ -116,6 +116,8 @@ AXIS = AxisSituation(
     reached_enabled=True,
     unready_cycles=0,
     unasked_cycles=0,
+    seen_off=False,
+    reaction_cycles=50,
     mode_wanted=OperationMode.CYCLIC_SYNC_TORQUE,
     new_emergency=False,
     watch=EffortWatch(held_si=10.0, held_before_still_si=10.0),

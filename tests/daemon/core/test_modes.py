@@ -50,6 +50,38 @@ def test_every_active_mode_can_be_stopped_and_disabled():
         assert TRANSITIONS[mode, Event.DISABLE] == Mode.STOPPING
 
 
+def test_power_that_appears_before_anything_is_enabled_is_stopped_out_of_ready_too():
+    assert TRANSITIONS[Mode.READY, Event.STOP] == Mode.STOPPING
+
+
+MOVING_UNSEEN = replace(ALL_WELL, unsampled=("right/hip", "right/slide"))
+
+
+@pytest.mark.parametrize("lost", [(), ("right/hip",), ("right/hip", "right/slide")])
+def test_enable_and_a_preparation_need_a_sample_of_every_axis_and_name_those_without(lost):
+    now = replace(MOVING_UNSEEN, lost=frozenset(lost))
+
+    for mode in (None, Mode.REFERENCE, Mode.COMMISSION):
+        kind = RequestKind.ENABLE if mode is None else RequestKind.MODE
+        refused = refusal(kind, ModeRequest(mode or Mode.HOLD, axis="right/hip"), now)
+        assert "no sample of this cycle: right/hip, right/slide" in refused
+
+
+def test_reset_needs_a_sample_of_every_axis_that_is_not_lost():
+    stopped = replace(MOVING_UNSEEN, mode=Mode.FAULT)
+    one_lost = replace(stopped, lost=frozenset({"right/hip"}))
+    all_lost = replace(stopped, lost=frozenset(stopped.unsampled))
+
+    def ask(now):
+        return refusal(RequestKind.RESET, ModeRequest(), now)
+
+    assert "right/hip, right/slide" in ask(stopped)
+    assert "right/hip" not in ask(one_lost)
+    assert "right/slide" in ask(one_lost)
+    assert ask(all_lost) == ""
+    assert ask(replace(stopped, mode=Mode.READY)) == ""
+
+
 def test_a_stop_by_a_verdict_is_left_by_a_reset_only():
     assert TRANSITIONS[Mode.STOPPING, Event.AT_REST_STOPPED] == Mode.FAULT
     assert {event for (mode, event) in TRANSITIONS if mode == Mode.FAULT} == {Event.RESET}

@@ -106,7 +106,7 @@ def test_a_drive_at_its_limit_does_not_stop(change):
 
 
 def test_a_new_emergency_stops_and_names_code_and_text():
-    axis = replace(with_feedback(emergency=EMERGENCY, emergency_count=1), new_emergency=True)
+    axis = replace(with_feedback(alarm=EMERGENCY, emergency_count=1), new_emergency=True)
 
     verdict = verdict_of(axis=axis)
 

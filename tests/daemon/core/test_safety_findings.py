@@ -131,7 +131,7 @@ def test_the_rest_is_told_too():
     unasked = replace(AXIS, enable_wanted=False, unasked_cycles=26)
     mode = fed(replace(AXIS, unready_cycles=6), mode_display=OperationMode.CYCLIC_SYNC_POSITION)
     ignoring = fed(replace(AXIS, unready_cycles=6), following=False)
-    emergency = replace(fed(emergency=EMERGENCY), new_emergency=True)
+    emergency = replace(fed(emergency=EMERGENCY, alarm=EMERGENCY), new_emergency=True)
     stretched = replace(LEG, singularity_ratio=0.1)
     blind = replace(LEG, observer_bad_cycles=51)
 
@@ -153,7 +153,7 @@ def test_the_rest_is_told_too():
 
 
 def test_a_low_code_of_an_emergency_is_told_in_four_digits():
-    emergency = replace(fed(emergency=LOW_CODE), new_emergency=True)
+    emergency = replace(fed(alarm=LOW_CODE), new_emergency=True)
 
     assert verdict_of(axes=[emergency]).detail == "0100h something"
 
@@ -361,7 +361,7 @@ def test_where_nothing_moves_there_is_nothing_of_the_service_to_stop(change):
         fed(rebooted=True),
         fed(nmt_state=NmtState.STOPPED),
         fed(heartbeat_age_ns=10**9),
-        replace(fed(emergency=EMERGENCY), new_emergency=True),
+        replace(fed(emergency=EMERGENCY, alarm=EMERGENCY), new_emergency=True),
         replace(AXIS, enable_wanted=False, unasked_cycles=26),
     ],
 )
@@ -375,12 +375,32 @@ def test_what_the_leg_does_at_rest_is_nobody_s_stop():
     assert verdict_of(axes=[moved(velocity_si=9.0)], legs=[stretched], driving=False) == NO_VERDICT
 
 
-def test_an_emergency_of_before_the_last_reset_stops_nothing():
-    assert verdict_of(axes=[fed(emergency=EMERGENCY)]) == NO_VERDICT
+def test_an_emergency_that_was_judged_stops_nothing_more():
+    assert verdict_of(axes=[fed(emergency=EMERGENCY, alarm=EMERGENCY)]) == NO_VERDICT
 
 
-def test_a_new_emergency_that_the_drive_took_back_at_once_stops_nothing_more():
-    assert verdict_of(axes=[replace(AXIS, new_emergency=True)]) == NO_VERDICT
+@pytest.mark.parametrize("driving", [True, False])
+def test_a_new_alarm_stops_by_its_own_name_whatever_the_drive_said_after_it(driving):
+    """It has taken it back, or a warning is what is open now."""
+    for later in (None, LOW_CODE):
+        axis = replace(fed(emergency=later, alarm=EMERGENCY), new_emergency=True)
+
+        found = told(axes=[axis], driving=driving)
+        assert found == (Cause.EMERGENCY, "right/hip", 0.0, 0.0, "8611h following error")
+
+
+def test_a_fault_is_named_by_the_alarm_that_came_with_it_also_after_it_was_taken_back():
+    faulty = fed(alarm=EMERGENCY, emergency=LOW_CODE, power_state=PowerState.FAULT)
+
+    assert verdict_of(axes=[faulty]).detail == "8611h following error"
+
+
+def test_a_temperature_that_is_not_measured_any_more_is_judged_as_one_beyond_its_limit():
+    unknown = fed(temperature_degc=None, temperature_overdue=True)
+
+    assert told(axes=[unknown])[:4] == (Cause.TEMPERATURE_LIMIT, "right/hip", 0.0, 0.0)
+    assert "not measured" in told(axes=[unknown])[4]
+    assert verdict_of(axes=[fed(temperature_degc=None)]) == NO_VERDICT
 
 
 def test_a_drive_is_taken_for_enabled_by_others_after_a_quarter_of_a_second():
@@ -454,13 +474,74 @@ def test_a_drive_that_shows_another_mode_is_told_so_and_not_that_it_does_not_fol
     assert verdict_of(axes=[axis]).cause == Cause.MODE_NOT_SHOWN
 
 
-@pytest.mark.parametrize(
-    "change", [{"enable_wanted": False}, {"joint": JOINT._replace(fresh=False)}]
-)
-def test_nobody_expects_power_who_did_not_ask_or_sees_nothing_new(change):
-    axis = fed(replace(AXIS, unready_cycles=99, **change), power_state=PowerState.SWITCHED_ON)
+SOMEBODY_ELSES = replace(AXIS, enable_wanted=False, reached_enabled=False)
 
-    assert verdict_of(axes=[axis]) == NO_VERDICT
+
+@pytest.mark.parametrize("driving", [True, False])
+@pytest.mark.parametrize(
+    ("state", "seen_off", "patience"),
+    [
+        (PowerState.OPERATION_ENABLED, True, 0),
+        (PowerState.QUICK_STOP_ACTIVE, True, 0),
+        (PowerState.UNKNOWN, True, 25),
+        (PowerState.OPERATION_ENABLED, False, 25),
+        (PowerState.QUICK_STOP_ACTIVE, False, 25),
+        (PowerState.UNKNOWN, False, 25),
+    ],
+)
+def test_power_that_appears_stops_at_once_and_power_that_does_not_go_soon(
+    state, seen_off, patience, driving
+):
+    within = fed(replace(SOMEBODY_ELSES, seen_off=seen_off), power_state=state)
+    within = replace(within, unasked_cycles=patience)
+    beyond = replace(within, unasked_cycles=patience + 1)
+
+    assert verdict_of(axes=[within], driving=driving) == NO_VERDICT
+    found = told(axes=[beyond], driving=driving)
+    assert found == (
+        Cause.DRIVE_ENABLED_UNASKED,
+        AXIS.name,
+        float(patience + 1),
+        float(patience),
+        "cycles",
+    )
+
+
+def test_a_fault_reaction_that_nobody_asked_for_may_last_as_long_as_its_profile_says():
+    reacting = fed(SOMEBODY_ELSES, power_state=PowerState.FAULT_REACTION_ACTIVE)
+
+    for seen_off in (False, True):
+        within = replace(reacting, seen_off=seen_off, unasked_cycles=reacting.reaction_cycles)
+        beyond = replace(within, unasked_cycles=reacting.reaction_cycles + 1)
+        assert verdict_of(axes=[within]).cause == Cause.DRIVE_FAULT
+        assert verdict_of(axes=[beyond]).cause == Cause.DRIVE_ENABLED_UNASKED
+
+
+def test_nobody_expects_power_who_did_not_ask():
+    axis = replace(AXIS, unready_cycles=99, enable_wanted=False)
+
+    assert verdict_of(axes=[fed(axis, power_state=PowerState.SWITCHED_ON)]) == NO_VERDICT
+
+
+@pytest.mark.parametrize("fresh", [True, False])
+@pytest.mark.parametrize("power_state", set(PowerState) - {PowerState.OPERATION_ENABLED})
+def test_a_state_that_the_next_controlword_follows_from_is_judged_though_no_sample_is_complete(
+    power_state, fresh
+):
+    axis = replace(AXIS, joint=JOINT._replace(fresh=fresh))
+
+    found = told(axes=[fed(axis, fresh=fresh, power_state=power_state)])
+
+    cause = Cause.DRIVE_FAULT if power_state.name.startswith("FAULT") else Cause.DRIVE_LEFT_ENABLED
+    assert found[0] == cause
+
+
+@pytest.mark.parametrize("power_state", PowerState)
+def test_a_drive_on_its_way_to_be_enabled_may_show_every_state_but_quick_stop(power_state):
+    axis = fed(replace(STARTING, unready_cycles=1), power_state=power_state)
+
+    stops = power_state.name.startswith("FAULT") or power_state is PowerState.QUICK_STOP_ACTIVE
+    assert (verdict_of(axes=[axis]) != NO_VERDICT) == stops
 
 
 @pytest.mark.parametrize(

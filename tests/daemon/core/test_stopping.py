@@ -12,7 +12,9 @@ from daemon.core.stopping import Step, StopRules
 from daemon.record import Cause, StopCategory, Verdict
 from drives.signals import PowerRequest, PowerState
 
-RULES = StopRules(obey_cycles=3, standstill_cycles=5, ramp_margin_ratio=1.5, period_s=0.01)
+RULES = StopRules(
+    obey_cycles=3, standstill_cycles=5, ramp_margin_ratio=1.5, period_s=0.01, reaction_cycles=20
+)
 FAST = JOINT._replace(velocity_si=1.0)
 STILL = JOINT._replace(velocity_si=0.0)
 STOPPING_DRIVE = replace(FEEDBACK, power_state=PowerState.QUICK_STOP_ACTIVE)
@@ -146,6 +148,56 @@ def test_what_was_not_seen_is_neither_obeyed_nor_disobeyed():
     unseen = replace(FEEDBACK, fresh=False)
 
     assert run(begun, unseen, [FAST] * 20).step == Step.QUICK_STOP
+
+
+TORQUE_FREE = {
+    PowerState.NOT_READY_TO_SWITCH_ON: True,
+    PowerState.SWITCH_ON_DISABLED: True,
+    PowerState.READY_TO_SWITCH_ON: True,
+    PowerState.SWITCHED_ON: True,
+    PowerState.OPERATION_ENABLED: False,
+    PowerState.QUICK_STOP_ACTIVE: False,
+    PowerState.FAULT_REACTION_ACTIVE: False,
+    PowerState.FAULT: True,
+    PowerState.UNKNOWN: False,
+}
+
+
+@pytest.mark.parametrize("step", [Step.QUICK_STOP, Step.DISABLE])
+@pytest.mark.parametrize("state", PowerState)
+def test_only_a_state_without_torque_proves_for_ever_that_a_moving_drive_obeys(state, step):
+    shown = replace(FEEDBACK, power_state=state)
+
+    stopped = run(stopping.begin(step, FAST, 100), shown, [FAST] * 60)
+
+    assert stopped.step == (step if TORQUE_FREE[state] else Step.SILENCE)
+
+
+@pytest.mark.parametrize("begun", [Step.HOLD, Step.QUICK_STOP, Step.DISABLE])
+@pytest.mark.parametrize(
+    ("state", "patience"), [(PowerState.UNKNOWN, 3), (PowerState.FAULT_REACTION_ACTIVE, 20)]
+)
+def test_a_state_that_proves_nothing_is_borne_so_long_and_over_all_steps_no_longer(
+    begun, state, patience
+):
+    shown = replace(FEEDBACK, power_state=state)
+    stop = stopping.begin(begun, FAST, 100)
+
+    assert run(stop, shown, [FAST] * patience).step == begun
+    assert run(stop, shown, [FAST] * (patience + 1)).step == begun + 1
+    # The next steps wait for obedience alone, not for the whole patience again.
+    assert run(stop, shown, [FAST] * (patience + 1 + 4)).step == begun + 2
+    proven = stopping.advance(run(stop, shown, [FAST] * patience), OFF, FAST, LIMITS, RULES, 150)
+    assert run(proven._replace(since_cycle=150), shown, [FAST] * patience).step == begun
+
+
+def test_a_joint_that_is_not_seen_counts_as_neither_at_rest_nor_moving():
+    unseen = STILL._replace(fresh=False)
+    begun = run(stopping.begin(Step.QUICK_STOP, STILL, 100), STOPPING_DRIVE, [STILL] * 2)
+
+    assert run(begun, STOPPING_DRIVE, [unseen] * 30).at_rest_cycles == 2
+    braked = LIMITS._replace(brake=True)
+    assert run(begun, STOPPING_DRIVE, [unseen] * 30, braked).step == Step.QUICK_STOP
 
 
 POWER = st.sampled_from(list(PowerState))
