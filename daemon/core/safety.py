@@ -197,8 +197,9 @@ def _communication(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Find
 
 def _fault(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
     emergency = axis.feedback.emergency
-    if axis.feedback.power_state in {PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE}:
-        detail = f"{emergency.code:04X}h {emergency.text}" if emergency else "no EMCY seen"
+    if axis.feedback.in_fault:
+        heard = f"{emergency.code:04X}h {emergency.text}" if emergency else ""
+        detail = heard or axis.error_found or "no EMCY seen"
         yield Cause.DRIVE_FAULT, 0.0, 0.0, detail
     if axis.new_emergency and emergency is not None:
         yield Cause.EMERGENCY, 0.0, 0.0, f"{emergency.code:04X}h {emergency.text}"

@@ -39,6 +39,7 @@ class AxisSituation:
     """Cycles in a row in which it was enabled, and nobody here had asked for it."""
     mode_wanted: int
     new_emergency: bool
+    """An EMCY that asks for a stop has come since the last reset."""
     watch: EffortWatch
     """Whether its drive gives the effort that it is asked for."""
     stride_energy_j: float
@@ -50,8 +51,8 @@ class AxisSituation:
     spasm_cycles: int
     """How long the patient has been working against the motion; 0: not at all."""
     spasm_rise_si: float
-
-    """An EMCY that asks for a stop has come since the last reset."""
+    error_found: str = ""
+    """What the drive said of the fault in which bring-up found it."""
 
 
 @dataclass(frozen=True, slots=True)
