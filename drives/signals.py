@@ -139,6 +139,11 @@ class DriveFeedback:
     news: tuple[tuple[Emergency, bool], ...] = ()
     """The newest EMCYs since the last window, each with whether it repeats an open code."""
 
+    @property
+    def in_fault(self) -> bool:
+        """In fault, or still reacting to it."""
+        return self.power_state in {PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE}
+
 
 @dataclass(frozen=True, slots=True)
 class DriveCommand:

@@ -104,7 +104,7 @@ def ask(target: Target, name: str, payload: dict[str, Any]) -> Answer:
     finally:
         session.close()
     where = " or ".join(target.endpoints)
-    return Answer(None, f"nobody answers {selector} on {where} within {ANSWER_TIMEOUT_S:g} s")
+    return Answer(None, f"no answer to {selector} on {where}: another trainer, or it hangs")
 
 
 def request(target: Target, name: str, payload: dict[str, Any], *, as_json: bool) -> int:

@@ -1,7 +1,8 @@
 """`gaitd self-test`: the test of the day, step by step, with a person in front of the machine.
 
 What has to be done is what the service says is missing: it refuses to enable as long as it has not
-seen hand switch and emergency stop act, and names what it has not seen.
+seen hand switch and emergency stop act, and names what it has not seen. It asks to enable and never
+to reset: a stop that is latched is shown with its remedy, and the test ends.
 
 Exit codes as in `remote.py`; 1 also when the test was not passed, or a step was not done in time.
 """
@@ -47,7 +48,7 @@ PROMPTS: Final = (
     ("safe torque off", "Release the emergency stop."),
     ("moving", "Keep the leg still."),
 )
-"""What a person does about a reason for which the service refuses to enable or to reset."""
+"""What a person does about a reason for which the service refuses to enable."""
 
 Say = Callable[[str], None]
 
@@ -86,32 +87,49 @@ def run(target: Target, say: Say) -> tuple[bool, list[str]]:
     Raises:
         NoAnswerError: the service does not answer.
     """
-    if _status(target).safety.mode != "hold" and not _enabled(target, say):
-        return False, []
+    trouble = "" if _status(target).safety.mode == "hold" else _enable(target, say)
+    if trouble:
+        say(trouble)
+        return False, [trouble]
     say("Now each axis moves a little, forth and back. Lie relaxed, and hold the hand switch.")
     before = _ids(_status(target))
     reply = _request(target, "mode", {"mode": "self_test"})
     if reply.outcome != "done":
         say(f"refused: {reply.reason}")
-        return False, []
+        return False, [reply.reason]
     return _followed(target, before, say)
 
 
-def _enabled(target: Target, say: Say) -> bool:
-    """Ask to enable until nothing is missing any more; say what a person should do meanwhile."""
+def _enable(target: Target, say: Say) -> str:
+    """Ask to enable until nothing is missing any more; say what a person should do meanwhile.
+
+    Returns: why it is not enabled; empty if it is.
+    """
     said = ""
     for _ in range(round(PATIENCE_S / POLL_S)):
-        name = "reset" if _status(target).safety.mode == "fault" else "enable"
-        reply = _request(target, name, {})
-        if reply.outcome == "done" and name == "enable":
-            return True
-        text = prompt(reply.reason) if reply.outcome != "done" else said
+        safety = _status(target).safety
+        if safety.mode != "ready":
+            # Somebody else's doing, or a stop: what is enabled after it was not asked for here.
+            return stop_text(safety) or f"not possible in mode {safety.mode}"
+        reply = _request(target, "enable", {})
+        if reply.outcome == "done":
+            return ""
+        text = prompt(reply.reason)
         if text != said:
             said = text
             say(text)
         time.sleep(POLL_S)
-    say(f"not done within {PATIENCE_S:g} s")
-    return False
+    return f"not done within {PATIENCE_S:g} s"
+
+
+def stop_text(safety: wire.Safety) -> str:
+    """The stop that is in force, and what to do about it; empty if there is none."""
+    verdict = safety.verdict
+    if verdict is None or verdict.category == "none":
+        return ""
+    where = f"{verdict.drive}: " if verdict.drive else ""
+    detail = f" ({verdict.detail})" if verdict.detail else ""
+    return f"{where}{verdict.text}{detail}: {verdict.remedy}"
 
 
 def prompt(reason: str) -> str:
@@ -141,9 +159,9 @@ def _ending(status: wire.Status, before: set[str], say: Say) -> tuple[bool, list
     lines = [text for text in new if FOUND in text]
     for line in lines:
         say(line)
-    verdict = status.safety.verdict
-    if verdict is not None and verdict.category != "none":
-        say(f"{verdict.text}: {verdict.remedy}")
+    stopped = stop_text(status.safety)
+    if stopped:
+        say(stopped)
     return bool(lines) and all(PASSED in line for line in lines), lines
 
 

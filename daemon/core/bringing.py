@@ -147,6 +147,8 @@ def _begin(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> None
     axis.reached_enabled, axis.unready_cycles, axis.unasked_cycles = False, 0, 0
     axis.seen_off = True  # bring-up goes on with no drive that has power
     axis.emergencies_seen = 0
+    code = report.error_code
+    axis.error_found = f"{code:04X}h {report.error_text}" if code else ""
 
 
 def _why_unreferenced(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> str:

@@ -33,6 +33,8 @@ from drives.signals import OperationMode
 
 LOAD_SETTLE_CYCLES = 50
 """Held this long before the load at rest is compared with g(q)."""
+RESET_SETTLE_CYCLES = 20
+"""A drive that was in fault shows that it is out of it for so long before a reset is done."""
 STOPPING_MAX_CYCLES = 300
 """A leg that still moves then moves without power: the mode says fault, the speed is published."""
 
@@ -359,15 +361,16 @@ def _come_to_rest(core: Core) -> None:
 
 
 def _await_reset(core: Core) -> None:
-    """A requested fault reset ends when no drive is in fault any more, or its time is over."""
+    """A requested fault reset ends when no drive is in fault any more, or its time is over.
+
+    A drive whose cause persists may leave its fault and come back to it some cycles later.
+    """
     known = all(axis.joint.known for axis in core.axes)
-    faulty = any(_is_faulty(axis) for axis in core.axes)
-    core.reset_cycles_left = core.reset_cycles_left - 1 if faulty or not known else 0
-
-
-def _is_faulty(axis: Axis) -> bool:
-    from_drive = axis.feedback
-    return from_drive is not None and from_drive.power_state.name.startswith("FAULT")
+    faulty = any(axis.feedback is not None and axis.feedback.in_fault for axis in core.axes)
+    left = max(core.reset_settle_cycles - 1, 0)
+    core.reset_settle_cycles = RESET_SETTLE_CYCLES if faulty else left
+    ended = known and core.reset_settle_cycles == 0
+    core.reset_cycles_left = 0 if ended else core.reset_cycles_left - 1
 
 
 def power_off(core: Core, cycle: int) -> None:

@@ -115,6 +115,8 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
         silent = feedback.sample_age_cycles > core.config.thresholds.sample_age_max_cycles
         axis.homed = axis.homed and axis.referenced and not silent
         _count_readiness(core, axis, feedback)
+        if feedback.fresh and not feedback.in_fault:
+            axis.error_found = ""
     for leg in core.legs:
         _place(leg)
         watching.watch_raw(core, leg)
@@ -294,4 +296,5 @@ def _situation(core: Core, leg: Leg, index: int) -> AxisSituation:
         stopping_end_si=axis.stopping_end_si,
         spasm_cycles=axis.spasm.cycles,
         spasm_rise_si=axis.spasm.rise_si,
+        error_found=axis.error_found,
     )

@@ -30,7 +30,7 @@ from daemon.record import (
     RequestResult,
     Verdict,
 )
-from drives.signals import Input
+from drives.signals import Input, PowerState
 
 STALE_REQUEST_CYCLES = 100
 """A request made when the newest cycle was older than this was made for another situation."""
@@ -129,7 +129,7 @@ def _act(core: Core, kind: RequestKind, wanted: ModeRequest, cycle: int) -> None
         core.drives = None
         core.preparation = None
         core.verdict = Verdict()
-        core.reset_cycles_left = RESET_CYCLES
+        core.reset_cycles_left, core.reset_settle_cycles = RESET_CYCLES, 0
     else:
         _begin_exercise(core, wanted)
 
@@ -283,10 +283,15 @@ def _outcome(core: Core, request: Request) -> tuple[Outcome, str]:
         return Outcome.REFUSED, describe(core.verdict)
     if _prepares(request) and not request.mode.witnessed:
         return _begun(core, request.mode.mode)
+    # What the drives show decides, not what they were told. One that goes on showing something else
+    # is a verdict soon.
+    shown = [axis.feedback for axis in core.axes if axis.feedback is not None]
+    pushing = any(one.power_state == PowerState.OPERATION_ENABLED for one in shown)
+    faulty = any(one.in_fault for one in shown)
     done = {
         RequestKind.ENABLE: core.load_checked,
-        RequestKind.DISABLE: core.mode == Mode.READY,
-        RequestKind.RESET: core.mode == Mode.READY and core.reset_cycles_left == 0,
+        RequestKind.DISABLE: core.mode == Mode.READY and not pushing,
+        RequestKind.RESET: core.mode == Mode.READY and core.reset_cycles_left == 0 and not faulty,
         RequestKind.MODE: True,
     }
     return (Outcome.DONE if done[kind] else Outcome.PENDING), ""

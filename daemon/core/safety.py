@@ -198,9 +198,10 @@ def _communication(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Find
 def _fault(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
     """An alarm that the drive itself has taken back is none the less one: 0000h undoes no stop."""
     feedback = axis.feedback
-    reason = feedback.alarm or feedback.emergency
-    if feedback.power_state in {PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE}:
-        detail = f"{reason.code:04X}h {reason.text}" if reason else "no EMCY seen"
+    if feedback.in_fault:
+        reason = feedback.alarm or feedback.emergency
+        said = f"{reason.code:04X}h {reason.text}" if reason else axis.error_found
+        detail = said or "no EMCY seen"
         yield Cause.DRIVE_FAULT, 0.0, 0.0, detail
     if axis.new_emergency and feedback.alarm is not None:
         yield Cause.EMERGENCY, 0.0, 0.0, f"{feedback.alarm.code:04X}h {feedback.alarm.text}"

@@ -55,6 +55,8 @@ class AxisSituation:
     spasm_cycles: int
     """How long the patient has been working against the motion; 0: not at all."""
     spasm_rise_si: float
+    error_found: str = ""
+    """What the drive said of the fault in which bring-up found it."""
 
 
 @dataclass(frozen=True, slots=True)

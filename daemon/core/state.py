@@ -124,6 +124,8 @@ class Axis:
     unasked_cycles: int = 0
     emergencies_seen: int = 0
     """Alarms by EMCY that have been judged: each is, once."""
+    error_found: str = ""
+    """What the drive said of the fault in which bring-up found it; empty once that is over."""
     drift: Drift = NO_DRIFT
     calibration_advised: bool = False
 
@@ -188,6 +190,8 @@ class Core:
     disabling: bool = False
     """STOPPING because somebody asked to disable, not because of a verdict."""
     reset_cycles_left: int = 0
+    reset_settle_cycles: int = 0
+    """A drive that was in fault is out of it for good once it has shown so for these."""
     """Cycles for which a requested fault reset is still being tried."""
     load_settle_cycles: int = 0
     load_checked: bool = False

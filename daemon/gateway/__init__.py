@@ -5,8 +5,8 @@ else), `translate.py` (what may be shown), `control.py` (requests), `lease.py`, 
 `steering.py` (who may command torque), `alive.py`, `events.py`, `emergencies.py`, `strides.py` and
 `health.py` (what is made from many records), `keeper.py` with `blackbox.py` (what is kept around
 each stop, by `trail.py`, on `shelf.py`) and `request_log.py` (who asked for what, by
-`request_chain.py` and `request_file.py`), then the outside: `endpoints.py`, `session.py`,
-`outlet.py`, `publish.py` and `subscribe.py` (Zenoh), `notes_disk.py` (fsync), `disk.py` (a thread
-that waits for it), `log.py` (journal or stderr), `reload.py` (SIGHUP), `process.py` (the loop
-itself).
+`request_chain.py` and `request_file.py`), then the outside: `access.py` (who may say what),
+`endpoints.py`, `session.py`, `outlet.py`, `publish.py` and `subscribe.py` (Zenoh), `notes_disk.py`
+(fsync), `disk.py` (a thread that waits for it), `log.py` (journal or stderr), `reload.py` (SIGHUP),
+`process.py` (the loop itself).
 """

@@ -75,7 +75,7 @@ def serve(
         closing(GatewaySeam(runtime)) as seam,
         closing(Mailbox()) as mailbox,
         closing(SetpointBox()) as box,
-        closing(open_session(listen)) as session,
+        closing(open_session(listen, trainer)) as session,
         closing(ZenohOutlet(session, trainer, mailbox)) as outlet,
         closing(SetpointSubscriber(session, trainer, box)),
         closing(Keeper(state, runtime, clock, version("gaitd"))) as keeper,

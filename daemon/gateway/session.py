@@ -10,11 +10,13 @@ from typing import Any, Final
 import msgspec
 import zenoh
 
+from daemon.gateway.access import access_control
+
 LEASE_MS: Final = 1000
 """A peer that hangs is dropped after this; a subscriber sees a hung gateway as fast."""
 
 
-def session_settings(listen: Sequence[str]) -> dict[str, Any]:
+def session_settings(listen: Sequence[str], trainer: str) -> dict[str, Any]:
     """Keys of Zenoh's configuration and their values."""
     return {
         "mode": "peer",
@@ -25,6 +27,8 @@ def session_settings(listen: Sequence[str]) -> dict[str, Any]:
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "adminspace/enabled": False,
+        # Without it any client publishes, answers and hears setpoints as well as we do.
+        "access_control": access_control(trainer),
         "timestamping/enabled": True,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/tx/keep_alive": 4,
@@ -35,13 +39,17 @@ def session_settings(listen: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def open_session(listen: Sequence[str]) -> zenoh.Session:
+def open_session(listen: Sequence[str], trainer: str) -> zenoh.Session:
     """Open the session; must be closed explicitly, or the process hangs at exit.
+
+    Args:
+        listen: its endpoints.
+        trainer: TRAINER of the only keys that it lets anything through for.
 
     Raises:
         zenoh.ZError: an endpoint cannot be listened on: in use, no such address, no directory.
     """
     config = zenoh.Config()
-    for key, value in session_settings(listen).items():
+    for key, value in session_settings(listen, trainer).items():
         config.insert_json5(key, msgspec.json.encode(value).decode())
     return zenoh.open(config)

@@ -15,7 +15,8 @@ from daemon import wire
 from daemon.gateway.publish import ESTIMATE, declare
 from daemon.gateway.session import open_session
 
-KEY: Final = "bench/bare/estimate"
+TRAINER: Final = "bench"
+KEY: Final = wire.key(TRAINER, "bare", "estimate")
 PERIOD_S: Final = 0.0101
 """The pace of the service, but for a hundredth: so the puts come at all phases of its cycle."""
 STAMP_SIZE: Final = 8
@@ -33,7 +34,7 @@ def stamp_of(payload: bytes) -> int:
 
 def main(endpoint: str, size: int, seconds: float) -> None:
     """Put, and sleep, until the time is over."""
-    with open_session([endpoint]) as session:
+    with open_session([endpoint], TRAINER) as session:
         publisher = declare(session, KEY, wire.Estimate, ESTIMATE)
         due_s = time.monotonic()
         end_s = due_s + seconds

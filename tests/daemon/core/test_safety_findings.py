@@ -103,6 +103,13 @@ def test_what_a_drive_says_is_told_with_value_limit_and_unit(change, expected):
     assert got[4] == detail
 
 
+def test_a_fault_without_an_emcy_is_told_as_bring_up_found_it():
+    axis = replace(fed(power_state=PowerState.FAULT), error_found="2310h overcurrent")
+
+    assert told(axes=[axis])[-1] == "2310h overcurrent"
+    assert told(axes=[fed(axis, emergency=EMERGENCY)])[-1] == "8611h following error"
+
+
 @pytest.mark.parametrize(
     ("change", "expected"),
     [

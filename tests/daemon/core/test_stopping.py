@@ -218,3 +218,36 @@ def test_a_stop_never_goes_back_a_step(first, story):
         stop = stopping.harsher(stop, step, joint, cycle)
         stop = stopping.advance(stop, feedback, joint, LIMITS, RULES, cycle)
         assert stop.step >= max(before, step)
+
+
+@pytest.mark.parametrize(("ratio", "reached"), [(9.9, Step.QUICK_STOP), (10.1, Step.DISABLE)])
+def test_a_drive_that_has_rested_is_loose_when_it_is_pushed_at_ten_times_standstill(ratio, reached):
+    pushed = STILL._replace(velocity_si=ratio * LIMITS.standstill_si_per_s)
+    stop = run(stopping.begin(Step.QUICK_STOP, FAST, 100), STOPPING_DRIVE, [STILL] * 20)
+
+    stop = stopping.advance(stop, STOPPING_DRIVE, pushed, LIMITS, RULES, 121)
+
+    assert stop.step == reached
+
+
+@pytest.mark.parametrize(("ratio", "reached"), [(2.9, Step.QUICK_STOP), (3.1, Step.DISABLE)])
+def test_a_drive_that_has_not_rested_by_the_end_of_its_ramp_may_be_three_times_standstill(
+    ratio, reached
+):
+    slow = STILL._replace(velocity_si=ratio * LIMITS.standstill_si_per_s)
+
+    stop = run(stopping.begin(Step.QUICK_STOP, slow, 100), STOPPING_DRIVE, [slow] * 4)
+
+    assert stop.step == reached
+
+
+@pytest.mark.parametrize(
+    ("ratio", "cycles", "reached"),
+    [(9.9, 33, Step.HOLD), (10.1, 4, Step.QUICK_STOP), (3.1, 34, Step.QUICK_STOP)],
+)
+def test_the_core_s_own_hold_has_thirty_cycles_to_settle(ratio, cycles, reached):
+    slow = STILL._replace(velocity_si=ratio * LIMITS.standstill_si_per_s)
+
+    stop = run(stopping.begin(Step.HOLD, STILL, 100), FEEDBACK, [slow] * cycles)
+
+    assert stop.step == reached

@@ -49,6 +49,14 @@ def test_in_torque_mode_the_wish_is_sent():
     assert effort(axis_that(), 8.0, CST) == 8.0
 
 
+def test_before_a_drive_pushes_its_torque_is_at_once_what_holds_the_pose():
+    axis = axis_that(state=PowerState.SWITCHED_ON)
+    axis.reached_enabled, axis.effort_sent_si, axis.gravity_si = False, 0.0, 20.0
+
+    assert axis.limits.effort_rate_max_si_per_s * DT_S < 20.0
+    assert effort(axis, 20.0, CST) == 20.0
+
+
 def test_in_position_mode_the_present_torque_is_sent_whatever_is_wished():
     assert effort(axis_that(shows=CSP, sent=CSP), 40.0, CSP) == 6.0
     assert effort(axis_that(shows=CSP, sent=CSP), 40.0, CST) == 6.0

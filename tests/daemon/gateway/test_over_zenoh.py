@@ -216,7 +216,6 @@ def test_garbage_in_a_query_gets_a_clear_error(session, start_core, eventually):
         ("mode", {"mode": "gait", "amplitude_ratio": 2.0}, "amplitude_ratio"),
         ("mode", b'{"mode": "gait", "duration_s": NaN}', "malformed"),
         ("enable", b" " * 5000, "4096"),
-        ("explode", None, "none of: acquire"),
     ):
         answer, failed = query(session, name, payload)
         assert failed

@@ -1,0 +1,97 @@
+"""`gaitd self-test` against a service that keeps count of what it is asked."""
+
+import msgspec
+import pytest
+from typer.testing import CliRunner
+
+from daemon import wire
+from daemon.causes import CAUSE_TEXT
+from daemon.cycle_timing import CycleTiming
+from daemon.gateway import translate
+from daemon.gateway.translate import Stamp
+from daemon.record import Cause, CycleRecord, Mode, RequestResult, StopCategory, Verdict
+from gaitd import self_test
+from gaitd.__main__ import build
+from gaitd.remote import EXIT_REFUSED, Answer
+
+STOP = Verdict(StopCategory.S1, Cause.DRIVE_FAULT, "right/hip", detail="2310h overcurrent")
+
+
+class Service:
+    """In one mode after the other, the next one behind each refused request."""
+
+    def __init__(self, *modes):
+        self.modes = list(modes)
+        self.asked = []
+
+    def ask(self, _target, name, _payload):
+        mode = self.modes[0]
+        if name == "status":
+            return Answer(msgspec.json.encode(self.status(mode)).decode())
+        self.asked.append(name)
+        del self.modes[: len(self.modes) > 1]
+        reply = wire.Reply(
+            **self.head(), request=name, outcome="refused", reason="not yet", mode=None
+        )
+        return Answer(msgspec.json.encode(reply).decode())
+
+    def status(self, mode):
+        verdict = STOP if mode == Mode.FAULT else Verdict()
+        safety = translate.safety(record(mode, verdict), None, Stamp(), 1)
+        return wire.Status(**self.head(), version="1", safety=safety, drives=(), legs=(), events=())
+
+    def head(self):
+        return translate.head(Stamp(), 1)
+
+
+def record(mode, verdict):
+    return CycleRecord(
+        seq=1,
+        cycle=1,
+        sync_mono_ns=0,
+        sync_utc_ns=0,
+        dt_s=0.01,
+        mode=mode,
+        verdict=verdict,
+        events=(),
+        request=RequestResult(),
+        progress="",
+        level_age_cycles=1,
+        stop_count=0,
+        gait_phase=-1.0,
+        drives=(),
+        legs=(),
+        timing=CycleTiming(0, 0, 0, 0),
+        bus_load_ratio=0.0,
+    )
+
+
+@pytest.fixture
+def run(monkeypatch):
+    """The command, before a service in these modes."""
+
+    def against(*modes):
+        service = Service(*modes)
+        monkeypatch.setattr(self_test, "ask", service.ask)
+        monkeypatch.setattr(self_test.time, "sleep", lambda _: None)
+        return CliRunner().invoke(build("self-test"), ["self-test"]), service
+
+    return against
+
+
+@pytest.mark.parametrize("modes", [(Mode.FAULT,), (Mode.READY, Mode.FAULT)])
+def test_a_latched_stop_is_shown_with_its_remedy_and_not_reset(run, modes):
+    result, service = run(*modes)
+
+    text = CAUSE_TEXT[Cause.DRIVE_FAULT]
+    assert result.exit_code == EXIT_REFUSED
+    assert f"right/hip: {text.title} (2310h overcurrent): {text.remedy}" in result.stdout
+    assert service.asked == ["enable"] * (len(modes) - 1)
+
+
+@pytest.mark.parametrize("modes", [(Mode.GAIT, Mode.READY), (Mode.READY, Mode.OFF, Mode.READY)])
+def test_nothing_is_enabled_after_the_service_has_left_ready(run, modes):
+    result, service = run(*modes)
+
+    assert result.exit_code == EXIT_REFUSED
+    assert service.asked == ["enable"] * (len(modes) - 2)
