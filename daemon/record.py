@@ -15,6 +15,7 @@ import msgspec
 
 from daemon.assist_record import AssistRecord
 from daemon.cycle_timing import CycleTiming
+from daemon.decoding import Count
 
 STATE_COUNT: Final = 8
 """Of the observer: two positions, two velocities, two frictions, two disturbances."""
@@ -356,12 +357,12 @@ class BusRecord(msgspec.Struct, frozen=True, array_like=True):
 class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
     """Everything that one cycle knew, decided and sent."""
 
-    seq: int
+    seq: Count
     """Of records: also counts those written while there is no SYNC."""
-    cycle: int
+    cycle: Count
     """Of the 10 ms grid since start."""
-    sync_mono_ns: int
-    sync_utc_ns: int
+    sync_mono_ns: Count
+    sync_utc_ns: Count
     dt_s: float
     """True time since the SYNC before."""
     mode: Mode

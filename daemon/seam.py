@@ -29,10 +29,12 @@ import os
 import socket
 import struct
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import msgspec
+from msgspec import Meta
 
+from daemon.decoding import INTEGER_MAX, Count, Decoder, RefusedError
 from daemon.record import CycleRecord, Level
 
 MAGIC: Final = b"GAITDRB1"
@@ -69,11 +71,11 @@ class Kept(msgspec.Struct, frozen=True):
     """Name of the cause of the stop, or how the records ended: CORE_SILENT, CORE_ENDED."""
     drive: str
     detail: str
-    stop_seq: int
+    stop_seq: Count
     """The record with which it stopped."""
-    stop_utc_ns: int
-    first_seq: int
-    last_seq: int
+    stop_utc_ns: Count
+    first_seq: Count
+    last_seq: Count
     active: bool
     """The drives were enabled on purpose in some of these records."""
     also: tuple[str, ...] = ()
@@ -84,11 +86,11 @@ class RingHeader(msgspec.Struct, frozen=True):
     """What does not change while a core lives, written once at the head of the ring."""
 
     core_boot_id: str
-    start_utc_ns: int
-    period_ns: int
+    start_utc_ns: Count
+    period_ns: Annotated[int, Meta(gt=0, le=INTEGER_MAX)]
     trainer: str
     drive_names: tuple[str, ...]
-    leg_names: tuple[str, ...]
+    leg_names: Annotated[tuple[str, ...], Meta(min_length=1)]
     config_hashes: dict[str, str]
     """SHA-256 of each configuration file, by the name it was read under."""
     version: str
@@ -173,26 +175,41 @@ class RingReader:
             raise RingError(f"{path}: shorter than its header says")
         text = self._map[_PREFIX.size : _PREFIX.size + length]
         try:
-            self.header = msgspec.msgpack.decode(text, type=RingHeader)
-        except msgspec.MsgspecError as error:
+            self.header = Decoder(msgspec.msgpack.Decoder(RingHeader).decode).decode(text)
+        except RefusedError as error:
             raise RingError(f"{path}: header cannot be read: {error}") from error
-        self._decoder = msgspec.msgpack.Decoder(CycleRecord)
+        self._decoder = Decoder(msgspec.msgpack.Decoder(CycleRecord).decode)
+        self.damaged_count = 0
+        """Records that were there and could not be read."""
 
     def newest_seq(self) -> int:
         """The highest sequence number in the ring, 0 if there is none."""
         return max(self._seq_at(slot) for slot in range(self.slot_count))
 
     def read(self, seq: int) -> CycleRecord | None:
-        """The record with this number, or None if it is not there (yet, or any more)."""
+        """The record with this number; None if it is not there (yet, or any more), or damaged."""
         data = self.raw(seq)
-        return None if data is None else self._decoder.decode(data)
+        return None if data is None else self.record(seq, data)
+
+    def record(self, seq: int, data: bytes) -> CycleRecord | None:
+        """What `raw` has given as a record; None, and counted, if it is damaged."""
+        try:
+            record = self._decoder.decode(data)
+        except RefusedError:
+            record = None
+        if record is None or record.seq != seq:
+            self.damaged_count += 1
+            return None
+        return record
 
     def raw(self, seq: int) -> bytes | None:
-        """The same as it stands in the ring, in msgpack."""
+        """The record as it stands in the ring, in msgpack; nothing of it where it is damaged."""
         offset = HEADER_SIZE + (seq % self.slot_count) * self.slot_size
         found, length = _SLOT.unpack_from(self._map, offset)
-        if found != seq or not 0 < length <= self.slot_size - _SLOT.size:
+        if found != seq:
             return None
+        if length > self.slot_size - _SLOT.size:
+            return b""
         data = self._map[offset + _SLOT.size : offset + _SLOT.size + length]
         if _SEQ.unpack_from(self._map, offset)[0] != seq:
             return None
@@ -203,10 +220,9 @@ class RingReader:
         return max(newest - self.slot_count + 1, 1)
 
     def since(self, seq: int) -> list[CycleRecord]:
-        """All records after `seq` that are still there, oldest first."""
-        newest = self.newest_seq()
-        first = max(seq + 1, self.oldest_seq(newest))
-        found = (self.read(number) for number in range(first, newest + 1))
+        """All records after `seq` that are there and can be read, oldest first."""
+        seqs = sorted(self._seq_at(slot) for slot in range(self.slot_count))
+        found = (self.read(number) for number in seqs if number > seq)
         return [record for record in found if record is not None]
 
     def close(self) -> None:
@@ -214,7 +230,9 @@ class RingReader:
         self._map.close()
 
     def _seq_at(self, slot: int) -> int:
-        return _SEQ.unpack_from(self._map, HEADER_SIZE + slot * self.slot_size)[0]
+        """The number in a slot; 0 if there is none, or one that belongs into another slot."""
+        seq: int = _SEQ.unpack_from(self._map, HEADER_SIZE + slot * self.slot_size)[0]
+        return seq if seq % self.slot_count == slot else 0
 
 
 def _bound_socket(path: Path) -> socket.socket:
@@ -279,9 +297,15 @@ class CoreSeam:
         """Create ring and socket in the runtime directory."""
         self._ring = RingWriter(runtime / RING_NAME, header)
         self._datagrams = Datagrams(runtime / CORE_SOCKET_NAME, runtime / GATEWAY_SOCKET_NAME)
-        self._decoder = msgspec.msgpack.Decoder(Level)
-        self.refused_count = 0
+        self._decoder = Decoder(msgspec.msgpack.Decoder(Level).decode)
+        self._refusal = ""
+        """Why the newest datagram that was no level was none."""
+        self._refused_told_count = 0
+
+    @property
+    def refused_count(self) -> int:
         """Datagrams that were no level: counted, and otherwise as if they had not come."""
+        return self._decoder.refused_count
 
     def publish(self, record: CycleRecord) -> None:
         """Write a record and wake the gateway."""
@@ -294,9 +318,17 @@ class CoreSeam:
         for data in self._datagrams.drain():
             try:
                 levels.append(self._decoder.decode(data))
-            except msgspec.MsgspecError:
-                self.refused_count += 1
+            except RefusedError as error:
+                self._refusal = str(error)
         return levels
+
+    def take_notices(self) -> list[str]:
+        """What people should know of this seam and have not been told yet."""
+        count = self.refused_count
+        if count <= 10 * self._refused_told_count:
+            return []
+        self._refused_told_count = count
+        return [f"datagrams to the core refused, {count} so far; the newest: {self._refusal}"]
 
     def close(self) -> None:
         """Leave; the ring file stays for who wants to know."""
@@ -314,6 +346,7 @@ class GatewaySeam:
         self._encoder = msgspec.msgpack.Encoder()
         self._ring: RingReader | None = None
         self._seq = 0
+        self._damaged_told_count = 0
         # A ring that was there before us is history; one that appears later is read from its start.
         # What cannot be read is said by `records`, as long as no core replaces it.
         with contextlib.suppress(RingError):
@@ -354,20 +387,32 @@ class GatewaySeam:
         if self._ring is not known:
             found = self._forward(self._ring)
         # Wakes are few in the socket's queue, and may be those of a core before this one: they
-        # only say that there is something; what there is stands in the ring.
+        # only say that there is something; what there is stands in the ring. A record that is not
+        # there although a later one is will not come any more.
         if not found and max(woken) > self._seq:
-            oldest = self._ring.newest_seq() - SLOT_COUNT + _OVERWRITTEN_SOON
-            self._seq = max(oldest, self._seq)
-            found = self._forward(self._ring)
+            newest = self._ring.newest_seq()
+            self._seq = max(newest - SLOT_COUNT + _OVERWRITTEN_SOON, self._seq)
+            while not (found := self._forward(self._ring)) and self._seq < newest:
+                self._seq += 1
         return found
 
     def _forward(self, ring: RingReader) -> list[CycleRecord]:
-        """All records that follow the last one read, without a gap."""
+        """All records that follow the last one read, without a gap; damaged ones are left out."""
         found: list[CycleRecord] = []
-        while (record := ring.read(self._seq + 1)) is not None:
-            found.append(record)
+        while (data := ring.raw(self._seq + 1)) is not None:
             self._seq += 1
+            record = ring.record(self._seq, data)
+            if record is not None:
+                found.append(record)
         return found
+
+    def take_notices(self) -> list[str]:
+        """What people should know of this seam and have not been told yet."""
+        count = self._ring.damaged_count if self._ring else 0
+        if count <= 10 * self._damaged_told_count:
+            return []
+        self._damaged_told_count = count
+        return [f"records of the core cannot be read, {count} so far: damaged, or of another gaitd"]
 
     def send(self, level: Level) -> bool:
         """Send a level to the core; False if no core took it."""
@@ -388,4 +433,4 @@ class GatewaySeam:
         if self._ring is None or self._ring.inode != inode:
             # The one before is unmapped when nobody holds it any more.
             self._ring = RingReader(self._path)
-            self._seq = 0
+            self._seq = self._damaged_told_count = 0

@@ -157,7 +157,7 @@ class Loop:
         try:
             self._await_grid_point()
             self._leave_out_missed()
-            levels = self._seam.levels()
+            levels = self._hear_levels()
             record = self._cycle_once(levels)
         except BusError as error:
             self._lose_bus(error)
@@ -280,7 +280,7 @@ class Loop:
         if late_ns < 0:
             return
         self._core.events += self._line.take_notices()
-        self._tell(cycle.rest(self._core, self._seam.levels(), self._tick(self._grid.due_ns)))
+        self._tell(cycle.rest(self._core, self._hear_levels(), self._tick(self._grid.due_ns)))
         if late_ns < self._settings.period_ns:
             self._supervision.feed()
         self._grid.jump()
@@ -309,6 +309,11 @@ class Loop:
             bus=self._line.record(drives.stray_count if drives is not None else 0),
             shutdown=self._shutdown,
         )
+
+    def _hear_levels(self) -> list[Level]:
+        levels = self._seam.levels()
+        self._core.events += self._seam.take_notices()
+        return levels
 
     def _tell(self, record: CycleRecord) -> None:
         self._seam.publish(record)

@@ -26,8 +26,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Protocol
 
-import msgspec
-
+from daemon.decoding import RefusedError
 from daemon.gateway.alive import SILENCE_NS
 from daemon.gateway.disk import Disk
 from daemon.gateway.shelf import Shelf
@@ -86,7 +85,7 @@ class Window:
             data = self.trail.ring.raw(seq)
             if data is not None:
                 self.copied.add(seq, data)
-                with contextlib.suppress(msgspec.MsgspecError):
+                with contextlib.suppress(RefusedError):
                     self.active = self.active or glance_of(data).mode.active
         self.next_seq = end
         return end > self.last

@@ -26,6 +26,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from daemon import wire
+from daemon.decoding import Decoder, RefusedError
 from daemon.record import (
     CycleRecord,
     Level,
@@ -74,6 +75,10 @@ ASKS: Final[dict[str, type[wire.Ask]]] = {
 }
 """Payloads that say more than who asks."""
 
+_DECODERS: Final = {
+    kind: Decoder(msgspec.json.Decoder(kind).decode) for kind in (wire.Ask, *ASKS.values())
+}
+
 PATIENCE_NS: Final[dict[RequestKind, int]] = {
     RequestKind.ENABLE: 8_000_000_000,
     RequestKind.DISABLE: 5_000_000_000,
@@ -120,8 +125,8 @@ def read_ask(name: str, payload: bytes) -> wire.Ask:
         raise BadPayloadError(f"payload of {name}: more than {QUERY_SIZE_MAX} bytes")
     kind = ASKS.get(name, wire.Ask)
     try:
-        return msgspec.json.decode(payload or b"{}", type=kind)
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        return _DECODERS[kind].decode(payload or b"{}")
+    except RefusedError as error:
         known = ", ".join(item.encode_name for item in msgspec.structs.fields(kind))
         raise BadPayloadError(f"payload of {name}: {error}; fields known here: {known}") from error
 

@@ -101,6 +101,12 @@ def core_lost(silence_ms: int) -> Happening:
     return Happening(Priority.HIGH, Kind.CORE, text, remedy)
 
 
+def unread(what: str) -> Happening:
+    """What the core has written, and cannot be read."""
+    remedy = "if it goes on: end core and gateway, and start both from one installation"
+    return Happening(Priority.LOW, Kind.NOTE, what, remedy)
+
+
 def asked(name: str, client: str) -> Happening:
     """A client's request goes to the core."""
     return Happening(Priority.INFO, Kind.REQUEST, f"{name}, asked by {client}")

@@ -109,6 +109,7 @@ class Gateway:
         """One turn of the loop, behind `hurry`."""
         records, self._fresh = self._fresh, []
         self._hear(records, now_ns)
+        self.tell([events.unread(text) for text in self._seam.take_notices()])
         self._steer(self.steering.take(batch, now_ns))
         # A stop does not wait for those who asked before.
         for inquiry in sorted(inquiries, key=lambda one: one.name != "stop"):
