@@ -33,13 +33,14 @@ from typing import Annotated, Final
 
 import msgspec
 from msgspec import Meta
+from msgspec.structs import replace
 
 from daemon.decoding import INTEGER_MAX, Count, Decoder, RefusedError
 from daemon.record import CycleRecord, Level
 
 MAGIC: Final = b"GAITDRB1"
 HEADER_SIZE: Final = 16384
-SLOT_SIZE: Final = 6144
+SLOT_SIZE: Final = 6656
 """Of the largest record: two legs, all events and emergencies that one may hold."""
 SLOT_COUNT: Final = 3000
 """30 s of 10 ms."""
@@ -103,7 +104,7 @@ class RingHeader(msgspec.Struct, frozen=True):
 
 
 class RingWriter:
-    """The core's end. `write` costs a few microseconds and never blocks."""
+    """The core's end. `write` costs a few microseconds, never blocks and never raises."""
 
     def __init__(self, path: Path, header: RingHeader) -> None:
         """Create the file anew and map it.
@@ -132,20 +133,50 @@ class RingWriter:
             path.rename(aside)
         temporary.replace(path)
         self._encoder = msgspec.msgpack.Encoder()
+        self.shortened_count = 0
+        """Records that had no room, or no bytes, and were written without their words."""
 
     def write(self, record: CycleRecord) -> None:
-        """Put a record into its slot, sequence number last."""
-        data = self._encoder.encode(record)
-        if len(data) > SLOT_SIZE - _SLOT.size:
-            raise ValueError(f"record {record.seq} of {len(data)} bytes does not fit its slot")
+        """Put a record into its slot, sequence number last.
+
+        Words are worth less than the cycle that they tell of: where the record does not fit with
+        them, it is written without.
+        """
+        data = self._encoded(record)
+        if data is None:
+            self.shortened_count += 1
+            data = self._encoded(wordless(record))
+        if data is None:
+            return
         offset = HEADER_SIZE + (record.seq % SLOT_COUNT) * SLOT_SIZE
         _SLOT.pack_into(self._map, offset, 0, len(data))
         self._map[offset + _SLOT.size : offset + _SLOT.size + len(data)] = data
         _SEQ.pack_into(self._map, offset, record.seq)
 
+    def _encoded(self, record: CycleRecord) -> bytes | None:
+        """None: it has no room, or holds what msgpack has no bytes for."""
+        try:
+            data = self._encoder.encode(record)
+        except (ValueError, OverflowError):
+            return None
+        return data if len(data) <= SLOT_SIZE - _SLOT.size else None
+
     def close(self) -> None:
         """Unmap; the file stays."""
         self._map.close()
+
+
+def wordless(record: CycleRecord) -> CycleRecord:
+    """The record without all that has no fixed size: words, emergencies, strides."""
+    return replace(
+        record,
+        verdict=replace(record.verdict, detail=""),
+        events=(),
+        request=replace(record.request, reason=""),
+        progress="",
+        drives=tuple(replace(one, emergency_text="", emergencies=()) for one in record.drives),
+        legs=tuple(replace(one, stride=None) for one in record.legs),
+    )
 
 
 class RingReader:
@@ -235,6 +266,27 @@ class RingReader:
         return seq if seq % self.slot_count == slot else 0
 
 
+class RareNotice:
+    """What goes wrong again and again is told at the first time and at each tenfold of it."""
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self._told_count = 0
+
+    def due(self, count: int, why: str = "") -> list[str]:
+        """What to tell, if it is time.
+
+        Args:
+            count: of all times so far; less than before: somebody counts anew.
+            why: of the newest.
+        """
+        self._told_count = min(self._told_count, count)
+        if count <= 10 * self._told_count:
+            return []
+        self._told_count = count
+        return [f"{self._what}, {count} so far" + (f": {why}" if why else "")]
+
+
 def _bound_socket(path: Path) -> socket.socket:
     path.unlink(missing_ok=True)
     bound = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
@@ -300,7 +352,8 @@ class CoreSeam:
         self._decoder = Decoder(msgspec.msgpack.Decoder(Level).decode)
         self._refusal = ""
         """Why the newest datagram that was no level was none."""
-        self._refused_told_count = 0
+        self._refused = RareNotice("datagrams to the core refused")
+        self._shortened = RareNotice("records had no room for their words")
 
     @property
     def refused_count(self) -> int:
@@ -324,11 +377,10 @@ class CoreSeam:
 
     def take_notices(self) -> list[str]:
         """What people should know of this seam and have not been told yet."""
-        count = self.refused_count
-        if count <= 10 * self._refused_told_count:
-            return []
-        self._refused_told_count = count
-        return [f"datagrams to the core refused, {count} so far; the newest: {self._refusal}"]
+        return [
+            *self._refused.due(self.refused_count, self._refusal),
+            *self._shortened.due(self._ring.shortened_count),
+        ]
 
     def close(self) -> None:
         """Leave; the ring file stays for who wants to know."""
@@ -346,7 +398,7 @@ class GatewaySeam:
         self._encoder = msgspec.msgpack.Encoder()
         self._ring: RingReader | None = None
         self._seq = 0
-        self._damaged_told_count = 0
+        self._damaged = RareNotice("records of the core cannot be read")
         # A ring that was there before us is history; one that appears later is read from its start.
         # What cannot be read is said by `records`, as long as no core replaces it.
         with contextlib.suppress(RingError):
@@ -408,11 +460,9 @@ class GatewaySeam:
 
     def take_notices(self) -> list[str]:
         """What people should know of this seam and have not been told yet."""
-        count = self._ring.damaged_count if self._ring else 0
-        if count <= 10 * self._damaged_told_count:
+        if self._ring is None:
             return []
-        self._damaged_told_count = count
-        return [f"records of the core cannot be read, {count} so far: damaged, or of another gaitd"]
+        return self._damaged.due(self._ring.damaged_count, "damaged, or of another gaitd")
 
     def send(self, level: Level) -> bool:
         """Send a level to the core; False if no core took it."""
@@ -433,4 +483,4 @@ class GatewaySeam:
         if self._ring is None or self._ring.inode != inode:
             # The one before is unmapped when nobody holds it any more.
             self._ring = RingReader(self._path)
-            self._seq = self._damaged_told_count = 0
+            self._seq = 0

@@ -200,7 +200,7 @@ class Ask(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         SOMEBODY
     )
     for_cycle: Annotated[
-        Annotated[int, Meta(ge=0)] | None,
+        Annotated[int, Meta(ge=0, le=EXACT_MAX)] | None,
         Meta(description="Newest cycle the asker had seen; too old is refused. Null: now."),
     ] = None
 

@@ -13,11 +13,9 @@ import msgspec
 
 from daemon.decoding import Count, Decoder, RefusedError
 from daemon.kept_ring import CORE_ENDED, CORE_SILENT
-from daemon.record import Mode, StopCategory, Verdict
+from daemon.record import Mode, StopCategory, Verdict, clipped
 from daemon.seam import RingReader
 from daemon.words import name_of
-
-DETAIL_LENGTH_MAX: Final = 400
 
 
 class Glance(msgspec.Struct, frozen=True, array_like=True):
@@ -101,7 +99,7 @@ class Trail:
             return None
         if identity(before.verdict) == identity(verdict):
             return None
-        cause, detail = name_of(verdict.cause), verdict.detail[:DETAIL_LENGTH_MAX]
+        cause, detail = name_of(verdict.cause), clipped(verdict.detail)
         return Stop(cause, verdict.drive, detail, now.seq, now.sync_utc_ns)
 
     def end(self) -> Stop | None:
