@@ -6,7 +6,7 @@ else), `translate.py` (what may be shown), `control.py` (requests), `lease.py`, 
 `health.py` (what is made from many records), `keeper.py` with `blackbox.py` (what is kept around
 each stop, by `trail.py`, on `shelf.py`) and `request_log.py` (who asked for what, by
 `request_chain.py` and `request_file.py`), then the outside: `endpoints.py`, `session.py`,
-`outlet.py`, `publish.py` and `subscribe.py` (Zenoh), `notes_disk.py` (fsync), `disk.py` (a thread
-that waits for it), `log.py` (journal or stderr), `reload.py` (SIGHUP), `process.py` (the loop
-itself).
+`outlet.py`, `publish.py` and `subscribe.py` (Zenoh), `notes_disk.py` (fsync) and `disk.py` in
+threads of their own (`worker.py`), `log.py` (journal or stderr), `reload.py` (SIGHUP),
+`process.py` (the loop itself).
 """

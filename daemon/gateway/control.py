@@ -211,6 +211,11 @@ class Desk:
         self._stop_count += 1
         self._stops.append(_Stop(ticket, self._stop_count, now_ns + STOP_PATIENCE_NS))
 
+    def withdraw(self, ticket: int) -> None:
+        """Do not ask the core any more for whom nobody answers; a stop is never taken back."""
+        if self._outstanding and self._outstanding.ticket == ticket:
+            self._outstanding = None
+
     def tick(self, now_ns: int) -> list[Answer]:
         """Answer what has waited too long."""
         late = [stop for stop in self._stops if now_ns >= stop.deadline_ns]

@@ -107,6 +107,11 @@ def unread(what: str) -> Happening:
     return Happening(Priority.LOW, Kind.NOTE, what, remedy)
 
 
+def failed(what: str) -> Happening:
+    """A bug of ours, which cost one query its answer."""
+    return Happening(Priority.LOW, Kind.NOTE, what, "report it, with the gateway's log")
+
+
 def asked(name: str, client: str) -> Happening:
     """A client's request goes to the core."""
     return Happening(Priority.INFO, Kind.REQUEST, f"{name}, asked by {client}")
