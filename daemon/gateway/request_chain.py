@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from daemon.decoding import Decoder, RefusedError
+from daemon.decoding import INTEGER_MAX, Decoder, RefusedError
 
 ANYTHING: Final[Decoder[Any]] = Decoder(msgspec.json.decode)
 """JSON of no known form."""
@@ -76,8 +76,11 @@ def fields_of(line: bytes) -> dict[str, Any] | None:
         found = ANYTHING.decode(line)
     except RefusedError:
         return None
-    whole = isinstance(found, dict) and isinstance(found.get("n"), int)
-    return found if whole and isinstance(found.get("before"), str) else None
+    if not isinstance(found, dict):
+        return None
+    n, before = found.get("n"), found.get("before")
+    numbered = type(n) is int and 0 < n < INTEGER_MAX
+    return found if numbered and isinstance(before, str) else None
 
 
 def check(lines: Iterable[bytes]) -> Check:

@@ -199,11 +199,12 @@ class RequestLog:
     def _flush(self) -> None:
         """In the thread of the disk. What fails is tried again after a second."""
         self._flushing = False
+        failed = True
         try:
             self._file.flush()
-        except OSError:
-            self._flush_failed = True
-            raise
+            failed = False
+        finally:
+            self._flush_failed = self._flush_failed or failed
 
     def _watched(self, inquiry: Inquiry) -> Inquiry:
         if ROUTES.get(inquiry.name) is Route.GATEWAY:

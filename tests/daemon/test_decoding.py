@@ -26,7 +26,8 @@ from daemon.core.axis_notes import AxisNote, LatchedNote, Notes
 from daemon.core.notebook import Notebook
 from daemon.decoding import Decoder, RefusedError
 from daemon.gateway.control import ASKS, BadPayloadError, read_ask
-from daemon.gateway.request_chain import Place, fields_of, sealed
+from daemon.gateway.request_chain import Place, check, sealed
+from daemon.gateway.request_file import end_of
 from daemon.gateway.request_log import _said
 from daemon.gateway.setpoints import Arrival, SetpointDesk
 from daemon.gateway.trail import Trail
@@ -88,6 +89,7 @@ NASTY = (
     b'{"for_cycle": 1' + b"0" * 400 + b"}",
     b"\xdd\xff\xff\xff\xff",
     b"\xc1" * 40,
+    b'{"n": 9223372036854775807, "before": ""}',
 )
 
 
@@ -121,10 +123,15 @@ def setpoint(payload: bytes) -> None:
     assert isinstance(SetpointDesk().take(Arrival("right", payload), ["right"], 7), SetpointRefusal)
 
 
+def line(data: bytes) -> None:
+    sealed(end_of(data).place, {"kind": "start"})
+    list(check(data.split(b"\n")).breaks)
+
+
 BYTES = {
     "setpoint": Kind(SETPOINT, setpoint),
     "query": Kind(QUERY, query),
-    "line of the request log": Kind(LINE, fields_of),
+    "line of the request log": Kind(LINE, line),
 }
 
 
