@@ -136,6 +136,7 @@ class BlackBox:
         self._unkept: set[str] = set()
         """Cores of which a file could not be written."""
         self._begun = False
+        self._damaged: list[str] = []
         self._kept: queue.SimpleQueue[str] = queue.SimpleQueue()
 
     def turn(self, ring: RingReader | None, now_ns: int) -> None:
@@ -153,6 +154,11 @@ class BlackBox:
     def news(self) -> list[str]:
         """Names of files that have come to the disk since the last call."""
         return [self._kept.get_nowait() for _ in range(self._kept.qsize())]
+
+    def damaged(self) -> list[str]:
+        """What cannot be kept because it cannot be read, since the last call."""
+        damaged, self._damaged = self._damaged, []
+        return damaged
 
     def close(self, now_ns: int) -> None:
         """Keep what is waited for as it is now, all at once: there is no other turn."""
@@ -184,7 +190,8 @@ class BlackBox:
             ring = RingReader(self._aside)
         except FileNotFoundError:
             return
-        except (OSError, RingError):
+        except (OSError, RingError) as error:
+            self._damaged.append(f"the ring that the core before left cannot be read: {error}")
             # None that anybody could read: it would only be in the way of the next one.
             self._remove(self._aside)
             return

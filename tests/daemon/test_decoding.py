@@ -18,6 +18,7 @@ from records import HEADER, cut_out, record
 
 from analysis.recording import COLUMNS, RecordingError, read_csv
 from analysis.replay import read_ring
+from analysis.stop_recording import about, read_stop
 from daemon import seam, wire
 from daemon.config.settings import Robot
 from daemon.config.strict import ConfigError, load_toml
@@ -205,6 +206,26 @@ def test_any_head_of_a_ring_is_read_or_refused(tmp_path):
     for head in shaken(good[:length], FILE_COUNT):
         path.write_bytes(head + good[len(head) :])
         look(path)
+
+
+def test_damaged_records_are_left_out_of_a_replay_and_counted(tmp_path):
+    path = tmp_path / "some.ring"
+    good = ring_of(path)
+    whole = read_ring(path)
+    slot_size = int.from_bytes(good[8:12], "little")
+    image = bytearray(good)
+    for slot, at_byte in ((7, 12), (9, 8), (21, 40)):
+        begin = seam.HEADER_SIZE + slot * slot_size + at_byte
+        image[begin : begin + 20] = b"\xff" * 20
+    path.write_bytes(image)
+
+    source = read_ring(path)
+
+    assert len(whole.recording.time_s) == 40
+    assert len(source.recording.time_s) == 37
+    assert ("damaged", "3 records, left out") in source.about
+    assert ("damaged", "3 records, left out") in about(read_stop(path))
+    assert not [title for title, _ in whole.about if title == "damaged"]
 
 
 def test_any_state_file_is_believed_whole_or_latched_as_unreadable(tmp_path):

@@ -1,11 +1,19 @@
 """What is damaged, hostile or a bug of ours costs what it is in, and nothing else."""
 
+import contextlib
 import logging
+from pathlib import Path
+from unittest import mock
 
 import pytest
+from msgspec.structs import replace
+from records import HEADER, cut_out, record
 
 from daemon import seam
 from daemon.gateway import control
+from daemon.gateway.keeper import Keeper
+from daemon.gateway.shelf import Shelf
+from daemon.kept_ring import FOLDER, kept_file, kept_files, trimmed
 from daemon.record import RequestKind
 
 
@@ -111,3 +119,76 @@ def test_names_that_strangers_think_of_take_no_memory(bench, ask):
         bench.turn(ask(f"name{number}"))
 
     assert len(bench.outlet.seqs) < 30
+
+
+class Clock:
+    ns = 1_000_000_000
+
+    def now_ns(self):
+        return self.ns
+
+    def utc_ns(self):
+        return 1_760_000_000_000_000_000 + self.ns
+
+
+@pytest.fixture
+def kept_rings(tmp_path):
+    """Three files of the black box, by name, oldest first."""
+    folder = tmp_path / "state" / FOLDER
+    folder.mkdir(parents=True)
+    for number in (1, 2, 3):
+        kept = seam.Kept("emergency", "", "", 5, number * 10**18, 1, 5, False)
+        header = replace(HEADER, kept=kept, core_boot_id=f"boot-{number}")
+        with contextlib.closing(cut_out(map(record, range(1, 6)))) as cutting:
+            (folder / f"{number}.ring").write_bytes(b"".join(trimmed(header, cutting)))
+    return folder
+
+
+def turn(tmp_path):
+    """A gateway's keeper from start to end; what it told."""
+    keeper = Keeper(tmp_path / "state", tmp_path, Clock(), "0.1.0")
+    told = [one.text for one in keeper.turn(None, Clock.ns)]
+    keeper.close()
+    return told
+
+
+@pytest.mark.parametrize("at_byte", range(0, 200, 9))
+def test_one_damaged_byte_in_a_kept_ring_costs_that_ring_and_the_gateway_starts(
+    kept_rings, tmp_path, at_byte
+):
+    path = kept_rings / "2.ring"
+    image = bytearray(path.read_bytes())
+    image[at_byte] = 0xFF
+    path.write_bytes(image)
+    damaged = bool(kept_file(path).trouble)
+
+    told = turn(tmp_path)
+
+    names = sorted(one.name for one in kept_rings.iterdir())
+    assert names == ["1.ring", "2.ring.damaged" if damaged else "2.ring", "3.ring"]
+    assert len(told) == damaged
+    assert not damaged or told[0].startswith("black box: 2.ring ")
+    assert turn(tmp_path) == []
+    files = kept_files(kept_rings)
+    assert [file.path.name for file in files] == names
+    assert [file.core_boot_id for file in (files[0], files[2])] == ["boot-1", "boot-3"]
+    assert Shelf(kept_rings).covers("boot-1", 3)
+    assert Shelf(kept_rings).covers("boot-3", 3)
+
+
+def test_a_damaged_ring_that_cannot_be_set_aside_is_told_at_each_start(kept_rings, tmp_path):
+    (kept_rings / "2.ring").write_bytes(b"\xff" * 20_000)
+    with mock.patch.object(Path, "rename", side_effect=PermissionError(13, "no access")):
+        told = turn(tmp_path)
+
+    assert len(told) == 1
+    assert told[0].endswith("it cannot be set aside: no access")
+    assert (kept_rings / "2.ring").exists()
+
+
+def test_the_ring_that_a_core_left_and_nobody_can_read_is_told(tmp_path):
+    (tmp_path / seam.ASIDE_NAME).write_bytes(b"\xff" * 20_000)
+
+    (told,) = turn(tmp_path)
+
+    assert told.startswith("black box: the ring that the core before left cannot be read: ")
