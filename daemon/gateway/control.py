@@ -166,7 +166,8 @@ class Desk:
     """Keeps the level, and the queries that wait for an answer. Knows no Zenoh and no clock."""
 
     first_level_seq: int = 0
-    """Levels count up from here; a later gateway must begin higher than this one ended."""
+    """Levels count up from here. The core takes what is newer only: a later gateway must begin
+    higher than this one ended, as the time in ns does."""
 
     _level_seq: int = 0
     _boot_id: str = ""

@@ -75,7 +75,7 @@ class Gateway:
         self._seam, self._outlet, self._clock = seam, outlet, clock
         self._trainer, self._listen = trainer, tuple(listen)
         self._log = logging.getLogger("gaitd.gateway")
-        self._desk = control.Desk(first_level_seq=clock.now_ns() // 1_000_000)
+        self._desk = control.Desk(first_level_seq=clock.now_ns())
         self.steering = Steering(LeaseDesk(lease))
         self._presence = Presence()
         self._events = events.EventLog()
