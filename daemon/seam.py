@@ -58,6 +58,9 @@ ASIDE_NAME: Final = "records.aside"
 GATEWAY_SOCKET_NAME: Final = "gateway.sock"
 CORE_SOCKET_NAME: Final = "core.sock"
 LEVEL_SIZE_MAX: Final = 8192
+DRAIN_COUNT_MAX: Final = 128
+"""Datagrams that one drain takes, of some hundred that a socket's queue may hold: who sends without
+end must not hold the cycle. The rest is read by the next ones, a stop among it too."""
 _SOCKET_MODE: Final = 0o660
 
 
@@ -312,6 +315,8 @@ class Datagrams:
             OSError: the directory does not exist or cannot be written.
         """
         self._socket = _bound_socket(own)
+        self.crowded_count = 0
+        """Drains that may have left something."""
         self._own = own
         self._peer = str(peer)
 
@@ -328,13 +333,13 @@ class Datagrams:
         return True
 
     def drain(self) -> list[bytes]:
-        """All datagrams that wait, oldest first."""
+        """Datagrams that wait, oldest first, DRAIN_COUNT_MAX at most."""
         waiting: list[bytes] = []
-        while True:
-            try:
+        with contextlib.suppress(BlockingIOError):
+            while len(waiting) < DRAIN_COUNT_MAX:
                 waiting.append(self._socket.recv(LEVEL_SIZE_MAX))
-            except BlockingIOError:
-                return waiting
+        self.crowded_count += len(waiting) == DRAIN_COUNT_MAX
+        return waiting
 
     def close(self) -> None:
         """Close and remove our own socket."""
@@ -354,6 +359,7 @@ class CoreSeam:
         """Why the newest datagram that was no level was none."""
         self._refused = RareNotice("datagrams to the core refused")
         self._shortened = RareNotice("records had no room for their words")
+        self._crowded = RareNotice("more datagrams for the core than a cycle reads")
 
     @property
     def refused_count(self) -> int:
@@ -366,7 +372,7 @@ class CoreSeam:
         self._datagrams.send(_SEQ.pack(record.seq))
 
     def levels(self) -> list[Level]:
-        """All levels that wait, oldest first: stop counts are read over all of them."""
+        """The levels that wait, oldest first: stop counts are read over all of them."""
         levels: list[Level] = []
         for data in self._datagrams.drain():
             try:
@@ -380,6 +386,7 @@ class CoreSeam:
         return [
             *self._refused.due(self.refused_count, self._refusal),
             *self._shortened.due(self._ring.shortened_count),
+            *self._crowded.due(self._datagrams.crowded_count),
         ]
 
     def close(self) -> None:

@@ -206,10 +206,15 @@ class Loop:
         tick = self._tick(begun_ns, begun_utc_ns)
         self._sync_ns = begun_ns
         outgoing, record = cycle.step(core, frames, levels, tick)
-        if self._has_drives():
-            self._send(outgoing)
-        else:
-            self._end_watch()
+        try:
+            if self._has_drives():
+                self._send(outgoing)
+            else:
+                self._end_watch()
+        except BusError:
+            # What this cycle knew and decided is told, too; that the bus is gone, by the next.
+            self._tell(record)
+            raise
         dropped = line.dropped_count > dropped_count
         self._dropped_in_a_row = self._dropped_in_a_row + 1 if dropped else 0
         self._timing = replace(self._timing, work_ns=self._clock.now_ns() - collected_ns)

@@ -128,7 +128,8 @@ def read_ask(name: str, payload: bytes) -> wire.Ask:
         return _DECODERS[kind].decode(payload or b"{}")
     except RefusedError as error:
         known = ", ".join(item.encode_name for item in msgspec.structs.fields(kind))
-        raise BadPayloadError(f"payload of {name}: {error}; fields known here: {known}") from error
+        what = str(error).replace(f"matching regex {wire.ONE_LINE!r}", "without control characters")
+        raise BadPayloadError(f"payload of {name}: {what}; fields known here: {known}") from error
 
 
 def mode_request(ask: wire.Ask) -> ModeRequest:

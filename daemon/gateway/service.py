@@ -27,7 +27,7 @@ from daemon.gateway.steering import Steering
 from daemon.gateway.translate import Stamp
 from daemon.record import CycleRecord, DriveRecord, Outcome
 from daemon.seam import GatewaySeam, RareNotice, RingError, RingHeader
-from daemon.words import name_of
+from daemon.words import name_of, printable
 
 LEVEL_PERIOD_NS: Final = 20_000_000
 DRIVES_PERIOD_NS: Final = 100_000_000
@@ -273,7 +273,7 @@ class Gateway:
         route = control.ROUTES.get(inquiry.name)
         if route is None:
             known = ", ".join(control.ROUTES)
-            self._reject(inquiry, f"control/{inquiry.name} is none of: {known}")
+            self._reject(inquiry, f"control/{printable(inquiry.name)} is none of: {known}")
             return
         self._ticket += 1
         if route is control.Route.STOP:

@@ -311,3 +311,25 @@ def test_what_somebody_else_may_write_has_a_bound(kind):
                 assert most <= 64, place
             case _:
                 pytest.fail(f"{place} has no bound")
+
+
+class Endless:
+    """A socket whose sender never rests."""
+
+    def recv(self, _size):
+        return msgspec.msgpack.encode(Level("boot", 1, 1, 0))
+
+    def close(self):
+        """Nothing to let go of."""
+
+
+def test_who_sends_without_end_does_not_hold_the_cycle_and_is_told(tmp_path):
+    core = CoreSeam(tmp_path, HEADER)
+    core._datagrams._socket.close()
+    core._datagrams._socket = Endless()
+
+    levels = core.levels()
+
+    assert len(levels) == seam.DRAIN_COUNT_MAX
+    assert core.take_notices() == ["more datagrams for the core than a cycle reads, 1 so far"]
+    core.close()

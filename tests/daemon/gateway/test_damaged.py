@@ -5,6 +5,7 @@ import logging
 from pathlib import Path
 from unittest import mock
 
+import msgspec
 import pytest
 from msgspec.structs import replace
 from records import HEADER, cut_out, record
@@ -192,3 +193,39 @@ def test_the_ring_that_a_core_left_and_nobody_can_read_is_told(tmp_path):
     (told,) = turn(tmp_path)
 
     assert told.startswith("black box: the ring that the core before left cannot be read: ")
+
+
+BAD_NAMES = ("two\nlines", "end\n", "\x1b[2J", "nul\0", "\x85", "\u2028", "left\u202eright", "\x7f")
+
+
+@pytest.mark.parametrize("client", BAD_NAMES)
+@pytest.mark.parametrize("name", ["enable", "acquire", "mode", "release", "stop"])
+def test_a_client_whose_name_is_no_line_of_text_is_refused(bench, ask, name, client):
+    query = ask(name, msgspec.json.encode({"client": client, "lease": 1, "mode": "hold"}))
+    bench.cycle()
+
+    bench.cycle(query)
+
+    assert bench.levels[-1].request.kind is RequestKind.NONE
+    assert bench.levels[-1].stop_count == (name == "stop")
+    assert client not in "".join(event.text for event in bench.outlet.events)
+    assert not bench.gateway.steering.lease
+
+
+@pytest.mark.parametrize("client", ["display", "Anzeige für Zuhause", "пульт", "画面 2"])
+def test_a_name_in_any_language_is_taken(bench, ask, client):
+    bench.cycle()
+
+    bench.cycle(ask("enable", msgspec.json.encode({"client": client})))
+
+    assert bench.levels[-1].request.kind is RequestKind.ENABLE
+    assert bench.outlet.events[-1].text == f"enable, asked by {client}"
+
+
+def test_what_is_wrong_with_a_name_is_said_in_words(bench, ask):
+    query = ask("enable", b'{"client": "two\\nlines"}')
+    bench.cycle()
+
+    bench.cycle(query)
+
+    assert "Expected `str` without control characters - at `$.client`" in query.replies[0].reason
