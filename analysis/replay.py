@@ -97,6 +97,7 @@ def read_ring(path: Path, leg: str | None = None) -> Source:
     ring = _opened(path)
     try:
         header, records = ring.header, ring.since(0)
+        damaged_count = ring.damaged_count
     finally:
         ring.close()
     name = leg or header.leg_names[0]
@@ -109,7 +110,7 @@ def read_ring(path: Path, leg: str | None = None) -> Source:
         robot = msgspec.convert(header.robot, Robot)
     except msgspec.ValidationError as error:
         raise RecordingError(f"{path}: its robot cannot be used: {error}") from error
-    said = about(stop_of(path, header, records))
+    said = about(stop_of(path, header, records, damaged_count))
     made = recording(str(path), np.array(rows, dtype=np.float64))
     return Source(made, robot, name, np.array(bits, dtype=np.int64), said)
 

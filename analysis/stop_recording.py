@@ -35,6 +35,8 @@ class StopRecording(NamedTuple):
     """As the file says, or as it was found in a ring."""
     whole: bool
     """It is a ring of a core, and was not cut around a stop."""
+    damaged_count: int = 0
+    """Records that are there and cannot be read."""
 
     def from_stop_s(self, record: CycleRecord) -> float:
         """When a record was, seconds from the stop."""
@@ -47,7 +49,7 @@ class StopRecording(NamedTuple):
 
     @property
     def missing_count(self) -> int:
-        """Records that should be between the first and the last, and are not."""
+        """Records that should be between the first and the last, and are not, or are damaged."""
         return self.records[-1].seq - self.records[0].seq + 1 - len(self.records)
 
 
@@ -60,19 +62,24 @@ def read_stop(path: Path) -> StopRecording:
     try:
         with closing(RingReader(path)) as ring:
             header, records = ring.header, tuple(ring.since(0))
+            damaged_count = ring.damaged_count
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror}") from error
     except RingError as error:
         raise RecordingError(str(error)) from error
     if not records:
-        raise RecordingError(f"{path}: holds no record")
-    return stop_of(path, header, records)
+        damaged = f" that can be read; {damaged_count} are damaged" if damaged_count else ""
+        raise RecordingError(f"{path}: holds no record{damaged}")
+    return stop_of(path, header, records, damaged_count)
 
 
-def stop_of(path: Path, header: RingHeader, records: Sequence[CycleRecord]) -> StopRecording:
+def stop_of(
+    path: Path, header: RingHeader, records: Sequence[CycleRecord], damaged_count: int = 0
+) -> StopRecording:
     """The same of what was read already; at least one record."""
     kept = header.kept or _found(records)
-    return StopRecording(path, header, tuple(records), kept, header.kept is None)
+    whole = header.kept is None
+    return StopRecording(path, header, tuple(records), kept, whole, damaged_count)
 
 
 def _found(records: Sequence[CycleRecord]) -> Kept:
@@ -131,6 +138,7 @@ def about(told: StopRecording) -> tuple[tuple[str, str], ...]:
         ("cause", f"{kept.cause}{where}: {cause_words(kept.cause)}{also}"),
         *((("detail", kept.detail),) if kept.detail else ()),
         ("stopped", utc_words(kept.stop_utc_ns)),
+        *((("damaged", f"{told.damaged_count} records, left out"),) if told.damaged_count else ()),
         (
             "kept",
             f"{before_s:.2f} s before it, {after_s:.2f} s after; {len(records)} records{gaps}",

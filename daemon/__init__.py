@@ -6,5 +6,6 @@ Reading order: `record.py`, `assist_record.py` and
 each directory), `gateway/` (Zenoh), `wire.py` with `words.py`, `leg_messages.py` and
 `health_messages.py` (what programs outside rely on), `config/`, `cause_texts.py` and `causes.py`
 (each stop in words, and its category), `refusals.py` (why a setpoint is refused), `notes_file.py`
-(what outlives a restart), `clock.py`, `sd_notify.py` and `journal.py` (systemd).
+(what outlives a restart), `clock.py`, `sd_notify.py` and `journal.py` (systemd). What comes
+from outside as bytes goes through `decoding.py`.
 """

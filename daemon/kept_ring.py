@@ -24,6 +24,8 @@ from daemon.seam import HEADER_SIZE, MAGIC, Kept, RingError, RingHeader, RingRea
 FOLDER: Final = "blackbox"
 """In the state directory."""
 SUFFIX: Final = ".ring"
+DAMAGED_SUFFIX: Final = ".damaged"
+"""Of a file that could not be read when the gateway started: left for who can mend it."""
 PART_SUFFIX: Final = ".part"
 """Of a file that is being written; one that is found at a start is of no use."""
 
@@ -135,10 +137,10 @@ def name_of(core_boot_id: str, kept: Kept) -> str:
 
 
 def kept_file(path: Path) -> KeptFile:
-    """Look at the head of one file.
+    """Look at the head of one file; one that cannot be read says why.
 
     Raises:
-        OSError: it cannot be read.
+        OSError: it is not there.
     """
     size = path.stat().st_size
     try:
@@ -146,12 +148,15 @@ def kept_file(path: Path) -> KeptFile:
             return KeptFile.of(path, size, ring.header)
     except RingError as error:
         return KeptFile(path, size, trouble=str(error))
+    except OSError as error:
+        return KeptFile(path, size, trouble=f"{path}: {error.strerror}")
 
 
 def kept_files(folder: Path) -> list[KeptFile]:
     """All files of a black box, oldest first; none if there is no such folder.
 
     Raises:
-        OSError: the folder or a file in it cannot be read.
+        OSError: the folder cannot be read.
     """
-    return [kept_file(path) for path in sorted(folder.glob(f"*{SUFFIX}"))]
+    named = (*folder.glob(f"*{SUFFIX}"), *folder.glob(f"*{SUFFIX}{DAMAGED_SUFFIX}"))
+    return [kept_file(path) for path in sorted(named) if path.is_file()]

@@ -9,15 +9,20 @@ field at the end of a struct, with a default, keeps old recordings readable.
 """
 
 from enum import IntEnum
-from typing import Final
+from typing import Annotated, Final
 
 import msgspec
+from msgspec import Meta
 
 from daemon.assist_record import AssistRecord
 from daemon.cycle_timing import CycleTiming
+from daemon.decoding import Count, Name
 
 STATE_COUNT: Final = 8
 """Of the observer: two positions, two velocities, two frictions, two disturbances."""
+SETPOINTS_MAX: Final = 8
+TEXT_BYTES_MAX: Final = 400
+"""Of a reason, a detail, a line of progress: a record has a slot of fixed size."""
 
 
 class Mode(IntEnum):
@@ -156,9 +161,9 @@ class ModeRequest(msgspec.Struct, frozen=True, array_like=True):
     """0..1 of the normative gait, for GAIT."""
     duration_s: float = 0.0
     """Mandatory for GAIT and EXCITE."""
-    scenario: str = ""
+    scenario: Name = ""
     """Name of an excite scenario of the configuration, for EXCITE."""
-    axis: str = ""
+    axis: Name = ""
     """`LEG/AXIS`, for REFERENCE and COMMISSION."""
     witnessed: bool = False
     """For COMMISSION: the person who watched saw the axis move as described."""
@@ -167,9 +172,9 @@ class ModeRequest(msgspec.Struct, frozen=True, array_like=True):
 class Request(msgspec.Struct, frozen=True, array_like=True):
     """One request of a client, an edge by its id."""
 
-    id: int = 0
+    id: Count = 0
     kind: RequestKind = RequestKind.NONE
-    for_cycle: int = 0
+    for_cycle: Count = 0
     """The newest cycle that the asker had seen; an old one is refused."""
     mode: ModeRequest = ModeRequest()
 
@@ -177,12 +182,12 @@ class Request(msgspec.Struct, frozen=True, array_like=True):
 class Setpoint(msgspec.Struct, frozen=True, array_like=True):
     """A controller's assist on top of g(q) for one leg, under the lease of its sender."""
 
-    lease: int = 0
-    seq: int = 0
-    for_cycle: int = 0
+    lease: Count = 0
+    seq: Count = 0
+    for_cycle: Count = 0
     hip_assist_nm: float = 0.0
     slide_assist_n: float = 0.0
-    leg: str = ""
+    leg: Name = ""
     stiffness_ratio: float = 1.0
     """0..1 of the configured stiffness of impedance guidance, for GAIT."""
 
@@ -190,17 +195,25 @@ class Setpoint(msgspec.Struct, frozen=True, array_like=True):
 class Level(msgspec.Struct, frozen=True, array_like=True):
     """What the gateway tells the core, whole, every cycle. A foreign boot id voids all but stop."""
 
-    core_boot_id: str
-    seq: int
-    for_cycle: int
+    core_boot_id: Name
+    seq: Count
+    for_cycle: Count
     """The newest record that the gateway had read: the age of this level in the core's cycles."""
-    stop_count: int
+    stop_count: Count
     """Any increase stops, whatever else is in the datagram."""
     request: Request = Request()
-    setpoints: tuple[Setpoint, ...] = ()
+    setpoints: Annotated[tuple[Setpoint, ...], Meta(max_length=SETPOINTS_MAX)] = ()
     """The newest of each leg."""
-    lease: int = 0
+    lease: Count = 0
     """The lease that is held now; 0: nobody holds one."""
+
+
+def clipped(text: str, bytes_max: int = TEXT_BYTES_MAX) -> str:
+    """The text as UTF-8 has it, cut to so many bytes of that between two characters."""
+    if text.isascii():
+        return text[:bytes_max]
+    # What is no text, half of a surrogate pair, has no bytes.
+    return text.encode(errors="replace")[:bytes_max].decode(errors="ignore")
 
 
 class RequestResult(msgspec.Struct, frozen=True, array_like=True):
@@ -356,12 +369,12 @@ class BusRecord(msgspec.Struct, frozen=True, array_like=True):
 class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
     """Everything that one cycle knew, decided and sent."""
 
-    seq: int
+    seq: Count
     """Of records: also counts those written while there is no SYNC."""
-    cycle: int
+    cycle: Count
     """Of the 10 ms grid since start."""
-    sync_mono_ns: int
-    sync_utc_ns: int
+    sync_mono_ns: Count
+    sync_utc_ns: Count
     dt_s: float
     """True time since the SYNC before."""
     mode: Mode

@@ -20,7 +20,8 @@ class Notifier:
         """Send `KEY=value` lines; false if the supervisor had no room for them just now."""
         if self._address:
             try:
-                self._socket.sendto("\n".join(lines).encode(), self._address)
+                said = "\n".join(line.replace("\n", " ") for line in lines)
+                self._socket.sendto(said.encode(errors="replace"), self._address)
             except OSError:
                 return False
         return True

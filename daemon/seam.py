@@ -29,15 +29,18 @@ import os
 import socket
 import struct
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import msgspec
+from msgspec import Meta
+from msgspec.structs import replace
 
+from daemon.decoding import INTEGER_MAX, Count, Decoder, RefusedError
 from daemon.record import CycleRecord, Level
 
 MAGIC: Final = b"GAITDRB1"
 HEADER_SIZE: Final = 16384
-SLOT_SIZE: Final = 6144
+SLOT_SIZE: Final = 6656
 """Of the largest record: two legs, all events and emergencies that one may hold."""
 SLOT_COUNT: Final = 3000
 """30 s of 10 ms."""
@@ -55,6 +58,9 @@ ASIDE_NAME: Final = "records.aside"
 GATEWAY_SOCKET_NAME: Final = "gateway.sock"
 CORE_SOCKET_NAME: Final = "core.sock"
 LEVEL_SIZE_MAX: Final = 8192
+DRAIN_COUNT_MAX: Final = 128
+"""Datagrams that one drain takes, of some hundred that a socket's queue may hold: who sends without
+end must not hold the cycle. The rest is read by the next ones, a stop among it too."""
 _SOCKET_MODE: Final = 0o660
 
 
@@ -69,11 +75,11 @@ class Kept(msgspec.Struct, frozen=True):
     """Name of the cause of the stop, or how the records ended: CORE_SILENT, CORE_ENDED."""
     drive: str
     detail: str
-    stop_seq: int
+    stop_seq: Count
     """The record with which it stopped."""
-    stop_utc_ns: int
-    first_seq: int
-    last_seq: int
+    stop_utc_ns: Count
+    first_seq: Count
+    last_seq: Count
     active: bool
     """The drives were enabled on purpose in some of these records."""
     also: tuple[str, ...] = ()
@@ -84,11 +90,11 @@ class RingHeader(msgspec.Struct, frozen=True):
     """What does not change while a core lives, written once at the head of the ring."""
 
     core_boot_id: str
-    start_utc_ns: int
-    period_ns: int
+    start_utc_ns: Count
+    period_ns: Annotated[int, Meta(gt=0, le=INTEGER_MAX)]
     trainer: str
     drive_names: tuple[str, ...]
-    leg_names: tuple[str, ...]
+    leg_names: Annotated[tuple[str, ...], Meta(min_length=1)]
     config_hashes: dict[str, str]
     """SHA-256 of each configuration file, by the name it was read under."""
     version: str
@@ -101,7 +107,7 @@ class RingHeader(msgspec.Struct, frozen=True):
 
 
 class RingWriter:
-    """The core's end. `write` costs a few microseconds and never blocks."""
+    """The core's end. `write` costs a few microseconds, never blocks and never raises."""
 
     def __init__(self, path: Path, header: RingHeader) -> None:
         """Create the file anew and map it.
@@ -130,20 +136,50 @@ class RingWriter:
             path.rename(aside)
         temporary.replace(path)
         self._encoder = msgspec.msgpack.Encoder()
+        self.shortened_count = 0
+        """Records that had no room, or no bytes, and were written without their words."""
 
     def write(self, record: CycleRecord) -> None:
-        """Put a record into its slot, sequence number last."""
-        data = self._encoder.encode(record)
-        if len(data) > SLOT_SIZE - _SLOT.size:
-            raise ValueError(f"record {record.seq} of {len(data)} bytes does not fit its slot")
+        """Put a record into its slot, sequence number last.
+
+        Words are worth less than the cycle that they tell of: where the record does not fit with
+        them, it is written without.
+        """
+        data = self._encoded(record)
+        if data is None:
+            self.shortened_count += 1
+            data = self._encoded(wordless(record))
+        if data is None:
+            return
         offset = HEADER_SIZE + (record.seq % SLOT_COUNT) * SLOT_SIZE
         _SLOT.pack_into(self._map, offset, 0, len(data))
         self._map[offset + _SLOT.size : offset + _SLOT.size + len(data)] = data
         _SEQ.pack_into(self._map, offset, record.seq)
 
+    def _encoded(self, record: CycleRecord) -> bytes | None:
+        """None: it has no room, or holds what msgpack has no bytes for."""
+        try:
+            data = self._encoder.encode(record)
+        except (ValueError, OverflowError):
+            return None
+        return data if len(data) <= SLOT_SIZE - _SLOT.size else None
+
     def close(self) -> None:
         """Unmap; the file stays."""
         self._map.close()
+
+
+def wordless(record: CycleRecord) -> CycleRecord:
+    """The record without all that has no fixed size: words, emergencies, strides."""
+    return replace(
+        record,
+        verdict=replace(record.verdict, detail=""),
+        events=(),
+        request=replace(record.request, reason=""),
+        progress="",
+        drives=tuple(replace(one, emergency_text="", emergencies=()) for one in record.drives),
+        legs=tuple(replace(one, stride=None) for one in record.legs),
+    )
 
 
 class RingReader:
@@ -173,26 +209,41 @@ class RingReader:
             raise RingError(f"{path}: shorter than its header says")
         text = self._map[_PREFIX.size : _PREFIX.size + length]
         try:
-            self.header = msgspec.msgpack.decode(text, type=RingHeader)
-        except msgspec.MsgspecError as error:
+            self.header = Decoder(msgspec.msgpack.Decoder(RingHeader).decode).decode(text)
+        except RefusedError as error:
             raise RingError(f"{path}: header cannot be read: {error}") from error
-        self._decoder = msgspec.msgpack.Decoder(CycleRecord)
+        self._decoder = Decoder(msgspec.msgpack.Decoder(CycleRecord).decode)
+        self.damaged_count = 0
+        """Records that were there and could not be read."""
 
     def newest_seq(self) -> int:
         """The highest sequence number in the ring, 0 if there is none."""
         return max(self._seq_at(slot) for slot in range(self.slot_count))
 
     def read(self, seq: int) -> CycleRecord | None:
-        """The record with this number, or None if it is not there (yet, or any more)."""
+        """The record with this number; None if it is not there (yet, or any more), or damaged."""
         data = self.raw(seq)
-        return None if data is None else self._decoder.decode(data)
+        return None if data is None else self.record(seq, data)
+
+    def record(self, seq: int, data: bytes) -> CycleRecord | None:
+        """What `raw` has given as a record; None, and counted, if it is damaged."""
+        try:
+            record = self._decoder.decode(data)
+        except RefusedError:
+            record = None
+        if record is None or record.seq != seq:
+            self.damaged_count += 1
+            return None
+        return record
 
     def raw(self, seq: int) -> bytes | None:
-        """The same as it stands in the ring, in msgpack."""
+        """The record as it stands in the ring, in msgpack; nothing of it where it is damaged."""
         offset = HEADER_SIZE + (seq % self.slot_count) * self.slot_size
         found, length = _SLOT.unpack_from(self._map, offset)
-        if found != seq or not 0 < length <= self.slot_size - _SLOT.size:
+        if found != seq:
             return None
+        if length > self.slot_size - _SLOT.size:
+            return b""
         data = self._map[offset + _SLOT.size : offset + _SLOT.size + length]
         if _SEQ.unpack_from(self._map, offset)[0] != seq:
             return None
@@ -203,10 +254,9 @@ class RingReader:
         return max(newest - self.slot_count + 1, 1)
 
     def since(self, seq: int) -> list[CycleRecord]:
-        """All records after `seq` that are still there, oldest first."""
-        newest = self.newest_seq()
-        first = max(seq + 1, self.oldest_seq(newest))
-        found = (self.read(number) for number in range(first, newest + 1))
+        """All records after `seq` that are there and can be read, oldest first."""
+        seqs = sorted(self._seq_at(slot) for slot in range(self.slot_count))
+        found = (self.read(number) for number in seqs if number > seq)
         return [record for record in found if record is not None]
 
     def close(self) -> None:
@@ -214,7 +264,30 @@ class RingReader:
         self._map.close()
 
     def _seq_at(self, slot: int) -> int:
-        return _SEQ.unpack_from(self._map, HEADER_SIZE + slot * self.slot_size)[0]
+        """The number in a slot; 0 if there is none, or one that belongs into another slot."""
+        seq: int = _SEQ.unpack_from(self._map, HEADER_SIZE + slot * self.slot_size)[0]
+        return seq if seq % self.slot_count == slot else 0
+
+
+class RareNotice:
+    """What goes wrong again and again is told at the first time and at each tenfold of it."""
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self._told_count = 0
+
+    def due(self, count: int, why: str = "") -> list[str]:
+        """What to tell, if it is time.
+
+        Args:
+            count: of all times so far; less than before: somebody counts anew.
+            why: of the newest.
+        """
+        self._told_count = min(self._told_count, count)
+        if count <= 10 * self._told_count:
+            return []
+        self._told_count = count
+        return [f"{self._what}, {count} so far" + (f": {why}" if why else "")]
 
 
 def _bound_socket(path: Path) -> socket.socket:
@@ -242,6 +315,8 @@ class Datagrams:
             OSError: the directory does not exist or cannot be written.
         """
         self._socket = _bound_socket(own)
+        self.crowded_count = 0
+        """Drains that may have left something."""
         self._own = own
         self._peer = str(peer)
 
@@ -258,13 +333,13 @@ class Datagrams:
         return True
 
     def drain(self) -> list[bytes]:
-        """All datagrams that wait, oldest first."""
+        """Datagrams that wait, oldest first, DRAIN_COUNT_MAX at most."""
         waiting: list[bytes] = []
-        while True:
-            try:
+        with contextlib.suppress(BlockingIOError):
+            while len(waiting) < DRAIN_COUNT_MAX:
                 waiting.append(self._socket.recv(LEVEL_SIZE_MAX))
-            except BlockingIOError:
-                return waiting
+        self.crowded_count += len(waiting) == DRAIN_COUNT_MAX
+        return waiting
 
     def close(self) -> None:
         """Close and remove our own socket."""
@@ -279,9 +354,17 @@ class CoreSeam:
         """Create ring and socket in the runtime directory."""
         self._ring = RingWriter(runtime / RING_NAME, header)
         self._datagrams = Datagrams(runtime / CORE_SOCKET_NAME, runtime / GATEWAY_SOCKET_NAME)
-        self._decoder = msgspec.msgpack.Decoder(Level)
-        self.refused_count = 0
+        self._decoder = Decoder(msgspec.msgpack.Decoder(Level).decode)
+        self._refusal = ""
+        """Why the newest datagram that was no level was none."""
+        self._refused = RareNotice("datagrams to the core refused")
+        self._shortened = RareNotice("records had no room for their words")
+        self._crowded = RareNotice("more datagrams for the core than a cycle reads")
+
+    @property
+    def refused_count(self) -> int:
         """Datagrams that were no level: counted, and otherwise as if they had not come."""
+        return self._decoder.refused_count
 
     def fileno(self) -> int:
         """For poll(): readable when the gateway has sent a level."""
@@ -293,14 +376,22 @@ class CoreSeam:
         return self._datagrams.send(_SEQ.pack(record.seq))
 
     def levels(self) -> list[Level]:
-        """All levels that wait, oldest first: stop counts are read over all of them."""
+        """The levels that wait, oldest first: stop counts are read over all of them."""
         levels: list[Level] = []
         for data in self._datagrams.drain():
             try:
                 levels.append(self._decoder.decode(data))
-            except msgspec.MsgspecError:
-                self.refused_count += 1
+            except RefusedError as error:
+                self._refusal = str(error)
         return levels
+
+    def take_notices(self) -> list[str]:
+        """What people should know of this seam and have not been told yet."""
+        return [
+            *self._refused.due(self.refused_count, self._refusal),
+            *self._shortened.due(self._ring.shortened_count),
+            *self._crowded.due(self._datagrams.crowded_count),
+        ]
 
     def close(self) -> None:
         """Leave; the ring file stays for who wants to know."""
@@ -318,6 +409,7 @@ class GatewaySeam:
         self._encoder = msgspec.msgpack.Encoder()
         self._ring: RingReader | None = None
         self._seq = 0
+        self._damaged = RareNotice("records of the core cannot be read")
         # A ring that was there before us is history; one that appears later is read from its start.
         # What cannot be read is said by `records`, as long as no core replaces it.
         with contextlib.suppress(RingError):
@@ -358,20 +450,30 @@ class GatewaySeam:
         if self._ring is not known:
             found = self._forward(self._ring)
         # Wakes are few in the socket's queue, and may be those of a core before this one: they
-        # only say that there is something; what there is stands in the ring.
+        # only say that there is something; what there is stands in the ring. A record that is not
+        # there although a later one is will not come any more.
         if not found and max(woken) > self._seq:
-            oldest = self._ring.newest_seq() - SLOT_COUNT + _OVERWRITTEN_SOON
-            self._seq = max(oldest, self._seq)
-            found = self._forward(self._ring)
+            newest = self._ring.newest_seq()
+            self._seq = max(newest - SLOT_COUNT + _OVERWRITTEN_SOON, self._seq)
+            while not (found := self._forward(self._ring)) and self._seq < newest:
+                self._seq += 1
         return found
 
     def _forward(self, ring: RingReader) -> list[CycleRecord]:
-        """All records that follow the last one read, without a gap."""
+        """All records that follow the last one read, without a gap; damaged ones are left out."""
         found: list[CycleRecord] = []
-        while (record := ring.read(self._seq + 1)) is not None:
-            found.append(record)
+        while (data := ring.raw(self._seq + 1)) is not None:
             self._seq += 1
+            record = ring.record(self._seq, data)
+            if record is not None:
+                found.append(record)
         return found
+
+    def take_notices(self) -> list[str]:
+        """What people should know of this seam and have not been told yet."""
+        if self._ring is None:
+            return []
+        return self._damaged.due(self._ring.damaged_count, "damaged, or of another gaitd")
 
     def send(self, level: Level) -> bool:
         """Send a level to the core; False if no core took it."""

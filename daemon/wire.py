@@ -38,6 +38,12 @@ from daemon.words import (
 EXACT_MAX: Final = 2**53 - 1
 """Up to here every JSON reader has whole numbers exactly."""
 
+ONE_LINE: Final = (
+    r"^(?![\s\S]*[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069])"
+)
+"""What a client says of itself stands in events, logs and on terminals: no line breaks, no control
+characters, nothing that changes the direction of writing."""
+
 # --- messages out ----------------------------------------------------------------------------
 
 
@@ -196,11 +202,12 @@ SOMEBODY: Final = "somebody"
 class Ask(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Payload of a query to control/*; an empty payload says the same as `{}`."""
 
-    client: Annotated[str, Meta(max_length=64, description="Who asks; stands in the event.")] = (
-        SOMEBODY
-    )
+    client: Annotated[
+        str,
+        Meta(max_length=64, pattern=ONE_LINE, description="Who asks; stands in the event."),
+    ] = SOMEBODY
     for_cycle: Annotated[
-        Annotated[int, Meta(ge=0)] | None,
+        Annotated[int, Meta(ge=0, le=EXACT_MAX)] | None,
         Meta(description="Newest cycle the asker had seen; too old is refused. Null: now."),
     ] = None
 
@@ -239,11 +246,13 @@ class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
         float, Meta(ge=0, le=7200, description="Mandatory for gait and excite.")
     ] = 0.0
     scenario: Annotated[
-        str, Meta(max_length=64, description="Name in the configuration, excite.")
+        str,
+        Meta(max_length=64, pattern=ONE_LINE, description="Name in the configuration, excite."),
     ] = ""
-    axis: Annotated[str, Meta(max_length=16, description="LEG/AXIS, reference and commission.")] = (
-        ""
-    )
+    axis: Annotated[
+        str,
+        Meta(max_length=16, pattern=ONE_LINE, description="LEG/AXIS, reference and commission."),
+    ] = ""
     witnessed: Annotated[
         bool, Meta(description="Commission: a person saw the axis move as described.")
     ] = False

@@ -72,6 +72,11 @@ def name_of(member: Enum) -> str:
     return member.name.lower()
 
 
+def printable(text: str) -> str:
+    """The text with line breaks and control characters as escapes, for a line that people read."""
+    return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
+
+
 def _names(kind: type[Enum]) -> dict[str, Any]:
     return {"enum": [name_of(member) for member in kind]}
 

@@ -189,13 +189,14 @@ def _show(
 def _requests(state: Path, newest: int, *, as_json: bool) -> None:
     from daemon.gateway.request_chain import fields_of
     from daemon.gateway.request_file import lines_of
+    from daemon.words import printable
     from gaitd.check import Section
 
     lines = lines_of(state)[-newest:]
     if as_json:
         print("\n".join(line.decode("utf-8", "backslashreplace") for _, _, line in lines))
         return
-    rows = tuple(_request_row(fields_of(line)) for _, _, line in lines)
+    rows = tuple(tuple(map(printable, _request_row(fields_of(line)))) for _, _, line in lines)
     columns = ("UTC", "", "who", "what", "became of it")
     _print((Section(f"The newest {len(rows)} lines in {state}", columns, rows),))
 

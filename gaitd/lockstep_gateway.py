@@ -59,6 +59,10 @@ class Gateway:
         told = self._seq, cycle, stop_count, request, self._setpoints, self.lease
         return [Level(self.core_boot_id, *told)]
 
+    def take_notices(self) -> list[str]:
+        """Nothing is refused here: there are no bytes."""
+        return []
+
     # --- the script's side ------------------------------------------------------------------
 
     def lend(self, controller: Controller) -> int:

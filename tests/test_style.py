@@ -191,10 +191,20 @@ def test_no_file_names_a_package_registry():
 SWALLOWED = re.compile(r"except:|except (Base)?Exception\b|suppress\((Base)?Exception\)")
 
 
-def test_the_only_broad_catch_is_the_one_that_stops_the_machine():
+BROAD = {
+    # Stops the machine: the process ends with it.
+    "daemon/core/loop.py",
+    # What one query does to us is not done to who asks next; told, logged and answered.
+    "daemon/gateway/service.py",
+    # A thread that waits for a disk goes on with its next job; told and logged.
+    "daemon/gateway/worker.py",
+}
+
+
+def test_a_broad_catch_is_where_one_failure_has_to_end_and_nowhere_else():
     found = {name_of(file) for file in FILES if SWALLOWED.search(text_of(file))}
 
-    assert found <= {"daemon/core/loop.py"}
+    assert found == BROAD
 
 
 GUIDED = ("daemon", "daemon/config", "daemon/core", "daemon/gateway", "drives", "sim_drives")

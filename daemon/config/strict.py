@@ -9,16 +9,19 @@ import hashlib
 import math
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Final, NamedTuple, TypeVar, cast, get_args, get_origin
 
 import msgspec
 from msgspec import inspect
 
+from daemon.decoding import Decoder, RefusedError
+
 T = TypeVar("T")
 
 _VALUE_LENGTH_MAX: Final = 60
+_INTEGER_END: Final = 2**63
 
 
 class Words(str):
@@ -113,15 +116,37 @@ def described(kind: object) -> str:
 
 def _parsed(path: Path, data: bytes) -> dict[str, Any]:
     try:
-        text = data.decode()
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        allowed = "a TOML file is UTF-8 text"
-        raise ConfigError(path, f"line {line}", Words("(not UTF-8)"), allowed) from error
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise _syntax_error(path, text, str(error)) from error
+        return _TOML.decode(data)
+    except RefusedError as error:
+        bad = error.__cause__
+        if isinstance(bad, UnicodeDecodeError):
+            line = data.count(b"\n", 0, bad.start) + 1
+            allowed = "a TOML file is UTF-8 text"
+            raise ConfigError(path, f"line {line}", Words("(not UTF-8)"), allowed) from error
+        raise _syntax_error(path, data.decode(), str(error)) from error
+
+
+def _table(data: bytes) -> dict[str, Any]:
+    table = tomllib.loads(data.decode())
+    _check_integers(table)
+    return table
+
+
+def _check_integers(value: object) -> None:
+    """TOML promises 64 bits; tomllib takes any number, and few who use it could.
+
+    Raises:
+        ValueError: one is larger.
+    """
+    if isinstance(value, dict | list):
+        inner = value.values() if isinstance(value, dict) else value
+        for one in cast("Iterable[object]", inner):
+            _check_integers(one)
+    elif isinstance(value, int) and not -_INTEGER_END <= value < _INTEGER_END:
+        raise ValueError("an integer has more than 64 bits")
+
+
+_TOML: Final = Decoder(_table)
 
 
 def _syntax_error(path: Path, text: str, message: str) -> ConfigError:

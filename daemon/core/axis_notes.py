@@ -18,6 +18,8 @@ from typing import Final, NamedTuple
 import msgspec
 from msgspec.structs import replace
 
+from daemon.decoding import Count
+
 FORMAT: Final = "gaitd.axes.v1"
 POSE_STEP_SI: Final = 1e-4
 """Encoder noise is not worth a new note."""
@@ -36,33 +38,33 @@ class Wiring(NamedTuple):
 class SignProof(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Somebody saw this axis move the way it should, and so did its encoder."""
 
-    node_id: int
-    serial_number: int
+    node_id: Count
+    serial_number: Count
     sign: int
     gear_ratio: float
     lead_m: float | None
-    counts_per_rev: int
+    counts_per_rev: Count
     moved_forth_si: float
     moved_back_si: float
-    utc_ns: int
+    utc_ns: Count
 
 
 class AxisNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One axis; SI units at the joint."""
 
     position_si: float | None = None
-    noted_utc_ns: int = 0
+    noted_utc_ns: Count = 0
     proof: SignProof | None = None
 
 
 class InputsNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """When the inputs of one drive were last seen in each state, UTC; 0: never."""
 
-    hand_switch_open_utc_ns: int = 0
-    hand_switch_closed_utc_ns: int = 0
-    sto_active_utc_ns: int = 0
-    sto_released_utc_ns: int = 0
-    serial_number: int = 0
+    hand_switch_open_utc_ns: Count = 0
+    hand_switch_closed_utc_ns: Count = 0
+    sto_active_utc_ns: Count = 0
+    sto_released_utc_ns: Count = 0
+    serial_number: Count = 0
     """Of the drive; 0: it has none."""
 
 
@@ -73,14 +75,14 @@ class AxisTestNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     friction_ratio: float
     load_error_si: float
     moved_si: float
-    serial_number: int = 0
+    serial_number: Count = 0
     """Of the drive; 0: it has none."""
 
 
 class SelfTestNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The newest self-test, of the whole machine."""
 
-    utc_ns: int
+    utc_ns: Count
     passed: bool
     leg_digest: str
     axes: dict[str, AxisTestNote] = {}
@@ -96,7 +98,7 @@ class LatchedNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """None: none, or not finite."""
     limit: float | None = None
     detail: str = ""
-    utc_ns: int = 0
+    utc_ns: Count = 0
     """When it was noted first."""
 
 
@@ -110,7 +112,7 @@ class Notes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     latched: LatchedNote | None = None
     inputs: dict[str, InputsNote] = {}
     self_test: SelfTestNote | None = None
-    utc_newest_ns: int = 0
+    utc_newest_ns: Count = 0
     """A time that has been: whoever reads an earlier one has a clock that went back."""
 
     def of(self, name: str) -> AxisNote:

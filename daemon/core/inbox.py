@@ -1,4 +1,14 @@
-"""What the gateway asks for: read from all waiting levels, the stop counts first of all."""
+"""What the gateway asks for: read from all waiting levels, the stop counts first of all.
+
+Rules:
+1. A stop counts from anybody: any level that says a higher count than is known stops.
+2. The rest counts from a level of this core's own gateway that is newer than all before, by `seq`,
+   and answers a cycle that has been. So a datagram that arrives again asks for nothing again.
+3. A level's age counts from the cycle that it answers, not from its arrival.
+4. A request is new if its id is higher than that of every request before.
+5. What is known of the count follows a newer level down, too: a gateway that counts lower stops
+   with its next one. An older level, or that of another core, only ever raises it.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -19,15 +29,23 @@ NO_ORDERS = Orders()
 
 
 def hear(core: Core, levels: Sequence[Level], cycle: int) -> Orders:
-    """Take in all levels that waited. A stop counts from anybody, the rest only for this core."""
+    """Take in all levels that waited, oldest first."""
     stop = False
     newest: Level | None = None
     for level in levels:
         # The first level of all only tells where the count is: nothing is moving yet.
-        stop = stop or (core.stop_count is not None and level.stop_count > core.stop_count)
-        core.stop_count = level.stop_count
-        if level.core_boot_id == core.boot_id and level.for_cycle <= cycle:
-            newest = level
+        known = core.stop_count
+        more = known is None or level.stop_count > known
+        stop = stop or (more and known is not None)
+        newer = (
+            level.core_boot_id == core.boot_id
+            and level.seq > core.level_seq
+            and level.for_cycle <= cycle
+        )
+        if more or newer:
+            core.stop_count = level.stop_count
+        if newer:
+            core.level_seq, newest = level.seq, level
     if newest is None:
         return Orders(stop)
     core.level_cycle = max(core.level_cycle, newest.for_cycle)
@@ -36,5 +54,4 @@ def hear(core: Core, levels: Sequence[Level], cycle: int) -> Orders:
 
 
 def _is_new(core: Core, request: Request) -> bool:
-    outstanding = core.request.id if core.request else 0
-    return request.id not in {0, outstanding, core.result.id}
+    return request.id > core.result.id

@@ -24,9 +24,9 @@ from msgspec.structs import replace
 from daemon.core.axis_notes import LatchedNote
 from daemon.core.state import Core
 from daemon.core.transition import describe
-from daemon.record import Cause, Mode, StopCategory, Verdict
+from daemon.record import Cause, Mode, StopCategory, Verdict, clipped
 
-DETAIL_LENGTH_MAX: Final = 120
+DETAIL_BYTES_MAX: Final = 120
 _NOT_LATCHED: Final = frozenset({Cause.NONE, Cause.SHUTDOWN, Cause.DRIVE_POWERED})
 """No stops, or none that a new start should remember: a drive that holds the leg is seen again."""
 
@@ -67,7 +67,7 @@ def _note(verdict: Verdict, noted: LatchedNote | None, utc_ns: int) -> LatchedNo
         drive=verdict.drive,
         value=verdict.value if math.isfinite(verdict.value) else None,
         limit=verdict.limit if math.isfinite(verdict.limit) else None,
-        detail=verdict.detail[:DETAIL_LENGTH_MAX],
+        detail=clipped(verdict.detail, DETAIL_BYTES_MAX),
         utc_ns=utc_ns,
     )
     same = noted is not None and replace(note, utc_ns=noted.utc_ns) == noted

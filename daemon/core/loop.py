@@ -157,7 +157,7 @@ class Loop:
         try:
             self._await_grid_point()
             self._leave_out_missed()
-            levels = self._seam.levels()
+            levels = self._hear_levels()
             record = self._cycle_once(levels)
         except BusError as error:
             self._lose_bus(error)
@@ -206,10 +206,15 @@ class Loop:
         tick = self._tick(begun_ns, begun_utc_ns)
         self._sync_ns = begun_ns
         outgoing, record = cycle.step(core, frames, levels, tick)
-        if self._has_drives():
-            self._send(outgoing)
-        else:
-            self._end_watch()
+        try:
+            if self._has_drives():
+                self._send(outgoing)
+            else:
+                self._end_watch()
+        except BusError:
+            # What this cycle knew and decided is told, too; that the bus is gone, by the next.
+            self._tell(record)
+            raise
         dropped = line.dropped_count > dropped_count
         self._dropped_in_a_row = self._dropped_in_a_row + 1 if dropped else 0
         self._timing = replace(self._timing, work_ns=self._clock.now_ns() - collected_ns)
@@ -280,7 +285,7 @@ class Loop:
         if late_ns < 0:
             return
         self._core.events += self._line.take_notices()
-        self._tell(cycle.rest(self._core, self._seam.levels(), self._tick(self._grid.due_ns)))
+        self._tell(cycle.rest(self._core, self._hear_levels(), self._tick(self._grid.due_ns)))
         if late_ns < self._settings.period_ns:
             self._supervision.feed()
         self._grid.jump()
@@ -309,6 +314,11 @@ class Loop:
             bus=self._line.record(drives.stray_count if drives is not None else 0),
             shutdown=self._shutdown,
         )
+
+    def _hear_levels(self) -> list[Level]:
+        levels = self._seam.levels()
+        self._core.events += self._seam.take_notices()
+        return levels
 
     def _tell(self, record: CycleRecord) -> None:
         self._seam.publish(record)

@@ -32,6 +32,10 @@ class Seam(Protocol):
         """All levels that wait."""
         ...
 
+    def take_notices(self) -> list[str]:
+        """What people should know of the seam and have not been told yet."""
+        ...
+
 
 class Supervisor(Protocol):
     """What the loop needs of systemd: `daemon.sd_notify.Notifier`."""

@@ -15,12 +15,15 @@ alone is written, the stop that ends it, and only when its frames have left.
 import mmap
 import os
 from pathlib import Path
-from typing import Protocol
+from typing import Final, Protocol
 
 import msgspec
 
 from daemon.core.axis_notes import FORMAT, UNREADABLE, Notes
+from daemon.decoding import Decoder, RefusedError
 from daemon.notes_file import NAME, SIZE
+
+NOTES: Final = Decoder(msgspec.json.Decoder(Notes).decode)
 
 
 class NoteKeeper(Protocol):
@@ -72,7 +75,7 @@ def _read(path: Path) -> Notes:
     if not path.exists():
         return Notes()
     try:
-        notes = msgspec.json.decode(path.read_bytes().strip(b"\0 \n"), type=Notes)
-    except (msgspec.MsgspecError, UnicodeDecodeError):
+        notes = NOTES.decode(path.read_bytes().strip(b"\0 \n"))
+    except RefusedError:
         return UNREADABLE
     return notes if notes.format == FORMAT else UNREADABLE

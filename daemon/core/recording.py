@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 
+from msgspec.structs import replace
+
 from daemon.assist_record import AssistRecord, LegAssistRecord
 from daemon.core import conduct
 from daemon.core.assist import wanted_si
@@ -15,6 +17,7 @@ from daemon.record import (
     DriveRecord,
     EmergencyRecord,
     LegRecord,
+    clipped,
 )
 from drives.emcy import is_alarm
 from drives.signals import Emergency, Input, NmtState, PowerState
@@ -25,13 +28,13 @@ NAN = float("nan")
 NS_PER_MS = 1_000_000
 EVENTS_MAX = 8
 EVENT_LENGTH_MAX = 160
-"""A record has a slot of fixed size; what is left over goes with the next one."""
+"""In bytes. A record has a slot of fixed size; what is left over goes with the next one."""
 
 
 def record(core: Core, tick: Tick) -> CycleRecord:
     """Everything that this cycle knew, decided and sent; takes events with it."""
     core.seq += 1
-    events = tuple(event[:EVENT_LENGTH_MAX] for event in core.events[:EVENTS_MAX])
+    events = tuple(clipped(event, EVENT_LENGTH_MAX) for event in core.events[:EVENTS_MAX])
     core.events = core.events[EVENTS_MAX:]
     age_max = core.config.thresholds.sample_age_max_cycles
     return CycleRecord(
@@ -41,10 +44,10 @@ def record(core: Core, tick: Tick) -> CycleRecord:
         sync_utc_ns=tick.sync_utc_ns,
         dt_s=tick.dt_s,
         mode=core.mode,
-        verdict=core.verdict,
+        verdict=replace(core.verdict, detail=clipped(core.verdict.detail)),
         events=events,
-        request=core.result,
-        progress=conduct.progress(core),
+        request=replace(core.result, reason=clipped(core.result.reason)),
+        progress=clipped(conduct.progress(core)),
         level_age_cycles=tick.cycle - core.level_cycle,
         stop_count=core.stop_count or 0,
         gait_phase=_phase(core.legs[0]),

@@ -33,7 +33,8 @@ from daemon.record import (
 from drives.signals import Input, PowerState
 
 STALE_REQUEST_CYCLES = 100
-"""A request made when the newest cycle was older than this was made for another situation."""
+"""A request made when the newest cycle was older than this was made for another situation; one
+that names a cycle which has not been was made for none."""
 RESET_CYCLES = 100
 """For this long a requested fault reset may take."""
 
@@ -49,7 +50,7 @@ def answer(core: Core, orders: Orders, cycle: int, utc_ns: int) -> None:
         core.result = RequestResult(request.id, Outcome.REFUSED, "another request is outstanding")
         return
     reason = modes.refusal(request.kind, request.mode, _circumstances(core, cycle))
-    if cycle - request.for_cycle > STALE_REQUEST_CYCLES:
+    if not 0 <= cycle - request.for_cycle <= STALE_REQUEST_CYCLES:
         reason = f"made for cycle {request.for_cycle}, it is {cycle} now"
     if orders.stop and (request.kind == RequestKind.ENABLE or _prepares(request)):
         reason = "somebody asked to stop at the same time"
@@ -263,7 +264,9 @@ def finish_request(core: Core) -> None:
     outcome, reason = _outcome(core, core.request)
     if outcome == Outcome.PENDING:
         return
-    core.result = RequestResult(core.request.id, outcome, reason)
+    # Who has asked for something else meanwhile does not wait for this one any more.
+    if core.request.id == core.result.id:
+        core.result = RequestResult(core.request.id, outcome, reason)
     core.events.append(f"{core.request.kind.name.lower()} {outcome.name.lower()} {reason}".strip())
     core.request = None
 

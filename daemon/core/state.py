@@ -204,7 +204,10 @@ class Core:
     request: Request | None = None
     """Accepted, and not finished yet."""
     result: RequestResult = field(default_factory=RequestResult)
+    """Of the newest request that was heard: its id never falls."""
     stop_count: int | None = None
+    level_seq: int = 0
+    """Of the newest level that counted."""
     level_cycle: int = 0
     """`for_cycle` of the newest level: the gateway's age is counted from here."""
     setpoints: tuple[Setpoint, ...] = ()

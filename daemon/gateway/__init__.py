@@ -7,6 +7,7 @@ else), `translate.py` (what may be shown), `control.py` (requests), `lease.py`, 
 each stop, by `trail.py`, on `shelf.py`) and `request_log.py` (who asked for what, by
 `request_chain.py` and `request_file.py`), then the outside: `access.py` (who may say what),
 `endpoints.py`, `session.py`, `outlet.py`, `publish.py` and `subscribe.py` (Zenoh), `notes_disk.py`
-(fsync), `disk.py` (a thread that waits for it), `log.py` (journal or stderr), `reload.py` (SIGHUP),
+(fsync) and `disk.py` in threads of their own (`worker.py`), `log.py` (journal or stderr),
+`reload.py` (SIGHUP),
 `process.py` (the loop itself).
 """

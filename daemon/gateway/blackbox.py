@@ -26,8 +26,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Protocol
 
-import msgspec
-
+from daemon.decoding import RefusedError
 from daemon.gateway.alive import SILENCE_NS
 from daemon.gateway.disk import Disk
 from daemon.gateway.shelf import Shelf
@@ -86,7 +85,7 @@ class Window:
             data = self.trail.ring.raw(seq)
             if data is not None:
                 self.copied.add(seq, data)
-                with contextlib.suppress(msgspec.MsgspecError):
+                with contextlib.suppress(RefusedError):
                     self.active = self.active or glance_of(data).mode.active
         self.next_seq = end
         return end > self.last
@@ -137,6 +136,7 @@ class BlackBox:
         self._unkept: set[str] = set()
         """Cores of which a file could not be written."""
         self._begun = False
+        self._damaged: list[str] = []
         self._kept: queue.SimpleQueue[str] = queue.SimpleQueue()
 
     def turn(self, ring: RingReader | None, now_ns: int) -> None:
@@ -154,6 +154,11 @@ class BlackBox:
     def news(self) -> list[str]:
         """Names of files that have come to the disk since the last call."""
         return [self._kept.get_nowait() for _ in range(self._kept.qsize())]
+
+    def damaged(self) -> list[str]:
+        """What cannot be kept because it cannot be read, since the last call."""
+        damaged, self._damaged = self._damaged, []
+        return damaged
 
     def close(self, now_ns: int) -> None:
         """Keep what is waited for as it is now, all at once: there is no other turn."""
@@ -185,7 +190,8 @@ class BlackBox:
             ring = RingReader(self._aside)
         except FileNotFoundError:
             return
-        except (OSError, RingError):
+        except (OSError, RingError) as error:
+            self._damaged.append(f"the ring that the core before left cannot be read: {error}")
             # None that anybody could read: it would only be in the way of the next one.
             self._remove(self._aside)
             return

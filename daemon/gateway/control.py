@@ -26,6 +26,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from daemon import wire
+from daemon.decoding import Decoder, RefusedError
 from daemon.record import (
     CycleRecord,
     Level,
@@ -74,6 +75,10 @@ ASKS: Final[dict[str, type[wire.Ask]]] = {
 }
 """Payloads that say more than who asks."""
 
+_DECODERS: Final = {
+    kind: Decoder(msgspec.json.Decoder(kind).decode) for kind in (wire.Ask, *ASKS.values())
+}
+
 PATIENCE_NS: Final[dict[RequestKind, int]] = {
     RequestKind.ENABLE: 8_000_000_000,
     RequestKind.DISABLE: 5_000_000_000,
@@ -120,10 +125,11 @@ def read_ask(name: str, payload: bytes) -> wire.Ask:
         raise BadPayloadError(f"payload of {name}: more than {QUERY_SIZE_MAX} bytes")
     kind = ASKS.get(name, wire.Ask)
     try:
-        return msgspec.json.decode(payload or b"{}", type=kind)
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        return _DECODERS[kind].decode(payload or b"{}")
+    except RefusedError as error:
         known = ", ".join(item.encode_name for item in msgspec.structs.fields(kind))
-        raise BadPayloadError(f"payload of {name}: {error}; fields known here: {known}") from error
+        what = str(error).replace(f"matching regex {wire.ONE_LINE!r}", "without control characters")
+        raise BadPayloadError(f"payload of {name}: {what}; fields known here: {known}") from error
 
 
 def mode_request(ask: wire.Ask) -> ModeRequest:
@@ -161,7 +167,8 @@ class Desk:
     """Keeps the level, and the queries that wait for an answer. Knows no Zenoh and no clock."""
 
     first_level_seq: int = 0
-    """Levels count up from here; a later gateway must begin higher than this one ended."""
+    """Levels count up from here. The core takes what is newer only: a later gateway must begin
+    higher than this one ended, as the time in ns does."""
 
     _level_seq: int = 0
     _boot_id: str = ""
@@ -205,6 +212,11 @@ class Desk:
         """Stop, whatever else is going on; the next level says so."""
         self._stop_count += 1
         self._stops.append(_Stop(ticket, self._stop_count, now_ns + STOP_PATIENCE_NS))
+
+    def withdraw(self, ticket: int) -> None:
+        """Do not ask the core any more for whom nobody answers; a stop is never taken back."""
+        if self._outstanding and self._outstanding.ticket == ticket:
+            self._outstanding = None
 
     def tick(self, now_ns: int) -> list[Answer]:
         """Answer what has waited too long."""

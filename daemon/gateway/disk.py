@@ -1,14 +1,17 @@
 """The one thread that waits for a disk, so that the gateway's loop never does.
 
 Jobs are done one after the other, in the order in which they were asked for. A job that fails is
-counted and said, once until it has worked again; it is never tried again by itself, and it never
-ends the thread. The queue is bounded: a disk that hangs costs what comes after it, not the memory.
+counted and said, once until it has worked again; it is never tried again by itself, and whatever it
+raises the next one is done (`worker.py`). The queue is bounded: a disk that hangs costs what comes
+after it, not the memory.
 """
 
 import queue
 import threading
 from collections.abc import Callable
 from typing import Final, NamedTuple
+
+from daemon.gateway.worker import Worker
 
 JOBS_MAX: Final = 64
 END_PATIENCE_S: Final = 3.0
@@ -36,16 +39,16 @@ class Disk:
         self._jobs: queue.Queue[_Job | None] = queue.Queue(JOBS_MAX)
         self._said: queue.SimpleQueue[Trouble] = queue.SimpleQueue()
         self._failing: set[str] = set()
-        # One that hangs in a system call must not keep the process from ending.
-        self._thread = threading.Thread(target=self._run, name="disk", daemon=True)
-        self._thread.start()
+        self._doing = ""
+        self._worker = Worker("disk", self._work, self._ended)
 
     def ask(self, what: str, run: Callable[[], None]) -> bool:
         """Have something done; False if so much waits already that it is given up.
 
         Args:
             what: names it to a person, and is the same for all jobs of a kind.
-            run: is called in the thread; of its exceptions only OSError is expected.
+            run: is called in the thread; of its exceptions only OSError is expected, and none
+                ends the thread.
         """
         try:
             self._jobs.put_nowait(_Job(what, run))
@@ -70,10 +73,11 @@ class Disk:
             self._jobs.put(None, timeout=END_PATIENCE_S)
         except queue.Full:
             return
-        self._thread.join(END_PATIENCE_S)
+        self._worker.join(END_PATIENCE_S)
 
-    def _run(self) -> None:
+    def _work(self) -> None:
         while (job := self._jobs.get()) is not None:
+            self._doing = job.what
             try:
                 job.run()
             except OSError as error:
@@ -82,6 +86,10 @@ class Disk:
                 if job.what in self._failing:
                     self._failing.discard(job.what)
                     self._said.put(Trouble(job.what, ""))
+
+    def _ended(self, why: str) -> bool:
+        self._fail(self._doing, why)
+        return True
 
     def _fail(self, what: str, reason: str) -> None:
         self.failed_count += 1

@@ -101,6 +101,17 @@ def core_lost(silence_ms: int) -> Happening:
     return Happening(Priority.HIGH, Kind.CORE, text, remedy)
 
 
+def unread(what: str) -> Happening:
+    """What the core has written, and cannot be read."""
+    remedy = "if it goes on: end core and gateway, and start both from one installation"
+    return Happening(Priority.LOW, Kind.NOTE, what, remedy)
+
+
+def failed(what: str) -> Happening:
+    """A bug of ours, which cost one query its answer."""
+    return Happening(Priority.LOW, Kind.NOTE, what, "report it, with the gateway's log")
+
+
 def asked(name: str, client: str) -> Happening:
     """A client's request goes to the core."""
     return Happening(Priority.INFO, Kind.REQUEST, f"{name}, asked by {client}")

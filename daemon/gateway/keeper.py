@@ -36,6 +36,7 @@ class Keeper:
         self._file = RequestFile(state)
         self._log = RequestLog(self._file, self._disk, clock.utc_ns(), version)
         self._box = BlackBox(runtime, shelf, self._disk, self._log)
+        self._damaged = shelf.damaged
 
     @property
     def not_kept_count(self) -> int:
@@ -51,7 +52,12 @@ class Keeper:
         self._box.turn(ring, now_ns)
         self._log.turn(now_ns, self._clock.utc_ns())
         troubles, self._troubles = [*self._troubles, *self._disk.troubles()], []
-        return [*map(_trouble, troubles), *map(_kept, self._box.news())]
+        damaged, self._damaged = [*self._damaged, *self._box.damaged()], []
+        return [
+            *map(_trouble, troubles),
+            *map(_damaged, damaged),
+            *map(_kept, self._box.news()),
+        ]
 
     def close(self) -> None:
         """Keep what is waited for, and let the disk finish, for a bounded time."""
@@ -65,6 +71,11 @@ def _trouble(trouble: Trouble) -> Happening:
         return Happening(Priority.INFO, Kind.NOTE, f"{trouble.what}: can be written again")
     text = f"{trouble.what}: cannot be written: {trouble.reason}"
     return Happening(Priority.LOW, Kind.NOTE, text, REMEDY)
+
+
+def _damaged(what: str) -> Happening:
+    remedy = "what was in it is lost, unless somebody mends it; look at the disk"
+    return Happening(Priority.LOW, Kind.NOTE, f"black box: {what}", remedy)
 
 
 def _kept(name: str) -> Happening:

@@ -13,6 +13,7 @@ import threading
 from pathlib import Path
 from typing import Final
 
+from daemon.gateway.worker import Worker
 from daemon.notes_file import SIZE
 
 PERIOD_S: Final = 0.2
@@ -27,9 +28,8 @@ class NotesDisk:
         self._kept = b""
         self._trouble = ""
         self._log = logging.getLogger("gaitd.gateway")
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="notes", daemon=True)
-        self._thread.start()
+        self._over = threading.Event()
+        self._worker = Worker("notes", self._work, self._ended)
 
     def look(self) -> bool:
         """Look once; whether there was something to bring to the disk.
@@ -50,23 +50,27 @@ class NotesDisk:
 
     def close(self) -> None:
         """Look for the last time, and end."""
-        self._ended.set()
-        self._thread.join()
+        self._over.set()
+        self._worker.join()
 
-    def _run(self) -> None:
+    def _work(self) -> None:
         over = False
         while not over:
-            over = self._ended.wait(PERIOD_S)
+            over = self._over.wait(PERIOD_S)
             try:
                 self.look()
                 self._trouble = ""
             except FileNotFoundError:
                 continue
             except OSError as error:
-                self._tell(error)
+                self._tell(str(error))
 
-    def _tell(self, error: OSError) -> None:
+    def _ended(self, why: str) -> bool:
+        self._tell(why)
+        return not self._over.is_set()
+
+    def _tell(self, why: str) -> None:
         """Said once: a power cut may now lose a stop that is latched."""
-        if str(error) != self._trouble:
-            self._trouble = str(error)
-            self._log.error("the notes of the core are not on the disk: %s", error)
+        if why != self._trouble:
+            self._trouble = why
+            self._log.error("the notes of the core are not on the disk: %s", why)

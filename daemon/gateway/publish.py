@@ -74,14 +74,10 @@ class Mailbox:
         os.eventfd_write(self._fd, 1)
 
     def drain(self) -> list[ZenohInquiry]:
-        """All that wait, oldest first."""
+        """All that wait now, oldest first; what comes meanwhile wakes the loop again."""
         with contextlib.suppress(BlockingIOError):
             os.eventfd_read(self._fd)
-        waiting: list[ZenohInquiry] = []
-        with contextlib.suppress(queue.Empty):
-            while True:
-                waiting.append(self._queue.get_nowait())
-        return waiting
+        return [self._queue.get_nowait() for _ in range(self._queue.qsize())]
 
     def close(self) -> None:
         """Leave; no callback may run any more."""

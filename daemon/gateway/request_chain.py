@@ -16,6 +16,10 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
+from daemon.decoding import INTEGER_MAX, Decoder, RefusedError
+
+ANYTHING: Final[Decoder[Any]] = Decoder(msgspec.json.decode)
+"""JSON of no known form."""
 BEGINNING: Final = "0" * 64
 """`before` of the first line of all."""
 REPAIRED: Final = "repaired"
@@ -69,11 +73,14 @@ def sealed(place: Place, fields: dict[str, Any]) -> tuple[bytes, Place]:
 def fields_of(line: bytes) -> dict[str, Any] | None:
     """What a line says; None if it is none of ours."""
     try:
-        found = msgspec.json.decode(line)
-    except (msgspec.MsgspecError, UnicodeDecodeError):
+        found = ANYTHING.decode(line)
+    except RefusedError:
         return None
-    whole = isinstance(found, dict) and isinstance(found.get("n"), int)
-    return found if whole and isinstance(found.get("before"), str) else None
+    if not isinstance(found, dict):
+        return None
+    n, before = found.get("n"), found.get("before")
+    numbered = type(n) is int and 0 < n < INTEGER_MAX
+    return found if numbered and isinstance(before, str) else None
 
 
 def check(lines: Iterable[bytes]) -> Check:

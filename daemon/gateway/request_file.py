@@ -9,6 +9,7 @@ chain goes on. The oldest files are removed.
 """
 
 import os
+import re
 from collections import deque
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -24,9 +25,17 @@ TAIL_BYTES: Final = 128 * 1024
 LINES_AT_ONCE: Final = 1000
 
 
+_NUMBERED: Final = re.compile(r"requests\.(\d{6,9})\.jsonl", re.ASCII)
+
+
 def numbered(folder: Path) -> list[Path]:
-    """Files that are full, oldest first."""
-    return sorted(folder.glob("requests.[0-9]*.jsonl"))
+    """Files that are full, oldest first; what somebody else has put there is none of them."""
+    ours = (path for path in folder.glob("requests.*.jsonl") if _NUMBERED.fullmatch(path.name))
+    return sorted(ours, key=_number_of)
+
+
+def _number_of(path: Path) -> int:
+    return int(path.name.split(".")[1])
 
 
 def files_of(folder: Path) -> list[Path]:
@@ -138,7 +147,7 @@ class RequestFile:
 
     def _number(self) -> None:
         full = numbered(self._folder)
-        number = int(full[-1].name.split(".")[1]) + 1 if full else 1
+        number = _number_of(full[-1]) + 1 if full else 1
         self._path.rename(self._folder / f"requests.{number:06d}.jsonl")
         for path in full[: len(full) + 2 - self._files_max]:
             path.unlink()

@@ -32,9 +32,10 @@ from typing import Any, Final, Protocol
 import msgspec
 
 from daemon import wire
+from daemon.decoding import RefusedError
 from daemon.gateway.control import ROUTES, Route
 from daemon.gateway.disk import Disk
-from daemon.gateway.request_chain import REPAIRED, Place, sealed
+from daemon.gateway.request_chain import ANYTHING, REPAIRED, Place, sealed
 from daemon.gateway.request_file import RequestFile
 from daemon.gateway.trail import Glance, identity
 from daemon.record import Verdict
@@ -198,11 +199,12 @@ class RequestLog:
     def _flush(self) -> None:
         """In the thread of the disk. What fails is tried again after a second."""
         self._flushing = False
+        failed = True
         try:
             self._file.flush()
-        except OSError:
-            self._flush_failed = True
-            raise
+            failed = False
+        finally:
+            self._flush_failed = self._flush_failed or failed
 
     def _watched(self, inquiry: Inquiry) -> Inquiry:
         if ROUTES.get(inquiry.name) is Route.GATEWAY:
@@ -247,8 +249,8 @@ class RequestLog:
 def _said(payload: bytes) -> dict[str, Any]:
     """Client and payload of a query: as JSON if it is a flat object of ours, else as text."""
     found: Any = None
-    with contextlib.suppress(msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-        found = msgspec.json.decode(payload or b"{}")
+    with contextlib.suppress(RefusedError):
+        found = ANYTHING.decode(payload or b"{}")
     if not isinstance(found, dict) or not all(map(_is_plain, found.values())):
         return {"client": None, "payload": payload.decode("utf-8", "backslashreplace")}
     client = found.get("client")

@@ -7,7 +7,7 @@ say what is said once a second. Nothing in it waits, and it is told the time.
 """
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple, Protocol
 
 import msgspec
@@ -26,8 +26,8 @@ from daemon.gateway.setpoints import NOTHING, Batch
 from daemon.gateway.steering import Steering
 from daemon.gateway.translate import Stamp
 from daemon.record import CycleRecord, DriveRecord, Outcome
-from daemon.seam import GatewaySeam, RingError, RingHeader
-from daemon.words import name_of
+from daemon.seam import GatewaySeam, RareNotice, RingError, RingHeader
+from daemon.words import name_of, printable
 
 LEVEL_PERIOD_NS: Final = 20_000_000
 DRIVES_PERIOD_NS: Final = 100_000_000
@@ -75,7 +75,7 @@ class Gateway:
         self._seam, self._outlet, self._clock = seam, outlet, clock
         self._trainer, self._listen = trainer, tuple(listen)
         self._log = logging.getLogger("gaitd.gateway")
-        self._desk = control.Desk(first_level_seq=clock.now_ns() // 1_000_000)
+        self._desk = control.Desk(first_level_seq=clock.now_ns())
         self.steering = Steering(LeaseDesk(lease))
         self._presence = Presence()
         self._events = events.EventLog()
@@ -89,6 +89,7 @@ class Gateway:
         self._newest: CycleRecord | None = None
         self._fresh: list[CycleRecord] = []
         self._ring_trouble = ""
+        self._failed, self._failed_count = RareNotice("queries have failed in the gateway"), 0
         self._safety_said: tuple[object, ...] | None = None
         self._level_due_ns = self._drives_due_ns = 0
         self._second_due_ns = clock.now_ns() + SECOND_NS
@@ -109,10 +110,11 @@ class Gateway:
         """One turn of the loop, behind `hurry`."""
         records, self._fresh = self._fresh, []
         self._hear(records, now_ns)
+        self.tell([events.unread(text) for text in self._seam.take_notices()])
         self._steer(self.steering.take(batch, now_ns))
         # A stop does not wait for those who asked before.
         for inquiry in sorted(inquiries, key=lambda one: one.name != "stop"):
-            self._take(inquiry, now_ns)
+            self._alone(inquiry, lambda one=inquiry: self._take(one, now_ns))
         self._settle(self._desk.tick(now_ns))
         self._steer(self.steering.tick(now_ns))
         self._say_safety(now_ns)
@@ -250,13 +252,33 @@ class Gateway:
 
     # --- requests -----------------------------------------------------------------------------
 
+    def _alone(self, inquiry: Inquiry, act: Callable[[], None], *, answers: bool = True) -> None:
+        """Do something for one query: an exception in it is a bug of ours, and ends that query."""
+        try:
+            act()
+        except Exception as bug:  # noqa: BLE001 - told, and the other queries are served on
+            what = f"{type(bug).__name__}: {bug}"
+            self._log.exception("control/%r has failed", inquiry.name)
+            self._failed_count += 1
+            self.tell([events.failed(text) for text in self._failed.due(self._failed_count, what)])
+            for ticket, waiting in tuple(self._waiting.items()):
+                if waiting.inquiry is inquiry:
+                    del self._waiting[ticket]
+                    self._desk.withdraw(ticket)
+            if answers:
+                reason = f"the gateway has failed with it: {what}"
+                self._alone(inquiry, lambda: self._reject(inquiry, reason), answers=False)
+
     def _take(self, inquiry: Inquiry, now_ns: int) -> None:
         route = control.ROUTES.get(inquiry.name)
         if route is None:
             known = ", ".join(control.ROUTES)
-            self._reject(inquiry, f"control/{inquiry.name} is none of: {known}")
+            self._reject(inquiry, f"control/{printable(inquiry.name)} is none of: {known}")
             return
         self._ticket += 1
+        if route is control.Route.STOP:
+            # Before anything that could fail.
+            self._desk.stop(self._ticket, now_ns)
         try:
             ask = control.read_ask(inquiry.name, inquiry.payload)
         except control.BadPayloadError as error:
@@ -272,7 +294,6 @@ class Gateway:
         ticket = self._ticket
         match route:
             case control.Route.STOP:
-                self._desk.stop(ticket, now_ns)
                 self._steer(self.steering.stop())
             case control.Route.CORE:
                 answer = self._desk.ask(ticket, name, ask, now_ns)
@@ -300,12 +321,20 @@ class Gateway:
     def _settle(self, answers: Sequence[control.Answer]) -> None:
         """Send answers, and say as events what became of requests."""
         for answer in answers:
-            waiting = self._waiting.pop(answer.ticket)
-            inquiry, outcome = waiting.inquiry, name_of(answer.outcome)
-            inquiry.answer(self._reply(inquiry.name, answer.outcome, answer.reason))
-            if not answer.by_core:
-                told = events.answered(inquiry.name, waiting.client, outcome, answer.reason)
-                self._say([told], self._clock.utc_ns())
+            waiting = self._waiting.pop(answer.ticket, None)
+            # A query that has failed does not wait any more.
+            if waiting is not None:
+                self._alone(
+                    waiting.inquiry,
+                    lambda answer=answer, waiting=waiting: self._answer(answer, waiting),
+                )
+
+    def _answer(self, answer: control.Answer, waiting: Waiting) -> None:
+        inquiry, outcome = waiting.inquiry, name_of(answer.outcome)
+        inquiry.answer(self._reply(inquiry.name, answer.outcome, answer.reason))
+        if not answer.by_core:
+            told = events.answered(inquiry.name, waiting.client, outcome, answer.reason)
+            self._say([told], self._clock.utc_ns())
 
     def _reject(self, inquiry: Inquiry, reason: str) -> None:
         inquiry.answer(self._reply(inquiry.name, Outcome.REFUSED, reason), failed=True)
@@ -314,7 +343,8 @@ class Gateway:
     def _reply(self, name: str, outcome: Outcome, reason: str) -> wire.Reply:
         record = self._newest if self._presence.heard else None
         return wire.Reply(
-            **self._head(wire.CONTROL, name),
+            # Names that strangers think of are not counted one by one.
+            **self._head(wire.CONTROL, name if name in control.ROUTES else ""),
             request=name,
             outcome=name_of(outcome),
             reason=reason,

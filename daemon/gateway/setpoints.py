@@ -21,6 +21,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from daemon import wire
+from daemon.decoding import Decoder, RefusedError
 from daemon.record import Setpoint
 from daemon.refusals import SetpointRefusal
 
@@ -150,14 +151,14 @@ class SetpointDesk:
 def _read(payload: bytes) -> wire.SetpointMessage | SetpointRefusal:
     try:
         return _DECODER.decode(payload)
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+    except RefusedError as error:
         if any(word in payload for word in _NOT_FINITE):
             return SetpointRefusal.NON_FINITE
         beyond = any(word in str(error) for word in _BEYOND)
         return SetpointRefusal.OUT_OF_RANGE if beyond else SetpointRefusal.MALFORMED
 
 
-_DECODER: Final = msgspec.json.Decoder(wire.SetpointMessage)
+_DECODER: Final = Decoder(msgspec.json.Decoder(wire.SetpointMessage).decode)
 
 
 def _setpoint(message: wire.SetpointMessage, leg: str) -> Setpoint:

@@ -2,7 +2,8 @@
 
 A file appears whole or not at all: it is written under another name, brought to the disk, renamed.
 When there are too many, or they are too large together, those go first in which the drives were
-never enabled, and of these the oldest; the newest file never goes.
+never enabled, and of these the oldest; the newest file never goes. A file that cannot be read is
+set aside under another name when the gateway starts, and told; nothing waits for who mends it.
 """
 
 import os
@@ -12,7 +13,15 @@ from typing import Final
 
 import msgspec
 
-from daemon.kept_ring import PART_SUFFIX, Cutting, KeptFile, kept_files, name_of, trimmed
+from daemon.kept_ring import (
+    DAMAGED_SUFFIX,
+    PART_SUFFIX,
+    Cutting,
+    KeptFile,
+    kept_files,
+    name_of,
+    trimmed,
+)
 from daemon.seam import Kept, RingHeader
 
 FILES_MAX: Final = 60
@@ -31,10 +40,27 @@ class Shelf:
         self._files_max, self._bytes_max = files_max, bytes_max
         self._files: tuple[KeptFile, ...] = ()
         self.trouble = ""
+        self.damaged: list[str] = []
+        """What was found that cannot be read, and what became of it."""
         try:
-            self._files = tuple(kept_files(folder))
+            self._files = tuple(map(self._looked_at, kept_files(folder)))
         except OSError as error:
             self.trouble = f"{folder}: {error.strerror}"
+
+    def _looked_at(self, file: KeptFile) -> KeptFile:
+        """The file, set aside if it cannot be read and has not been before."""
+        path = file.path
+        if not file.trouble or path.suffix == DAMAGED_SUFFIX:
+            return file
+        aside = path.with_name(path.name + DAMAGED_SUFFIX)
+        what = file.trouble.removeprefix(f"{path}: ")
+        try:
+            path.rename(aside)
+        except OSError as error:
+            self.damaged.append(f"{path.name} {what}; it cannot be set aside: {error.strerror}")
+            return file
+        self.damaged.append(f"{path.name} {what}; it was set aside as {aside.name}")
+        return file._replace(path=aside)
 
     def covers(self, core_boot_id: str, seq: int) -> bool:
         """Whether some file holds this record."""

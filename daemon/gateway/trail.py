@@ -11,27 +11,26 @@ from typing import Final, NamedTuple
 
 import msgspec
 
+from daemon.decoding import Count, Decoder, RefusedError
 from daemon.kept_ring import CORE_ENDED, CORE_SILENT
-from daemon.record import Mode, StopCategory, Verdict
+from daemon.record import Mode, StopCategory, Verdict, clipped
 from daemon.seam import RingReader
 from daemon.words import name_of
-
-DETAIL_LENGTH_MAX: Final = 400
 
 
 class Glance(msgspec.Struct, frozen=True, array_like=True):
     """The first fields of a `CycleRecord`: all that is needed to find a stop."""
 
-    seq: int
-    cycle: int
-    sync_mono_ns: int
-    sync_utc_ns: int
+    seq: Count
+    cycle: Count
+    sync_mono_ns: Count
+    sync_utc_ns: Count
     dt_s: float
     mode: Mode
     verdict: Verdict
 
 
-glance_of: Final = msgspec.msgpack.Decoder(Glance).decode
+glance_of: Final = Decoder(msgspec.msgpack.Decoder(Glance).decode).decode
 
 
 class Stop(NamedTuple):
@@ -87,7 +86,7 @@ class Trail:
             self.seq += 1
             self.newest = max(self.newest, self.seq)
             # A record that is gone, or of a version before us, tells nothing.
-            with contextlib.suppress(msgspec.MsgspecError):
+            with contextlib.suppress(RefusedError):
                 if data is not None:
                     now = glance_of(data)
                     yield now, self._look(now)
@@ -100,7 +99,7 @@ class Trail:
             return None
         if identity(before.verdict) == identity(verdict):
             return None
-        cause, detail = name_of(verdict.cause), verdict.detail[:DETAIL_LENGTH_MAX]
+        cause, detail = name_of(verdict.cause), clipped(verdict.detail)
         return Stop(cause, verdict.drive, detail, now.seq, now.sync_utc_ns)
 
     def end(self) -> Stop | None:

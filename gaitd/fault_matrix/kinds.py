@@ -302,10 +302,8 @@ def foreign_alone(sent: list[Level]) -> list[Level]:
 
 
 def restarted(sent: list[Level]) -> list[Level]:
-    """A gateway that begins anew: counts from zero, no request, no lease."""
-    return [
-        changed(own, seq=1, stop_count=0, request=Request(), setpoints=(), lease=0) for own in sent
-    ]
+    """A gateway that begins anew: counts stops from zero, no request, no lease."""
+    return [changed(own, stop_count=0, request=Request(), setpoints=(), lease=0) for own in sent]
 
 
 def lower_stop_count(sent: list[Level]) -> list[Level]:

@@ -60,8 +60,8 @@ class Asker(Gateway):
         return self._request.id
 
     def begin_anew(self) -> None:
-        """Another gateway process: it knows nothing but what the records tell it."""
-        self._seq, self._setpoints = 0, ()
+        """Another gateway process: it knows the records, and the time its levels count on from."""
+        self._setpoints = ()
         self.lease, self.controller = 0, None
         newest = self.records[-1].request.id if self.records else 0
         self._request = Request(max(newest, self._request.id))

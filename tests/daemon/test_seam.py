@@ -7,16 +7,21 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from msgspec import inspect
 from records import HEADER, drive, leg, record
 
-from daemon import seam
+from daemon import seam, wire
 from daemon.assist_record import AssistRecord, LegAssistRecord
 from daemon.core.recording import EVENT_LENGTH_MAX, EVENTS_MAX
+from daemon.gateway.control import ASKS
 from daemon.record import (
+    TEXT_BYTES_MAX,
     AxisStrideRecord,
     Cause,
     EmergencyRecord,
     Level,
+    Outcome,
+    RequestResult,
     StopCategory,
     StrideRecord,
     Verdict,
@@ -194,6 +199,9 @@ def test_a_file_that_is_no_ring_is_refused_by_name(tmp_path, content, words):
     assert "some.ring" in str(refused.value)
 
 
+LONGEST = "x" * TEXT_BYTES_MAX
+
+
 def longest(table):
     """The meaning with the most to say."""
     return max((meaning(code, table) for code in range(0x10000)), key=lambda one: len(one.text))
@@ -231,9 +239,10 @@ def test_the_largest_record_of_two_legs_fits_its_slot(tmp_path):
     largest = msgspec.structs.replace(
         record(10**6),
         assist=assist,
-        verdict=Verdict(StopCategory.S1, Cause.BUS_OFF, "right/slide", 1.1, 2.2, "x" * 400),
+        verdict=Verdict(StopCategory.S1, Cause.BUS_OFF, "right/slide", 1.1, 2.2, LONGEST),
         events=("x" * EVENT_LENGTH_MAX,) * EVENTS_MAX,
-        progress="x" * 200,
+        request=RequestResult(2**63 - 1, Outcome.REFUSED, LONGEST),
+        progress=LONGEST,
         drives=tuple(drives),
         legs=tuple(msgspec.structs.replace(leg(name), stride=stride) for name in ("right", "left")),
     )
@@ -244,3 +253,83 @@ def test_the_largest_record_of_two_legs_fits_its_slot(tmp_path):
     writer.close()
     read = RingReader(tmp_path / seam.RING_NAME).read(10**6)
     assert msgspec.msgpack.encode(read) == msgspec.msgpack.encode(largest)
+
+
+@pytest.mark.parametrize("words", ["x" * 7000, "\N{GRINNING FACE}" * 1700, "\ud83d"])
+def test_a_record_whose_words_have_no_room_or_no_bytes_is_written_without_them_and_told(
+    ends, words
+):
+    whole = record(1)
+    ends.core.publish(
+        msgspec.structs.replace(
+            whole,
+            verdict=Verdict(StopCategory.S1, Cause.BUS_OFF, detail=words),
+            request=RequestResult(7, Outcome.REFUSED, words),
+            progress=words,
+            events=(words,),
+        )
+    )
+
+    (read,) = ends.gateway.records()
+    told = ends.core.take_notices()
+    assert read.drives == whole.drives
+    assert (read.verdict.cause, read.request.id) == (Cause.BUS_OFF, 7)
+    assert told == ["records had no room for their words, 1 so far"]
+    ends.core.publish(record(2))
+    assert ends.core.take_notices() == []
+
+
+def integers_and_texts(kind, place=""):
+    """Each integer and each text inside a type, as msgspec sees it."""
+    match kind:
+        case inspect.StructType(fields=fields):
+            for field in fields:
+                yield from integers_and_texts(field.type, f"{place}.{field.name}")
+        case inspect.Metadata(type=inner):
+            yield from integers_and_texts(inner, place)
+        case inspect.UnionType(types=kinds):
+            for one in kinds:
+                yield from integers_and_texts(one, place)
+        case inspect.VarTupleType(item_type=item) | inspect.ListType(item_type=item):
+            yield f"{place}[]", kind
+            yield from integers_and_texts(item, place)
+        case inspect.IntType() | inspect.StrType() | inspect.DictType():
+            yield place, kind
+
+
+@pytest.mark.parametrize("kind", [Level, wire.SetpointMessage, wire.Ask, *ASKS.values()])
+def test_what_somebody_else_may_write_has_a_bound(kind):
+    found_in_it = list(integers_and_texts(inspect.type_info(kind)))
+
+    assert len(found_in_it) >= 2
+    for place, found in found_in_it:
+        match found:
+            case inspect.IntType(ge=low, le=high):
+                assert low is not None, place
+                assert high <= 2**63 - 1, place
+            case inspect.StrType(max_length=most) | inspect.VarTupleType(max_length=most):
+                assert most <= 64, place
+            case _:
+                pytest.fail(f"{place} has no bound")
+
+
+class Endless:
+    """A socket whose sender never rests."""
+
+    def recv(self, _size):
+        return msgspec.msgpack.encode(Level("boot", 1, 1, 0))
+
+    def close(self):
+        """Nothing to let go of."""
+
+
+def test_who_sends_without_end_does_not_hold_the_cycle_and_is_told(tmp_path):
+    core = CoreSeam(tmp_path, HEADER)
+    core._datagrams._socket.close()
+    core._datagrams._socket = Endless()
+
+    levels = core.levels()
+
+    assert len(levels) == seam.DRAIN_COUNT_MAX
+    assert core.take_notices() == ["more datagrams for the core than a cycle reads, 1 so far"]
+    core.close()

@@ -380,9 +380,10 @@ def test_what_was_driven_stays_longest_and_the_newest_always(tmp_path):
 def test_a_folder_that_cannot_be_used_is_a_trouble_and_no_error(tmp_path):
     folder = tmp_path / FOLDER
     folder.mkdir()
-    (folder / "1.ring").mkdir()
+    (folder / "1.ring").touch()
 
-    shelf = Shelf(folder)
+    with mock.patch.object(type(folder), "is_file", side_effect=PermissionError(13, "no access")):
+        shelf = Shelf(folder)
 
     assert str(folder) in shelf.trouble
     assert not shelf.covers("boot-a", 1)

@@ -1,0 +1,123 @@
+"""Threads that wait for a disk go on whatever happens in them, and what happened is told."""
+
+import os
+from unittest import mock
+
+import pytest
+from msgspec.structs import replace
+from records import HEADER, record
+
+from daemon.gateway.blackbox import AFTER_NS
+from daemon.gateway.disk import Disk, Trouble
+from daemon.gateway.keeper import Keeper
+from daemon.gateway.notes_disk import NotesDisk
+from daemon.gateway.request_file import RequestFile, numbered
+from daemon.kept_ring import FOLDER, kept_files
+from daemon.record import Cause, StopCategory, Verdict
+from daemon.seam import CoreSeam, GatewaySeam
+
+MS = 1_000_000
+OPEN = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN, "right/hip")
+FOREIGN = ("requests.2026-11-22.jsonl", "requests.0.jsonl", "requests.9999999999.jsonl")
+
+
+def broken():
+    raise ValueError("invalid literal for int() with base 10: '2026-11-22'")
+
+
+def test_a_job_that_fails_as_nobody_thought_of_is_told_once_and_the_next_ones_are_done():
+    disk = Disk()
+    done = []
+
+    for _ in range(3):
+        disk.ask("request log", broken)
+    disk.ask("black box", lambda: done.append("kept"))
+    disk.settle()
+    told = disk.troubles()
+    disk.ask("request log", lambda: done.append("written"))
+    disk.ask("request log", broken)
+    disk.close()
+
+    assert done == ["kept", "written"]
+    assert disk.failed_count == 4
+    assert [(one.what, one.reason.split(":")[0]) for one in told] == [
+        ("request log", "unexpected ValueError")
+    ]
+    assert disk.troubles()[0] == Trouble("request log", "")
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_a_file_of_somebody_else_in_the_state_folder_is_no_part_of_the_log(tmp_path, name):
+    foreign = tmp_path / name
+    foreign.write_text("not ours\n")
+    log = RequestFile(tmp_path, bytes_max=100, files_max=3)
+    for number in range(20):
+        log.add(b"x" * 60 + b"%d" % number)
+        log.flush()
+    log.close()
+
+    assert foreign.read_text() == "not ours\n"
+    assert [path.name for path in numbered(tmp_path)] == [
+        "requests.000008.jsonl",
+        "requests.000009.jsonl",
+    ]
+
+
+class Clock:
+    ns = 1_000 * MS
+
+    def now_ns(self):
+        return self.ns
+
+    def utc_ns(self):
+        return 1_760_000_000_000_000_000 + self.ns
+
+
+def test_a_stop_is_kept_after_the_request_log_has_failed_as_nobody_thought_of(tmp_path):
+    clock, state = Clock(), tmp_path / "state"
+    keeper = Keeper(state, tmp_path, clock, "0.1.0")
+    core, seam = CoreSeam(tmp_path, HEADER), GatewaySeam(tmp_path)
+    told = []
+
+    def cycles(first, count, **changes):
+        for seq in range(first, first + count):
+            core.publish(replace(record(seq), **changes))
+            seam.records()
+            clock.ns += 10 * MS
+            told.extend(keeper.turn(seam.ring, clock.ns))
+
+    with mock.patch.object(RequestFile, "flush", side_effect=ValueError("nobody knows")):
+        cycles(1, 300)
+    count = AFTER_NS // (10 * MS) + 200
+    cycles(301, count, verdict=OPEN)
+    keeper.close()
+    core.close()
+    seam.close()
+
+    texts = [one.text for one in told]
+    assert texts.count("request log: cannot be written: unexpected ValueError: nobody knows") == 1
+    assert "request log: can be written again" in texts
+    assert next(iter(kept_files(state / FOLDER))).kept.cause == "hand_switch_open"
+    assert 1 <= keeper.not_kept_count <= 5
+
+
+def test_the_notes_are_looked_at_again_after_what_nobody_thought_of(tmp_path, caplog):
+    path = tmp_path / "axes.json"
+    path.write_bytes(b"page")
+    fails = [MemoryError("no room")] * 3
+    with (
+        mock.patch("daemon.gateway.notes_disk.PERIOD_S", 0.005),
+        mock.patch.object(os, "read", side_effect=[*fails, b"page", *[b"page"] * 10_000]),
+    ):
+        disk = NotesDisk(path)
+        while not disk._kept:
+            disk._over.wait(0.005)
+        disk.close()
+
+    assert disk._kept == b"page"
+    assert caplog.text.count("not on the disk: unexpected MemoryError") == 1
+
+
+def test_the_end_does_not_wait_for_notes_that_fail_to_the_last(tmp_path):
+    with mock.patch.object(os, "open", side_effect=ValueError("nobody knows")):
+        NotesDisk(tmp_path / "axes.json").close()

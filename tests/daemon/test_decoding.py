@@ -1,0 +1,289 @@
+"""Bytes from outside are refused and counted, whatever they are: nothing else ever comes of them.
+
+Each decoder gets what it knows with some bytes exchanged, noise, nesting without end, text that is
+no UTF-8 and integers of thousands of digits. Drawn from a seed, so it is the same every time.
+"""
+
+import contextlib
+import random
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import msgspec
+import pytest
+from records import HEADER, cut_out, record
+
+from analysis.recording import COLUMNS, RecordingError, read_csv
+from analysis.replay import read_ring
+from analysis.stop_recording import about, read_stop
+from daemon import seam, wire
+from daemon.config.settings import Robot
+from daemon.config.strict import ConfigError, load_toml
+from daemon.core import latching
+from daemon.core.axis_notes import AxisNote, LatchedNote, Notes
+from daemon.core.notebook import Notebook
+from daemon.decoding import Decoder, RefusedError
+from daemon.gateway.control import ASKS, BadPayloadError, read_ask
+from daemon.gateway.request_chain import Place, check, sealed
+from daemon.gateway.request_file import end_of
+from daemon.gateway.request_log import _said
+from daemon.gateway.setpoints import Arrival, SetpointDesk
+from daemon.gateway.trail import Trail
+from daemon.kept_ring import kept_file, trimmed
+from daemon.notes_file import NAME
+from daemon.record import CycleRecord, Level, ModeRequest, Request, RequestKind, Setpoint, Verdict
+from daemon.refusals import SetpointRefusal
+from daemon.seam import CoreSeam, GatewaySeam, RingError, RingReader
+from drives.axis_file import AxisFile
+
+PROJECT = Path(__file__).parents[2]
+CONFIGS = PROJECT / "configs"
+COUNT = 2000
+FILE_COUNT = 60
+"""Of what is a file: each is written and read."""
+
+LEVEL = msgspec.msgpack.encode(
+    Level(
+        "boot",
+        7,
+        6,
+        0,
+        Request(3, RequestKind.MODE, 5, ModeRequest(scenario="paper")),
+        (Setpoint(1, 2, 3, 4.0, 5.0, "right"),),
+        1,
+    )
+)
+SETPOINT = (
+    b'{"lease": 7, "seq": 1, "for_cycle": 4, "hip_assist_nm": 3.5, "slide_assist_n": -20.0,'
+    b' "stiffness_ratio": 0.5}'
+)
+QUERY = b'{"client": "display", "for_cycle": 12, "mode": "gait", "cadence_hz": 0.25}'
+NOTES = msgspec.json.encode(
+    Notes(
+        axes={"right/hip": AxisNote(0.3, 1_700_000_000_000_000_000)},
+        latched=LatchedNote(
+            "S1", "EMERGENCY", "right/hip", 1.0, 2.0, "x", 1_700_000_000_000_000_000
+        ),
+    )
+)
+LINE, _ = sealed(Place(), {"kind": "start", "version": "0.1.0"})
+CSV = (",".join(COLUMNS) + "\n" + "0.01,0.2,0.5,1.0,2.0\n0.02,,0.5,1.0,2.0\n" * 20).encode()
+
+NASTY = (
+    b"",
+    b"\0",
+    b"\xff\xfe\xfd",
+    b'"\xff"',
+    b"[" * 100_000,
+    b'{"a":' * 50_000,
+    b"\x91" * 100_000,
+    b"\x81\xa1a" * 50_000,
+    b"1" * 5000,
+    b"a=" + b"[" * 100_000,
+    b"a=" + b"1" * 5000,
+    b"a=0x" + b"F" * 5000,
+    b"a." * 1000 + b"a=1",
+    b'{"client": "\\ud800 x"}',
+    b'{"for_cycle": 1' + b"0" * 400 + b"}",
+    b"\xdd\xff\xff\xff\xff",
+    b"\xc1" * 40,
+    b'{"n": 9223372036854775807, "before": ""}',
+)
+
+
+def shaken(good: bytes, count: int, from_byte: int = 0) -> Iterator[bytes]:
+    """What is known to be good, with bytes exchanged, lost or added; and noise."""
+    dice = random.Random(good)
+    for _ in range(count):
+        made = bytearray(good)
+        for _ in range(dice.choice((1, 1, 2, 8))):
+            at = dice.randrange(from_byte, len(made))
+            made[at] = dice.randrange(256)
+        if dice.random() < 0.1:
+            del made[dice.randrange(from_byte, len(made)) :]
+        yield bytes(made) if dice.random() < 0.9 else dice.randbytes(dice.randrange(300))
+
+
+class Kind(NamedTuple):
+    good: bytes
+    take: Callable[[bytes], object]
+
+
+def query(payload: bytes) -> None:
+    for name in (*ASKS, "enable"):
+        with contextlib.suppress(BadPayloadError):
+            read_ask(name, payload)
+    said = _said(payload)
+    sealed(Place(), {"kind": "asked", **said})
+
+
+def setpoint(payload: bytes) -> None:
+    assert isinstance(SetpointDesk().take(Arrival("right", payload), ["right"], 7), SetpointRefusal)
+
+
+def line(data: bytes) -> None:
+    sealed(end_of(data).place, {"kind": "start"})
+    list(check(data.split(b"\n")).breaks)
+
+
+BYTES = {
+    "setpoint": Kind(SETPOINT, setpoint),
+    "query": Kind(QUERY, query),
+    "line of the request log": Kind(LINE, line),
+}
+
+
+@pytest.mark.parametrize("kind", BYTES.values(), ids=BYTES)
+def test_any_bytes_are_a_struct_or_refused(kind):
+    for data in (*NASTY, *shaken(kind.good, COUNT)):
+        kind.take(data)
+
+
+def test_any_datagram_is_a_level_or_counted_and_told_more_and_more_rarely(tmp_path):
+    core, gateway = CoreSeam(tmp_path, HEADER), GatewaySeam(tmp_path)
+    heard, sent, told = 0, 0, []
+
+    for data in (*NASTY, *shaken(LEVEL, COUNT)):
+        sent += gateway._datagrams.send(data)
+        levels = core.levels()
+        heard += len(levels)
+        told += core.take_notices()
+        for level in levels:
+            assert gateway.send(level)  # what was taken can be said again
+            assert len(core.levels()) == 1
+
+    assert sent > COUNT
+    assert heard + core.refused_count == sent
+    assert heard > 100
+    assert 3 <= len(told) <= 4
+    assert told[0].startswith("datagrams to the core refused, 1 so far: ")
+    core.close()
+    gateway.close()
+
+
+def ring_of(path: Path, count: int = 40) -> bytes:
+    robot = msgspec.to_builtins(load_toml(CONFIGS / "robot.toml", Robot))
+    header = msgspec.structs.replace(HEADER, robot=robot)
+    kept = seam.Kept("emergency", "right/hip", "", 20, 1_700_000_000_000_000_000, 1, count, True)
+    with contextlib.closing(cut_out(map(record, range(1, count + 1)))) as cutting:
+        pieces = trimmed(msgspec.structs.replace(header, kept=kept), cutting)
+        path.write_bytes(b"".join(pieces))
+    return path.read_bytes()
+
+
+def look(path: Path) -> None:
+    """Everything that reads a ring from a disk."""
+    kept_file(path)
+    with contextlib.suppress(RecordingError):
+        read_ring(path)
+    with contextlib.suppress(RingError), contextlib.closing(RingReader(path)) as ring:
+        trail = Trail.of(ring, live=False)
+        assert len(list(trail.advance(100))) <= ring.slot_count
+        for stop in filter(None, (trail.end(),)):
+            assert isinstance(stop.utc_ns, int)
+        assert len(ring.since(0)) + ring.damaged_count <= ring.slot_count
+
+
+@pytest.mark.parametrize("from_byte", [0, seam.HEADER_SIZE], ids=["anywhere", "in its records"])
+def test_any_ring_is_read_as_far_as_it_can_be_or_refused(tmp_path, from_byte):
+    good = ring_of(tmp_path / "good.ring")
+    path = tmp_path / "some.ring"
+
+    for data in (*NASTY, *shaken(good, FILE_COUNT, from_byte)):
+        path.write_bytes(data)
+        look(path)
+
+
+def test_any_head_of_a_ring_is_read_or_refused(tmp_path):
+    """The head is a small part of the file, so it is shaken by itself."""
+    good = ring_of(tmp_path / "good.ring", count=2)
+    length = 20 + int.from_bytes(good[16:20], "little")
+    path = tmp_path / "some.ring"
+
+    for head in shaken(good[:length], FILE_COUNT):
+        path.write_bytes(head + good[len(head) :])
+        look(path)
+
+
+def test_damaged_records_are_left_out_of_a_replay_and_counted(tmp_path):
+    path = tmp_path / "some.ring"
+    good = ring_of(path)
+    whole = read_ring(path)
+    slot_size = int.from_bytes(good[8:12], "little")
+    image = bytearray(good)
+    for slot, at_byte in ((7, 12), (9, 8), (21, 40)):
+        begin = seam.HEADER_SIZE + slot * slot_size + at_byte
+        image[begin : begin + 20] = b"\xff" * 20
+    path.write_bytes(image)
+
+    source = read_ring(path)
+
+    assert len(whole.recording.time_s) == 40
+    assert len(source.recording.time_s) == 37
+    assert ("damaged", "3 records, left out") in source.about
+    assert ("damaged", "3 records, left out") in about(read_stop(path))
+    assert not [title for title, _ in whole.about if title == "damaged"]
+
+
+def test_any_state_file_is_believed_whole_or_latched_as_unreadable(tmp_path):
+    core = SimpleNamespace(notes=Notes(), verdict=Verdict(), causes_told=set(), events=[])
+    huge = NOTES.replace(b"1700000000000000000", b"1" + b"0" * 30)
+    for data in (huge, *NASTY, *shaken(NOTES, FILE_COUNT)):
+        (tmp_path / NAME).write_bytes(data)
+        notebook = Notebook(tmp_path)
+        core.notes, core.events = notebook.notes, []
+        assert latching.take_over(core) == (core.notes.latched is not None)
+        notebook.write(core.notes)
+        notebook.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("robot.toml", Robot), ("drives/hip_epos4.toml", AxisFile)]
+)
+def test_any_configuration_file_is_read_or_refused_by_its_name(tmp_path, name, kind):
+    path = tmp_path / "some.toml"
+
+    for data in (*NASTY, *shaken((CONFIGS / name).read_bytes(), 40)):
+        path.write_bytes(data)
+        try:
+            load_toml(path, kind)
+        except ConfigError as error:
+            assert str(path) in str(error)
+
+
+def test_any_csv_is_a_recording_or_refused(tmp_path):
+    path = tmp_path / "some.csv"
+
+    for data in (*NASTY, *shaken(CSV, FILE_COUNT)):
+        path.write_bytes(data)
+        with contextlib.suppress(RecordingError):
+            read_csv(path)
+
+
+def test_what_is_refused_is_counted_and_says_why():
+    decoder = Decoder(msgspec.msgpack.Decoder(CycleRecord).decode)
+
+    with pytest.raises(RefusedError, match="utf-8"):
+        Decoder(msgspec.json.Decoder(wire.Ask).decode).decode(b'{"client": "\xff"}')
+    for data in NASTY:
+        with pytest.raises(RefusedError, match=r"."):
+            decoder.decode(data)
+
+    assert decoder.refused_count == len(NASTY)
+
+
+def test_nothing_of_the_service_decodes_but_by_that_one_function():
+    own = re.compile(
+        r"msgspec\.(json|msgpack|toml)\.decode\(|(?<!Decoder\()msgspec\.\w+\.Decoder\("
+    )
+    found = {
+        file.relative_to(PROJECT).as_posix()
+        for package in ("daemon", "analysis")
+        for file in (PROJECT / package).rglob("*.py")
+        if own.search(file.read_text(encoding="utf-8"))
+    }
+
+    assert not found
