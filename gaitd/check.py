@@ -28,20 +28,17 @@ def command(
     """Validate all that needs no bus and print what it means at the joint. Exit 0, or 2."""
     import msgspec
 
-    from daemon.config.check import examine, refuse
-    from daemon.config.load import load
-    from daemon.gateway import endpoints
+    from daemon.preflight.judgement import judge
 
-    settings = load(config)
-    endpoints.check(settings.file)
-    report = examine(settings)
+    _, report, refusal = judge(config)
     if json:
         print(msgspec.json.encode(report).decode())
     elif sys.stdout.isatty():
         print_tables(sections(report))
     else:
         print("\n\n".join(plain(section) for section in sections(report)))
-    refuse(settings, report)
+    if refusal is not None:
+        raise refusal
     if not json:
         print(f"\n{config}: good for one {' and one '.join(report.legs)} leg")
 
