@@ -23,15 +23,15 @@ def command(
     # Before numpy and scipy are loaded: each would start threads, and the real-time thread could
     # come to wait for one that has no priority. Our largest matrix is 8 by 24.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    from daemon.config.load import load
     from daemon.config.strict import ConfigError
     from daemon.config.trainer import SIMULATED
     from daemon.core.process import run_core
     from daemon.journal import SOCKET, Journal, is_journal
+    from daemon.preflight.judgement import accepted
 
+    settings = accepted(config)
     in_journal = is_journal(os.environ.get("JOURNAL_STREAM"), sys.stderr.fileno())
     with closing(Journal("gaitd-core", SOCKET if in_journal else None)) as log:
-        settings = load(config)
         has_watchdog = "WATCHDOG_USEC" in os.environ
         if has_watchdog and settings.trainer.bus.interface == SIMULATED and not admit_simulated:
             allowed = "a real bus: under systemd no leg is moved in simulated time"

@@ -26,7 +26,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from daemon.config.workspace import Frictions, Motion, Pair
-from observer.friction import friction_after
+from observer.friction import FrictionParameters, friction_after
+from observer.jit import inline, kernel
 from observer.mechanism import Dynamics, LegParameters, dynamics, singularity_ratio
 
 RESPONSE_S: Final = 0.02
@@ -35,6 +36,7 @@ first to undo the torque that it found."""
 STEP_S: Final = 0.004
 RUN_S: Final = 2.0
 """A ramp that has not ended by then was never one: the torque limit is below the load."""
+RUN_STEPS: Final = round(RUN_S / STEP_S)
 _FULL: Final = 1.0
 """With Coriolis."""
 
@@ -125,82 +127,92 @@ def run_away(
     stop_ratio: float,
 ) -> Run:
     """One run, by semi-implicit steps: eq. (6) with both drives' efforts, friction by eq. (11)."""
-    drives = tuple(_Drive(axis, sign) for axis, sign in zip(axes, signs, strict=True))
-    position, velocity, friction = start.position, start.velocity, (0.0, 0.0)
-    noticed, far, fast = (0.0, 0.0), (0.0, 0.0), _pair(map(abs, velocity))
-    for index in range(round(RUN_S / STEP_S)):
-        ratio = float(singularity_ratio(leg, np.array(position)))
-        if ratio < stop_ratio:
-            return Run(noticed, far, fast, ends_stretched=True)
-        d = dynamics(leg, *position, *velocity, _FULL)
-        wanted = _pair(
-            drive.wanted(index * STEP_S, v) for drive, v in zip(drives, velocity, strict=True)
+    return _run(leg, *frictions, *start, signs, *axes, stop_ratio)
+
+
+@kernel
+def _run(
+    leg: LegParameters,
+    hip_friction: FrictionParameters,
+    slide_friction: FrictionParameters,
+    start: Pair,
+    speed: Pair,
+    signs: Pair,
+    hip: AxisRunaway,
+    slide: AxisRunaway,
+    stop_ratio: float,
+) -> Run:
+    position, velocity, friction = start, speed, (0.0, 0.0)
+    push = signs[0] * hip.effort_max_si, signs[1] * slide.effort_max_si
+    noticed, far, fast = (0.0, 0.0), (0.0, 0.0), (abs(speed[0]), abs(speed[1]))
+    # The speed on each ramp; NaN before it begins.
+    ramp = math.nan, math.nan
+    for index in range(RUN_STEPS):
+        if singularity_ratio(leg, np.array(position)) < stop_ratio:
+            return Run(noticed, far, fast, True)
+        d = dynamics(leg, position[0], position[1], velocity[0], velocity[1], _FULL)
+        time_s = index * STEP_S
+        ramp = _ramp(hip, ramp[0], time_s, velocity[0]), _ramp(slide, ramp[1], time_s, velocity[1])
+        wanted = (
+            _wanted(hip, push[0], ramp[0], velocity[0]),
+            _wanted(slide, push[1], ramp[1], velocity[1]),
         )
-        acceleration = _accelerations(d, friction, drives, wanted)
+        bias = d.bias_hip + friction[0], d.bias_slide + friction[1]
+        aims = _aims(d, bias, push, wanted)
+        efforts = (
+            _bounded(d.m11 * aims[0] + d.m12 * aims[1] + bias[0], hip.effort_max_si),
+            _bounded(d.m12 * aims[0] + d.m22 * aims[1] + bias[1], slide.effort_max_si),
+        )
+        acceleration = _solve(d, bias, efforts)
         velocity = velocity[0] + STEP_S * acceleration[0], velocity[1] + STEP_S * acceleration[1]
         position = position[0] + STEP_S * velocity[0], position[1] + STEP_S * velocity[1]
         friction = (
-            friction_after(frictions[0], friction[0], velocity[0], STEP_S),
-            friction_after(frictions[1], friction[1], velocity[1], STEP_S),
+            friction_after(hip_friction, friction[0], velocity[0], STEP_S),
+            friction_after(slide_friction, friction[1], velocity[1], STEP_S),
         )
-        moved = abs(position[0] - start.position[0]), abs(position[1] - start.position[1])
+        moved = abs(position[0] - start[0]), abs(position[1] - start[1])
         far = max(far[0], moved[0]), max(far[1], moved[1])
         fast = max(fast[0], abs(velocity[0])), max(fast[1], abs(velocity[1]))
-        noticed = _pair(
-            before if drive.brakes else now
-            for drive, before, now in zip(drives, noticed, moved, strict=True)
+        noticed = (
+            moved[0] if math.isnan(ramp[0]) else noticed[0],
+            moved[1] if math.isnan(ramp[1]) else noticed[1],
         )
-        if all(drive.at_rest(v) for drive, v in zip(drives, velocity, strict=True)):
+        if _at_rest(hip, ramp[0], velocity[0]) and _at_rest(slide, ramp[1], velocity[1]):
             break
-    return Run(noticed, far, fast, ends_stretched=False)
+    return Run(noticed, far, fast, False)
 
 
-class _Drive:
-    """What one drive does in one run."""
-
-    def __init__(self, axis: AxisRunaway, sign: float) -> None:
-        self.axis = axis
-        self.effort_si = sign * axis.effort_max_si
-        self.brakes = False
-        self._ramp_si_per_s = 0.0
-
-    def wanted(self, time_s: float, velocity_si: float) -> float:
-        """The acceleration that it would like to have; NaN where it only pushes."""
-        axis = self.axis
-        if time_s < axis.detection_s + RESPONSE_S:
-            faster = self.effort_si * velocity_si > 0
-            limited = faster and abs(velocity_si) >= axis.drive_velocity_max_si
-            return 0.0 if limited else math.nan
-        if not self.brakes:
-            self.brakes, self._ramp_si_per_s = True, velocity_si
-        fall_si = min(abs(self._ramp_si_per_s), axis.deceleration_si_per_s2 * STEP_S)
-        self._ramp_si_per_s -= math.copysign(fall_si, self._ramp_si_per_s)
-        return (self._ramp_si_per_s - velocity_si) / STEP_S
-
-    def at_rest(self, velocity_si: float) -> bool:
-        """Its ramp has ended, and it holds."""
-        ended = self.brakes and self._ramp_si_per_s == 0.0
-        return ended and abs(velocity_si) < self.axis.deceleration_si_per_s2 * STEP_S
+@inline
+def _ramp(axis: AxisRunaway, before: float, time_s: float, velocity_si: float) -> float:
+    """The speed on the ramp after this step; NaN while the drive has not noticed the silence."""
+    if time_s < axis.detection_s + RESPONSE_S:
+        return math.nan
+    speed_si = velocity_si if math.isnan(before) else before
+    fall_si = min(abs(speed_si), axis.deceleration_si_per_s2 * STEP_S)
+    return speed_si - math.copysign(fall_si, speed_si)
 
 
-def _accelerations(d: Dynamics, friction: Pair, drives: tuple[_Drive, ...], wanted: Pair) -> Pair:
-    """Both accelerations, with what the drives want cut off at their torque limits."""
-    hip, slide = drives
-    bias = d.bias_hip + friction[0], d.bias_slide + friction[1]
-    pushed = _solve(d, bias, (hip.effort_si, slide.effort_si))
-    aims = _aims(d, bias, (hip.effort_si, slide.effort_si), wanted, pushed)
-    efforts = (
-        _bounded(d.m11 * aims[0] + d.m12 * aims[1] + bias[0], hip.axis.effort_max_si),
-        _bounded(d.m12 * aims[0] + d.m22 * aims[1] + bias[1], slide.axis.effort_max_si),
-    )
-    return _solve(d, bias, efforts)
+@inline
+def _wanted(axis: AxisRunaway, push_si: float, ramp: float, velocity_si: float) -> float:
+    """The acceleration that a drive would like to have; NaN where it only pushes."""
+    if not math.isnan(ramp):
+        return (ramp - velocity_si) / STEP_S
+    limited = push_si * velocity_si > 0 and abs(velocity_si) >= axis.drive_velocity_max_si
+    return 0.0 if limited else math.nan
 
 
-def _aims(d: Dynamics, bias: Pair, push: Pair, wanted: Pair, pushed: Pair) -> Pair:
+@inline
+def _at_rest(axis: AxisRunaway, ramp: float, velocity_si: float) -> bool:
+    """Its ramp has ended, and it holds."""
+    return ramp == 0.0 and abs(velocity_si) < axis.deceleration_si_per_s2 * STEP_S
+
+
+@inline
+def _aims(d: Dynamics, bias: Pair, push: Pair, wanted: Pair) -> Pair:
     """Accelerations as wanted; of an axis that only pushes, what follows from the other's."""
     hip, slide = wanted
     if math.isnan(hip) and math.isnan(slide):
-        return pushed
+        return _solve(d, bias, push)
     if math.isnan(hip):
         return (push[0] - bias[0] - d.m12 * slide) / d.m11, slide
     if math.isnan(slide):
@@ -208,6 +220,7 @@ def _aims(d: Dynamics, bias: Pair, push: Pair, wanted: Pair, pushed: Pair) -> Pa
     return wanted
 
 
+@inline
 def _solve(d: Dynamics, bias: Pair, efforts: Pair) -> Pair:
     hip, slide = efforts[0] - bias[0], efforts[1] - bias[1]
     determinant = d.m11 * d.m22 - d.m12 * d.m12
@@ -217,6 +230,7 @@ def _solve(d: Dynamics, bias: Pair, efforts: Pair) -> Pair:
     )
 
 
+@inline
 def _bounded(value: float, limit: float) -> float:
     return max(-limit, min(limit, value))
 

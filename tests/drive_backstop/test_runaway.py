@@ -121,7 +121,11 @@ def limited(tmp_path: Path, *changes: tuple[str, str, str]) -> Settings:
             "hip.torque_max_nm",
             "N m: ",
         ),
-        (("limits.toml", "max_runaway_m = 0.8", "max_runaway_m = 0.7"), "slide.force_max_n", "N: "),
+        (
+            ("limits.toml", "max_runaway_m = 0.85", "max_runaway_m = 0.75"),
+            "slide.force_max_n",
+            "N: ",
+        ),
     ],
 )
 def test_a_torque_limit_that_runs_too_far_is_refused_with_what_would_be_allowed(

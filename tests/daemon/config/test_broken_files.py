@@ -4,12 +4,16 @@ Each row of BROKEN is one small change of the good files and the four things tha
 stderr must then say.
 """
 
+import subprocess
+import sys
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import pytest
-from config_files import Change, changed, copied
+from config_files import CONFIGS, Change, changed, copied
 
 from daemon.config.load import ConfigError, load
+from gaitd.__main__ import main
 
 
 class Broken(NamedTuple):
@@ -680,7 +684,7 @@ MOVING = [
         broken(
             "a ramp too gentle to stop the gait in time",
             "limits.toml",
-            "quick_stop_deceleration_m_per_s2 = 20.0",
+            "quick_stop_deceleration_m_per_s2 = 15.4",
             "quick_stop_deceleration_m_per_s2 = 5.0",
             "gait.cadence_max_hz",
             "0.5",
@@ -816,3 +820,106 @@ def test_a_file_that_is_not_text_is_named_with_its_line(tmp_path):
 
     with pytest.raises(ConfigError, match=r"demo\.toml: line 2 = \(not UTF-8\): .*UTF-8"):
         load(demo)
+
+
+REFUSED_BY_WHAT_IS_SWEPT = {
+    "the springs of a patient at the empty machine": (
+        Change("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
+        Change("robot_empty.toml", "hip_rest_rad = 1.0601", "hip_rest_rad = 2.3132"),
+        Change("robot_empty.toml", "slide_rest_m = 1.1442", "slide_rest_m = 1.3247"),
+    ),
+    "a drive that its EDS denies": (
+        Change("drives/hip_epos4.toml", 'eds = "epos4.eds"', 'eds = "generic402.eds"'),
+    ),
+    "an EDS that is none": (
+        Change("drives/hip_epos4.toml", 'eds = "epos4.eds"', 'eds = "hip_epos4.toml"'),
+    ),
+    "a homing that the springs alone stop": (
+        Change("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
+        Change("drives/hip_epos4.toml", "effort_max_si = 50.0", "effort_max_si = 40.0"),
+    ),
+    "a dead core that runs too far": (
+        Change("limits.toml", "max_runaway_deg = 70.0", "max_runaway_deg = 50.0"),
+    ),
+    "a ramp that the torque cannot give": (
+        Change("limits.toml", "rad_per_s2 = 14.8", "rad_per_s2 = 200.0"),
+    ),
+    "an endpoint that other machines can reach": (
+        Change("demo.toml", "tcp/127.0.0.1:7447", "tcp/192.168.1.5:7447"),
+    ),
+}
+"""Files that can be loaded: only the judgement refuses them."""
+
+REFUSED = REFUSED_BY_WHAT_IS_SWEPT | {row.name: (row.change,) for row in BROKEN}
+
+
+def ended(monkeypatch, capfd, *words: str) -> tuple[int, str]:
+    """How a command line ends, in this process: its exit code and what it says on stderr."""
+    monkeypatch.setattr(sys, "argv", ["gaitd", *words])
+    with pytest.raises(SystemExit) as end:
+        main()
+    return int(end.value.code or 0), capfd.readouterr().err
+
+
+@pytest.fixture
+def started(monkeypatch) -> list[object]:
+    """The settings that a core would have been started with."""
+    settings: list[object] = []
+
+    def run_core(*arguments: object) -> int:
+        settings.append(arguments[0])
+        return 0
+
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
+    monkeypatch.setenv("JOURNAL_STREAM", "")
+    monkeypatch.setattr("daemon.core.process.run_core", run_core)
+    return settings
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_the_core_refuses_what_check_refuses_with_the_same_text(
+    tmp_path, monkeypatch, capfd, started, name
+):
+    demo = str(changed(copied(tmp_path), *REFUSED[name]))
+
+    checked = ended(monkeypatch, capfd, "check", "--config", demo)
+    core = ended(monkeypatch, capfd, "core", "--config", demo)
+
+    assert core == checked
+    assert core[0] == 2
+    assert core[1].startswith("configuration error: ")
+    assert core[1].count("\n") == 1
+    assert not started
+
+
+@pytest.mark.parametrize("trainer", ["demo", "trainer", "two_legs", "vcan"])
+def test_the_core_starts_with_every_shipped_configuration(monkeypatch, capfd, started, trainer):
+    config = str(CONFIGS / f"{trainer}.toml")
+
+    assert ended(monkeypatch, capfd, "check", "--config", config) == (0, "")
+    assert ended(monkeypatch, capfd, "core", "--config", config) == (0, "")
+    assert len(started) == 1
+
+
+def test_run_ends_with_the_refusal_of_its_core(tmp_path):
+    with TemporaryDirectory(dir="/dev/shm") as folder:  # the sockets' path must be short
+        demo = changed(
+            copied(tmp_path),
+            *REFUSED_BY_WHAT_IS_SWEPT["a dead core that runs too far"],
+            Change("demo.toml", '"/dev/shm/gaitd-demo"', f'"{folder}/run"'),
+            Change("demo.toml", '"../out/demo/state"', f'"{tmp_path}/state"'),
+            Change("demo.toml", "tcp/127.0.0.1:7447", f"unixsock-stream/{folder}/zenoh.sock"),
+        )
+
+        run = subprocess.run(
+            [sys.executable, "-m", "gaitd", "run", "--config", str(demo)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    assert run.returncode == 2
+    assert run.stderr.startswith(
+        f"configuration error: {demo.parent / 'limits.toml'}: hip.torque_max_nm"
+    )
+    assert run.stderr.count("\n") == 1
