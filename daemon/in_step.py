@@ -74,6 +74,10 @@ class InStepSeam:
             self._gateway_expected = self._holder_expected = False
         return levels
 
+    def take_notices(self) -> list[str]:
+        """As `CoreSeam.take_notices`."""
+        return self._seam.take_notices()
+
     def _read(self) -> list[Level]:
         levels = self._seam.levels()
         for level in levels:

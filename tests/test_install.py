@@ -4,6 +4,7 @@ The container of `rigs/test_service_under_systemd.py` has the same on a running 
 """
 
 import os
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -38,14 +39,20 @@ class Staged:
         return {f"/{path.relative_to(self.root)}" for path in paths}
 
 
-@pytest.fixture
-def machine(tmp_path):
-    staged = Staged(tmp_path / "machine")
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    staged = Staged(tmp_path_factory.mktemp("installed") / "machine")
     staged.run("files")
     return staged
 
 
-def test_units_configuration_and_documents_are_where_a_debian_machine_looks_for_them(machine):
+@pytest.fixture
+def machine(installed, tmp_path):
+    """One to change."""
+    return Staged(shutil.copytree(installed.root, tmp_path / "machine", symlinks=True))
+
+
+def test_units_configuration_and_documents_are_where_a_debian_machine_looks_for_them(installed):
     units = "/usr/lib/systemd/system"
 
     assert {
@@ -62,22 +69,22 @@ def test_units_configuration_and_documents_are_where_a_debian_machine_looks_for_
         f"{units}/gaitd.target",
         f"{units}/service.d/10-gaitd-no-can.conf",
         f"{units}/sys-subsystem-net-devices-can0.device.d/10-gaitd-wait.conf",
-    } <= machine.files()
-    assert (machine / "usr/bin/gaitd").readlink() == Path("/opt/gaitd/bin/gaitd")
+    } <= installed.files()
+    assert (installed / "usr/bin/gaitd").readlink() == Path("/opt/gaitd/bin/gaitd")
 
 
-def test_no_unit_is_enabled_and_no_bus_of_a_desk_is_in_force(machine):
-    assert not [name for name in machine.files() if ".wants/" in name]
+def test_no_unit_is_enabled_and_no_bus_of_a_desk_is_in_force(installed):
+    assert not [name for name in installed.files() if ".wants/" in name]
     assert not [
         name
-        for name in machine.files()
+        for name in installed.files()
         if "vcan" in name and "/examples/" not in name and not name.startswith("/etc/gaitd/")
     ]
-    in_force = machine / "usr/lib/systemd/system/gaitd-core.service.d/20-gaitd-bus.conf"
+    in_force = installed / "usr/lib/systemd/system/gaitd-core.service.d/20-gaitd-bus.conf"
     assert "AF_INET" not in in_force.read_text()
 
 
-def test_an_upgrade_keeps_what_was_edited_and_lays_its_own_beside_it(machine):
+def test_an_upgrade_keeps_what_was_edited_and_offers_its_own_until_it_is_taken(machine):
     trainer = machine / "etc/gaitd/trainer.toml"
     edited = trainer.read_text().replace('channel = "can0"', 'channel = "can1"')
     trainer.write_text(edited)
@@ -92,42 +99,28 @@ def test_an_upgrade_keeps_what_was_edited_and_lays_its_own_beside_it(machine):
         "/etc/gaitd/trainer.toml.dist"
     ]
 
-
-def test_an_offer_goes_once_it_is_taken(machine):
-    trainer = machine / "etc/gaitd/trainer.toml"
-    shipped = trainer.read_bytes()
-    trainer.write_text("# mine")
-    machine.run("files")
     trainer.write_bytes(shipped)
-
     machine.run("files")
 
     assert not [name for name in machine.files() if name.endswith(".dist")]
 
 
-def test_configuration_is_not_for_everybody_to_read(machine):
-    for path in (machine / "etc/gaitd").rglob("*"):
+def test_configuration_is_not_for_everybody_to_read(installed):
+    for path in (installed / "etc/gaitd").rglob("*"):
         assert path.stat().st_mode & 0o777 == (0o755 if path.is_dir() else 0o640)
 
 
-def test_an_uninstall_leaves_configuration_and_state_and_nothing_else(machine):
-    state = machine / "var/lib/gaitd"
-    state.mkdir(parents=True)
-    (state / "axes.json").write_text("{}")
+def test_an_uninstall_leaves_configuration_and_state_and_what_others_have_put_beside_ours(machine):
     before = {name for name in machine.files() if name.startswith("/etc/gaitd/")}
+    added = {"/var/lib/gaitd/axes.json", "/usr/lib/systemd/system/service.d/50-theirs.conf"}
+    for name in added:
+        file = machine / name[1:]
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.touch()
 
     machine.run("uninstall")
 
-    assert machine.files() == before | {"/var/lib/gaitd/axes.json"}
-
-
-def test_an_uninstall_leaves_what_somebody_else_has_put_beside_ours(machine):
-    theirs = machine / "usr/lib/systemd/system/service.d/50-theirs.conf"
-    theirs.write_text("[Service]\n")
-
-    machine.run("uninstall")
-
-    assert theirs.exists()
+    assert machine.files() == before | added
 
 
 def test_a_purge_leaves_nothing(machine):
