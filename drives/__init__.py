@@ -3,6 +3,7 @@
 In the cycle, in reading order:
     signals      what this package takes and gives
     bus          frames in and out; the only file that touches python-can in the cycle
+    simulated    the bus of simulated time
     pdo          frames as fixed structs
     cia402       statusword to state, state and request to controlword: two tables
     drive        one drive, and all drives of a bus, through one cycle

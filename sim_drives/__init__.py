@@ -23,6 +23,8 @@ with `drives/`, so that a mistake on one side does not cancel out on the other. 
     one_leg, world              nodes and plant from event to event, in lock-step
     fault_rules, faults         what goes wrong, by script and command
     control, build              the command socket; wiring
-    remote_bus, realtime        the same in real time: the only files with threads or a clock
+    conductor                   simulated time: seats, and when each may go on
+    bus_server, time_server     the same for other processes: sockets, and the pace
+    remote_bus, realtime        by the computer's clock: the only files with threads
     plant                       the mechanics: dynamics, motor, stick_slip, stops, patient, truth
 """

@@ -23,6 +23,8 @@ class Plant(NamedTuple):
 OFFLINE = "only offline work and the wire contract meet in analysis"
 PHYSICS = "the virtual drives share physics with the observer, and nothing else of ours"
 PYTEST = "pytest is not needed to run gaitd: only the plugin that it ships imports it"
+NEUTRAL = "simulated time is neutral ground: it imports nothing of ours"
+JUDGEMENT = "commands ask whether a configuration is good; nothing that they start does"
 PLANTS = (
     Plant("drives", "daemon.record", "drives and observer know nothing of ours"),
     Plant("observer", "drives.signals", "drives and observer never see each other"),
@@ -40,6 +42,8 @@ PLANTS = (
     Plant("daemon", "pytest", PYTEST),
     Plant("gaitd", "pytest", PYTEST),
     Plant("gaitd", "gaitd.testing.service", "what tests share is for tests, and `gaitd rig`"),
+    Plant("simtime", "drives.signals", NEUTRAL),
+    Plant("daemon.core", "daemon.preflight.judgement", JUDGEMENT),
 )
 
 

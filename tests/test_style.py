@@ -10,7 +10,7 @@ from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parent.parent
 THIS = "tests/test_style.py"
-PACKAGES = ("drives", "observer", "daemon", "sim_drives", "gaitd", "analysis")
+PACKAGES = ("drives", "observer", "daemon", "sim_drives", "simtime", "gaitd", "analysis")
 
 UNITS = set(
     """
@@ -25,6 +25,7 @@ WITHOUT_UNIT = set(
     nis mean_nis gate_nis gait_phase phase fraction speedup correlation position velocity effort
     net state std covariance innovation reference measured artificial value limit value_low
     value_high rms worst bias rms_bound correlation_min strides factor
+    slope coupled
     """.split()  # noqa: SIM905 - as above
 )
 """Names of floats that have no unit, or one for each axis, which their docstring says."""
