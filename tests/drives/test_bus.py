@@ -12,9 +12,8 @@ from drives.bus import CanBus, Frame, SteadySocketcan
 from drives.bus_state import BusCondition, BusMonitor
 from drives.errors import BusError
 
-pytestmark = pytest.mark.realtime
-
 RPDO = Frame(0x205, bytes(7))
+PATIENCE_NS = 30_000 * MS
 QUICK_STOP = Frame(0x205, b"\x02\x00\x0a\x00\x00\x00\x00")
 
 
@@ -194,7 +193,7 @@ def test_a_virtual_bus_carries_frames_both_ways():
     theirs = CanBus.open("virtual", "test-both-ways", 1_000_000)
 
     ours.send([Frame(0x080, b"")])
-    got = theirs.receive_until(clock.now_ns() + 100 * MS, clock)
+    got = theirs.receive_until(clock.now_ns() + PATIENCE_NS, clock)
     theirs.send([Frame(0x185, b"1234567")])
 
     assert [frame[:2] for frame in got] == [(0x080, b"")]
@@ -253,9 +252,9 @@ def test_a_remote_bus_carries_frames_both_ways_and_starts_no_thread(server):
 
     bus = CanBus.open("remote", channel_of(server), 1_000_000)
     bus.send([Frame(0x205, b"\x06\x00")])
-    received = theirs.recv(1)
+    received = theirs.recv(PATIENCE_NS * 1e-9)
     theirs.send(can.Message(arbitration_id=0x185, data=b"1234567", is_extended_id=False))
-    frames = bus.receive_until(clock.now_ns() + 1000 * MS, clock)
+    frames = bus.receive_until(clock.now_ns() + PATIENCE_NS, clock)
 
     assert received is not None
     assert received.arbitration_id == 0x205
@@ -277,7 +276,7 @@ def test_a_remote_bus_whose_server_goes_away_is_a_bus_error_and_closes(server):
         client._ws.socket.shutdown(2)
 
     with pytest.raises(BusError):
-        bus.receive_until(clock.now_ns() + 2000 * MS, clock)
+        bus.receive_until(clock.now_ns() + PATIENCE_NS, clock)
     with pytest.raises(BusError):
         for _ in range(1000):
             bus.send([RPDO])
@@ -286,9 +285,11 @@ def test_a_remote_bus_whose_server_goes_away_is_a_bus_error_and_closes(server):
 
 
 def test_a_server_that_takes_the_connection_and_says_nothing_does_not_hold_us():
+    over = threading.Event()
+
     class Mute(http.server.BaseHTTPRequestHandler):
         def do_GET(self):
-            threading.Event().wait(2)
+            over.wait()
 
         def log_message(self, *args):
             pass
@@ -297,13 +298,11 @@ def test_a_server_that_takes_the_connection_and_says_nothing_does_not_hold_us():
     mute.daemon_threads = True
     thread = threading.Thread(target=mute.serve_forever, kwargs={"poll_interval": 0.02})
     thread.start()
-    clock = MonotonicClock()
-    before_ns = clock.now_ns()
 
     with pytest.raises(BusError, match="timed out"):
         CanBus.open("remote", f"ws://127.0.0.1:{mute.server_port}/", 1_000_000)
 
-    assert clock.now_ns() - before_ns < 1900 * MS
+    over.set()
     mute.shutdown()
     thread.join()
     mute.server_close()

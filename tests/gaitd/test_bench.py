@@ -22,9 +22,12 @@ from gaitd.benchmark import (
 from gaitd.benchmark.cycle_parts import PARTS, WHOLE
 from gaitd.demonstration.script import ActError
 
-pytestmark = pytest.mark.realtime
-
 CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+@pytest.fixture(scope="module")
+def session():
+    return Session().until_ready()
 
 
 @pytest.fixture
@@ -35,8 +38,7 @@ def robot():
     return load_toml(CONFIGS / "robot.toml", Robot)
 
 
-def test_every_part_of_the_cycle_is_timed_in_every_cycle_and_put_back():
-    session = Session().until_ready()
+def test_every_part_of_the_cycle_is_timed_in_every_cycle_and_put_back(session):
     before = [vars(owner)[attribute] for _, owner, attribute in PARTS]
 
     with cycle_parts.stopwatch() as times:
@@ -51,8 +53,7 @@ def test_every_part_of_the_cycle_is_timed_in_every_cycle_and_put_back():
     assert cycle.step.__name__ == "step"
 
 
-def test_the_parts_together_are_no_more_than_the_whole():
-    session = Session().until_ready()
+def test_the_parts_together_are_no_more_than_the_whole(session):
     with cycle_parts.stopwatch() as times:
         session.lockstep.run(0.5)
 
@@ -61,8 +62,7 @@ def test_the_parts_together_are_no_more_than_the_whole():
     assert 0 < parts < 1.2 * whole
 
 
-def test_lateness_is_that_of_the_records():
-    session = Session().until_ready()
+def test_lateness_is_that_of_the_records(session):
     records = session.lockstep.records[-20:]
 
     found = lateness.of(records)
@@ -148,6 +148,7 @@ def test_allocations_that_there_are_would_be_counted():
     assert scaling._compiled_allocations(lambda: [allocate() for _ in range(7)]) == 7
 
 
+@pytest.mark.realtime
 def test_bare_zenoh_is_timed_from_the_put_in_another_process_to_the_callback_in_this():
     found = whole_service.bare_puts(1400, 0.5)
 
@@ -173,8 +174,7 @@ def _delivered(records, beyond_ns, zenoh_ns):
     ]
 
 
-def test_the_parts_of_a_delivery_are_all_of_it():
-    session = Session().until_ready()
+def test_the_parts_of_a_delivery_are_all_of_it(session):
     records = [
         msgspec.structs.replace(
             record, timing=msgspec.structs.replace(record.timing, work_ns=700_000 + 1000 * number)
@@ -192,9 +192,9 @@ def test_the_parts_of_a_delivery_are_all_of_it():
     assert found.whole.median_us == pytest.approx(parts_us + found.zenoh.median_us)
 
 
-def test_messages_of_no_record_are_no_measurement():
+def test_messages_of_no_record_are_no_measurement(session):
     with pytest.raises(ActError, match="none of 0 messages"):
-        whole_service.divide([], Session().until_ready().lockstep.records[-20:], 120.0)
+        whole_service.divide([], session.lockstep.records[-20:], 120.0)
 
 
 def test_the_page_shows_each_part_of_a_delivery_beside_bare_zenoh():

@@ -8,8 +8,6 @@ import pytest
 from gaitd.benchmark import bus_times, peer_table, peers, tables
 from gaitd.benchmark.bus_times import Heard, Reaction
 
-pytestmark = pytest.mark.realtime
-
 CONFIGS = Path(__file__).parents[2] / "configs"
 ENABLED = b"\x37\x12"
 STOPPING = b"\x17\x12"
@@ -96,12 +94,14 @@ def cell():
     return made
 
 
+@pytest.mark.realtime
 def test_the_peer_holds_both_drives_and_stops_the_other_one_after_an_emergency(cell):
     assert cell.syncs[0].sync_count > 10
     assert cell.cpu_ratio[0] > 0
     assert len(cell.reactions) + cell.unanswered_count == 1
 
 
+@pytest.mark.realtime
 def test_the_table_has_a_column_for_each_master_and_json_has_the_ratios(cell):
     cells = (cell, peers.Cell("gaitd, plain", loaded=True, trouble="it would not hold"))
 

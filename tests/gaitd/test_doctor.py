@@ -2,15 +2,12 @@ import json
 import os
 from pathlib import Path
 
-import pytest
 import typer
 from typer.testing import CliRunner
 
 from gaitd import machine
 from gaitd.doctor import doctor
 from gaitd.finding import Finding, Grade
-
-pytestmark = pytest.mark.realtime
 
 
 def application() -> typer.Typer:

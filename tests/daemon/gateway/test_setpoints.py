@@ -27,8 +27,6 @@ from daemon.gateway.steering import TOLD_MAX, Steering
 from daemon.record import Mode
 from daemon.refusals import SetpointRefusal
 
-pytestmark = pytest.mark.realtime
-
 LEGS = ("right", "left")
 LEASE = 123_456_789
 MS = 1_000_000

@@ -12,15 +12,14 @@ from daemon.gateway.process import serve
 from daemon.gateway.reload import Reload
 from gaitd.children import free_ports
 
-pytestmark = pytest.mark.realtime
-
 TURNS = 40
 """Of at most 20 ms: longer than the half second between two words."""
 
 
-@pytest.fixture
-def told(tmp_path):
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
     """All words of a gateway that runs for some turns, without a core."""
+    tmp_path = tmp_path_factory.mktemp("run")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as supervisor:
         supervisor.bind(str(tmp_path / "notify"))
         supervisor.setblocking(False)
