@@ -135,7 +135,6 @@ class _Part:
         from gaitd.virtual_machine import virtual_machine
 
         if self._with_drives:
-            print("compiling the plant, if it has changed", file=sys.stderr, flush=True)
             virtual_machine(self.trainer, seed=self._seed).world.advance_to(WARM_UP_NS)
         gc.freeze()
 

@@ -9,7 +9,7 @@ import numpy as np
 from daemon.record import CycleRecord, Mode
 from daemon.seam import RING_NAME, RingReader
 from gaitd.benchmark.burning import burners
-from gaitd.demonstration.stage import Stage, stage
+from gaitd.demonstration.stage import Stage, Tempo, stage
 
 READY_WITHIN_S: Final = 240.0
 SETTLE_S: Final = 2.0
@@ -44,7 +44,7 @@ def measure(configs: Path, duration_s: float, burner_count: int = 0) -> Lateness
     Raises:
         ActError: a process ended, or the service was not ready in time.
     """
-    with stage(configs, empty=False) as where:
+    with stage(configs, empty=False, tempo=Tempo(wall_clock=True)) as where:
         ring = _ready(where)
         with burners(burner_count):
             time.sleep(SETTLE_S)

@@ -37,7 +37,7 @@ class Machinery:
     def __init__(self, configs: Path, folder: Path) -> None:
         """Prepare; `start` begins."""
         self.folder = folder
-        self.config, endpoint = write_configs(configs, folder / "configs", empty=False)
+        self.config, endpoint = write_configs(configs, folder / "configs", empty=False, remote=True)
         table = tomllib.loads(self.config.read_text(encoding="utf-8"))
         self.target = Target((endpoint,), table["zenoh"]["trainer"])
         self.leg: str = table["leg"][0]["name"]

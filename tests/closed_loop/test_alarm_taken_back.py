@@ -18,7 +18,7 @@ def say(session, *messages, after_ms):
     at_ns = session.machine.world.now_ns + round((10 + after_ms) * MS)
 
     def speak():
-        bus._waiting += [Frame(EMCY, data, bus.utc_of_ns(bus.now_ns)) for data in messages]
+        bus.seat.waiting += [Frame(EMCY, data, bus.utc_of_ns(bus.now_ns)) for data in messages]
 
     bus.at(at_ns, speak)
     session.lockstep.run(0.03)

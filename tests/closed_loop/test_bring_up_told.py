@@ -70,15 +70,15 @@ def test_a_silent_drive_is_mode_off_with_its_failure_told_once_and_looked_for_ag
 def test_another_master_keeps_the_drives_down_until_it_has_gone():
     session = Session()
     bus = session.lockstep.bus
-    let_pass = bus.let_pass
+    wait = bus.link.wait
     there = [True]
 
-    def let_pass_beside_another(until_ns):
-        let_pass(until_ns)
+    def wait_beside_another(until_ns, *, for_frame):
+        wait(until_ns, for_frame=for_frame)
         if there[0]:
-            bus._waiting.append(Frame(0x080, b""))
+            bus.seat.waiting.append(Frame(0x080, b""))
 
-    bus.let_pass = let_pass_beside_another
+    bus.link.wait = wait_beside_another
     session.lockstep.run(5)
     beside = session.lockstep.record
     there[0] = False

@@ -21,7 +21,7 @@ NO_ACKNOWLEDGE = Frame(0x020, bytes(8), is_error=True)
 
 def put(session, *frames):
     """Let the controller report this, or somebody else send it, now."""
-    session.lockstep.bus._waiting.extend(frames)
+    session.lockstep.bus.seat.waiting.extend(frames)
 
 
 def told(session, words):

@@ -16,7 +16,7 @@ def emcy(node_id, code, register=0x01):
 
 
 def put(session, *frames):
-    session.lockstep.bus._waiting.extend(frames)
+    session.lockstep.bus.seat.waiting.extend(frames)
 
 
 def events(session):

@@ -129,7 +129,7 @@ def test_a_drive_that_leaves_operational_by_itself_stops_both_axes(session, comm
 def test_a_drive_that_reboots_in_operation_is_lost_at_once_and_the_other_axis_is_stopped(session):
     since = len(session.lockstep.bus.sent)
 
-    session.lockstep.bus._waiting.append(
+    session.lockstep.bus.seat.waiting.append(
         session.lockstep.bus.sent[0]._replace(can_id=HEARTBEAT, data=b"\x00")
     )
     session.lockstep.run(0.02)
@@ -225,16 +225,16 @@ def test_tpdos_that_come_after_the_window_are_late_and_stop_both_axes_when_they_
 
     altered(session, late)
     bus = session.lockstep.bus
-    let_pass = bus.let_pass
+    wait = bus.link.wait
 
-    def let_pass_and_deliver(until_ns):
-        let_pass(until_ns)
+    def wait_and_deliver(until_ns, *, for_frame):
+        wait(until_ns, for_frame=for_frame)
         due = [f for f in held if bus.now_ns - f.time_ns > window_ms * MS]
         for frame in due:
             held.remove(frame)
-            bus._waiting.append(bus.sent[0]._replace(can_id=frame.can_id, data=frame.data))
+            bus.seat.waiting.append(bus.sent[0]._replace(can_id=frame.can_id, data=frame.data))
 
-    bus.let_pass = let_pass_and_deliver
+    bus.link.wait = wait_and_deliver
     session.lockstep.run_until(lambda record: not record.mode.active, within_s=0.2)
     session.lockstep.run(0.1)
 

@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.text import Text
 
 from daemon import wire
+from daemon.clock import MonotonicClock
 from gaitd.demonstration.curves import Chart, Curve
 from gaitd.demonstration.feed import HEARD, TRUE, Audience, Track
 from gaitd.demonstration.report import line
@@ -31,7 +32,7 @@ def tracks(*, silent: bool = False) -> tuple[Track, Track]:
 
 def moment(heard: Track, true: Track, audience: Audience | None = None) -> Moment:
     scene = Scene("gait, the patient takes part", Kind.ACTIVE, 20.0)
-    return Moment(NOW_NS, 20.0, scene, 5.0, audience, heard, true)
+    return Moment(NOW_NS, 20.0, scene, 5.0, 0.8, audience, heard, true)
 
 
 def health() -> wire.Health:
@@ -99,7 +100,7 @@ def test_before_anything_is_heard_the_view_says_so():
 
 
 def test_the_service_s_own_state_is_shown():
-    audience = Audience(Target((), "trainer"), "right", Track(HEARD))
+    audience = Audience(Target((), "trainer"), "right", Track(HEARD), MonotonicClock())
     audience.health = health()
 
     screen = "\n".join(drawn(moment(*tracks(), audience)))

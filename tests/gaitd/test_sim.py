@@ -17,13 +17,10 @@ from config_files import CONFIGS
 
 @pytest.fixture
 def configs(tmp_path):
-    """The demo's configuration with a port of its own."""
+    """The demo's configuration with a bus of its own."""
     folder = tmp_path / "configs"
     shutil.copytree(CONFIGS, folder)
-    with socket.socket() as holder:
-        holder.bind(("127.0.0.1", 0))
-        port = holder.getsockname()[1]
-    change(folder / "demo.toml", "ws://127.0.0.1:54701/", f"ws://127.0.0.1:{port}/")
+    change(folder / "demo.toml", "/dev/shm/gaitd-demo.bus", "bus")
     return folder
 
 
@@ -71,8 +68,8 @@ def test_it_serves_its_bus_until_sigterm_and_writes_the_truth_of_every_sync(conf
     truth, control = tmp_path / "truth.csv", tmp_path / "control"
     command = arguments(configs, "--truth", str(truth), "--control", str(control), "--seed", "3")
     with running(command) as process:
-        address = process.stdout.readline().split()[-1]
-        with can.Bus(interface="remote", channel=address) as bus:
+        assert process.stdout.readline().endswith("configs/bus, in simulated time\n")
+        with can.Bus(interface="gaitd", channel=str(configs / "bus")) as bus:
             for _ in range(5):
                 bus.send(can.Message(arbitration_id=0x080, is_extended_id=False))
                 heard = bus.recv(0.05)  # boot-up messages, and no TPDO
@@ -102,8 +99,8 @@ def test_on_request_the_truth_goes_on_while_no_sync_comes_with_the_count_of_the_
     truth = tmp_path / "truth.csv"
     command = arguments(configs, "--truth", str(truth), "--truth-in-silence")
     with running(command) as process:
-        address = process.stdout.readline().split()[-1]
-        with can.Bus(interface="remote", channel=address) as bus:
+        assert process.stdout.readline().endswith("configs/bus, in simulated time\n")
+        with can.Bus(interface="gaitd", channel=str(configs / "bus")) as bus:
             bus.send(can.Message(arbitration_id=0x080, is_extended_id=False))
             while sum(row["sync_count"] == "1" for row in csv.DictReader(truth.open())) < 5:
                 bus.recv(0.02)
@@ -146,10 +143,26 @@ def test_an_eds_that_is_none_is_named(configs, refused):
     assert "drives.right.hip.eds" in refused()
 
 
-def test_a_port_that_is_taken_is_named(configs, refused):
-    port = int((configs / "demo.toml").read_text().split("ws://127.0.0.1:")[1].split("/")[0])
-    with socket.create_server(("127.0.0.1", port)):
-        assert "bus.channel" in refused()
+def test_a_bus_that_another_one_serves_is_named(refused, configs):
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as taken:
+        taken.bind(str(configs / "bus"))
+        taken.listen()
+        said = refused()
+
+    assert "bus.channel" in said
+    assert "another `gaitd sim` serves this bus" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--pace", "fast"), "a pace is max, or 0.01 to 1000; not 'fast'"),
+        (("--pace", "2", "--wall-clock"), "only in simulated time"),
+        (("--no-drives", "--truth", "x.csv"), "nothing with --no-drives"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(refused, words, said):
+    assert said in refused(*words)
 
 
 def test_a_truth_file_that_cannot_be_written_is_named(refused, tmp_path):

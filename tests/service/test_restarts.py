@@ -132,7 +132,9 @@ def begin_elsewhere(walking, folder):
     """A second core on the same bus, with directories of its own: what it told first."""
     stranger = Service(folder)
     stranger.config.write_text(
-        stranger.config.read_text().replace(str(stranger.bus_port), str(walking.bus_port))
+        stranger.config.read_text().replace(
+            str(stranger.folder / "bus"), str(walking.folder / "bus")
+        )
     )
     try:
         stranger.start("core")

@@ -127,7 +127,8 @@ class Babbler:
     def stop(self) -> None:
         """Silence; a controller that went bus-off comes back, as `restart-ms` would have it."""
         if self._next_ns is not None:
-            self._bus._waiting.append(Frame(RESTARTED, bytes(8), self._world.now_ns, is_error=True))
+            back = Frame(RESTARTED, bytes(8), self._world.now_ns, is_error=True)
+            self._bus.seat.waiting.append(back)
         self._next_ns = None
 
     def _plan(self) -> None:
@@ -151,7 +152,7 @@ class Babbler:
             return []
         self.said.append(Said(now_ns, frame))
         if frame.is_error:
-            self._bus._waiting.append(frame._replace(time_ns=now_ns))
+            self._bus.seat.waiting.append(frame._replace(time_ns=now_ns))
             return []
         self._world.receive(WorldFrame(frame.can_id, frame.data))
         return [TimedFrame(now_ns, frame.can_id, frame.data)]

@@ -66,7 +66,7 @@ def lines_beside(name, other):
 def test_the_example_with_two_legs_is_the_demonstration_and_a_second_leg():
     assert lines_beside("two_legs.toml", "demo.toml") == {
         'sim = "plant_two_legs.toml"',
-        'channel = "ws://127.0.0.1:54702/"',
+        'channel = "/dev/shm/gaitd-two-legs.bus"',
         'name = "left"',
         'hip = "drives/hip_left_epos4.toml"',
         'slide = "drives/slide_left_epos4.toml"',
