@@ -113,7 +113,7 @@ def test_on_request_the_truth_goes_on_while_no_sync_comes_with_the_count_of_the_
     assert set(counts) <= {0, 1}
     assert counts == sorted(counts)
     assert counts.count(1) >= 5
-    assert times == sorted(set(times))
+    assert times == sorted(times)  # a SYNC may come at the instant of a row in silence
 
 
 def test_it_ends_by_itself_after_its_duration(sim):
