@@ -36,7 +36,7 @@ def configs_of(make: str, folder: Path) -> Path:
     return makers[make](folder) if make in makers else CONFIGS
 
 
-@pytest.fixture(params=MAKES)
+@pytest.fixture(scope="module", params=MAKES)
 def make(request):
     return request.param
 
@@ -46,12 +46,17 @@ def axis(request):
     return request.param
 
 
-@pytest.fixture
-def rogue(make, tmp_path):
-    taken = Rogue(Session(configs_of(make, tmp_path)).enabled())
+@pytest.fixture(scope="module")
+def warm_rogue(make, tmp_path_factory):
+    taken = Rogue(Session(configs_of(make, tmp_path_factory.mktemp(make))).enabled())
     taken.cycles(2)
     assert taken.states() == (OPERATION_ENABLED, OPERATION_ENABLED)
     return taken
+
+
+@pytest.fixture
+def rogue(warm_rogue):
+    return warm_rogue
 
 
 def push(rogue: Rogue, axis: int, permille: int) -> None:
@@ -97,9 +102,8 @@ def test_a_killed_core_leaves_both_joints_braked_on_their_ramps(rogue, make, axi
         assert min(abs(truth.velocity[joint]) for truth in braked) < 0.05 * SPEED_MAX[joint]
 
 
-def test_a_drive_with_a_timeout_of_its_commands_stops_though_sync_and_heartbeat_go_on(tmp_path):
-    rogue = Rogue(Session(generic_drives(tmp_path)).enabled())
-    rogue.cycles(2)
+@pytest.mark.parametrize("make", ["generic"], indirect=True)
+def test_a_drive_with_a_timeout_of_its_commands_stops_though_sync_and_heartbeat_go_on(rogue):
     rogue.sends_commands = False
     rogue.cycles(4)
 
@@ -156,9 +160,8 @@ def test_a_frozen_core_is_stopped_at_the_position_limit(rogue, axis, sign):
     assert rogue.states()[axis] in STOPPED
 
 
-def test_a_drive_without_a_speed_limit_is_shown_to_keep_none(tmp_path):
-    rogue = Rogue(Session(elmo_drives(tmp_path)).enabled())
-    rogue.cycles(2)
+@pytest.mark.parametrize("make", ["elmo"], indirect=True)
+def test_a_drive_without_a_speed_limit_is_shown_to_keep_none(rogue):
     hold_other(rogue, 1)
     push(rogue, 1, -FULL)
     rogue.cycles(40)

@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from functools import cache
 
 import msgspec
 import pytest
@@ -59,6 +60,7 @@ FEEDBACK = DriveFeedback(
 )
 
 
+@cache
 def described(name):
     joint, _, profile = name.partition("_")
     if profile != WIDE:
@@ -68,6 +70,7 @@ def described(name):
     return join(axis_for(kind, joint), kind, joint)
 
 
+@cache
 def scaling(name):
     description = described(name)
     return axis_scaling(description, expected_base(description))
@@ -136,84 +139,78 @@ def test_a_drive_without_a_torque_constant_object_uses_the_axis_file_s():
     assert base.torque_constant_nm_per_a == 0.055736
 
 
-@pytest.mark.parametrize("name", NAMES)
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
 @given(counts=st.integers(-(2**31) + 1, 2**31 - 1))
-def test_a_position_comes_back_as_the_same_count(name, counts):
-    s = scaling(name)
+def test_a_position_comes_back_as_the_same_count(counts):
+    for name in NAMES:
+        s = scaling(name)
 
-    assert position_to_counts(position_si(counts, s), s) == counts
+        assert position_to_counts(position_si(counts, s), s) == counts, name
 
 
-@pytest.mark.parametrize("name", NAMES)
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
 @given(permille=st.integers(-32767, 32767))
-def test_an_effort_comes_back_as_the_same_permille(name, permille):
-    s = scaling(name)
+def test_an_effort_comes_back_as_the_same_permille(permille):
+    for name in NAMES:
+        s = scaling(name)
 
-    assert effort_to_permille(permille_to_effort(permille, s), s) == permille
+        assert effort_to_permille(permille_to_effort(permille, s), s) == permille, name
 
 
-@pytest.mark.parametrize("name", NAMES)
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
 @given(effort=st.floats(allow_nan=False, allow_infinity=False))
-def test_a_large_effort_is_clipped_and_never_wraps(name, effort):
-    s = scaling(name)
+def test_a_large_effort_is_clipped_and_never_wraps(effort):
+    for name in NAMES:
+        s = scaling(name)
 
-    target = effort_to_permille(effort, s)
+        target = effort_to_permille(effort, s)
 
-    largest = 2**31 - 1 if WIDE in name else 2**15 - 1
-    assert -largest <= target <= largest
-    assert target == 0 or (target > 0) == (effort * s.permille_per_effort_si > 0)
-
-
-@pytest.mark.parametrize("name", NAMES)
-@settings(derandomize=True, deadline=None)
-@given(
-    pair=st.lists(
-        st.floats(-1e6, 1e6, allow_nan=False, allow_infinity=False), min_size=2, max_size=2
-    )
-)
-def test_more_effort_never_asks_for_less(name, pair):
-    s = scaling(name)
-    less, more = sorted(pair)
-
-    step = effort_to_permille(more, s) - effort_to_permille(less, s)
-
-    assert step * s.permille_per_effort_si >= 0
+        largest = 2**31 - 1 if WIDE in name else 2**15 - 1
+        assert -largest <= target <= largest, name
+        assert target == 0 or (target > 0) == (effort * s.permille_per_effort_si > 0), name
 
 
-@pytest.mark.parametrize("name", NAMES)
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
+@given(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6))
+def test_more_effort_never_asks_for_less(one, other):
+    less, more = sorted((one, other))
+    for name in NAMES:
+        s = scaling(name)
+
+        step = effort_to_permille(more, s) - effort_to_permille(less, s)
+
+        assert step * s.permille_per_effort_si >= 0, name
+
+
+@settings(derandomize=True)
 @given(raw=st.integers(-32767, 32767))
-def test_a_sample_is_proportional_to_its_raw_value_and_has_the_sign_of_the_joint(name, raw):
-    s = scaling(name)
+def test_a_sample_is_proportional_to_its_raw_value_and_has_the_sign_of_the_joint(raw):
+    for name in NAMES:
+        s = scaling(name)
 
-    effort = to_joint(replace(FEEDBACK, torque_raw=raw), s).effort_si
+        effort = to_joint(replace(FEEDBACK, torque_raw=raw), s).effort_si
 
-    assert effort == pytest.approx(raw * s.effort_per_torque_count_si)
-    assert raw == 0 or (effort > 0) == (raw * s.counts_per_si > 0)
+        assert effort == pytest.approx(raw * s.effort_per_torque_count_si), name
+        assert raw == 0 or (effort > 0) == (raw * s.counts_per_si > 0), name
 
 
-@pytest.mark.parametrize("name", NAMES)
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
 @given(effort=st.floats(0.1, 1e9), current_a=st.floats(6.0, 400.0))
-def test_a_limit_is_never_wider_than_joint_and_motor_and_always_fits_its_object(
-    name, effort, current_a
-):
-    description = described(name)
-    motor = msgspec.structs.replace(description.axis.motor, current_limit_a=current_a)
-    strong = replace(description, axis=msgspec.structs.replace(description.axis, motor=motor))
-    limits = (HIP_LIMITS if "hip" in name else SLIDE_LIMITS)._replace(effort_max_si=effort)
+def test_a_limit_is_never_wider_than_joint_and_motor_and_always_fits_its_object(effort, current_a):
+    for name in NAMES:
+        description = described(name)
+        motor = msgspec.structs.replace(description.axis.motor, current_limit_a=current_a)
+        strong = replace(description, axis=msgspec.structs.replace(description.axis, motor=motor))
+        limits = (HIP_LIMITS if "hip" in name else SLIDE_LIMITS)._replace(effort_max_si=effort)
 
-    raw = raw_limits(limits, strong).torque_raw
+        raw = raw_limits(limits, strong).torque_raw
 
-    limit = description.profile.torque_limit
-    per_motor_nm = math.tau * description.axis.transmission.revs_per_si
-    effort_of_raw = raw * count_nm(limit, expected_base(strong)) * per_motor_nm
-    motor_effort = current_a * motor.torque_constant_nm_per_a * per_motor_nm
-    assert 1 <= raw < 2 ** (limit.bits - limit.signed)
-    assert raw == 1 or effort_of_raw <= min(effort, motor_effort) * (1 + 1e-9)
+        limit = description.profile.torque_limit
+        per_motor_nm = math.tau * description.axis.transmission.revs_per_si
+        effort_of_raw = raw * count_nm(limit, expected_base(strong)) * per_motor_nm
+        motor_effort = current_a * motor.torque_constant_nm_per_a * per_motor_nm
+        assert 1 <= raw < 2 ** (limit.bits - limit.signed), name
+        assert raw == 1 or effort_of_raw <= min(effort, motor_effort) * (1 + 1e-9), name
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -331,7 +331,7 @@ def test_canopen_reads_our_dcf_with_node_id_and_defaults(tmp_path):
     assert dictionary[0x1800][1].default == 0x40000185
 
 
-@hypothesis.settings(max_examples=25)
+@hypothesis.settings(max_examples=10)
 @given(st.integers(-(1 << 31), (1 << 31) - 1), st.text(max_size=20))
 def test_any_number_and_any_text_survive_a_dcf(tmp_path_factory, number, text):
     name = kept_text(text)

@@ -11,8 +11,6 @@ from observer.leg_model import Integrator
 from observer.leg_observer import setup_of
 from tests.observer.trainer import HIP, PATIENT, SLIDE_FRICTION, TUNING, encoded, gait, simulate
 
-pytestmark = pytest.mark.realtime
-
 DT = 0.01
 CYCLES = 400
 

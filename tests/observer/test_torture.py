@@ -1,4 +1,4 @@
-"""A million steps of whatever can come: no number that is none, no covariance that is not one."""
+"""Steps of whatever can come: no number that is none, no covariance that is not one."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ LEGS = {
     "80 kg": balanced(with_patient(EXOSKELETON, GEOMETRY, 80.0, 1.78)),
     "110 kg": balanced(with_patient(EXOSKELETON, GEOMETRY, 110.0, 1.9)),
 }
-ROWS = 250_000
+ROWS = [50_000, pytest.param(250_000, marks=pytest.mark.thorough)]
 """Of each of the four legs: a million in all."""
 
 
@@ -91,10 +91,11 @@ def assert_sound(estimates):
     assert np.median(least) > 1e-6
 
 
+@pytest.mark.parametrize("rows", ROWS)
 @pytest.mark.parametrize("name", LEGS)
-def test_a_quarter_of_a_million_rough_steps_leave_every_number_a_number(name):
+def test_rough_steps_leave_every_number_a_number(name, rows):
     leg = LEGS[name]
-    estimates = batch.run(setup_of(leg, HIP, SLIDE_FRICTION, SHIPPED), rough(leg, ROWS, len(name)))
+    estimates = batch.run(setup_of(leg, HIP, SLIDE_FRICTION, SHIPPED), rough(leg, rows, len(name)))
 
     assert_sound(estimates)
     valid = (estimates.status & Status.VALID) > 0
@@ -137,7 +138,7 @@ anything = st.floats(allow_nan=True, allow_infinity=True, width=64)
 plausible = st.floats(-0.5, 1.2)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(derandomize=True, max_examples=150, deadline=None)
 @given(
     st.lists(
         st.tuples(

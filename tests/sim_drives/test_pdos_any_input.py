@@ -181,5 +181,5 @@ class PlainMapping(AnyMapping):
 def test_whatever_is_written_in_whatever_order_no_illegal_mapping_is_active(machine):
     run_state_machine_as_test(
         machine,
-        settings=settings(derandomize=True, max_examples=40, stateful_step_count=25, deadline=None),
+        settings=settings(derandomize=True, max_examples=15, stateful_step_count=25, deadline=None),
     )

@@ -17,8 +17,7 @@ from sim_drives.control import control_socket
 from sim_drives.frame import Frame, TimedFrame
 from sim_drives.realtime import STEADY_NS, Arrivals, RealTime, now_ns, open_bus
 
-pytestmark = pytest.mark.realtime
-
+PATIENCE_S = 30.0
 IDENTITY = bytes.fromhex("4018100100000000")
 ANSWER = bytes.fromhex("43181001fb000000")
 
@@ -50,12 +49,12 @@ def client(address):
         yield bus
 
 
-def ask(bus, can_id, data, answer_id, patience_s=2.0):
+def ask(bus, can_id, data, answer_id, patience_s=PATIENCE_S):
     bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
     return hear(bus, answer_id, patience_s)
 
 
-def hear(bus, can_id, patience_s=2.0):
+def hear(bus, can_id, patience_s=PATIENCE_S):
     until = time.monotonic() + patience_s
     while time.monotonic() < until:
         message = bus.recv(0.1)
@@ -96,11 +95,9 @@ def test_a_client_that_was_killed_leaves_no_station_behind(served):
     victim.socket.close()  # the kernel's reset, as after SIGKILL
     victim._is_shutdown = True
 
-    for _ in range(30):
+    until = time.monotonic() + PATIENCE_S
+    while stations() > before and time.monotonic() < until:
         assert ask(survivor, 0x605, IDENTITY, 0x585) == ANSWER
-        if stations() == before:
-            break
-        time.sleep(0.1)
 
     assert stations() == before
     survivor.shutdown()
@@ -156,7 +153,7 @@ def asking(tmp_path):
         socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender,
     ):
         sender.bind(str(tmp_path / "sender"))
-        sender.settimeout(2)
+        sender.settimeout(PATIENCE_S)
 
         def ask(text):
             sender.sendto(text.encode(), str(tmp_path / "control"))
@@ -216,13 +213,17 @@ def test_a_socket_left_by_an_earlier_run_is_replaced_and_a_file_is_not(tmp_path)
 def test_a_frame_on_the_loopback_bus_carries_the_time_at_which_its_client_sent_it(served):
     sent_s = time.time() - 2.5
     with client(served) as one, client(served) as other:
-        ask(other, 0x605, IDENTITY, 0x585)  # both are on the bus
+        for bus in (one, other):
+            ask(bus, 0x605, IDENTITY, 0x585)  # it is on the bus
+        begun_s = time.time()
         for stamp_s in (sent_s, 0.0):
             other.send(can.Message(arbitration_id=0x123, timestamp=stamp_s, is_extended_id=False))
-        found = list(iter(lambda: one.recv(1.0), None))
-    stamps = [message.timestamp for message in found if message.arbitration_id == 0x123]
+        messages = (one.recv(PATIENCE_S) for _ in range(1000))
+        strangers = (message for message in messages if message.arbitration_id == 0x123)
+        stamped, unstamped = (next(strangers).timestamp for _ in range(2))
 
-    assert stamps == [pytest.approx(sent_s, abs=1e-6), pytest.approx(time.time(), abs=2.0)]
+    assert stamped == pytest.approx(sent_s, abs=1e-6)
+    assert begun_s <= unstamped <= time.time()
 
 
 HELD_UP_S = 0.04
@@ -247,6 +248,7 @@ class Recorder:
         return self.now_ns + 1_000_000_000
 
 
+@pytest.mark.realtime
 def test_a_sync_that_came_while_the_process_was_held_up_reaches_the_drives_when_it_was_sent():
     with (
         can.Bus(interface="virtual", channel="held-up", preserve_timestamps=True) as master,

@@ -125,7 +125,7 @@ def test_ten_kilobytes_go_down_and_come_back(bench):
     assert free(bench)
 
 
-@settings(derandomize=True, max_examples=40, deadline=None)
+@settings(derandomize=True, max_examples=10, deadline=None)
 @given(st.binary(max_size=500), st.integers(1, 127), st.randoms(use_true_random=False))
 def test_whatever_gets_lost_is_sent_again_and_arrives(data, block_size, rng):
     bench = Bench()

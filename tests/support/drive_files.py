@@ -1,6 +1,7 @@
 """The drives of configs/drives/, as tests need them, and limits that fit them."""
 
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,7 @@ PROFILES = sorted(file.stem for file in (FOLDER / "profiles").glob("*.toml"))
 """Every profile: epos4, generic, ..."""
 
 
+@cache
 def drive(name: str = "hip_epos4") -> DriveDescription:
     """One of `AXES`."""
     return join(table(f"{name}.toml"), table(table(f"{name}.toml")["profile"]), name)
@@ -72,6 +74,7 @@ def axis_for(profile: dict[str, Any], joint: str = "hip") -> dict[str, Any]:
     return axis
 
 
+@cache
 def drive_of(profile: str, joint: str = "hip") -> DriveDescription:
     """The trainer's hip or slide with the drive of one of `PROFILES`."""
     kind = table(f"profiles/{profile}.toml")

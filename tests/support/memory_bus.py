@@ -8,6 +8,7 @@ import configparser
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 
 from drives.bus import Clock, Frame
 
@@ -72,6 +73,30 @@ class MemoryBus:
                 self.put(frame)
 
 
+@cache
+def objects_of(eds: str, node_id: int) -> dict[tuple[int, int], tuple[int, tuple[int, bool, str]]]:
+    """Default, width, sign and access of each object of an EDS, by a parser of the tests' own."""
+    parser = configparser.ConfigParser(interpolation=None)
+    parser.optionxform = str  # type: ignore[assignment,method-assign]  # keep the case
+    parser.read(eds, encoding="utf-8")
+    found = {}
+    for section in parser.sections():
+        name, _, sub = section.partition("sub")
+        if not (len(name) == 4 and all(c in "0123456789ABCDEFabcdef" for c in name)):
+            continue
+        entry = parser[section]
+        if "DataType" not in entry or WIDTHS.get(int(entry["DataType"], 0), 0) == 0:
+            continue
+        kind = int(entry["DataType"], 0)
+        default = entry.get("DefaultValue", "0") or "0"
+        value = sum(
+            node_id if part.strip() == "$NODEID" else int(part, 0) for part in default.split("+")
+        )
+        key = (int(name, 16), int(sub or "0", 16))
+        found[key] = value, (WIDTHS[kind], kind in SIGNED, entry["AccessType"])
+    return found
+
+
 @dataclass
 class ScriptedDrive:
     """One slave. The fields below `behaviour` make it misbehave."""
@@ -112,26 +137,9 @@ class ScriptedDrive:
         self._load()
 
     def _load(self) -> None:
-        """The EDS, by a parser of the tests' own."""
-        parser = configparser.ConfigParser(interpolation=None)
-        parser.optionxform = str  # type: ignore[assignment,method-assign]  # keep the case
-        parser.read(self.eds, encoding="utf-8")
-        for section in parser.sections():
-            name, _, sub = section.partition("sub")
-            if not (len(name) == 4 and all(c in "0123456789ABCDEFabcdef" for c in name)):
-                continue
-            entry = parser[section]
-            if "DataType" not in entry or WIDTHS.get(int(entry["DataType"], 0), 0) == 0:
-                continue
-            kind = int(entry["DataType"], 0)
-            default = entry.get("DefaultValue", "0") or "0"
-            value = sum(
-                self.node_id if part.strip() == "$NODEID" else int(part, 0)
-                for part in default.split("+")
-            )
-            key = (int(name, 16), int(sub or "0", 16))
-            self.values[key] = value
-            self.kinds[key] = (WIDTHS[kind], kind in SIGNED, entry["AccessType"])
+        """What the EDS says, and what is stored."""
+        for key, (value, kind) in objects_of(self.eds, self.node_id).items():
+            self.values[key], self.kinds[key] = value, kind
         self.values.update(self.stored)
 
     # --- frames -----------------------------------------------------------------------------------

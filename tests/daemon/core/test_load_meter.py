@@ -48,7 +48,8 @@ def test_a_bus_that_babbles_is_counted_at_its_longest_beyond_a_bounded_number():
 
 
 def test_what_is_measured_in_operation_is_a_little_less_than_what_was_computed():
-    session = Session().walking(warm_s=3)
+    session = Session().enabled()
+    session.lockstep.run(1.5)
 
     record = session.lockstep.record
 
