@@ -59,7 +59,7 @@ class Service:
         )
 
 
-def play(act, service, until_s=400.0):
+def play(act, service, until_s=1000.0):
     """Time of each action, by simulated seconds."""
     now_s, did = 0.0, []
     action = next(act)

@@ -11,11 +11,11 @@ import can
 import pytest
 from can.interfaces.virtual import channels
 from drive_bench import Bench
-from sim_drives.remote_bus import BusAddressError, parse_channel
 
 from sim_drives.control import control_socket
 from sim_drives.frame import Frame, TimedFrame
 from sim_drives.realtime import STEADY_NS, Arrivals, RealTime, now_ns, open_bus
+from sim_drives.remote_bus import BusAddressError, parse_channel
 
 PATIENCE_S = 30.0
 IDENTITY = bytes.fromhex("4018100100000000")

@@ -866,7 +866,7 @@ def started(monkeypatch) -> list[object]:
     """The settings that a core would have been started with."""
     settings: list[object] = []
 
-    def run_core(*arguments: object) -> int:
+    def run_core(*arguments: object, **_: object) -> int:
         settings.append(arguments[0])
         return 0
 
