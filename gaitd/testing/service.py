@@ -31,6 +31,8 @@ from gaitd.places import configs_folder
 from gaitd.remote import Target
 from gaitd.testing.edits import Edits, edit
 
+SIMULATED, PYTHON_CAN = "simulated", "gaitd"
+"""The bus of simulated time, and python-can's name for it."""
 POLL_S: Final = 0.02
 GAITD: Final = ("-m", "gaitd")
 END_S: Final = 10.0
@@ -77,7 +79,7 @@ class Service:
 
     def _own_places(self) -> dict[str, str | Sequence[str]]:
         return {
-            "bus.interface": "simulated",
+            "bus.interface": SIMULATED,
             "bus.channel": str(self.folder / "bus"),
             "zenoh.listen": [f"tcp/127.0.0.1:{self.zenoh_port}"],
             "paths.runtime": str(self.folder / "run"),
@@ -283,5 +285,6 @@ class Service:
     def listener(self) -> Generator[can.BusABC]:
         """A station of python-can on the same bus."""
         bus = self._table["bus"]
-        with can.Bus(interface=bus["interface"], channel=bus["channel"]) as station:
+        interface = PYTHON_CAN if bus["interface"] == SIMULATED else bus["interface"]
+        with can.Bus(interface=interface, channel=bus["channel"]) as station:
             yield station
