@@ -62,6 +62,11 @@ def _compile(function: F, *, forceinline: bool) -> F:
         CONFIG.CACHE_DIR = before
 
 
+def is_cached() -> bool:
+    """Whether anything of the observer as it is now has been compiled before."""
+    return any((_cache_base() / source_key(_OBSERVER)).rglob("*.nbi"))
+
+
 def source_key(root: Path) -> str:
     """Name of the cache of kernels under `root`: a hash over everything that they depend on."""
     digest = hashlib.sha256()
@@ -86,7 +91,10 @@ def _source_root(path: Path) -> Path:
 @cache
 def _cache_directory(root: Path) -> Path:
     directory = _cache_base() / source_key(root)
-    if not directory.exists():
+    if directory.exists():
+        with contextlib.suppress(OSError):  # of another user, who looks after it
+            os.utime(directory)  # what is in use is not old
+    else:
         _forget_old_generations(directory.parent)
         directory.mkdir(parents=True, exist_ok=True)
     return directory

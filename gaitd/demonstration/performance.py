@@ -31,8 +31,8 @@ from gaitd.demonstration.script import (
 from gaitd.demonstration.stage import Stage, Tempo, stage
 from gaitd.demonstration.view import Moment
 from gaitd.remote import Answer, Target, ask
+from observer.jit import is_cached
 
-PROJECT: Final = Path(__file__).resolve().parents[2]
 SETTLE_S: Final = 0.3
 """After an act: the last messages and rows of truth are on their way."""
 BEFORE: Final = Scene("the virtual drives and the service start", Kind.INTERLUDE)
@@ -40,8 +40,6 @@ COMPILING: Final = Scene(
     "the virtual drives and the service start; the first start compiles for about a minute",
     Kind.INTERLUDE,
 )
-CACHES: Final = "observer/__pycache__/*.nbi"
-"""Where Numba keeps what it has compiled, beside the sources of the filter."""
 
 
 class Screen(Protocol):
@@ -196,7 +194,7 @@ class Performance:
 
 def _first_scene() -> Scene:
     """What is seen until the service answers; a first start takes long, and says why."""
-    return BEFORE if any(PROJECT.glob(CACHES)) else COMPILING
+    return BEFORE if is_cached() else COMPILING
 
 
 def _next(act: Act, now: Situation) -> tuple[Action, bool]:

@@ -23,6 +23,7 @@ from typing import Any, Final, Self
 import can
 import msgspec
 
+from daemon.clock import AgeClock, MonotonicClock, PageClock
 from daemon.record import CycleRecord
 from daemon.seam import RING_NAME, RingError, RingReader
 from gaitd import remote
@@ -75,6 +76,7 @@ class Service:
         edit(own, {trainer_file: self._own_places()})
         edit(own, edits or {})
         self._table = tomllib.loads(self.config.read_text(encoding="utf-8"))
+        self._clock: AgeClock | None = None
         self.parts: dict[str, subprocess.Popen[bytes]] = {}
 
     def _own_places(self) -> dict[str, str | Sequence[str]]:
@@ -85,6 +87,15 @@ class Service:
             "paths.runtime": str(self.folder / "run"),
             "paths.state": str(self.folder / "state"),
         }
+
+    @property
+    def clock(self) -> AgeClock:
+        """In which its records and its truth count: simulated, or the computer's on a real bus."""
+        bus = self._table["bus"]
+        if self._clock is None:
+            simulated = bus["interface"] == SIMULATED
+            self._clock = PageClock(Path(bus["channel"])) if simulated else MonotonicClock()
+        return self._clock
 
     @property
     def endpoint(self) -> str:

@@ -83,13 +83,13 @@ class Watch:
 
     def begin(self) -> None:
         """Now the fault happens."""
-        self.begun_ns = time.monotonic_ns()
+        self.begun_ns = self._service.clock.now_ns()
 
     # --- the bus ----------------------------------------------------------------------------
 
     def read_bus(self, quiet_s: float = 0.0) -> list[Heard]:
         """Everything that has come so far, with what came before."""
-        offset_ns = time.time_ns() - time.monotonic_ns()
+        offset_ns = self._service.clock.utc_ns() - self._service.clock.now_ns()
         while (message := self._listening.recv(quiet_s)) is not None:
             time_ns = int(message.timestamp * 1e9) - offset_ns
             self.frames.append(Heard(time_ns, message.arbitration_id, bytes(message.data)))
