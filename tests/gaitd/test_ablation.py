@@ -5,30 +5,22 @@ import math
 import numpy as np
 import pytest
 from command_line import gaitd
-from sessions import CONFIGS
 
 from analysis.ablation import Errors, ablate, errors_of, replayed, spoiled, summary
 from analysis.ablation_choices import CHOICES, SHIPPED
 from analysis.ablation_figures import three_digits
 from analysis.ablation_page import write_page
 from analysis.ablation_questions import QUESTIONS, WRONG
-from analysis.trial import Trial
 from daemon.config.robot import leg_parameters, observer_tuning
 from gaitd.ablation_trials import Planned
-from gaitd.trials import Situation, Trials
 from observer.leg_model import integrator_named
 
 ACTIVE = "paper, 0.5 Hz, active"
 
 
 @pytest.fixture(scope="module")
-def trial() -> Trial:
-    return Trials(CONFIGS / "demo.toml").gait(Situation(cadence_hz=0.5, programme="active"), 8.0)
-
-
-@pytest.fixture(scope="module")
-def results(trial) -> dict[tuple[str, str], Errors]:
-    return ablate(trial)
+def results(walk) -> dict[tuple[str, str], Errors]:
+    return ablate(walk)
 
 
 def test_every_choice_is_replayed_with_finite_numbers(results):
@@ -39,8 +31,8 @@ def test_every_choice_is_replayed_with_finite_numbers(results):
         assert np.isfinite([*shares, *errors_si]).all(), choice
 
 
-def test_each_choice_but_the_first_changes_the_robot(trial):
-    robot = trial.robot
+def test_each_choice_but_the_first_changes_the_robot(walk):
+    robot = walk.robot
 
     assert CHOICES[0].change(robot) == robot
     assert len({choice.name for choice in CHOICES}) == len(CHOICES)
@@ -75,8 +67,8 @@ def test_the_papers_tuning_takes_half_of_an_active_patient_for_friction(results)
     assert paper.friction[0] > 3 * shipped.friction[0]
 
 
-def test_the_choices_reach_the_observer(trial):
-    robot = trial.robot
+def test_the_choices_reach_the_observer(walk):
+    robot = walk.robot
     tunings = {choice.name: observer_tuning(choice.change(robot)) for choice in CHOICES}
     legs = {choice.name: leg_parameters(choice.change(robot)) for choice in CHOICES}
 
@@ -87,28 +79,28 @@ def test_the_choices_reach_the_observer(trial):
     assert paper.process_std[4] == pytest.approx(10 * paper.process_std[6])
 
 
-def test_errors_are_zero_and_all_is_covered_where_the_estimate_is_the_truth(trial):
-    made = replayed(trial, CHOICES[0])
-    made.state[:] = trial.truth
-    made.net[:] = trial.truth[:, 6:8] - trial.truth[:, 4:6]
+def test_errors_are_zero_and_all_is_covered_where_the_estimate_is_the_truth(walk):
+    made = replayed(walk, CHOICES[0])
+    made.state[:] = walk.truth
+    made.net[:] = walk.truth[:, 6:8] - walk.truth[:, 4:6]
 
-    errors = errors_of(trial, made)
+    errors = errors_of(walk, made)
 
     assert errors.patient == errors.friction == errors.net == errors.velocity == (0.0, 0.0)
     assert errors.net_covered == errors.velocity_covered == (1.0, 1.0)
 
 
-def test_what_is_not_judged_does_not_count(trial):
-    made = replayed(trial, CHOICES[0])
-    before = errors_of(trial, made)
-    made.state[~trial.judged] += 1000.0
+def test_what_is_not_judged_does_not_count(walk):
+    made = replayed(walk, CHOICES[0])
+    before = errors_of(walk, made)
+    made.state[~walk.judged] += 1000.0
 
-    for now, then in zip(errors_of(trial, made), before, strict=True):
+    for now, then in zip(errors_of(walk, made), before, strict=True):
         assert now == pytest.approx(then, nan_ok=True)
 
 
-def test_spoiling_is_the_same_each_time(trial):
-    for one, other in zip(spoiled(trial), spoiled(trial), strict=True):
+def test_spoiling_is_the_same_each_time(walk):
+    for one, other in zip(spoiled(walk), spoiled(walk), strict=True):
         assert np.array_equal(one.recording.position, other.recording.position, equal_nan=True)
         assert np.array_equal(one.recording.effort, other.recording.effort)
 
@@ -120,9 +112,9 @@ def _undrawn(monkeypatch):
 
 
 @pytest.mark.usefixtures("_undrawn")
-def test_the_page_says_on_how_many_samples_at_rest_it_stands(tmp_path, trial, results):
+def test_the_page_says_on_how_many_samples_at_rest_it_stands(tmp_path, walk, results):
     """A share of ten samples is no share of a thousand."""
-    few = summary(trial)._replace(rest_count=(123456, 10))
+    few = summary(walk)._replace(rest_count=(123456, 10))
     low = results[ACTIVE, SHIPPED]._replace(patient_at_rest_covered=(1.0, 0.8))
 
     page = write_page(tmp_path, {**results, (ACTIVE, SHIPPED): low}, [few], "a command")[0]
@@ -146,9 +138,9 @@ def test_the_command_refuses_a_configuration_that_is_not_there(tmp_path):
 
 @pytest.mark.usefixtures("_undrawn")
 def test_the_command_prints_a_table_for_each_question_and_writes_the_page(
-    trial, tmp_path, monkeypatch
+    walk, tmp_path, monkeypatch
 ):
-    plan = [Planned(ACTIVE, lambda _: trial)]
+    plan = [Planned(ACTIVE, lambda _: walk)]
     monkeypatch.setattr("gaitd.ablation_trials.planned", lambda _, *, quick: plan)
 
     ran = gaitd("ablation", "--quick", "--output", tmp_path)

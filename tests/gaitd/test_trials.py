@@ -30,11 +30,6 @@ def trials() -> Trials:
     return Trials(CONFIG)
 
 
-@pytest.fixture(scope="module")
-def walk(trials: Trials) -> Trial:
-    return trials.gait(Situation(cadence_hz=0.5, programme="active"), 8.0)
-
-
 def test_the_same_situation_gives_the_same_bits(trials, walk):
     again = trials.gait(Situation(cadence_hz=0.5, programme="active"), 2.0)
     begun = slice(len(again.recording.time_s))
