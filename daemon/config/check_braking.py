@@ -69,21 +69,19 @@ class BrakingMeaning(msgspec.Struct, frozen=True):
 
 
 class _Braking(NamedTuple):
-    """One axis as it brakes at one pose: required is |slope · a + coupled · a of the other + bias|.
-
-    In the direction of the braking, so that what helps is negative.
-    """
+    """One axis as it brakes at one pose: what its row of (6) asks, positive in that direction."""
 
     pose: Pair
-    slope: float
-    coupled: float
-    bias: float
+    inertia_si: float
+    coupling_si: float
+    """Inertia beside the other axis's deceleration; 0 where that one stands."""
+    bias_si: float
 
     def required(self, own: float, other: float) -> float:
-        return abs(self.slope * own + self.coupled * other + self.bias)
+        return abs(self.inertia_si * own + self.coupling_si * other + self.bias_si)
 
     def largest(self, room: float, other: float) -> float:
-        return (room - self.coupled * other - self.bias) / self.slope
+        return (room - self.coupling_si * other - self.bias_si) / self.inertia_si
 
 
 def braking_meanings(settings: Settings) -> tuple[BrakingMeaning, ...]:
