@@ -10,6 +10,7 @@ import typer
 if TYPE_CHECKING:
     from daemon.config.check import Report
     from daemon.config.check_axes import AxisMeaning, TorqueMeaning
+    from daemon.config.check_braking import BrakingMeaning
     from daemon.config.check_runaway import RunawayMeaning
 
 
@@ -50,6 +51,7 @@ def sections(report: "Report") -> tuple[Section, ...]:
         *(_origin(axis) for axis in report.axes),
         _limits(report),
         _stops(report),
+        _braking(report),
         _sweeps(report),
         _power(report),
         _runaways(report),
@@ -201,6 +203,25 @@ def _stops(report: "Report") -> Section:
         for stop in report.stops
     )
     return Section("How it stops for what", ("", "what", "cause", "chosen by"), rows)
+
+
+def _braking(report: "Report") -> Section:
+    columns = ("axis", "quick-stop ramp", "asks at most", "at", "torque limit", "allows", "")
+    rows = tuple(_brakes(axis) for axis in report.braking)
+    return Section("Torque of a quick stop, without the help of friction", columns, rows)
+
+
+def _brakes(axis: "BrakingMeaning") -> tuple[str, ...]:
+    effort, ramp = ("N m", "rad/s^2") if axis.rotary else ("N", "m/s^2")
+    return (
+        axis.name,
+        f"{axis.deceleration_si_per_s2:g} {ramp}",
+        f"{axis.required_si:.1f} {effort}, {axis.patient_si:g} for the patient",
+        f"hip {axis.hip_deg:.1f} deg, slide {axis.slide_m:.3f} m",
+        f"{axis.limit_si:.1f} {effort}",
+        f"{max(axis.deceleration_max_si_per_s2, 0.0):.2f} {ramp}",
+        "given" if axis.is_given else "CANNOT BE GIVEN",
+    )
 
 
 def _sweeps(report: "Report") -> Section:

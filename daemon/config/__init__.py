@@ -7,5 +7,5 @@ files into `bundle.Settings`, in `bundle.py`), `cross.py`, `cross_assist.py`, `c
 `cross_motion.py` and `cross_homing.py` (the files compared with each other), `robot.py` and
 `axes.py` (in the terms of observer and drives), `workspace.py` (where the leg goes when it is
 stopped), `runaway.py` (and when nobody stops it), `backstop.py` (what the drives hold), `check.py`,
-`check_axes.py` and `check_runaway.py` (the report).
+`check_axes.py`, `check_braking.py` (has each ramp the torque) and `check_runaway.py` (the report).
 """

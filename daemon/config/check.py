@@ -14,6 +14,7 @@ from daemon.config import workspace
 from daemon.config.axes import cycle_settings
 from daemon.config.bundle import Settings
 from daemon.config.check_axes import AxisMeaning, axis_meanings, refuse_axes
+from daemon.config.check_braking import BrakingMeaning, braking_meanings, refuse_braking
 from daemon.config.check_runaway import RunawayMeaning, refuse_runaways, runaway_meanings
 from daemon.config.cross_homing import refuse_homing
 from daemon.config.cross_motion import decelerations, limit_box
@@ -36,6 +37,7 @@ class Report(msgspec.Struct, frozen=True):
     patient: str
     axes: tuple[AxisMeaning, ...]
     stops: tuple["StopMeaning", ...]
+    braking: tuple[BrakingMeaning, ...]
     sweeps: tuple["SweepMeaning", ...]
     drift: "DriftMeaning"
     runaways: tuple[RunawayMeaning, ...]
@@ -106,6 +108,7 @@ def examine(settings: Settings) -> Report:
         patient=f"{patient.mass_kg:g} kg, {patient.height_m:g} m" if patient else "nobody",
         axes=axes,
         stops=tuple(_stops(settings)),
+        braking=braking_meanings(settings),
         sweeps=_sweeps(settings),
         drift=drift,
         runaways=runaway_meanings(settings),
@@ -117,12 +120,13 @@ def examine(settings: Settings) -> Report:
 
 
 def refuse(settings: Settings, report: Report) -> None:
-    """Refuse what the data sheet denies, stops that leave the workspace, a homing that fails.
+    """Refuse what the data sheet denies, ramps without torque, stops that leave the workspace.
 
     Raises:
         ConfigError: naming the object, or the kind of stop and how far it goes.
     """
     refuse_axes(settings, report.axes)
+    refuse_braking(settings, report.braking)  # the sweeps below believe in the ramps
     stop_ratio = settings.limits.singularity.stop_ratio
     for sweep in report.sweeps:
         if not sweep.stays_inside:

@@ -23,8 +23,8 @@ from drives.units import DriveLimits
 
 POSES: Final = 24
 """Of the stride, at which the core may die."""
-SEARCH_STEPS: Final = 6
-"""To find the torque that would be allowed, to a sixty-fourth of the one that is not."""
+SEARCH_STEPS: Final = 64
+"""To find the torque that would be allowed, in parts of the one that is not."""
 _MS: Final = 1e-3
 
 
@@ -176,13 +176,11 @@ def _shown(meaning: RunawayMeaning, value_si: float) -> str:
 def _largest_effort(settings: Settings, leg: LegDrives, axis: int) -> float:
     """The largest torque limit of this axis that stays inside max_runaway; 0: none does."""
     axes, most = _axes(settings, leg), _max_runaway_si(settings)[axis]
-    low, high = 0.0, axes[axis].effort_max_si
-    for _ in range(SEARCH_STEPS):
-        middle = 0.5 * (low + high)
-        changed = axes[axis]._replace(effort_max_si=middle)
+    # From above: with too little torque the joint goes farther again, because its ramp lacks it.
+    for step in range(SEARCH_STEPS - 1, 0, -1):
+        effort_si = float(f"{axes[axis].effort_max_si * step / SEARCH_STEPS:.3g}")
+        changed = axes[axis]._replace(effort_max_si=effort_si)
         tried = (changed, axes[1]) if axis == 0 else (axes[0], changed)
         if _worst(settings, tried)[axis].distance_si <= most:
-            low = middle
-        else:
-            high = middle
-    return low
+            return effort_si
+    return 0.0

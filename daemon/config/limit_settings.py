@@ -142,6 +142,9 @@ class Stop(Table, frozen=True):
     ramp_margin_ratio: Annotated[float, Meta(gt=1, le=5)]
     """A speed of this many times what the quick-stop ramp allows counts as disobeyed."""
     assist_fade_ms: Annotated[int, Meta(ge=20, le=2000)]
+    patient_hip_nm: Annotated[float, Meta(ge=0, le=60)]
+    """Along with the motion; a quick stop keeps to its ramp against it."""
+    patient_slide_n: Annotated[float, Meta(ge=0, le=600)]
 
 
 class Assist(Table, frozen=True):

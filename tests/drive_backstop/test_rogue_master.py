@@ -91,7 +91,7 @@ def test_a_killed_core_leaves_both_joints_braked_on_their_ramps(rogue, make, axi
     path = rogue.die(500)
 
     noticed_ms = DETECTION_MS[make] + 1
-    for joint, deceleration in enumerate((15.0, 20.0)):
+    for joint, deceleration in enumerate((14.8, 15.4)):
         ramp_ms = abs(path[noticed_ms].velocity[joint]) / deceleration * 1000
         braked = path[noticed_ms : noticed_ms + round(ramp_ms) + RAMP_GRACE_MS]
         assert min(abs(truth.velocity[joint]) for truth in braked) < 0.05 * SPEED_MAX[joint]

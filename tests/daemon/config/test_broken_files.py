@@ -684,7 +684,7 @@ MOVING = [
         broken(
             "a ramp too gentle to stop the gait in time",
             "limits.toml",
-            "quick_stop_deceleration_m_per_s2 = 20.0",
+            "quick_stop_deceleration_m_per_s2 = 15.4",
             "quick_stop_deceleration_m_per_s2 = 5.0",
             "gait.cadence_max_hz",
             "0.5",
@@ -840,6 +840,9 @@ REFUSED_BY_WHAT_IS_SWEPT = {
     ),
     "a dead core that runs too far": (
         Change("limits.toml", "max_runaway_deg = 70.0", "max_runaway_deg = 50.0"),
+    ),
+    "a ramp that the torque cannot give": (
+        Change("limits.toml", "rad_per_s2 = 14.8", "rad_per_s2 = 200.0"),
     ),
     "an endpoint that other machines can reach": (
         Change("demo.toml", "tcp/127.0.0.1:7447", "tcp/192.168.1.5:7447"),

@@ -232,7 +232,7 @@ def test_what_bring_up_writes_comes_from_the_limits_file():
     assert (hip.position_min_si, hip.position_max_si) == pytest.approx(
         (math.radians(-20), math.radians(40))
     )
-    assert (slide.effort_max_si, slide.quick_stop_deceleration_si_per_s2) == (480.0, 20.0)
+    assert (slide.effort_max_si, slide.quick_stop_deceleration_si_per_s2) == (480.0, 15.4)
     assert (cycle.period_ms, cycle.drive_detection_ms, cycle.rpdo_timeout_ms) == (10, 100, 30)
 
 
