@@ -87,6 +87,9 @@ class AxisFile(Table, frozen=True, kw_only=True):
     motor: Motor
     homing: Homing | None = None
     """Absent: this axis cannot be homed."""
+    enable_max_ms: Annotated[int, Meta(ge=50, le=2000)] = 250
+    """From a request to enable until the drive is enabled and follows; a brake that opens or a DC
+    link that charges on the way (transition 4) takes longer than the states themselves."""
 
 
 def check_transmission(transmission: Transmission) -> None:

@@ -249,7 +249,7 @@ def _axis(
     return Axis(
         name=drive.name,
         node_id=drive.node_id,
-        limits=bounds,
+        limits=bounds._replace(enable_max_cycles=drive.axis.enable_max_ms // period_ms),
         # Until the drive has told its torque base, the one that its file expects.
         scaling=axis_scaling(drive, expected_base(drive)),
         wiring=Wiring(

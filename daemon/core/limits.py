@@ -39,6 +39,8 @@ class AxisLimits(NamedTuple):
     assist_max_si: float
     assist_rate_max_si_per_s: float
     assist_power_max_w: float
+    enable_max_cycles: int = 25
+    """The drive's own, of its axis file: how long it may take until it is enabled and follows."""
 
 
 def hip_limits(limits: Limits, breakaway_nm: float) -> AxisLimits:

@@ -31,7 +31,7 @@ OBSERVER_BAD_MAX_CYCLES = 50
 """Half a second without a usable estimate: longer than any gap that the filter predicts over."""
 TX_DROPPED_MAX = 3
 ENABLE_CYCLES = 25
-"""From the request to operation enabled: three transitions of two cycles each, and patience."""
+"""How long a drive may be powered beside our commands, as one that is told to switch off is."""
 FREEZE_DECELERATION_RATIO = 3.0
 """Losing speed this many times faster than a quick stop, down to a standstill, is no motion."""
 FROZEN_PUSH_RATIO = 3.0
@@ -221,10 +221,12 @@ def _power(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
         return
     feedback = axis.feedback
     enabled = feedback.power_state == PowerState.OPERATION_ENABLED
-    if not enabled and (axis.reached_enabled or axis.unready_cycles > ENABLE_CYCLES):
+    patience = axis.limits.enable_max_cycles
+    if not enabled and (axis.reached_enabled or axis.unready_cycles > patience):
         yield Cause.DRIVE_LEFT_ENABLED, 0.0, 0.0, feedback.power_state.name
         return
-    patience = thresholds.mode_switch_cycles if axis.reached_enabled else ENABLE_CYCLES
+    if axis.reached_enabled:
+        patience = thresholds.mode_switch_cycles
     if axis.unready_cycles <= patience:
         return
     if feedback.mode_display != axis.mode_wanted:
