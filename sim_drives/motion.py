@@ -10,6 +10,7 @@ Rules:
    in "operation enabled", and goes on when the bit falls.
 4. Homing begins at the rising edge of controlword bit 4; `homing.py` has its rules.
 5. Every order carries the limits in force: torque, 6080h, 6065h/6066h, and 607Dh where it clips.
+   A minimum of 607Dh above its maximum is refused, in whatever order they are written: 06090036.
 6. Cyclic position reaches each target on a line that takes 60C2h; some drives watch over the
    targets by it (`target_watch.py`).
 """
@@ -38,6 +39,7 @@ MODES_OF_OPERATION: Final = 0x6060
 MODE_DISPLAY: Final = 0x6061
 TARGET_TORQUE: Final = 0x6071
 TARGET_POSITION: Final = 0x607A
+POSITION_LIMITS: Final = 0x607D
 TARGET_VELOCITY: Final = 0x60FF
 VELOCITY_OFFSET: Final = 0x60B1
 TORQUE_OFFSET: Final = 0x60B2
@@ -86,6 +88,7 @@ class Motion:
         dictionary.guard(MODES_OF_OPERATION, self._judge_mode)
         dictionary.watch(MODES_OF_OPERATION, lambda _: self._request_mode())
         dictionary.guard(0x6098, self._judge_homing_method)
+        dictionary.guard(POSITION_LIMITS, self._judge_position_limit)
         for target in TARGETS.values():
             dictionary.watch(target, lambda _, target=target: self._written.add(target))
 
@@ -261,9 +264,15 @@ class Motion:
     def _position_limits_si(self) -> tuple[float, float]:
         if not self._clips:
             return -math.inf, math.inf
-        limits = (self._joint(self._dictionary.value(0x607D, sub)) for sub in (1, 2))
+        limits = (self._joint(self._dictionary.value(POSITION_LIMITS, sub)) for sub in (1, 2))
         lower_si, upper_si = sorted(limits)
         return lower_si, upper_si
+
+    def _judge_position_limit(self, subindex: int, value: int) -> None:
+        lower, upper = (self._dictionary.value(POSITION_LIMITS, sub) for sub in (1, 2))
+        crossed = (subindex == 1 and value > upper) or (subindex == 2 and value < lower)
+        if crossed:
+            raise SdoAbortError(AbortCode.MAXIMUM_BELOW_MINIMUM)
 
     # --- what is beyond a limit ---------------------------------------------------------------
 
@@ -276,7 +285,7 @@ class Motion:
 
     def outside_position_limits(self) -> bool:
         """Whether the position, or in cyclic position mode its target, lies outside 607Dh."""
-        lower, upper = (self._dictionary.value(0x607D, sub) for sub in (1, 2))
+        lower, upper = (self._dictionary.value(POSITION_LIMITS, sub) for sub in (1, 2))
         positions = [self._measurement.position_counts]
         if self.follows_positions:
             positions.append(self._dictionary.value(TARGET_POSITION))

@@ -9,7 +9,8 @@ Rules (numbers are SDO abort codes):
 4. A COB-ID has no bits 11 to 29; a valid one is not reserved by CiA 301 for another service and
    needs at least one mapped object (06090030). It does not change while the PDO is valid: 06090030
    if it stays valid. A drive that locks it answers 06010000 also when the same write makes it
-   invalid; then the old COB-ID has to be written with bit 31 first.
+   invalid; then the old COB-ID has to be written with bit 31 first. No drive here answers remote
+   frames, so a TPDO that allows them (bit 30 = 0) is 06090030.
 5. Transmission types 241 to 253 are not supported, nor a SYNC start value above 240; inhibit time
    and SYNC start value do not change while the PDO is valid (06090030).
 6. There are no multiplexed PDOs (a count of 254 or 255 is 06090031), so no drive here says 8230h.
@@ -21,7 +22,7 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 from sim_drives.aborts import AbortCode, SdoAbortError
-from sim_drives.cob_id import EXTENDED_BITS, INVALID, can_id_of, is_restricted
+from sim_drives.cob_id import EXTENDED_BITS, FLAG_30, INVALID, can_id_of, is_restricted
 from sim_drives.dictionary import Address, ObjectDictionary
 
 PDO_COUNT: Final = 4
@@ -124,7 +125,12 @@ class PdoObjects:
                 raise SdoAbortError(AbortCode.UNSUPPORTED_ACCESS)
             if stays_valid:
                 raise SdoAbortError(AbortCode.RANGE)
-        if value & EXTENDED_BITS or (stays_valid and not self._may_be_valid(can_id)):
+        allows_remote = self.direction is Direction.TRANSMIT and not value & FLAG_30
+        if (
+            allows_remote
+            or value & EXTENDED_BITS
+            or (stays_valid and not self._may_be_valid(can_id))
+        ):
             raise SdoAbortError(AbortCode.RANGE)
 
     def _may_be_valid(self, can_id: int) -> bool:

@@ -323,3 +323,14 @@ def test_a_missing_pdo_of_one_number_is_not_ended_by_another():
         bench.run_ms(10)
 
     assert [data[:2] for data in bench.frames(0x085)] == [b"\x50\x82"]
+
+
+@pytest.mark.parametrize("kind", [{}, GENERIC])
+def test_a_lowest_position_above_the_highest_is_refused_whichever_comes_first(kind):
+    bench = Bench(hip=kind)
+    bench.boot()
+    assert (bench.write(0x607D, 1, -1000, 4), bench.write(0x607D, 2, 2000, 4)) == (0, 0)
+
+    assert bench.write(0x607D, 1, 2001, 4) == 0x06090036
+    assert bench.write(0x607D, 2, -1001, 4) == 0x06090036
+    assert (signed(bench.read(0x607D, 1)), bench.read(0x607D, 2)) == (-1000, 2000)

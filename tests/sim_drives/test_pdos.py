@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 INVALID = 1 << 31
+NO_REMOTE = 1 << 30
 
 
 @pytest.fixture
@@ -84,17 +85,17 @@ def test_a_pdo_cannot_take_the_identifier_of_another_service(bench, can_id):
     bench.write(0x1A00, 1, 0x6041_0010, 4)
     bench.write(0x1A00, 0, 1, 1)
 
-    assert bench.write(0x1800, 1, can_id, 4) == 0x06090030
-    assert bench.write(0x1800, 1, 0x1A5, 4) == 0
+    assert bench.write(0x1800, 1, can_id | NO_REMOTE, 4) == 0x06090030
+    assert bench.write(0x1800, 1, 0x1A5 | NO_REMOTE, 4) == 0
 
 
 @pytest.mark.parametrize("bits", [1 << 11, 1 << 28, 1 << 29])
 def test_a_cob_id_has_no_extended_part(bench, bits):
-    assert bench.write(0x1800, 1, 0x185 | bits | INVALID, 4) == 0x06090030
+    assert bench.write(0x1800, 1, 0x185 | bits | NO_REMOTE | INVALID, 4) == 0x06090030
 
 
 def test_a_pdo_without_objects_cannot_be_made_valid(bench):
-    assert freed(bench).write(0x1800, 1, 0x185, 4) == 0x06090030
+    assert freed(bench).write(0x1800, 1, 0x185 | NO_REMOTE, 4) == 0x06090030
 
 
 @pytest.mark.parametrize("kind", [241, 252, 253])
@@ -108,14 +109,22 @@ def test_the_inhibit_time_stands_while_the_pdo_is_valid(bench):
 
 
 def test_an_epos4_wants_the_old_identifier_made_invalid_first(bench):
-    assert bench.write(0x1800, 1, 0x1A5 | INVALID, 4) == 0x06010000
-    assert bench.write(0x1800, 1, 0x185 | INVALID, 4) == 0
-    assert bench.write(0x1800, 1, 0x1A5, 4) == 0
+    assert bench.write(0x1800, 1, 0x1A5 | NO_REMOTE | INVALID, 4) == 0x06010000
+    assert bench.write(0x1800, 1, 0x185 | NO_REMOTE | INVALID, 4) == 0
+    assert bench.write(0x1800, 1, 0x1A5 | NO_REMOTE, 4) == 0
 
 
 def test_a_plain_drive_takes_a_new_identifier_together_with_invalid(generic):
-    assert generic.write(0x1800, 1, 0x1A5, 4) == 0x06090030
-    assert generic.write(0x1800, 1, 0x1A5 | INVALID, 4) == 0
+    assert generic.write(0x1800, 1, 0x1A5 | NO_REMOTE, 4) == 0x06090030
+    assert generic.write(0x1800, 1, 0x1A5 | NO_REMOTE | INVALID, 4) == 0
+
+
+@pytest.mark.parametrize("flags", [0, INVALID])
+def test_a_tpdo_cannot_allow_the_remote_frames_that_no_drive_here_answers(bench, generic, flags):
+    for drive in (bench, generic):
+        assert drive.read(0x1800, 1) & NO_REMOTE
+        assert drive.write(0x1800, 1, 0x185 | flags, 4) == 0x06090030
+        assert drive.write(0x1400, 1, 0x205 | INVALID, 4) == 0
 
 
 def test_an_epos4_boots_with_four_valid_rpdos_that_could_command_it(bench):

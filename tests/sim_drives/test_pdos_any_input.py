@@ -14,6 +14,7 @@ from hypothesis.stateful import (
 )
 
 INVALID = 1 << 31
+NO_REMOTE = 1 << 30
 MODES = {0, 8, 10}
 
 
@@ -117,7 +118,7 @@ class AnyMapping(RuleBasedStateMachine):
         for slot, entry in enumerate(entries, 1):
             self.write(index + 0x200, slot, entry, 4)
         self.write(index + 0x200, 0, len(entries), 1)
-        self.write(index, 1, can_id, 4)
+        self.write(index, 1, can_id | (NO_REMOTE if index == 0x1800 else 0), 4)
 
     @rule(data=st.binary(max_size=8) | of_length(8), then_sync=st.booleans())
     def send_what_is_received(self, data, then_sync):

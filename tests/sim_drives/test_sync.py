@@ -81,7 +81,7 @@ def test_the_counter_is_chosen_before_the_cycle_begins(generic):
 
 def test_a_start_value_stands_while_the_pdo_is_valid_and_is_a_counter(generic):
     assert generic.write(0x1800, 6, 3, 1) == 0x06090030
-    generic.write(0x1800, 1, 0x185 | INVALID, 4)
+    generic.write(0x1800, 1, generic.read(0x1800, 1) | INVALID, 4)
     assert generic.write(0x1800, 6, 241, 1) == 0x06090030
     assert generic.write(0x1800, 6, 240, 1) == 0
 

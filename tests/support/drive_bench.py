@@ -268,12 +268,12 @@ class Bench:
             (0, 0x200, 1, (0x6040_0010, 0x6060_0008, 0x607A_0020)),
             (1, 0x300, 1, (0x6071_0010,)),
         )
-        for base, plans in ((0x1800, transmit), (0x1400, receive)):
+        for base, flags, plans in ((0x1800, 1 << 30, transmit), (0x1400, 0, receive)):
             for number in range(4):
                 cob_id = self.read(base + number, 1, node_id)
                 assert self.write(base + number, 1, cob_id | 1 << 31, 4, node_id) == 0
             for number, can_id, kind, entries in plans:
-                self._map(base, number, can_id + node_id, kind, entries, node_id)
+                self._map(base, number, flags | (can_id + node_id), kind, entries, node_id)
 
     def _map(
         self, base: int, number: int, cob_id: int, kind: int, entries: Sequence[int], node_id: int
