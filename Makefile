@@ -67,7 +67,7 @@ imports: $(VENV)/dev.stamp
 
 pytest: $(VENV)/dev.stamp
 	@touch $(STEPS)
-	$(BIN)/pytest -n $(WORKERS) --cpu-seconds $(STEPS)
+	$(BIN)/pytest -n $(WORKERS) --cpu-seconds=$(STEPS)
 
 coverage: $(VENV)/dev.stamp  ## every branch of safety.py, modes.py and cia402.py, by their unit tests alone
 	$(STEP) "branch coverage of the safety files" $(BIN)/coverage run -m pytest -q $(SAFETY_TESTS)

@@ -5,7 +5,7 @@ runs. An item's figure includes its set-up and tear-down, and the processes that
 waited for; a shared fixture counts for the item that made it first. The group of an item is its
 folder under `tests`. What no item used is collection, imports and pytest's own work.
 
-`--cpu-seconds FILE` prints the table. FILE holds the steps that ran before pytest (lint, types,
+`--cpu-seconds=FILE` prints the table. FILE holds the steps that ran before pytest (lint, types,
 coverage), as lines `SECONDS NAME` that `scripts/cpu_seconds.py` wrote; /dev/null does as well.
 """
 
