@@ -44,38 +44,27 @@ def wheel(tmp_path_factory) -> zipfile.ZipFile:
     return zipfile.ZipFile(next(folder.glob("gaitd-*.whl")))
 
 
-def test_the_wheel_holds_every_module_of_every_package(wheel):
-    ours = {
+def test_the_wheel_holds_every_module_and_configuration_and_nothing_but_our_packages(wheel):
+    modules = {
         file.relative_to(PROJECT).as_posix()
         for package in PACKAGES
         for file in (PROJECT / package).rglob("*.py")
     }
+    configs = {f"gaitd/{file.relative_to(PROJECT)}" for file in (PROJECT / "configs").rglob("*.*")}
+    names = set(wheel.namelist())
 
-    assert ours <= set(wheel.namelist())
-
-
-def test_the_wheel_holds_nothing_but_the_packages_and_its_own_papers(wheel):
-    tops = {name.split("/")[0] for name in wheel.namelist()}
-
+    assert modules | configs <= names
+    tops = {name.split("/")[0] for name in names}
     assert {top for top in tops if not top.endswith(".dist-info")} == set(PACKAGES)
 
 
-def test_the_wheel_brings_the_command_and_the_licence(wheel):
+def test_the_wheel_brings_the_command_the_pytest_plugin_and_the_licence(wheel):
     papers = {name.split(".dist-info/")[-1]: name for name in wheel.namelist()}
+    points = wheel.read(papers["entry_points.txt"])
 
-    assert b"gaitd = gaitd.__main__:main" in wheel.read(papers["entry_points.txt"])
+    assert b"gaitd = gaitd.__main__:main" in points
+    assert b"[pytest11]\ngaitd.testing.plugin = gaitd.testing.plugin" in points
     assert b"Apache License" in wheel.read(papers["licenses/LICENSE"])
-
-
-def test_the_wheel_brings_the_pytest_plugin_and_the_configurations_that_it_runs(wheel):
-    points = next(name for name in wheel.namelist() if name.endswith("entry_points.txt"))
-    configs = {
-        f"gaitd/configs/{file.relative_to(PROJECT / 'configs')}"
-        for file in (PROJECT / "configs").rglob("*.*")
-    }
-
-    assert b"[pytest11]\ngaitd.testing.plugin = gaitd.testing.plugin" in wheel.read(points)
-    assert configs <= set(wheel.namelist())
 
 
 LOCKS = sorted((PROJECT / "requirements").glob("*.txt"))

@@ -2,13 +2,15 @@
 
 import json
 from itertools import pairwise
-from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
-from sessions import Session
+from rich.console import Console
+from sessions import CONFIGS, Session
 
+from daemon.config.settings import Robot
+from daemon.config.strict import load_toml
 from daemon.core import cycle
 from gaitd.benchmark import (
     bare_put,
@@ -22,8 +24,6 @@ from gaitd.benchmark import (
 from gaitd.benchmark.cycle_parts import PARTS, WHOLE
 from gaitd.demonstration.script import ActError
 
-CONFIGS = Path(__file__).parents[2] / "configs"
-
 
 @pytest.fixture(scope="module")
 def session():
@@ -32,9 +32,6 @@ def session():
 
 @pytest.fixture
 def robot():
-    from daemon.config.settings import Robot
-    from daemon.config.strict import load_toml
-
     return load_toml(CONFIGS / "robot.toml", Robot)
 
 
@@ -73,13 +70,10 @@ def test_lateness_is_that_of_the_records(session):
     assert found.worst_us == pytest.approx(wanted)
 
 
-def test_the_speed_of_replay_is_measured_on_a_recording_that_is_valid(monkeypatch):
-    from daemon.config.settings import Robot
-    from daemon.config.strict import load_toml
-
+def test_the_speed_of_replay_is_measured_on_a_recording_that_is_valid(robot, monkeypatch):
     monkeypatch.setattr(replay_speed, "DURATION_S", 5.0)
 
-    found = replay_speed.measure(load_toml(CONFIGS / "robot.toml", Robot))
+    found = replay_speed.measure(robot)
 
     assert found.row_count == 500
     assert found.computing_ratio > found.with_csv_ratio > 0
@@ -102,8 +96,6 @@ def test_every_number_stands_beside_its_budget():
     part = cycle_parts.Part(WHOLE, 500.0, 700.0, 1.0)
 
     table = tables.cycle("a cycle", (part,))
-
-    from rich.console import Console
 
     console = Console(width=120)
     with console.capture() as captured:
@@ -198,8 +190,6 @@ def test_messages_of_no_record_are_no_measurement(session):
 
 
 def test_the_page_shows_each_part_of_a_delivery_beside_bare_zenoh():
-    from rich.console import Console
-
     times = [whole_service.Spread(float(n), 10.0 * n) for n in range(101, 106)]
     whole, work, beyond, seam, zenoh_part = times
     delivery = whole_service.Delivery(whole, work, beyond, seam, 333.0, zenoh_part)

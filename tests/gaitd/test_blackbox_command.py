@@ -6,8 +6,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from command_line import gaitd
 from records import HEADER, cut_out, record
-from typer.testing import CliRunner
 
 from analysis.recording import read_csv
 from analysis.replay import read
@@ -17,14 +17,9 @@ from daemon.gateway.shelf import Shelf
 from daemon.kept_ring import FOLDER
 from daemon.record import Cause, Mode, StopCategory, Verdict
 from daemon.seam import Kept
-from gaitd.__main__ import build
 
 OPEN = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN, "right/hip", detail="let go")
 ROBOT = Path(__file__).parents[2] / "configs" / "robot.toml"
-
-
-def gaitd(*words: str | Path):
-    return CliRunner().invoke(build(str(words[0])), [str(word) for word in words])
 
 
 def records():
@@ -66,13 +61,13 @@ def stop(state):
 def test_the_list_names_time_cause_drive_seconds_and_size(state, stop):
     shown = gaitd("blackbox", "--state", state)
 
-    assert shown.exit_code == 0
+    assert shown.code == 0
     for words in ("hand_switch_open, sto_active", "right/hip", "2.0 s", "1.0 s", "MB", stop.name):
-        assert words in shown.stdout
+        assert words in shown.out
 
 
 def test_a_program_gets_the_list_as_json(state, stop):
-    (one,) = json.loads(gaitd("blackbox", "--state", state, "--json").stdout)
+    (one,) = json.loads(gaitd("blackbox", "--state", state, "--json").out)
 
     assert one["file"] == str(stop)
     assert one["size_bytes"] == stop.stat().st_size
@@ -84,15 +79,15 @@ def test_a_damaged_file_is_in_the_list_and_hides_no_other(state, stop):
 
     shown = gaitd("blackbox", "--state", state)
 
-    assert shown.exit_code == 0
-    assert "too few" in shown.stdout
-    assert stop.name in shown.stdout
+    assert shown.code == 0
+    assert "too few" in shown.out
+    assert stop.name in shown.out
 
 
 def test_show_tells_the_story_of_a_stop(stop):
     shown = gaitd("blackbox", "show", stop)
 
-    assert shown.exit_code == 0
+    assert shown.code == 0
     for words in (
         "hand_switch_open (right/hip): the hand switch is open, then sto_active",
         "let go",
@@ -101,13 +96,13 @@ def test_show_tells_the_story_of_a_stop(stop):
         "operation enabled",
         "mode gait → stopping",
     ):
-        assert words in shown.stdout
+        assert words in shown.out
 
 
 def test_the_exported_csv_is_the_recording_bit_for_bit(stop, tmp_path):
     out = tmp_path / "out.csv"
 
-    assert gaitd("blackbox", "show", stop, "--csv", out).exit_code == 0
+    assert gaitd("blackbox", "show", stop, "--csv", out).code == 0
 
     ours, theirs = read_csv(out), read(stop).recording
     for name in ("time_s", "position", "effort"):
@@ -118,7 +113,7 @@ def test_the_exported_csv_is_the_recording_bit_for_bit(stop, tmp_path):
 def test_the_picture_is_drawn(stop, tmp_path):
     out = tmp_path / "out.png"
 
-    assert gaitd("blackbox", "show", stop, "--plot", out).exit_code == 0
+    assert gaitd("blackbox", "show", stop, "--plot", out).code == 0
 
     assert out.read_bytes().startswith(b"\x89PNG")
 
@@ -126,18 +121,18 @@ def test_the_picture_is_drawn(stop, tmp_path):
 def test_replay_says_what_the_file_is(stop, tmp_path):
     shown = gaitd("replay", stop, "--output", tmp_path / "out.csv")
 
-    assert shown.exit_code == 0, shown.stderr
-    assert "core boot" in shown.stdout
-    assert "cause        hand_switch_open" in shown.stdout
-    assert "stopped      2023-11-14 22:13:22.010 UTC" in shown.stdout
+    assert shown.code == 0, shown.err
+    assert "core boot" in shown.out
+    assert "cause        hand_switch_open" in shown.out
+    assert "stopped      2023-11-14 22:13:22.010 UTC" in shown.out
 
 
 def test_the_log_is_shown_and_its_chain_holds(state):
     shown = gaitd("blackbox", "requests", "--state", state)
     whole = gaitd("blackbox", "requests", "--verify", "--state", state)
 
-    assert "display" in shown.stdout
-    assert (whole.exit_code, "the chain of 2 lines holds" in whole.stdout) == (0, True)
+    assert "display" in shown.out
+    assert (whole.code, "the chain of 2 lines holds" in whole.out) == (0, True)
 
 
 def test_a_byte_that_was_flipped_is_found_with_file_and_line(state):
@@ -145,10 +140,10 @@ def test_a_byte_that_was_flipped_is_found_with_file_and_line(state):
     path.write_bytes(path.read_bytes().replace(b'"enable"', b'"enablf"'))
 
     broken = gaitd("blackbox", "requests", "--verify", "--state", state)
-    told = json.loads(gaitd("blackbox", "requests", "--verify", "--json", "--state", state).stdout)
+    told = json.loads(gaitd("blackbox", "requests", "--verify", "--json", "--state", state).out)
 
-    assert broken.exit_code == 1
-    assert f"{path}:1: it was changed" in broken.stdout
+    assert broken.code == 1
+    assert f"{path}:1: it was changed" in broken.out
     assert told["breaks"][0] == {"at": f"{path}:1", "why": "it was changed"}
 
 
@@ -167,10 +162,10 @@ def test_what_cannot_be_done_is_refused_with_2_and_why(words, said, tmp_path, mo
 
     refused = gaitd(*words)
 
-    assert refused.exit_code == 2
-    assert said in refused.stderr
+    assert refused.code == 2
+    assert said in refused.err
 
 
 def test_a_leg_that_is_not_there_and_a_file_that_is_the_recording_are_refused(stop):
-    assert "only right" in gaitd("blackbox", "show", stop, "--leg", "left").stderr
-    assert "is the recording itself" in gaitd("blackbox", "show", stop, "--csv", stop).stderr
+    assert "only right" in gaitd("blackbox", "show", stop, "--leg", "left").err
+    assert "is the recording itself" in gaitd("blackbox", "show", stop, "--csv", stop).err

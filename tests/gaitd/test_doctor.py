@@ -2,18 +2,10 @@ import json
 import os
 from pathlib import Path
 
-import typer
-from typer.testing import CliRunner
+from command_line import gaitd
 
 from gaitd import machine
-from gaitd.doctor import doctor
 from gaitd.finding import Finding, Grade
-
-
-def application() -> typer.Typer:
-    app = typer.Typer()
-    app.command()(doctor)
-    return app
 
 
 def put(root, path, text):
@@ -30,31 +22,31 @@ def test_every_finding_that_is_not_good_says_what_to_do():
 
 
 def test_json_holds_every_finding():
-    ran = CliRunner().invoke(application(), ["--json"])
+    ran = gaitd("doctor", "--json")
 
-    assert ran.exit_code == 0
-    found = json.loads(ran.stdout)
+    assert ran.code == 0
+    found = json.loads(ran.out)
     assert {"subject", "found", "grade", "remedy"} == set(found[0])
     named = {row["subject"] for row in found}
     assert {"python", "kernel", "SocketCAN", "CAN interfaces", "swap", "idle states"} <= named
 
 
 def test_the_table_names_every_subject():
-    ran = CliRunner().invoke(application(), [])
+    ran = gaitd("doctor")
 
-    assert ran.exit_code == 0
-    assert "clock source" in ran.stdout
-    assert "SCHED_FIFO" in ran.stdout
+    assert ran.code == 0
+    assert "clock source" in ran.out
+    assert "SCHED_FIFO" in ran.out
 
 
 def test_a_broken_installation_is_the_only_reason_to_fail(monkeypatch):
     broken = Finding("packages", "numpy (no such file)", Grade.BROKEN, "install it again")
     monkeypatch.setattr("gaitd.doctor.findings", lambda: (broken,))
-    assert CliRunner().invoke(application(), []).exit_code == 1
+    assert gaitd("doctor").code == 1
 
     limited = Finding("kernel", "old", Grade.MISSING, "a newer one")
     monkeypatch.setattr("gaitd.doctor.findings", lambda: (limited,))
-    assert CliRunner().invoke(application(), []).exit_code == 0
+    assert gaitd("doctor").code == 0
 
 
 def test_a_package_that_cannot_be_imported_is_named(monkeypatch):

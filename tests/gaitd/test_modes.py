@@ -5,11 +5,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from command_line import gaitd
 
 from daemon.core.modes import TRANSITIONS
 from daemon.record import Cause, Mode
-from gaitd.__main__ import build
 from gaitd.mode_tables import ASKS, WELL, diagram, document
 
 PROJECT = Path(__file__).parents[2]
@@ -23,13 +22,10 @@ def test_the_page_in_the_docs_is_the_one_of_the_tables():
 
 
 def test_the_command_writes_that_page_and_prints_it_without_a_folder(tmp_path):
-    app = build("modes")
+    written, printed = gaitd("modes", "--output", tmp_path), gaitd("modes")
 
-    written = CliRunner().invoke(app, ["modes", "--output", str(tmp_path)])
-    printed = CliRunner().invoke(app, ["modes"])
-
-    assert written.exit_code == printed.exit_code == 0
-    assert (tmp_path / "modes.md").read_text(encoding="utf-8") == printed.stdout == PAGE
+    assert written.code == printed.code == 0
+    assert (tmp_path / "modes.md").read_text(encoding="utf-8") == printed.out == PAGE
 
 
 def drawn():

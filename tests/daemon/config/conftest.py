@@ -1,28 +1,22 @@
 """What `gaitd check` sweeps is computed once for each machine, whatever else its files say."""
 
 import pickle
-from collections.abc import Callable
-from functools import wraps
-from typing import Any, Final
 
 import pytest
 
 from daemon.config import check_runaway, workspace
 
-PURE: Final = (
+PURE = (
     (workspace, "sweep_ramps"),
     (workspace, "sweep_coasting"),
     (workspace, "drift"),
     (check_runaway, "worst_runaways"),
 )
-known: dict[bytes, Any] = {}
+known = {}
 
 
-def remembering(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function, computed once for the same values."""
-
-    @wraps(function)
-    def remembered(*values: Any) -> Any:
+def remembering(function):
+    def remembered(*values):
         key = pickle.dumps((function.__name__, values))
         if key not in known:
             known[key] = function(*values)

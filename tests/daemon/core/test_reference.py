@@ -1,10 +1,10 @@
 """What exercises ask for over time: inside speed and workspace, and without steps."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from config_files import CONFIGS
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -15,7 +15,6 @@ from daemon.core import reference
 from daemon.core.reference import ExcitePlay, GaitPlay, Hold, Stage
 from observer.mechanism import closes, singularity_ratio
 
-CONFIGS = Path(__file__).parents[3] / "configs"
 LEG = leg_parameters(load_toml(CONFIGS / "robot.toml", Robot))
 GAIT = load_toml(CONFIGS / "demo.toml", Trainer).gait
 SHAPE = reference.gait_shape(GAIT)
