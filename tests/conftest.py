@@ -42,6 +42,12 @@ def pytest_addoption(parser):
         help="let the CAN fuzz run for so many minutes each, instead of some seconds",
     )
     parser.addoption(
+        "--recordings",
+        type=Path,
+        metavar="FOLDER",
+        help="run the tests on recordings of real machines; docs/calibration.md says what is there",
+    )
+    parser.addoption(
         "--cpu-seconds",
         type=Path,
         metavar="FILE",

@@ -15,9 +15,17 @@ def advice(motion: Motion, results: tuple[Result, ...]) -> list[str]:
     """One line for each axis and kind of quantity that the recording cannot tell."""
     lines: list[str] = []
     for axis, name in enumerate(AXES):
-        untold = [one for one in results if one.quantity.axis == axis and not one.calibrated]
+        shown = [one for one in results if one.quantity.axis == axis and one.shown]
+        untold = [one for one in shown if not one.calibrated]
         if untold:
             lines += _of_axis(motion, axis, name, untold)
+        lines += [
+            f"the {one.quantity.label} of {one.value:.3g} {one.quantity.unit} stays in no number "
+            "of the robot file, and the observer takes it for the patient's: remove the drive's "
+            "offset, or correct the mechanism's weight"
+            for one in shown
+            if not one.quantity.key and one.calibrated and abs(one.value) > one.half_interval
+        ]
     return lines
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from analysis.calibration.motion import REST, Motion
+from analysis.calibration.quantities import AXES
 from analysis.calibration.start import FAST, moved, unexplained
 from analysis.recording import RecordingError
 from daemon.config.robot import friction_parameters, leg_parameters
@@ -80,6 +81,8 @@ CANDIDATES: Final = (
     Candidate("shank mass", "kg", 0.5, _in("shank", "mass_kg")),
     Candidate("shoe mass", "kg", 0.5, _in("shoe", "mass_kg")),
     Candidate("slide mass", "kg", 0.5, _in("slide", "mass_kg")),
+    Candidate("hip drive inertia", "kg m²", 0.1, _in("hip", "drive_inertia_kg_m2")),
+    Candidate("slide drive mass", "kg", 2.0, _in("slide", "drive_mass_kg")),
 )
 
 
@@ -96,9 +99,9 @@ class Explanation:
     fall: Number
 
     @property
-    def is_spring(self) -> bool:
-        """Whether a calibration of the springs mends it."""
-        return "spring" in self.words
+    def mendable(self) -> bool:
+        """Whether a calibration, which fits springs and drives, mends it."""
+        return "spring" in self.words or "drive" in self.words
 
     def __str__(self) -> str:
         return f"{self.words} {self.change:+.3g} ± {self.half_interval:.2g} {self.unit}"
@@ -117,14 +120,14 @@ class Check:
 
     @property
     def mendable(self) -> bool:
-        """Whether all is well, or a spring may be what is wrong, which calibration corrects."""
-        return self.well or any(one.is_spring for one in (self.best, *self.as_good))
+        """Whether all is well, or what may be wrong is what calibration corrects."""
+        return self.well or any(one.mendable for one in (self.best, *self.as_good))
 
     def __str__(self) -> str:
         if self.well:
             return (
-                "the mechanism fits: recline, springs, masses and offsets leave "
-                f"{self.hip_left_nm:.2g} N·m and {self.slide_left_n:.2g} N rms beside friction"
+                f"the mechanism fits: {self.hip_left_nm:.2g} N·m and {self.slide_left_n:.2g} N rms "
+                "are left beside friction"
             )
         text = (
             f"the mechanism does not fit: friction alone leaves {self.hip_left_nm:.2g} N·m and "
@@ -170,12 +173,23 @@ def check(robot: Robot, motion: Motion) -> Check:
     """
     regression = _Regression(robot, motion)
     alone = regression.misfit(robot)
-    tried = [_explain(robot, regression, candidate, alone) for candidate in CANDIDATES]
+    absent = tuple(
+        f"{axis} spring" for axis, k in zip(AXES, _stiffness(robot), strict=True) if not k
+    )
+    tried = [
+        _explain(robot, regression, candidate, alone)
+        for candidate in CANDIDATES
+        if not candidate.words.startswith(absent)
+    ]
     best = max(tried, key=lambda one: one.fall)
     as_good = tuple(one for one in tried if one is not best and one.fall > best.fall - AS_GOOD)
     well = best.fall < SIGNIFICANT or regression.noticed(robot, best) < NOTICED
     left = regression.left_rms(robot)
     return Check(well, best, () if well else as_good, *left)
+
+
+def _stiffness(robot: Robot) -> tuple[float, float]:
+    return robot.springs.hip_stiffness_nm_per_rad, robot.springs.slide_stiffness_n_per_m
 
 
 def _explain(
@@ -214,7 +228,7 @@ class _Regression:
             enough = moved(motion, axis).enough(axis)
             chosen = motion.settled & (speed > 3 * REST[axis]) & enough
             self.rows.append(chosen)
-            base = self._base(axis, chosen)
+            base = self._base(axis, chosen, sprung=_stiffness(robot)[axis] > 0.0)
             self.bases.append(np.linalg.qr(base)[0] if np.any(chosen) else base)
         if not any(np.any(rows) for rows in self.rows):
             raise RecordingError(f"{motion.sources[0]}: neither axis moves; nothing can be told")
@@ -228,12 +242,14 @@ class _Regression:
         """Independent samples."""
         return sum(float(np.count_nonzero(rows)) for rows in self.rows) / BLOCK_ROWS
 
-    def _base(self, axis: int, chosen: NDArray[np.bool_]) -> Matrix:
+    def _base(self, axis: int, chosen: NDArray[np.bool_], *, sprung: bool) -> Matrix:
         v = self.motion.velocity[chosen, axis]
         before = self.motion.smooth[chosen, 4 + axis]
         speed = FAST[axis] / 3
         slow = np.sign(v) * np.exp(-np.abs(v) / speed)
-        return np.column_stack((np.sign(v), slow, v, v * np.abs(v), np.tanh(before / 0.5) * slow))
+        base = (np.sign(v), slow, v, v * np.abs(v), np.tanh(before / 0.5) * slow)
+        # Without a spring, whose rest makes one, a constant effort is fitted beside friction.
+        return np.column_stack(base if sprung else (*base, np.ones(len(v))))
 
     def _left(self, leg: LegParameters, robot: Robot) -> Matrix:
         left = np.empty((len(self.motion.steps_s), 2))

@@ -1,15 +1,18 @@
 """Maximum likelihood, intervals, and what a recording cannot tell.
 
-A trust region walks on the likelihood with Fisher's information for its curvature. What turns out
-to have too wide an interval, or to go along with another by more than CORRELATION_MAX, goes back to
-the value of the file, and the rest is fitted once more. A narrow interval stands whatever it goes
-along with, because it counts that already.
+A trust region walks on the likelihood with Fisher's information for its curvature. The likelihood
+has more than one optimum: so it walks from several starts, and the best end counts. Two ends that
+explain the recording equally well and say different things are a reason not to believe either.
+
+What turns out to have too wide an interval, or to go along with another by more than
+CORRELATION_MAX, goes back to the value of the file, and the rest is fitted once more. A narrow
+interval stands whatever it goes along with, because it counts that already.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +21,8 @@ from scipy.optimize import minimize
 from analysis.calibration.likelihood import (
     Likelihood,
     Surprises,
+    bounds,
     prior_std,
-    reach,
     robust_covariance,
     scores,
 )
@@ -28,7 +31,6 @@ from analysis.calibration.quantities import (
     COUNT,
     LAW_SIZE,
     NOISE,
-    QUANTITIES,
     SIZE,
     SPRING_SCALE,
     SPRINGS,
@@ -36,7 +38,7 @@ from analysis.calibration.quantities import (
     Quantity,
     labelled,
 )
-from analysis.calibration.start import guess, moved
+from analysis.calibration.start import moved, regressed
 from observer.quantities import Number
 
 Vector = NDArray[np.float64]
@@ -52,7 +54,23 @@ STEPS_MAX: Final = 40
 START_NOISE: Final = 0.03
 """Effort noise to begin with, of the Coulomb level: what is blurred has fewer valleys."""
 START_FACTORS: Final = (0.4, 0.63, 1.0, 1.6, 2.5)
+START_ENCODERS: Final = (1.0, 30.0, 1 / 30.0)
+"""Of the file's encoder noise, to begin with: one that is far too large hides everything else."""
+START_HUMPS: Final = (0.01, 0.2)
+"""Of the Coulomb level."""
+NOISE_STEPS_MAX: Final = 15
+STALLED_STEPS: Final = 6
+"""So many steps without a gain end a search."""
+HOPELESS: Final = 10.0
+"""Times the expected gain that a search may be worse than one before, or it ends."""
+SAME: Final = 25.0
+"""Squared distance from a known end, in standard deviations, at which a search ends there."""
+EQUAL_PER_SAMPLE: Final = 0.01
+"""Logarithm of the likelihood: two ends that differ by less explain a recording equally well."""
+LEVELS: Final = (0, 2, LAW_SIZE, LAW_SIZE + 2, *(SPRINGS + at for at in (0, 2, 3, 5)))
+"""What two such ends must agree in: Coulomb, viscous, stiffness and inertia of both axes."""
 ROUNDS: Final = 4
+NO_SPRING: Final = "the file says that there is none"
 FOLLOWS: Final = {
     1: 0,
     LAW_SIZE + 1: LAW_SIZE,
@@ -86,6 +104,11 @@ class Result:
         """Whether the recording told it."""
         return not self.reason
 
+    @property
+    def shown(self) -> bool:
+        """Whether the machine has such a thing."""
+        return self.reason != NO_SPRING
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
@@ -96,22 +119,39 @@ class Fit:
     results: tuple[Result, ...]
     loss_per_sample: Number
     step_count: int
+    rival: str
+    """What explains the recording equally well and says something else; empty if nothing does."""
+
+
+class _End(NamedTuple):
+    """Of a search."""
+
+    free: Vector
+    loss: Number
+    """With priors."""
+    step_count: int
 
 
 class _Search:
     """The likelihood with its priors as scipy wants it: value, gradient, curvature."""
 
     def __init__(
-        self, likelihood: Likelihood, about: Vector, which: NDArray[np.intp], progress: Progress
+        self,
+        likelihood: Likelihood,
+        centre: Vector,
+        about: Vector,
+        which: NDArray[np.intp],
+        progress: Progress,
+        known: Sequence[_End],
     ) -> None:
         self.likelihood, self.about, self.which = likelihood, about, which
         self.weight = 1.0 / prior_std()[which] ** 2
-        self.middle = likelihood.frame.free(likelihood.frame.natural)[which]
-        self.reach = reach()[which]
-        self.progress = progress
+        self.centre = centre[which]
+        self.low, self.high = (bound[which] for bound in bounds(likelihood.frame))
+        self.progress, self.known = progress, known
+        self.losses: list[float] = []
         self.step_count = 0
-        self._at: Vector | None = None
-        self._made: tuple[float, Vector, Matrix] | None = None
+        self._made: dict[bytes, tuple[float, Vector, Matrix]] = {}
 
     def whole(self, x: Vector) -> Vector:
         free = self.about.copy()
@@ -123,28 +163,25 @@ class _Search:
         return self._with_prior(base, x)
 
     def _with_prior(self, base: Surprises, x: Vector) -> float:
-        away = x - self.about[self.which]
-        loss = base.loss + 0.5 * float(np.sum(self.weight * away**2))
+        loss = base.loss + 0.5 * float(np.sum(self.weight * (x - self.centre) ** 2))
         loss += 0.5 * WALL * float(np.sum(self._beyond(x) ** 2))
         return loss if np.isfinite(loss) else 1e12
 
     def _beyond(self, x: Vector) -> Vector:
-        """How far outside of its reach each value is, with its sign."""
-        away = x - self.middle
-        return away - np.clip(away, -self.reach, self.reach)
+        """How far outside of its bounds each value is, with its sign."""
+        return x - np.clip(x, self.low, self.high)
 
     def all(self, x: Vector) -> tuple[float, Vector, Matrix]:
-        if self._made is None or self._at is None or not np.array_equal(self._at, x):
+        at = x.tobytes()
+        if at not in self._made:
             base, dz, ds = self.likelihood.derivatives(self.whole(x), self.which)
             each, fisher = scores(base, dz, ds)
-            gradient = each.sum(axis=0) + self.weight * (x - self.about[self.which])
             beyond = self._beyond(x)
-            gradient += WALL * beyond
+            gradient = each.sum(axis=0) + self.weight * (x - self.centre) + WALL * beyond
             curvature = fisher + np.diag(self.weight + WALL * (beyond != 0.0))
-            self._made = (self._with_prior(base, x), gradient, curvature)
-            self._at = x.copy()
+            self._made = {at: (self._with_prior(base, x), gradient, curvature)}
             self.step_count += 1
-        return self._made
+        return self._made[at]
 
     def gradient(self, x: Vector) -> Vector:
         return self.all(x)[1]
@@ -156,11 +193,21 @@ class _Search:
         x: Vector = intermediate_result.x  # pyright: ignore[reportAttributeAccessIssue]
         loss, gradient, curvature = self.all(x)
         gain = float(gradient @ np.linalg.solve(curvature, gradient))
+        self.losses.append(loss)
         count = max(len(self.likelihood.row), 1)
-        share = min(self.step_count / STEPS_MAX, 1.0)
-        self.progress(f"misfit {loss / count:.4f}", share)
-        if gain < DECREMENT:
+        self.progress(f"misfit {loss / count:.4f}", min(self.step_count / STEPS_MAX, 1.0))
+        recent = self.losses[-STALLED_STEPS - 1 :]
+        stalled = len(recent) > STALLED_STEPS and recent[0] - loss < DECREMENT
+        if gain < DECREMENT or stalled or self._adds_nothing(x, loss, gain, curvature):
             raise StopIteration
+
+    def _adds_nothing(self, x: Vector, loss: float, gain: float, curvature: Matrix) -> bool:
+        """Whether it is on its way to a known end, or to a worse one."""
+        for end in self.known:
+            away = x - end.free[self.which]
+            if loss - HOPELESS * gain > end.loss or float(away @ curvature @ away) < SAME:
+                return True
+        return False
 
 
 def fit(frame: Frame, motion: Motion, progress: Progress) -> Fit:
@@ -172,26 +219,27 @@ def fit(frame: Frame, motion: Motion, progress: Progress) -> Fit:
         progress: told the misfit (minus log likelihood per sample) after each step.
     """
     likelihood = Likelihood(frame, motion, ~motion.held_out)
-    begin = best_start(likelihood, guess(frame, motion))
-    file_free = frame.free(frame.natural)
-    reasons = _not_moved(motion)
-    steps = 0
-    free = begin
-    cov = np.zeros((SIZE, SIZE))
-    for _ in range(ROUNDS):
-        which = np.array([i for i in range(SIZE) if i not in reasons], dtype=np.intp)
-        free, done = _walk(likelihood, free, which, progress)
-        steps += done
-        base, dz, ds = likelihood.derivatives(free, which)
-        each, fisher = scores(base, dz, ds)
-        found = _untold(frame, free, which, fisher)
-        if not found:
-            cov = np.zeros((SIZE, SIZE))
-            cov[np.ix_(which, which)] = robust_covariance(each, fisher, likelihood.row)
-            break
-        for index, reason in found.items():
-            reasons[index] = reason
-            free[index] = file_free[index]
+    reasons = _fixed(frame, motion)
+    laws = [_loud(frame, regressed(frame, motion, hump)) for hump in START_HUMPS]
+    centre = laws[0]
+
+    def walk(free: Vector, known: Sequence[_End] = (), *, noise: bool = False) -> _End:
+        least = NOISE if noise else 0
+        which = np.array([i for i in range(least, SIZE) if i not in reasons], dtype=np.intp)
+        steps = NOISE_STEPS_MAX if noise else STEPS_MAX
+        search = _Search(likelihood, centre, free.copy(), which, progress, known)
+        return _walk(search, free[which], steps)
+
+    heard = [walk(_with_encoders(laws[0], factor), noise=True) for factor in START_ENCODERS]
+    heard_free = min(heard, key=lambda end: end.loss).free
+    ends: list[_End] = []
+    for law, known in ((laws[0], NOISE + 2), (laws[1], NOISE + 2), (laws[1], SIZE)):
+        free = law.copy()
+        free[NOISE:known] = heard_free[NOISE:known]
+        ends.append(walk(best_start(likelihood, free, motion), ends))
+    first = min(ends, key=lambda end: end.loss)
+    told, cov = _told(likelihood, first, reasons, walk)
+    free = told.free
     natural = frame.from_free(free)
     for index in reasons:
         if FOLLOWS.get(index, index) in reasons:
@@ -199,7 +247,7 @@ def fit(frame: Frame, motion: Motion, progress: Progress) -> Fit:
     half = QUANTILE * np.sqrt(np.maximum(np.diag(_natural_covariance(frame, free, cov)), 0.0))
     results = tuple(
         Result(
-            QUANTITIES[i],
+            frame.quantity(i),
             float(frame.natural[i]),
             float(natural[i]),
             float("nan") if i in reasons else float(half[i]),
@@ -207,58 +255,120 @@ def fit(frame: Frame, motion: Motion, progress: Progress) -> Fit:
         )
         for i in range(COUNT)
     )
-    loss = likelihood.surprises(free).loss / max(len(likelihood.row), 1)
-    return Fit(frame, natural, results, loss, steps)
+    count = max(len(likelihood.row), 1)
+    worst = EQUAL_PER_SAMPLE * count
+    rival = ""
+    for end in ends:
+        if not rival and end is not first and end.loss < first.loss + worst:
+            other = _back(frame, end.free, reasons)
+            if _disagreement(frame, other, results):
+                again = walk(other)
+                if again.loss < told.loss + worst:
+                    rival = _disagreement(frame, again.free, results)
+    loss = likelihood.surprises(free).loss / count
+    return Fit(frame, natural, results, loss, sum(end.step_count for end in ends), rival)
 
 
-def best_start(likelihood: Likelihood, guessed: Vector) -> Vector:
-    """Free values to begin at: the guess, with the speeds and time constants that suit best.
+def _disagreement(frame: Frame, free: Vector, results: tuple[Result, ...]) -> str:
+    """Levels in which free values are others than the results, in words; empty if none is."""
+    natural = frame.from_free(free)
+    return ", ".join(
+        f"{one.quantity.label} {one.value:.4g} or {natural[i]:.4g} {one.quantity.unit}"
+        for i, one in ((i, results[i]) for i in LEVELS)
+        if one.calibrated
+        and abs(natural[i] - one.value) > max(one.half_interval, TIGHT_RATIO * abs(one.value))
+    )
 
-    The smoothing of the regression blurs what is fast. So speeds and time constants are tried on a
-    grid about the guess and about the file, axis by axis, with the likelihood for the judge.
+
+def _back(frame: Frame, free: Vector, reasons: Iterable[int]) -> Vector:
+    """Free values, with those that cannot be told at the file's."""
+    made, given = free.copy(), list(reasons)
+    made[given] = frame.free(frame.natural)[given]
+    return made
+
+
+def _told(
+    likelihood: Likelihood, end: _End, reasons: dict[int, str], walk: Callable[[Vector], _End]
+) -> tuple[_End, Matrix]:
+    """The end with what cannot be told back at the file's, and the covariance of the rest.
+
+    Args:
+        likelihood: of the recording.
+        end: of the best search.
+        reasons: why a value is not fitted; what cannot be told is added.
+        walk: searches on with what is not among the reasons.
     """
-    frame = likelihood.frame
-    free = frame.free(guessed)
-    free[NOISE + 2 : NOISE + 4] = np.log(START_NOISE * guessed[[0, LAW_SIZE]])
-    free[NOISE + 4 :] = np.log(0.2 * START_NOISE * guessed[[0, LAW_SIZE]])
-    file_free = frame.free(frame.natural)
-    for _ in range(2):
-        for axis in range(2):
-            at = slice(axis * LAW_SIZE + 3, (axis + 1) * LAW_SIZE)
-            tried = [free]
-            for about in (free[at].copy(), file_free[at]):
-                for speed, time in product(START_FACTORS, START_FACTORS):
-                    trial = free.copy()
-                    trial[at] = about + np.log([speed, speed, speed, time])
-                    tried.append(trial)
-            losses = [likelihood.surprises(trial).loss for trial in tried]
-            free = tried[int(np.nanargmin(losses))]
+    cov = np.zeros((SIZE, SIZE))
+    for _ in range(ROUNDS):
+        which = np.array([i for i in range(SIZE) if i not in reasons], dtype=np.intp)
+        base, dz, ds = likelihood.derivatives(end.free, which)
+        each, fisher = scores(base, dz, ds)
+        found = _untold(likelihood.frame, end.free, which, fisher)
+        if not found:
+            cov[np.ix_(which, which)] = robust_covariance(each, fisher, likelihood.row)
+            break
+        reasons.update(found)
+        end = walk(_back(likelihood.frame, end.free, found))
+    return end, cov
+
+
+def best_start(likelihood: Likelihood, free: Vector, motion: Motion) -> Vector:
+    """Free values with the speeds and time constants that suit best.
+
+    A regression tells nothing of them, and the file may be wrong. So they are tried on a grid about
+    the file's, axis by axis, with the likelihood for the judge.
+    """
+    for axis in range(2):
+        if not moved(motion, axis).enough(axis):
+            continue
+        at = slice(axis * LAW_SIZE + 3, (axis + 1) * LAW_SIZE)
+        tried = []
+        for speed, time in product(START_FACTORS, START_FACTORS):
+            trial = free.copy()
+            trial[at] += np.log([speed, speed, speed, time])
+            tried.append(trial)
+        free = tried[int(np.nanargmin([likelihood.surprises(trial).loss for trial in tried]))]
     return free
 
 
-def _walk(
-    likelihood: Likelihood, free: Vector, which: NDArray[np.intp], progress: Progress
-) -> tuple[Vector, int]:
-    search = _Search(likelihood, free.copy(), which, progress)
+def _loud(frame: Frame, natural: Vector) -> Vector:
+    """Free values with the noise to begin with."""
+    free = frame.free(natural)
+    free[NOISE + 2 : NOISE + 4] = np.log(START_NOISE * natural[[0, LAW_SIZE]])
+    free[NOISE + 4 :] = np.log(0.2 * START_NOISE * natural[[0, LAW_SIZE]])
+    return free
+
+
+def _with_encoders(free: Vector, factor: Number) -> Vector:
+    made = free.copy()
+    made[NOISE : NOISE + 2] += np.log(factor)
+    return made
+
+
+def _walk(search: _Search, x: Vector, steps_max: int) -> _End:
     found = minimize(
         search.value,
-        free[which],
-        method="trust-exact",
+        x,
+        method="dogleg",
         jac=search.gradient,
         hess=search.curvature,
         callback=search.ended,
-        options={"maxiter": STEPS_MAX, "initial_trust_radius": 0.5, "gtol": 1e-3},
+        options={"maxiter": steps_max, "initial_trust_radius": 0.5, "gtol": 1e-3},
     )
-    return search.whole(found.x), search.step_count
+    return _End(search.whole(found.x), float(found.fun), search.step_count)
 
 
-def _not_moved(motion: Motion) -> dict[int, str]:
+def _fixed(frame: Frame, motion: Motion) -> dict[int, str]:
+    """What is not fitted whatever the recording says, and why not."""
     reasons: dict[int, str] = {}
     for axis in range(2):
+        law, spring = axis * LAW_SIZE, SPRINGS + 3 * axis
         if not moved(motion, axis).enough(axis):
-            at = SPRINGS + 3 * axis
-            for index in (*range(axis * LAW_SIZE, (axis + 1) * LAW_SIZE), *range(at, at + 3)):
+            noise = range(NOISE + axis, SIZE, 2)
+            for index in (*range(law, law + LAW_SIZE), *range(spring, spring + 3), *noise):
                 reasons[index] = "the axis hardly moved"
+        if not frame.sprung(axis):
+            reasons[spring] = NO_SPRING
     return reasons
 
 
@@ -310,8 +420,8 @@ def _size_of(frame: Frame, free: Vector, index: int) -> float:
         return max(before, 1.0 if part < 2 else 0.5 * scale / scale)
     axis, part = divmod(index, LAW_SIZE)
     if part == 1:  # the hump is known as well as the peak that it makes
-        stribeck = frame.from_free(free)[index]
-        return float(stribeck / max(np.exp(free[index]), 1e-12))
+        coulomb, stribeck = frame.from_free(free)[index - 1 : index + 1]
+        return float(stribeck / max(coulomb * np.exp(free[index]), 1e-12))
     return 1.0
 
 

@@ -39,7 +39,11 @@ PRIOR_LEVEL: Final = 3.0
 PRIOR_SPEED: Final = 1.0
 """Standard deviations of free values about the first guess, factors of e: levels and noise; speeds
 and time constants of the law."""
-REACH_FACTOR: Final = 4.0
+STEEPER_MAX: Final = 4.0
+SMOOTHER_MAX: Final = 30.0
+"""Factors that the law's speeds may fall below and rise above the file's."""
+HUMP_MAX_RATIO: Final = 1.0
+"""Of the Coulomb level."""
 BLOCK_ROWS: Final = 50
 """Innovations that are near in time are not quite independent: scores are summed over blocks."""
 REST_NOISE_RATIO: Final = 0.03
@@ -70,7 +74,6 @@ class Likelihood:
         self.motion = motion
         self.counted = (rows & motion.settled)[:, None] & ~np.isnan(motion.position)
         self.counted &= ~motion.rests
-        self._rest_noise = REST_NOISE_RATIO * frame.natural[[0, LAW_SIZE]]
         self._z = np.empty(motion.position.shape)
         self._s = np.empty(motion.position.shape)
         self.row = np.nonzero(self.counted)[0]
@@ -90,10 +93,10 @@ class Likelihood:
             WIDTH,
             motion.steps_s,
             motion.position,
-            motion.effort,
+            motion.effort - self.frame.constants_of(natural),
             motion.begins,
             motion.rests,
-            self._rest_noise,
+            REST_NOISE_RATIO * natural[[0, LAW_SIZE]],
             motion.smooth,
             self._z,
             self._s,
@@ -134,16 +137,23 @@ def prior_std() -> Vector:
     return std
 
 
-def reach() -> Vector:
-    """Shape (SIZE,): how far free values may go from the file's; infinite but for speeds and times.
+def bounds(frame: Frame) -> tuple[Vector, Vector]:
+    """Shape (SIZE,) each: least and greatest free values; infinite but for the law's shape.
 
     Another law than ours (bristles) would be fitted by one that is ever steeper at rest, which says
-    nothing about motion and which no observer at 10 ms can follow.
+    nothing about motion and which no observer at 10 ms can follow. A hump without an end is as
+    little use: behind it the likelihood is rough and has many valleys. A law that is smoother than
+    the file's harms nobody.
     """
-    made = np.full(SIZE, np.inf)
+    middle = frame.free(frame.natural)
+    low, high = np.full(SIZE, -np.inf), np.full(SIZE, np.inf)
     for axis in range(2):
-        made[axis * LAW_SIZE + 3 : (axis + 1) * LAW_SIZE] = np.log(REACH_FACTOR)
-    return made
+        hump, speeds, time = (axis * LAW_SIZE + at for at in (1, 3, 6))
+        high[hump] = max(middle[hump], np.log(HUMP_MAX_RATIO))
+        low[speeds : time + 1] = middle[speeds : time + 1] - np.log(STEEPER_MAX)
+        high[speeds:time] = middle[speeds:time] + np.log(SMOOTHER_MAX)
+        high[time] = middle[time] + np.log(STEEPER_MAX)
+    return low, high
 
 
 def robust_covariance(each: Matrix, fisher: Matrix, rows: NDArray[np.intp]) -> Matrix:

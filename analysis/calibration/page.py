@@ -41,7 +41,7 @@ def _lines(made: Calibration, robot_name: str) -> list[str]:
         "",
         "| quantity | unit | before | calibrated | 95 % |",
         "|---|---|---|---|---|",
-        *map(_row, made.fit.results),
+        *(_row(one) for one in made.fit.results if one.shown),
         "",
     ]
     todo = advice(made.motion, made.fit.results)

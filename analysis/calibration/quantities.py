@@ -1,11 +1,15 @@
 """What may be calibrated: its place in robot.toml, and numbers that a search moves well in.
 
 A search moves in `free` numbers: logarithms of what is positive, the Stribeck hump in place of the
-peak of the law (so that the law stays one), and springs by stiffness and by their effort at a pose
-in the middle of the recording (so that the two are nearly independent).
+peak of the law, in parts of the Coulomb level (so that the law stays one), and springs by stiffness
+and by their effort at a pose in the middle of the recording (so that the two are nearly
+independent).
+
+An axis whose file says stiffness 0 has no spring, and gets none. In the place of the spring's rest
+its vectors hold a constant effort: a drive's offset, or a weight that the file does not know. It is
+estimated and reported; no number of robot.toml holds it.
 """
 
-import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -80,10 +84,15 @@ NUISANCES: Final = 4
 """Effort noise and friction noise, hip and slide: estimated, never written."""
 SIZE: Final = COUNT + NUISANCES
 KEYS: Final = tuple(quantity.key for quantity in QUANTITIES)
+CONSTANTS: Final = (
+    Quantity("", "hip constant effort", "N·m", 0),
+    Quantity("", "slide constant effort", "N", 1),
+)
+"""Of an axis without a spring, in the place of the spring's rest."""
 SPRING_SCALE: Final = ((20.0, 5.0, 0.2), (100.0, 30.0, 4.0))
 """Steps of stiffness, effort and inertia that mean about as much as a free step of 1 elsewhere."""
 SMALLEST: Final = 1e-9
-LEAST_HUMP_RATIO: Final = 1e-3
+HUMP_MIN_RATIO: Final = 1e-3
 """Of the Coulomb level: a law given without a hump begins with this one."""
 
 
@@ -100,6 +109,9 @@ def natural_values(robot: Robot) -> Vector:
     """Shape (SIZE,): what the file says, and nuisances as small parts of the Coulomb level."""
     values = [value_of(robot, key) for key in KEYS]
     hip, slide = values[0], values[LAW_SIZE]
+    for at in (SPRINGS, SPRINGS + 3):
+        if values[at] == 0.0:
+            values[at + 1] = 0.0
     return np.array([*values, 0.01 * hip, 0.01 * slide, 0.002 * hip, 0.002 * slide])
 
 
@@ -115,6 +127,22 @@ class Frame:
     """Pose that spring efforts are taken at, rad and m."""
     coriolis_share: Number
 
+    def sprung(self, axis: int) -> bool:
+        """Whether the file gives the axis a spring."""
+        return bool(self.natural[SPRINGS + 3 * axis] > 0.0)
+
+    def quantity(self, index: int) -> Quantity:
+        """What a natural value is."""
+        for axis in range(2):
+            if index == SPRINGS + 3 * axis + 1 and not self.sprung(axis):
+                return CONSTANTS[axis]
+        return QUANTITIES[index]
+
+    def constants_of(self, natural: Vector) -> Vector:
+        """Shape (2,): efforts that act all the time, N·m and N."""
+        at = (SPRINGS + 1, SPRINGS + 4)
+        return np.array([0.0 if self.sprung(axis) else natural[at[axis]] for axis in range(2)])
+
     def free(self, natural: Vector) -> Vector:
         """Free values of natural ones, both of shape (SIZE,)."""
         free = np.empty(SIZE)
@@ -122,13 +150,15 @@ class Frame:
             law = slice(axis * LAW_SIZE, (axis + 1) * LAW_SIZE)
             f = law_of(natural, axis)
             rising = np.maximum(natural[law], SMALLEST)
-            rising[1] = max(f.stribeck - smallest_stribeck(f), LEAST_HUMP_RATIO * f.coulomb)
+            hump = f.stribeck - smallest_stribeck(f)
+            rising[1] = max(hump / max(f.coulomb, SMALLEST), HUMP_MIN_RATIO)
             free[law] = np.log(rising)
             at = SPRINGS + 3 * axis
             stiffness, rest, inertia = natural[at : at + 3]
             scale = SPRING_SCALE[axis]
             free[at] = stiffness / scale[0]
-            free[at + 1] = stiffness * (self.middle[axis] - rest) / scale[1]
+            effort = stiffness * (self.middle[axis] - rest) if self.sprung(axis) else rest
+            free[at + 1] = effort / scale[1]
             free[at + 2] = inertia / scale[2]
         free[NOISE:] = np.log(np.maximum(natural[NOISE:], SMALLEST))
         return free
@@ -141,12 +171,13 @@ class Frame:
             law = slice(axis * LAW_SIZE, (axis + 1) * LAW_SIZE)
             natural[law] = np.exp(free[law])
             f = law_of(natural, axis)
-            natural[law.start + 1] = f.stribeck + smallest_stribeck(f)
+            natural[law.start + 1] = f.stribeck * f.coulomb + smallest_stribeck(f)
             at = SPRINGS + 3 * axis
             scale = SPRING_SCALE[axis]
-            stiffness = max(free[at], 1e-4) * scale[0]
-            natural[at] = stiffness
-            natural[at + 1] = self.middle[axis] - free[at + 1] * scale[1] / stiffness
+            natural[at], natural[at + 1] = 0.0, free[at + 1] * scale[1]
+            if self.sprung(axis):
+                natural[at] = max(free[at], 1e-4) * scale[0]
+                natural[at + 1] = self.middle[axis] - natural[at + 1] / natural[at]
             natural[at + 2] = max(free[at + 2], 0.0) * scale[2]
         natural[NOISE:] = np.exp(free[NOISE:])
         return natural
@@ -188,8 +219,3 @@ def frame_of(robot: Robot, middle: tuple[float, float]) -> Frame:
 def labelled(index: int) -> str:
     """`hip coulomb`, and so on."""
     return QUANTITIES[index].label if index < COUNT else "noise of effort or friction"
-
-
-def log_ratio(estimate: float, truth: float) -> float:
-    """Relative difference, as a logarithm."""
-    return math.log(estimate / truth)

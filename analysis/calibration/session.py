@@ -10,15 +10,16 @@ from numpy.typing import NDArray
 from analysis.calibration.empty_check import Check, check, refuse_wrong_branch
 from analysis.calibration.fit import FOLLOWS, Fit, Progress, fit
 from analysis.calibration.motion import Motion, prepare
-from analysis.calibration.quantities import KEYS, QUANTITIES, frame_of, labelled
+from analysis.calibration.quantities import KEYS, frame_of, labelled
 from analysis.calibration.verdict import (
     Disturbance,
     Score,
     disturbance,
+    like_fitted,
     score,
     something_else,
+    two_optima,
     why_not_better,
-    with_noise,
     without_contacts,
 )
 from analysis.recording import RecordingError
@@ -53,6 +54,8 @@ class Calibration:
         """What to write, by dotted key, each with its provenance."""
         made: dict[str, tuple[float, str]] = {}
         for index, one in enumerate(self.fit.results):
+            if not one.quantity.key:
+                continue
             if one.calibrated:
                 made[KEYS[index]] = (
                     one.value,
@@ -128,14 +131,18 @@ def calibrate(
     steep = _too_steep(new)
     if steep:
         raise RecordingError(steep)
-    seen = [disturbance(one, motion) for one in (robot, new)]
-    judged_seen = seen if other is None else [disturbance(one, judged) for one in (robot, new)]
+    constants = frame.constants_of(made.natural)
+    seen = [disturbance(one, motion, constants) for one in (robot, new)]
+    judged_seen = seen
+    if other is not None:
+        judged_seen = [disturbance(one, other, constants) for one in (robot, new)]
     seen, contact = _quiet(seen, made.natural)
     judged_seen, _ = _quiet(judged_seen, made.natural)
-    old_natural = with_noise(frame.natural, made.natural)
+    old_natural = like_fitted(frame, made.natural)
     before = score(frame, old_natural, judged, rows, judged_seen[0])
     after = score(frame, made.natural, judged, rows, judged_seen[1])
-    fault = something_else(seen[1], made.natural, motion)
+    fault = two_optima(made.rival) if made.rival else ""
+    fault = fault or something_else(seen[1], made.natural, motion)
     fault = fault or why_not_better(before, after, made.natural, judged)
     words = "every fourth two seconds" if other is None else ", ".join(other.sources)
     return Calibration(
@@ -166,12 +173,13 @@ def middle_of(motion: Motion) -> tuple[float, float]:
 def with_values(robot: Robot, made: Fit) -> Robot:
     """The robot with the fitted values."""
     table = msgspec.to_builtins(robot)
-    for quantity, value in zip(QUANTITIES, _values(made), strict=True):
-        *path, name = quantity.key.split(".")
+    for one in made.results:
+        *path, name = one.quantity.key.split(".")
         part = table
         for step in path:
             part = part[step]
-        part[name] = float(value)
+        if name:
+            part[name] = one.value
     try:
         return msgspec.convert(table, Robot)
     except msgspec.ValidationError as error:
@@ -196,7 +204,3 @@ def _too_steep(robot: Robot) -> str:
         f"the fitted friction is so steep that [observer] substeps must be {least}, the file says "
         f"{tuning.substeps}: change it there and calibrate again"
     )
-
-
-def _values(made: Fit) -> NDArray[np.float64]:
-    return np.array([one.value for one in made.results])

@@ -1,19 +1,17 @@
-"""A first guess by regression: what of the torque neither inertia nor weight explains is friction.
+"""Where a search begins: what of the torque neither inertia nor weight explains is friction.
 
-Along the smoothed motion the friction of (11) to (13) is a known function of its parameters; where
-an axis rests, friction is whatever holds it, so the memory there is taken from the torque itself.
-Several speeds are tried to begin with, because the law's valleys are narrow.
+At speed that is linear in the unknown numbers, so that a regression over the smoothed motion finds
+them whatever the file says. What is slow and curved is left to the likelihood.
 """
 
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
-from analysis.calibration.motion import REST, Motion, smoothed
+from analysis.calibration.motion import REST, Motion
 from analysis.calibration.quantities import LAW_SIZE, SPRINGS, Frame, law_of
-from observer.friction import FrictionParameters, friction_after
+from observer.friction import smallest_stribeck
 from observer.jit import kernel
 from observer.linkage import dynamics
 from observer.parameters import LegParameters
@@ -26,7 +24,6 @@ MOVES_MIN_S: Final = 2.0
 """An axis that moves for less than this in all does not move."""
 MOVES_MIN: Final = (0.05, 0.02)
 """Nor one with a smaller range, rad and m."""
-SPEED_FACTORS: Final = (0.5, 1.0, 2.0)
 
 
 @kernel
@@ -39,20 +36,6 @@ def unexplained(
         d = dynamics(leg, q1, q2, v1, v2, coriolis_share)
         left[row, 0] = effort[row, 0] - d.m11 * a1 - d.m12 * a2 - d.bias_hip
         left[row, 1] = effort[row, 1] - d.m12 * a1 - d.m22 * a2 - d.bias_slide
-
-
-@kernel
-def _friction_along(
-    f: FrictionParameters, velocity: Vector, left: Vector, rest: float, steps_s: Vector, out: Vector
-) -> None:
-    friction = 0.0
-    for row in range(velocity.size):
-        if abs(velocity[row]) < rest:
-            friction = left[row]
-        else:
-            mean = 0.5 * (velocity[row] + velocity[max(row - 1, 0)])
-            friction = friction_after(f, friction, mean, steps_s[row])
-        out[row] = friction
 
 
 class Moved(NamedTuple):
@@ -85,77 +68,49 @@ def moved(motion: Motion, axis: int) -> Moved:
 def left_over(frame: Frame, natural: Vector, motion: Motion) -> Matrix:
     """Shape (n, 2): the effort that the mechanism of these values leaves to friction, N·m and N."""
     left = np.empty((len(motion.steps_s), 2))
-    leg = frame.leg_of(natural)
-    unexplained(leg, frame.coriolis_share, motion.smooth, motion.smooth_effort, left)
+    effort = motion.smooth_effort - frame.constants_of(natural)
+    unexplained(frame.leg_of(natural), frame.coriolis_share, motion.smooth, effort, left)
     return left
 
 
-def guess(frame: Frame, motion: Motion) -> Vector:
-    """Natural values, shape (SIZE,): the file's where an axis does not move, else regressed."""
+def regressed(frame: Frame, motion: Motion, hump_ratio: float) -> Vector:
+    """Natural values, shape (SIZE,), by linear least squares of the inverse dynamics.
+
+    Of each axis that moves: Coulomb and viscous friction, the drive's inertia, and the effort and
+    stiffness of its spring or a constant effort, over the rows that are too fast for the rest of
+    the law. Its hump is `hump_ratio` of the Coulomb level. Everything else is the file's.
+    """
     natural = frame.natural.copy()
     left = left_over(frame, natural, motion)
     for axis in range(2):
         if moved(motion, axis).enough(axis):
-            natural = _guess_axis(frame, natural, motion, left[:, axis], axis)
+            _regress_axis(frame, natural, motion, left[:, axis], axis, hump_ratio)
     return natural
 
 
-def _guess_axis(frame: Frame, natural: Vector, motion: Motion, left: Vector, axis: int) -> Vector:
-    velocity = np.ascontiguousarray(motion.velocity[:, axis])
-    place = motion.smooth[:, axis] - frame.middle[axis]
-    moving = (np.abs(velocity) > REST[axis]) & motion.settled & ~motion.held_out
-    coulomb, viscous, offset, slope = _straight(velocity, place, left, moving, axis)
-    law = slice(axis * LAW_SIZE, (axis + 1) * LAW_SIZE)
-    scale = 0.02 * coulomb
-    best: tuple[float, Vector] | None = None
-    out = np.empty(len(velocity))
-
-    def differences(free: Vector) -> Vector:
-        trial = frame.free(natural)
-        trial[law] = free[:LAW_SIZE]
-        f = law_of(frame.from_free(trial), axis)
-        held = left - free[LAW_SIZE] * coulomb - free[LAW_SIZE + 1] * coulomb * place
-        _friction_along(f, velocity, held, REST[axis], motion.steps_s, out)
-        return ((smoothed(out) - held) / scale)[moving]
-
-    for factor in SPEED_FACTORS:
-        trial = natural.copy()
-        levels = trial[law]
-        levels[:3] = coulomb, 1.15 * coulomb + viscous * factor * levels[4], viscous
-        levels[3:6] *= factor
-        begin = np.append(frame.free(trial)[law], (offset / coulomb, slope / coulomb))
-        reach = np.array([1.5, 4.0, 3.0, 2.0, 1.5, 2.0, 2.0, np.inf, np.inf])
-        found = least_squares(
-            differences, begin, bounds=(begin - reach, begin + reach), loss="soft_l1", max_nfev=25
-        )
-        if best is None or found.cost < best[0]:
-            best = (float(found.cost), found.x)
-    assert best is not None  # noqa: S101 - three were tried
-    return _with_law(frame, natural, best[1], axis, coulomb)
-
-
-def _with_law(frame: Frame, natural: Vector, found: Vector, axis: int, coulomb: float) -> Vector:
-    """Friction as found; the offset and slope over position are the spring's."""
-    free = frame.free(natural)
-    free[axis * LAW_SIZE : (axis + 1) * LAW_SIZE] = found[:LAW_SIZE]
-    made = frame.from_free(free)
-    at = SPRINGS + 3 * axis
-    stiffness, rest = made[at], made[at + 1]
-    effort = stiffness * (frame.middle[axis] - rest) + found[LAW_SIZE] * coulomb
-    made[at] = max(stiffness + found[LAW_SIZE + 1] * coulomb, 0.05 * stiffness, 1e-3)
-    made[at + 1] = frame.middle[axis] - effort / made[at]
-    return made
-
-
-def _straight(
-    velocity: Vector, place: Vector, left: Vector, moving: NDArray[np.bool_], axis: int
-) -> tuple[float, float, float, float]:
-    """Coulomb, viscous, offset, slope by a line through what is fast enough."""
-    speed = np.abs(velocity)
+def _regress_axis(
+    frame: Frame, natural: Vector, motion: Motion, left: Vector, axis: int, hump_ratio: float
+) -> None:
+    """Into `natural`, what is left of the effort with the file's values."""
+    velocity, speed = motion.velocity[:, axis], np.abs(motion.velocity[:, axis])
+    moving = (speed > REST[axis]) & motion.settled & ~motion.held_out
     fast = moving & (speed > min(FAST[axis], float(np.quantile(speed[moving], 0.5))))
-    ones = np.ones(np.count_nonzero(fast))
-    columns = np.column_stack((np.sign(velocity[fast]), velocity[fast], ones, place[fast]))
+    columns = np.zeros((np.count_nonzero(fast), 5))
+    columns[:, :3] = np.column_stack((np.sign(velocity), velocity, np.ones(len(velocity))))[fast]
+    if frame.sprung(axis):
+        columns[:, 3] = motion.smooth[fast, axis] - frame.middle[axis]
+    columns[:, 4] = motion.smooth[fast, 4 + axis]
+    # Of least norm: a column of zeros gets 0.
     found, *_ = np.linalg.lstsq(columns, left[fast], rcond=None)
-    coulomb = max(float(found[0]), 0.2 * float(np.median(np.abs(left[fast]))), 1e-3)
-    viscous = max(float(found[1]), 0.01 * coulomb)
-    return coulomb, viscous, float(found[2]), float(found[3])
+    law, at = natural[axis * LAW_SIZE : (axis + 1) * LAW_SIZE], SPRINGS + 3 * axis
+    law[0] = max(float(found[0]), 0.2 * float(np.median(np.abs(left[fast]))), 1e-3)
+    law[2] = max(float(found[1]), 0.01 * law[0])
+    law[1] = smallest_stribeck(law_of(natural, axis)) + hump_ratio * law[0]
+    effort = natural[at + 1] + found[2]
+    if frame.sprung(axis):
+        stiffness = natural[at]
+        effort = stiffness * (frame.middle[axis] - natural[at + 1]) + found[2]
+        natural[at] = max(stiffness + found[3], 0.05 * stiffness)
+        effort = frame.middle[axis] - effort / natural[at]
+    natural[at + 1] = effort
+    natural[at + 2] = max(natural[at + 2] + found[4], 0.0)

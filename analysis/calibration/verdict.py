@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from analysis.calibration.likelihood import Likelihood
 from analysis.calibration.motion import REST, Motion
-from analysis.calibration.quantities import Frame
+from analysis.calibration.quantities import NUISANCES, SPRINGS, Frame
 from analysis.calibration.start import moved
 from analysis.replay import setup_for
 from daemon.config.settings import Robot
@@ -58,9 +58,10 @@ class Disturbance:
     """Shape (n, 2)."""
 
 
-def disturbance(robot: Robot, motion: Motion) -> Disturbance:
-    """Run the observer of a robot file over a motion."""
-    made = run(setup_for(robot), Columns(motion.time_s, motion.position, motion.effort))
+def disturbance(robot: Robot, motion: Motion, constants: Vector) -> Disturbance:
+    """Run the observer of a robot file over a motion, without constant efforts, shape (2,)."""
+    effort = motion.effort - constants
+    made = run(setup_for(robot), Columns(motion.time_s, motion.position, effort))
     moving = np.abs(motion.velocity) > 2.0 * np.array(REST)
     known = np.isfinite(made.state[:, 6:8])
     return Disturbance(made.state[:, 6:8], made.nis, moving & known & motion.settled[:, None])
@@ -101,11 +102,23 @@ def rms_of(seen: Disturbance, rows: Flags, axis: int) -> float:
     return float(np.sqrt(np.mean(chosen**2))) if len(chosen) else float("nan")
 
 
-def with_noise(natural: Vector, fitted: Vector) -> Vector:
-    """Old values with the fitted noise: the law is compared, not how loud it expects to be."""
-    made = natural.copy()
-    made[-4:] = fitted[-4:]
+def like_fitted(frame: Frame, fitted: Vector) -> Vector:
+    """The file's values with what is fitted and not written: the law alone is compared."""
+    made = frame.natural.copy()
+    made[-NUISANCES:] = fitted[-NUISANCES:]
+    for axis in range(2):
+        if not frame.sprung(axis):
+            made[SPRINGS + 3 * axis + 1] = fitted[SPRINGS + 3 * axis + 1]
     return made
+
+
+def two_optima(disagreement: str) -> str:
+    """Why values must not be used when others explain the recording as well, in words."""
+    return (
+        f"two sets of values explain this recording equally well: {disagreement}; record slow and "
+        "fast motion over the whole range, as in excite friction_hip and friction_slide, and "
+        "calibrate from all recordings together"
+    )
 
 
 def why_not_better(before: Score, after: Score, natural: Vector, motion: Motion) -> str:

@@ -7,7 +7,7 @@ from analysis.calibration.session import Calibration
 def values_table(made: Calibration) -> str:
     """One line for each quantity: before, after, its interval, or why it could not be told."""
     head = f"{'quantity':<24}{'before':>12}{'calibrated':>14}  95 %"
-    return "\n".join((head, *map(_line, made.fit.results)))
+    return "\n".join((head, *(_line(one) for one in made.fit.results if one.shown)))
 
 
 def _line(one: Result) -> str:

@@ -225,7 +225,7 @@ def test_the_gradient_is_the_slope_of_the_likelihood(shipped):
     frame = frame_of(made.robot, middle_of(motion))
     likelihood = Likelihood(frame, motion, ~motion.held_out)
     free = frame.free(made.fit.natural)
-    free[22:] += np.log(3.0)  # louder is smoother
+    free[22:] += np.log(30.0)  # louder is smoother
     which = np.arange(SIZE)
 
     each, _ = scores(*likelihood.derivatives(free, which))

@@ -1,0 +1,179 @@
+"""Whatever the file says at first, a calibration ends at the same values, or says that it cannot.
+
+The simulated axis sets the trap of a recorded one: a short range, over which a spring that is not
+there can take the place of friction; a constant force; an encoder a hundred times better than the
+file says. The recorded axis itself is tested with `--recordings=FOLDER`.
+"""
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+from empty_runs import ROBOT_FILE, write_csv
+from one_axis import (
+    CONSTANT_N,
+    COULOMB_N,
+    MASS_KG,
+    VISCOUS_N_S_PER_M,
+    one_axis_file,
+    one_axis_run,
+)
+from typer.testing import CliRunner
+
+from analysis.calibration import fit
+from analysis.calibration.advice import advice
+from analysis.calibration.session import Calibration, calibrate
+from analysis.calibration.words import values_table
+from analysis.replay import Source, read
+from daemon.config.settings import Robot
+from daemon.config.strict import load_toml
+from gaitd.__main__ import build
+
+SAME_PER_SAMPLE = 0.01
+RECORDED_FALSE_MAX_N = 1.7
+RECORDED_CONSTANT_N = -3.17
+ENCODERS_M = (2.5e-5, 5e-6)
+
+
+@pytest.fixture(scope="module")
+def run() -> Source:
+    return one_axis_run()
+
+
+@pytest.fixture(scope="module")
+def made(run) -> Calibration:
+    return calibrate([run], one_axis_file(coulomb_n=14.0, viscous_n_s_per_m=260.0, mass_kg=95.0))
+
+
+def found(made: Calibration, label: str) -> float:
+    return next(one.value for one in made.fit.results if one.quantity.label == label)
+
+
+def assert_true(made: Calibration) -> None:
+    assert not made.fault
+    assert found(made, "slide coulomb") == pytest.approx(COULOMB_N, rel=0.03)
+    assert found(made, "slide viscous") == pytest.approx(VISCOUS_N_S_PER_M, rel=0.03)
+    assert found(made, "slide drive mass") == pytest.approx(MASS_KG, rel=0.01)
+
+
+def test_friction_mass_and_a_constant_force_of_a_short_axis_are_found(made):
+    assert_true(made)
+    assert found(made, "slide constant effort") == pytest.approx(CONSTANT_N, abs=0.2)
+    assert made.after.slide_rms_n < 0.2 * made.before.slide_rms_n
+
+
+def test_a_machine_without_a_spring_gets_none_and_hears_of_none(made):
+    said = [values_table(made), str(made.check), made.fault, *advice(made.motion, made.fit.results)]
+
+    assert "spring" not in " ".join(said)
+    assert "slide constant effort of -3.2" in " ".join(said)
+    assert made.robot.springs == one_axis_file(coulomb_n=1, viscous_n_s_per_m=1, mass_kg=1).springs
+    assert not [key for key in made.values("x") if not key or key.startswith("springs")]
+
+
+@pytest.mark.parametrize(
+    "start",
+    [
+        {"coulomb_n": 30.0, "viscous_n_s_per_m": 120.0, "mass_kg": 80.0},
+        *(
+            pytest.param(start, marks=pytest.mark.thorough)
+            for start in (
+                {"coulomb_n": 20.5, "viscous_n_s_per_m": 203.0, "mass_kg": 95.0, "encoder_m": 5e-6},
+                {"coulomb_n": 24.5, "viscous_n_s_per_m": 165.0, "mass_kg": 85.0},
+                {"coulomb_n": 24.5, "viscous_n_s_per_m": 165.0, "mass_kg": 95.0, "encoder_m": 5e-8},
+            )
+        ),
+    ],
+)
+def test_every_start_ends_at_the_same_optimum(run, made, start):
+    other = calibrate([run], one_axis_file(**start))
+
+    assert_true(other)
+    assert other.fit.loss_per_sample == pytest.approx(made.fit.loss_per_sample, abs=SAME_PER_SAMPLE)
+
+
+def test_two_optima_that_explain_a_recording_equally_well_are_refused(run, tmp_path, monkeypatch):
+    """Searches that stay where they begin, as if that were an optimum; one with other friction."""
+    begun = []
+
+    def stays(search, x, steps_max):
+        free = search.whole(x)
+        begun.append(free)
+        if len(begun) == len(fit.START_ENCODERS) + 2:
+            free[fit.LAW_SIZE] += np.log(1.4)
+        return fit._End(free, 0.0, 1)
+
+    monkeypatch.setattr(fit, "_walk", stays)
+    monkeypatch.setattr(fit, "_untold", lambda *_: {})
+    monkeypatch.setattr(fit, "robust_covariance", lambda _each, fisher, _rows: 0.0 * fisher)
+    recorded = write_csv(run, tmp_path / "run.csv")
+    robot = tmp_path / "robot.toml"
+    text = ROBOT_FILE.read_text()
+    for given in ("hip_stiffness_nm_per_rad = 20.0", "slide_stiffness_n_per_m = 120.0"):
+        assert given in text
+        text = text.replace(given, f"{given.split(' =')[0]} = 0.0")
+    robot.write_text(text)
+
+    ran = CliRunner().invoke(
+        build("calibrate"), ["calibrate", str(recorded), "--robot", str(robot)]
+    )
+
+    assert ran.exit_code == 1
+    assert "nothing written: two sets of values explain this recording equally well" in ran.output
+    assert "slide coulomb" in ran.output
+    assert not list(tmp_path.glob("*.robot.toml"))
+
+
+def pytest_generate_tests(metafunc):
+    if "recorded_start" not in metafunc.fixturenames:
+        return
+    folder = metafunc.config.getoption("recordings")
+    names = sorted((*folder.glob("robot_*.toml"), *folder.glob("starts/*.toml"))) if folder else []
+    params = [
+        pytest.param((name, encoder_m), id=f"{name.stem}-{1e6 * encoder_m:g}um")
+        for name in names
+        for encoder_m in ENCODERS_M
+    ]
+    skip = pytest.mark.skip(reason="needs --recordings=FOLDER")
+    metafunc.parametrize("recorded_start", params or [pytest.param(None, marks=skip)])
+
+
+def recorded_file(name, encoder_m: float) -> Robot:
+    robot = load_toml(name, Robot)
+    tuned = msgspec.structs.replace(robot.observer, measurement_slide_position_m=encoder_m)
+    return msgspec.structs.replace(robot, observer=tuned)
+
+
+@pytest.fixture(scope="module")
+def recorded(request) -> Calibration:
+    folder = request.config.getoption("recordings")
+    if folder is None:
+        pytest.skip("needs --recordings=FOLDER")
+    return calibrate([read(folder / "clean.csv")], load_toml(folder / "robot_emps.toml", Robot))
+
+
+def test_every_start_on_a_recorded_axis_ends_at_the_same_optimum(recorded_start, recorded, request):
+    folder = request.config.getoption("recordings")
+    other = calibrate([read(folder / "clean.csv")], recorded_file(*recorded_start))
+
+    assert not other.fault
+    assert other.check.mendable
+    assert other.after.slide_rms_n <= RECORDED_FALSE_MAX_N
+    assert other.fit.loss_per_sample == pytest.approx(
+        recorded.fit.loss_per_sample, abs=SAME_PER_SAMPLE
+    )
+    assert "spring" not in " ".join((values_table(other), str(other.check)))
+
+
+def test_the_constant_force_of_a_recorded_axis_is_no_false_effort(recorded, request):
+    folder = request.config.getoption("recordings")
+    source = read(folder / "clean.csv")
+    effort = source.recording.effort + np.array((0.0, RECORDED_CONSTANT_N))
+    shifted = source._replace(recording=replace(source.recording, effort=effort))
+
+    other = calibrate([shifted], load_toml(folder / "robot_emps.toml", Robot))
+
+    change = found(other, "slide constant effort") - found(recorded, "slide constant effort")
+    assert change == pytest.approx(RECORDED_CONSTANT_N, abs=0.1)
+    assert other.after.slide_rms_n <= RECORDED_FALSE_MAX_N

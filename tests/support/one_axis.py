@@ -1,0 +1,98 @@
+"""A recording of one slow, precise axis: no spring, a constant force, an encoder far better than
+the file says, a drive that ripples. Its rise near zero is wider than the file's by far.
+"""
+
+import math
+
+import msgspec
+import numpy as np
+from empty_runs import robot_file
+
+from analysis.recording import recording
+from analysis.replay import Source
+from daemon.config.settings import Robot
+
+MASS_KG = 95.0
+COULOMB_N = 20.5
+VISCOUS_N_S_PER_M = 203.0
+CONSTANT_N = -3.2
+TRANSITION_M_PER_S = 0.008
+TIME_CONSTANT_S = 0.006
+ENCODER_M = 2e-7
+RIPPLE_N = 2.0
+"""Of a row's mean."""
+SPEEDS_M_PER_S = (0.2, 0.12, 0.2, 0.06, 0.16, 0.03)
+ACCELERATION_M_PER_S2 = 1.5
+SLIDE_M = 0.59
+RANGE_M = 0.12
+HIP_RAD = 0.2440
+STEP_S = 1e-3
+STEPS = 10
+"""In a row."""
+
+
+def one_axis_file(
+    *, coulomb_n: float, viscous_n_s_per_m: float, mass_kg: float, encoder_m: float = 2.5e-5
+) -> Robot:
+    """The robot file of a weightless leg on a heavy slide, with springs of stiffness 0."""
+    robot = robot_file()
+    light = {"mass_kg": 1e-3, "inertia_kg_m2": 1e-5}
+    replace = msgspec.structs.replace
+    return replace(
+        robot,
+        thigh=replace(robot.thigh, **light),
+        shank=replace(robot.shank, **light),
+        shoe=replace(robot.shoe, **light),
+        slide=replace(robot.slide, mass_kg=1e-3, drive_mass_kg=mass_kg),
+        springs=replace(robot.springs, hip_stiffness_nm_per_rad=0.0, slide_stiffness_n_per_m=0.0),
+        dampers=replace(
+            robot.dampers,
+            hip_nm_s_per_rad=0.0,
+            knee_nm_s_per_rad=0.0,
+            ankle_nm_s_per_rad=0.0,
+            slide_joint_nm_s_per_rad=0.0,
+        ),
+        friction=replace(
+            robot.friction,
+            slide=replace(
+                robot.friction.slide,
+                coulomb_n=coulomb_n,
+                stribeck_n=coulomb_n + 0.01 * viscous_n_s_per_m,
+                viscous_n_s_per_m=viscous_n_s_per_m,
+                transition_m_per_s=0.001,
+                peak_m_per_s=0.006,
+                edge_m_per_s=0.004,
+            ),
+        ),
+        observer=replace(robot.observer, measurement_slide_position_m=encoder_m),
+    )
+
+
+def one_axis_run(duration_s: float = 25.0, seed: int = 1) -> Source:
+    """Moves there and back at several speeds, under a stiff position control."""
+    rng = np.random.default_rng(seed)
+    count = round(duration_s / (STEP_S * STEPS))
+    ripple = rng.normal(size=(count, STEPS)) * RIPPLE_N * math.sqrt(STEPS)
+    position, velocity, friction = SLIDE_M, 0.0, 0.0
+    goal, goal_speed, side, moves = SLIDE_M, 0.0, 1.0, 0
+    change = ACCELERATION_M_PER_S2 * STEP_S
+    rows = np.empty((count, 5))
+    for row in range(count):
+        asked = 0.0
+        for step in range(STEPS):
+            wanted = side * SPEEDS_M_PER_S[moves % len(SPEEDS_M_PER_S)]
+            goal_speed += max(-change, min(change, wanted - goal_speed))
+            goal += STEP_S * goal_speed
+            if side * (goal - SLIDE_M) > RANGE_M:
+                side, moves = -side, moves + 1
+            force = 16000.0 * (goal - position) + 2500.0 * (goal_speed - velocity)
+            asked += force / STEPS
+            law = COULOMB_N * math.tanh(velocity / TRANSITION_M_PER_S)
+            law += VISCOUS_N_S_PER_M * velocity
+            friction += STEP_S / TIME_CONSTANT_S * (law - friction)
+            acting = force + ripple[row, step] - friction - CONSTANT_N
+            velocity += STEP_S * acting / MASS_KG
+            position += STEP_S * velocity
+        rows[row] = (row + 1) * STEP_S * STEPS, HIP_RAD, position, 0.0, asked
+    rows[:, 2] += rng.normal(size=count) * ENCODER_M
+    return Source(recording("one_axis.csv", rows), None, "", None)
