@@ -162,9 +162,10 @@ def warm() -> None:
     from daemon.core.axis_notes import Notes
     from daemon.core.build import build
     from daemon.core.warm import warm_up
+    from daemon.preflight.judgement import accepted
     from gaitd.virtual_machine import virtual_machine
 
-    settings = load(CONFIGS / TEMPLATE)
+    settings = accepted(CONFIGS / TEMPLATE)
     warm_up(build(settings, "warm", Notes()))
     virtual_machine(settings.file).world.advance_to(20_000_000)
 
