@@ -26,11 +26,10 @@ def test_in_gait_at_a_quarter_hertz_the_patient_is_seen_as_he_is(session):
 
 
 def test_in_gait_at_half_a_hertz_the_patient_is_still_seen(warm_fast_gait):
-    session = warm_fast_gait
-    session.machine.command("patient active")
-    session.lockstep.run(4)
+    warm_fast_gait.machine.command("patient active")
+    warm_fast_gait.lockstep.run(4)
 
-    active = session.scores(8)
+    active = warm_fast_gait.scores(8)
 
     assert_within(active, hip_nm=1.2, slide_n=6.0)
 
@@ -61,8 +60,7 @@ def test_the_numbers_do_not_hang_on_one_seed(tmp_path, seed):
 
 
 def test_drives_that_speak_per_mille_do_the_same_job(warm_generic_gait):
-    session = warm_generic_gait
-    session.machine.command("patient active")
-    session.lockstep.run(4)
+    warm_generic_gait.machine.command("patient active")
+    warm_generic_gait.lockstep.run(4)
 
-    assert_within(session.scores(8), hip_nm=0.6, slide_n=3.0)
+    assert_within(warm_generic_gait.scores(8), hip_nm=0.6, slide_n=3.0)

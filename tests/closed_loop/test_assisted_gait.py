@@ -130,12 +130,11 @@ def test_the_end_of_a_gait_ends_its_assist_without_a_lapse(walking):
 def test_with_position_guidance_assist_in_a_gait_is_refused_and_the_gait_goes_on(
     warm_position_gait,
 ):
-    session = warm_position_gait
-    Controller(session.lockstep.gateway, constant(hip_nm=5.0))
+    Controller(warm_position_gait.lockstep.gateway, constant(hip_nm=5.0))
 
-    session.lockstep.run(0.5)
+    warm_position_gait.lockstep.run(0.5)
 
-    record = session.lockstep.record
+    record = warm_position_gait.lockstep.record
     assert record.mode == Mode.GAIT
     assert record.assist.refused_count[SetpointRefusal.GUIDANCE_IS_POSITION] >= 49
     assert record.assist.legs[0].assist == (0.0, 0.0)

@@ -89,15 +89,14 @@ def test_a_reset_is_tried_also_when_the_report_of_the_restart_was_lost(session):
 
 
 def test_bus_off_at_rest_is_not_brought_up_again_without_a_request(warm_ready):
-    session = warm_ready
-    put(session, BUS_OFF)
-    session.lockstep.run(0.1)
-    put(session, RESTARTED)
-    session.lockstep.run(3)
+    put(warm_ready, BUS_OFF)
+    warm_ready.lockstep.run(0.1)
+    put(warm_ready, RESTARTED)
+    warm_ready.lockstep.run(3)
 
-    assert session.lockstep.record.mode == Mode.FAULT
-    assert session.lockstep.record.verdict.cause == Cause.BUS_OFF
-    assert len(told(session, "bring-up begun")) == 1
+    assert warm_ready.lockstep.record.mode == Mode.FAULT
+    assert warm_ready.lockstep.record.verdict.cause == Cause.BUS_OFF
+    assert len(told(warm_ready, "bring-up begun")) == 1
 
 
 @pytest.mark.parametrize(

@@ -40,14 +40,13 @@ def test_a_torque_beyond_every_limit_is_clipped_and_never_wraps_into_its_opposit
     warm_hold, wild_nm
 ):
     """M34: far more than 16 bits hold."""
-    session = warm_hold
-    sent = len(session.lockstep.bus.sent)
+    sent = len(warm_hold.lockstep.bus.sent)
 
-    with guided_to(session, feedforward=(wild_nm, 0.0)):
-        session.lockstep.run(0.1)
+    with guided_to(warm_hold, feedforward=(wild_nm, 0.0)):
+        warm_hold.lockstep.run(0.1)
 
-    axis = session.lockstep.core.axes[0]
-    asked = np.array(target_torques(session.lockstep.bus.sent[sent:], 5))
+    axis = warm_hold.lockstep.core.axes[0]
+    asked = np.array(target_torques(warm_hold.lockstep.bus.sent[sent:], 5))
     while_driving = asked[:5] * math.copysign(1, wild_nm)
     most = axis.limits.effort_max_si * axis.scaling.permille_per_effort_si
     assert np.all(np.diff(while_driving) >= 0)
@@ -60,18 +59,17 @@ def test_a_torque_beyond_every_limit_is_clipped_and_never_wraps_into_its_opposit
 def test_a_number_that_is_not_finite_is_a_quick_stop_in_the_same_cycle(
     warm_guided_hold, field, number
 ):
-    session = warm_guided_hold
-    sent = len(session.lockstep.bus.sent)
+    sent = len(warm_guided_hold.lockstep.bus.sent)
 
-    with guided_to(session, **{field: (number, 0.0)}):
-        session.lockstep.loop.turn()
+    with guided_to(warm_guided_hold, **{field: (number, 0.0)}):
+        warm_guided_hold.lockstep.loop.turn()
 
-    record = session.lockstep.record
-    frames = session.lockstep.bus.sent[sent:]
+    record = warm_guided_hold.lockstep.record
+    frames = warm_guided_hold.lockstep.bus.sent[sent:]
     assert record.verdict.cause == Cause.COMMAND_NOT_FINITE
     assert [rpdo1(frames, node)[-1].controlword for node in NODES] == [QUICK_STOP_WORD] * 2
-    session.lockstep.run(1)
-    assert session.lockstep.record.mode == Mode.FAULT
+    warm_guided_hold.lockstep.run(1)
+    assert warm_guided_hold.lockstep.record.mode == Mode.FAULT
 
 
 def targets_while_enabled(session, since):
@@ -84,54 +82,51 @@ def targets_while_enabled(session, since):
 def test_a_target_that_runs_away_is_no_faster_than_the_axis_may_be_and_stops(
     warm_position_hold, wild_rad
 ):
-    session = warm_position_hold
-    sent = len(session.lockstep.bus.sent)
-    axis = session.lockstep.core.axes[0]
-    begun_rad, slide_m = session.lockstep.record.legs[0].measured
+    sent = len(warm_position_hold.lockstep.bus.sent)
+    axis = warm_position_hold.lockstep.core.axes[0]
+    begun_rad, slide_m = warm_position_hold.lockstep.record.legs[0].measured
 
-    with guided_to(session, position=(begun_rad + wild_rad, slide_m)):
-        session.lockstep.run(0.5)
+    with guided_to(warm_position_hold, position=(begun_rad + wild_rad, slide_m)):
+        warm_position_hold.lockstep.run(0.5)
 
-    counts = targets_while_enabled(session, sent)
+    counts = targets_while_enabled(warm_position_hold, sent)
     step = axis.limits.velocity_max_si * 0.01 * axis.scaling.counts_per_si
     assert np.abs(np.diff(counts)).max() <= step + 1
-    assert session.lockstep.record.verdict.category != StopCategory.NONE
+    assert warm_position_hold.lockstep.record.verdict.category != StopCategory.NONE
 
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_target_beyond_the_range_stops_before_the_drive_faults(warm_position_hold, sign):
     """M35: outside 607Dh this drive faults (8A82h), so no target may come near it."""
-    session = warm_position_hold
-    sent = len(session.lockstep.bus.sent)
-    axis = session.lockstep.core.axes[0]
-    begun_rad, slide_m = session.lockstep.record.legs[0].measured
+    sent = len(warm_position_hold.lockstep.bus.sent)
+    axis = warm_position_hold.lockstep.core.axes[0]
+    begun_rad, slide_m = warm_position_hold.lockstep.record.legs[0].measured
 
     for cycle in range(300):
-        with guided_to(session, position=(begun_rad + sign * 0.003 * cycle, slide_m)):
-            session.lockstep.loop.turn()
+        with guided_to(warm_position_hold, position=(begun_rad + sign * 0.003 * cycle, slide_m)):
+            warm_position_hold.lockstep.loop.turn()
 
-    counts = targets_while_enabled(session, sent)
+    counts = targets_while_enabled(warm_position_hold, sent)
     limits, scaling = axis.limits, axis.scaling
     lowest_rad = limits.position_min_si + limits.soft_margin_si
     highest_rad = limits.position_max_si - limits.soft_margin_si
     edge_rad = highest_rad if sign > 0 else lowest_rad
     farthest = max(counts) if sign > 0 else min(counts)
     assert farthest == pytest.approx(edge_rad * scaling.counts_per_si, abs=1)
-    told = [event for record in session.lockstep.records for event in record.events]
+    told = [event for record in warm_position_hold.lockstep.records for event in record.events]
     assert not any("8A82" in event for event in told)
-    assert session.lockstep.record.verdict.cause == Cause.TRACKING_LIMIT
+    assert warm_position_hold.lockstep.record.verdict.cause == Cause.TRACKING_LIMIT
 
 
 def test_a_drive_s_own_position_limit_stops_and_is_not_retried(warm_position_hold):
     """M35: 8A82h from the drive, of which the cause is gone at once."""
-    session = warm_position_hold
-    session.machine.command("emcy right/hip 0.1 0x8A82")
+    warm_position_hold.machine.command("emcy right/hip 0.1 0x8A82")
 
-    session.lockstep.run(2)
+    warm_position_hold.lockstep.run(2)
 
-    told = words_by_cycle(session.lockstep.bus.sent[-200:])
-    assert session.lockstep.record.mode == Mode.FAULT
-    assert session.lockstep.record.drives[0].emergency_code == 0x8A82
+    told = words_by_cycle(warm_position_hold.lockstep.bus.sent[-200:])
+    assert warm_position_hold.lockstep.record.mode == Mode.FAULT
+    assert warm_position_hold.lockstep.record.drives[0].emergency_code == 0x8A82
     assert not any(word & (ENABLE_OPERATION | 0x80) for one in told for word in one.values())
 
 
@@ -166,15 +161,14 @@ def test_a_drive_that_says_it_does_not_follow_stops_both_and_its_cause_is_named(
     warm_guided_hold, node
 ):
     """M15."""
-    session = warm_guided_hold
-    cycle = session.lockstep.record.cycle
-    change_what_drives_say(session, without_bit_12(node))
+    cycle = warm_guided_hold.lockstep.record.cycle
+    change_what_drives_say(warm_guided_hold, without_bit_12(node))
 
-    stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
+    stopped = warm_guided_hold.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
 
-    allowed = session.settings.limits.communication.mode_switch_cycles
+    allowed = warm_guided_hold.settings.limits.communication.mode_switch_cycles
     assert stopped.verdict.cause == Cause.NOT_FOLLOWING
     assert stopped.cycle - cycle == allowed + 1
-    session.lockstep.run(0.1)
-    words = words_by_cycle(session.lockstep.bus.sent)[-1]
+    warm_guided_hold.lockstep.run(0.1)
+    words = words_by_cycle(warm_guided_hold.lockstep.bus.sent)[-1]
     assert set(words.values()) == {QUICK_STOP_WORD}

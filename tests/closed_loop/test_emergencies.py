@@ -82,11 +82,10 @@ def test_an_encoder_that_came_up_in_error_is_looked_at_again_by_the_next_reset(s
 
 
 def test_an_encoder_that_cannot_be_believed_at_rest_is_not_referenced_either(warm_ready):
-    session = warm_ready
-    put(session, emcy(5, HALL_SENSOR), emcy(5, 0x0000, 0))
-    session.lockstep.run(0.2)
+    put(warm_ready, emcy(5, HALL_SENSOR), emcy(5, 0x0000, 0))
+    warm_ready.lockstep.run(0.2)
 
-    assert [drive.referenced for drive in session.lockstep.record.drives] == [False, True]
+    assert [drive.referenced for drive in warm_ready.lockstep.record.drives] == [False, True]
 
 
 @pytest.mark.parametrize("codes", [(0x1000,), (0x1000, 0x2310, 0x8611), (0x1000, 0x0000)])

@@ -1,7 +1,5 @@
 """The inputs that the drives see (60FDh): hand switch, STO, limit switches; both kinds of drive."""
 
-from itertools import product
-
 import pytest
 from sessions import (
     POSITION_GUIDANCE,
@@ -92,11 +90,11 @@ def test_an_input_of_the_other_level_means_the_same(tmp_path, name, bit, fault, 
 
 SHORT_OF_THE_GAIT = [
     # plant.toml's stops inside what the gait asks: where they are touched is a limit switch.
-    ("hip", "max_deg = 43.0", "max_deg = 24.0", "positive"),
-    ("hip", "min_deg = -23.0", "min_deg = 4.0", "negative"),
+    ("hip", "max_deg = 43.0", "max_deg = 24.0", "positive", "epos4", "impedance"),
+    ("hip", "min_deg = -23.0", "min_deg = 4.0", "negative", "generic", "position"),
     # The slide's drive counts the other way: the joint's upper end is the drive's negative one.
-    ("slide", "max_m = 0.97", "max_m = 0.75", "negative"),
-    ("slide", "min_m = -0.02", "min_m = 0.40", "positive"),
+    ("slide", "max_m = 0.97", "max_m = 0.75", "negative", "epos4", "position"),
+    ("slide", "min_m = -0.02", "min_m = 0.40", "positive", "generic", "impedance"),
 ]
 
 
@@ -108,21 +106,7 @@ def on_its_switch(configs):
     return session
 
 
-@pytest.mark.parametrize(
-    ("axis", "old", "new", "switch", "kind", "guidance"),
-    [
-        pytest.param(
-            *SHORT_OF_THE_GAIT[number],
-            kind,
-            guidance,
-            marks=[] if number == always else pytest.mark.thorough,
-        )
-        for always, (kind, guidance) in enumerate(
-            product(("epos4", "generic"), ("impedance", "position"))
-        )
-        for number in range(len(SHORT_OF_THE_GAIT))
-    ],
-)
+@pytest.mark.parametrize(("axis", "old", "new", "switch", "kind", "guidance"), SHORT_OF_THE_GAIT)
 def test_a_joint_that_runs_on_to_its_limit_switch_stops(
     tmp_path, kind, guidance, axis, old, new, switch
 ):

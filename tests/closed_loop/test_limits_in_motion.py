@@ -58,12 +58,7 @@ def test_quick_steps_and_sines_of_torque_are_followed(warm_hold, scenario):
 
 @pytest.mark.parametrize(
     ("drive", "value_ma"),
-    [
-        ("right/hip", -2000),
-        pytest.param("right/hip", 2000, marks=pytest.mark.thorough),
-        pytest.param("right/slide", -2500, marks=pytest.mark.thorough),
-        ("right/slide", 2500),
-    ],
+    [("right/hip", -2000), ("right/hip", 2000), ("right/slide", -2500), ("right/slide", 2500)],
 )
 def test_a_current_sensor_that_shows_too_much_is_found_within_a_stride(warm_gait, drive, value_ma):
     """A larger step at once, 14 N m or 80 N, looks like a spasm and stops as one before that."""

@@ -268,16 +268,15 @@ def test_a_shutdown_with_both_axes_enabled_quick_stops_switches_off_and_lets_go(
 
 @pytest.mark.parametrize("fault", ["silent right/hip", "unplugged right/slide"])
 def test_a_shutdown_ends_also_when_a_drive_does_not_answer(warm_hold, fault):
-    session = warm_hold
-    session.machine.command(fault)
-    begun_ns = session.lockstep.bus.now_ns
-    since = len(session.lockstep.bus.sent)
+    warm_hold.machine.command(fault)
+    begun_ns = warm_hold.lockstep.bus.now_ns
+    since = len(warm_hold.lockstep.bus.sent)
 
-    session.lockstep.shut_down()
+    warm_hold.lockstep.shut_down()
 
-    assert session.lockstep.bus.now_ns - begun_ns < 2000 * MS
-    assert nmt(session, since)[-2:] == ["8205", "8206"]
-    words = [w for node in (5, 6) for w in controlwords(session, node, since)[1:]]
+    assert warm_hold.lockstep.bus.now_ns - begun_ns < 2000 * MS
+    assert nmt(warm_hold, since)[-2:] == ["8205", "8206"]
+    words = [w for node in (5, 6) for w in controlwords(warm_hold, node, since)[1:]]
     assert not any(word & ENABLING for word in words)
 
 
@@ -287,32 +286,30 @@ def power_states(session):
 
 
 def test_a_reset_that_one_drive_does_not_answer_leaves_no_other_one_with_power(warm_hold):
-    session = warm_hold
-    session.machine.command("silent right/hip 30")
-    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
-    assert "QUICK_STOP_ACTIVE" in power_states(session)
+    warm_hold.machine.command("silent right/hip 30")
+    warm_hold.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+    assert "QUICK_STOP_ACTIVE" in power_states(warm_hold)
 
-    session.lockstep.gateway.ask(RequestKind.RESET)
-    session.lockstep.run(4)
+    warm_hold.lockstep.gateway.ask(RequestKind.RESET)
+    warm_hold.lockstep.run(4)
 
-    assert session.lockstep.record.mode == Mode.OFF
-    assert session.lockstep.record.verdict.cause == Cause.DRIVE_SILENT
+    assert warm_hold.lockstep.record.mode == Mode.OFF
+    assert warm_hold.lockstep.record.verdict.cause == Cause.DRIVE_SILENT
     # The silent one heard it, too.
-    assert power_states(session) == {"SWITCH_ON_DISABLED"}
+    assert power_states(warm_hold) == {"SWITCH_ON_DISABLED"}
 
 
 def test_a_shutdown_in_the_cycle_of_a_reset_waits_until_the_reset_has_switched_off(warm_hold):
-    session = warm_hold
-    session.lockstep.gateway.stop()
-    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
-    session.lockstep.gateway.ask(RequestKind.RESET)
-    while session.lockstep.record.mode == Mode.FAULT:
-        session.lockstep.loop.turn()
-    assert power_states(session) == {"QUICK_STOP_ACTIVE"}
+    warm_hold.lockstep.gateway.stop()
+    warm_hold.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+    warm_hold.lockstep.gateway.ask(RequestKind.RESET)
+    while warm_hold.lockstep.record.mode == Mode.FAULT:
+        warm_hold.lockstep.loop.turn()
+    assert power_states(warm_hold) == {"QUICK_STOP_ACTIVE"}
 
-    session.lockstep.shut_down()
+    warm_hold.lockstep.shut_down()
 
-    assert power_states(session) == {"SWITCH_ON_DISABLED"}
+    assert power_states(warm_hold) == {"SWITCH_ON_DISABLED"}
 
 
 # --- one event for each cause ---------------------------------------------------------------------

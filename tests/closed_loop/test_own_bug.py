@@ -13,21 +13,20 @@ QUICK_STOP = 0x02
 
 
 def test_an_exception_in_a_cycle_stops_both_drives_and_ends_as_our_bug(warm_guided_gait, guidance):
-    session = warm_guided_gait
-    stood = [drive.feedback.position_counts for drive in session.lockstep.core.axes]
-    bus = session.lockstep.bus
+    stood = [drive.feedback.position_counts for drive in warm_guided_gait.lockstep.core.axes]
+    bus = warm_guided_gait.lockstep.bus
     before = len(bus.sent)
 
     with mock.patch.object(cycle, "judge", side_effect=ZeroDivisionError("ours")):
-        code = session.lockstep.loop.run(lambda: False)
+        code = warm_guided_gait.lockstep.loop.run(lambda: False)
 
     sent = bus.sent[before:]
     words = {
         int.from_bytes(frame.data[:2], "little") for frame in sent if frame.can_id in {0x205, 0x206}
     }
-    truth = session.truth.rows[-1]
+    truth = warm_guided_gait.truth.rows[-1]
     assert code == ExitCode.BUG
-    assert isinstance(session.lockstep.loop.bug, ZeroDivisionError)
+    assert isinstance(warm_guided_gait.lockstep.loop.bug, ZeroDivisionError)
     assert words == {QUICK_STOP}
     for node, counts in zip((5, 6), stood, strict=True):
         told = rpdo1(sent, node)

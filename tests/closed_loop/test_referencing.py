@@ -210,15 +210,14 @@ def test_a_damaged_pose_is_not_believed_where_a_missing_one_would_be(tmp_path):
 
 
 def test_the_pose_is_stored_at_an_orderly_stop_and_followed_while_nothing_is_driven(warm_hold):
-    session = warm_hold
-    before = session.lockstep.notebook.notes.of(HIP).position_si
-    session.lockstep.run(2.0)
-    assert session.lockstep.notebook.notes.of(HIP).position_si == before
+    before = warm_hold.lockstep.notebook.notes.of(HIP).position_si
+    warm_hold.lockstep.run(2.0)
+    assert warm_hold.lockstep.notebook.notes.of(HIP).position_si == before
 
-    session.lockstep.request(RequestKind.DISABLE)
-    session.lockstep.run(4.0)
+    warm_hold.lockstep.request(RequestKind.DISABLE)
+    warm_hold.lockstep.run(4.0)
 
-    stored, there = session.lockstep.notebook.notes, session.lockstep.record.drives
+    stored, there = warm_hold.lockstep.notebook.notes, warm_hold.lockstep.record.drives
     assert stored.of(HIP).position_si == pytest.approx(there[0].position_si, abs=2e-4)
     assert stored.of(SLIDE).position_si == pytest.approx(there[1].position_si, abs=2e-4)
 

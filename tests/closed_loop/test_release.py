@@ -73,12 +73,7 @@ def where(session: Session) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(
-    ("guidance", "way"),
-    [
-        pytest.param(guidance, way, marks=[] if (m + n) % 2 == 0 else pytest.mark.thorough)
-        for m, guidance in enumerate(("impedance", "position"))
-        for n, way in enumerate(OUT)
-    ],
+    ("way", "guidance"), list(zip(OUT, ("impedance", "position") * 2, strict=True))
 )
 def test_the_leg_can_be_moved_to_the_end_where_one_gets_out_and_stays_there(warm_held, way):
     until_s, hip_nm, slide_n = OUT[way]
@@ -209,13 +204,12 @@ def pushes(records: list[CycleRecord]) -> list[tuple[float, float]]:
 
 def test_nothing_it_sends_steps_by_more_than_a_person_would_feel(warm_led):
     """A tenth of what the rate limits would let through from one cycle to the next; no edge."""
-    session = warm_led
-    begun = len(session.lockstep.records)
-    released(session)
-    session.machine.command("patient a_little")
-    session.lockstep.run(2.5)
+    begun = len(warm_led.lockstep.records)
+    released(warm_led)
+    warm_led.machine.command("patient a_little")
+    warm_led.lockstep.run(2.5)
 
-    sent = pushes(session.lockstep.records[begun:])
+    sent = pushes(warm_led.lockstep.records[begun:])
     steps = [
         (abs(later[0] - before[0]), abs(later[1] - before[1]))
         for before, later in itertools.pairwise(sent)

@@ -225,13 +225,12 @@ def test_a_failed_test_is_tested_again_before_anything_moves(tmp_path):
 
 
 def test_a_test_that_is_broken_off_counts_for_nothing(warm_seen):
-    session = warm_seen
-    ask(session, SELF_TEST)
-    session.lockstep.run(1.0)
+    ask(warm_seen, SELF_TEST)
+    warm_seen.lockstep.run(1.0)
 
-    assert ask(session, ModeRequest(Mode.HOLD)).outcome == Outcome.DONE
+    assert ask(warm_seen, ModeRequest(Mode.HOLD)).outcome == Outcome.DONE
 
-    assert "no self-test" in ask(session, GAIT).reason
+    assert "no self-test" in ask(warm_seen, GAIT).reason
 
 
 def test_both_legs_are_tested_one_after_the_other(tmp_path):

@@ -29,38 +29,34 @@ def controlwords(session, node_id):
 
 
 def test_nothing_is_enabled_before_somebody_asks(warm_ready):
-    session = warm_ready
+    warm_ready.lockstep.run(3)
 
-    session.lockstep.run(3)
-
-    assert not any(word & ENABLING for node in (5, 6) for _, word in controlwords(session, node))
-    states = {drive.power_state for drive in session.lockstep.record.drives}
+    assert not any(word & ENABLING for node in (5, 6) for _, word in controlwords(warm_ready, node))
+    states = {drive.power_state for drive in warm_ready.lockstep.record.drives}
     assert states == {PowerState.SWITCH_ON_DISABLED}
 
 
 def test_enable_holds_the_leg_where_it_is_and_disable_lets_it_go(warm_hold):
-    session = warm_hold
-    held = session.lockstep.record.legs[0].measured
-    session.lockstep.run(2)
+    held = warm_hold.lockstep.record.legs[0].measured
+    warm_hold.lockstep.run(2)
 
-    assert session.lockstep.record.legs[0].measured == pytest.approx(held, abs=2e-3)
-    assert session.lockstep.request(RequestKind.DISABLE).outcome == Outcome.DONE
-    session.lockstep.run(0.2)
-    assert session.lockstep.record.mode == Mode.READY
-    states = {drive.power_state for drive in session.lockstep.record.drives}
+    assert warm_hold.lockstep.record.legs[0].measured == pytest.approx(held, abs=2e-3)
+    assert warm_hold.lockstep.request(RequestKind.DISABLE).outcome == Outcome.DONE
+    warm_hold.lockstep.run(0.2)
+    assert warm_hold.lockstep.record.mode == Mode.READY
+    states = {drive.power_state for drive in warm_hold.lockstep.record.drives}
     assert states == {PowerState.SWITCH_ON_DISABLED}
 
 
 def test_gait_is_announced_and_ends_in_hold_after_its_duration(warm_hold):
-    session = warm_hold
     gait = ModeRequest(Mode.GAIT, cadence_hz=0.5, amplitude_ratio=0.5, duration_s=5.0)
 
-    session.lockstep.request(RequestKind.MODE, gait)
-    ended = session.lockstep.run_until(
+    warm_hold.lockstep.request(RequestKind.MODE, gait)
+    ended = warm_hold.lockstep.run_until(
         lambda record: record.mode == Mode.HOLD and record.seq > 900, within_s=40
     )
 
-    told = [event for record in session.lockstep.records for event in record.events]
+    told = [event for record in warm_hold.lockstep.records for event in record.events]
     for words in ("gait approaching", "gait playing", "gait ending", "exercise over"):
         assert any(words in event for event in told)
     assert ended.verdict.cause == Cause.NONE
@@ -96,10 +92,8 @@ def test_the_artificial_disturbance_shows_in_the_estimate_with_its_sign_and_is_m
 
 
 def test_the_artificial_disturbance_is_refused_with_a_patient(warm_hold):
-    session = warm_hold
-
     wanted = ModeRequest(Mode.EXCITE, duration_s=25.0, scenario="paper")
-    answer = session.lockstep.request(RequestKind.MODE, wanted)
+    answer = warm_hold.lockstep.request(RequestKind.MODE, wanted)
 
     assert answer.outcome == Outcome.REFUSED
     assert "empty machine" in answer.reason
@@ -143,12 +137,11 @@ def warm_two_legs(tmp_path_factory):
 
 
 def test_two_legs_walk_half_a_stride_apart_and_stop_together(warm_two_legs):
-    session = warm_two_legs
-    walking = session.lockstep.record
-    session.machine.command("hand_switch_open left/slide")
-    session.lockstep.run(1)
+    walking = warm_two_legs.lockstep.record
+    warm_two_legs.machine.command("hand_switch_open left/slide")
+    warm_two_legs.lockstep.run(1)
 
-    stopped = session.lockstep.record
+    stopped = warm_two_legs.lockstep.record
     assert [leg.name for leg in walking.legs] == ["right", "left"]
     assert abs(walking.legs[0].reference[0] - walking.legs[1].reference[0]) > 0.05
     assert stopped.verdict.drive == "left/slide"

@@ -39,24 +39,23 @@ def first_change(free, stopped, node):
 
 def test_a_stop_that_holds_begins_for_both_drives_between_the_same_two_syncs(warm_guided_gait):
     """Compared with the very same session that nobody stops."""
-    session = warm_guided_gait
-    session.lockstep.run_until(
+    warm_guided_gait.lockstep.run_until(
         lambda record: min(abs(drive.velocity_si or 0.0) for drive in record.drives) > 0.15,
         within_s=8,
     )
-    before = len(session.lockstep.bus.sent)
+    before = len(warm_guided_gait.lockstep.bus.sent)
 
     def sent_later(one):
         one.lockstep.run(0.3)
         return one.lockstep.bus.sent[before:]
 
-    free = elsewhere(session, sent_later)
-    session.lockstep.gateway.stop()
-    stopped = sent_later(session)
+    free = elsewhere(warm_guided_gait, sent_later)
+    warm_guided_gait.lockstep.gateway.stop()
+    stopped = sent_later(warm_guided_gait)
 
     hip, slide = (first_change(list(cycles(free)), list(cycles(stopped)), node) for node in NODES)
     words = words_by_cycle(stopped)
-    assert session.lockstep.record.verdict.category == StopCategory.S2
+    assert warm_guided_gait.lockstep.record.verdict.category == StopCategory.S2
     assert hip == slide is not None
     assert all(set(one.values()) == {ENABLED_WORD} for one in words[hip:])
 
@@ -77,13 +76,12 @@ def test_a_stop_that_holds_begins_for_both_drives_between_the_same_two_syncs(war
     ],
 )
 def test_a_stop_reaches_both_drives_between_the_same_two_syncs(warm_guided_gait, cause, words):
-    session = warm_guided_gait
-    begun = len(list(cycles(session.lockstep.bus.sent))) - 1
+    begun = len(list(cycles(warm_guided_gait.lockstep.bus.sent))) - 1
 
-    session.machine.command(cause)
-    session.lockstep.run(0.3)
+    warm_guided_gait.machine.command(cause)
+    warm_guided_gait.lockstep.run(0.3)
 
-    told = words_by_cycle(session.lockstep.bus.sent)[begun:]
+    told = words_by_cycle(warm_guided_gait.lockstep.bus.sent)[begun:]
     pairs = [tuple(one[node] for node in NODES) for one in told]
     left = next(number for number, pair in enumerate(pairs) if pair != ENABLED)
     assert pairs[:left] == [ENABLED] * left
@@ -97,13 +95,12 @@ def test_a_stop_reaches_both_drives_between_the_same_two_syncs(warm_guided_gait,
 def test_an_emcy_between_two_windows_is_answered_to_both_drives_before_the_next_sync(
     warm_guided_gait,
 ):
-    session = warm_guided_gait
-    running = len(list(cycles(session.lockstep.bus.sent))) - 1
+    running = len(list(cycles(warm_guided_gait.lockstep.bus.sent))) - 1
 
-    session.machine.command("emcy right/hip - 0x2310")
-    session.lockstep.run(0.05)
+    warm_guided_gait.machine.command("emcy right/hip - 0x2310")
+    warm_guided_gait.lockstep.run(0.05)
 
-    words = words_by_cycle(session.lockstep.bus.sent)
+    words = words_by_cycle(warm_guided_gait.lockstep.bus.sent)
     assert words[running - 1] == {5: 0x0F, 6: 0x0F}
     assert words[running] == {5: QS, 6: QS}
     assert all(set(one.values()) == {QS} for one in words[running:])
@@ -184,31 +181,30 @@ def warm_begin(request, state):
 @pytest.mark.parametrize("state", STATES)
 def test_a_stop_from_every_state_energises_nothing(warm_begin, state, category):
     """M08, on the wire: bit 3 only ever goes on to a drive that shows operation enabled."""
-    session = warm_begin
-    session.lockstep.core.config.categories._by_cause[Cause.STOP_REQUESTED] = category
-    STATES[state][1](session)
+    warm_begin.lockstep.core.config.categories._by_cause[Cause.STOP_REQUESTED] = category
+    STATES[state][1](warm_begin)
     enabled = {
         5 + number
-        for number, drive in enumerate(session.lockstep.record.drives)
+        for number, drive in enumerate(warm_begin.lockstep.record.drives)
         if drive.power_state == PowerState.OPERATION_ENABLED
     }
-    sent = len(session.lockstep.bus.sent)
+    sent = len(warm_begin.lockstep.bus.sent)
 
-    session.lockstep.gateway.stop()
-    session.lockstep.run(1.5)
+    warm_begin.lockstep.gateway.stop()
+    warm_begin.lockstep.run(1.5)
 
-    frames = session.lockstep.bus.sent[sent:]
+    frames = warm_begin.lockstep.bus.sent[sent:]
     for node in NODES:
         raised = [one for one in rpdo1(frames, node) if one.controlword & ENABLE_OPERATION]
         assert not raised or (node in enabled and category == StopCategory.S2)
     powered = {
         5 + number
-        for number, drive in enumerate(session.lockstep.record.drives)
+        for number, drive in enumerate(warm_begin.lockstep.record.drives)
         if drive.power_state == PowerState.OPERATION_ENABLED
     }
     assert powered <= (enabled if category == StopCategory.S2 else set())
     quiet = {"bringing up", "ready"}
-    assert session.lockstep.record.mode == (Mode.READY if state in quiet else Mode.FAULT)
+    assert warm_begin.lockstep.record.mode == (Mode.READY if state in quiet else Mode.FAULT)
 
 
 def test_an_enable_that_comes_together_with_a_stop_is_refused(warm_ready):

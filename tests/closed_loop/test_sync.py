@@ -75,32 +75,30 @@ def test_a_sync_without_counter_is_an_empty_frame(warm_ready):
 def test_the_counter_begins_with_one_when_the_nodes_are_started_and_has_no_gap_from_there(
     warm_counted,
 ):
-    session = warm_counted
-    sent = session.lockstep.bus.sent
+    sent = warm_counted.lockstep.bus.sent
     started = max(n for n, f in enumerate(sent) if f.can_id == 0 and f.data[:1] == START)
 
-    counts = [frame.data[0] for frame in syncs(session, started)]
+    counts = [frame.data[0] for frame in syncs(warm_counted, started)]
 
-    assert all(len(frame.data) == 1 for frame in syncs(session))
+    assert all(len(frame.data) == 1 for frame in syncs(warm_counted))
     assert counts[0] == 1
     assert runs_on(counts)
     assert len(counts) > 20
 
 
 def test_the_counter_begins_again_when_the_nodes_are_started_again(warm_counted):
-    session = warm_counted
-    session.machine.command("sto_open right/hip 0.1")
-    session.machine.command("emcy right/hip 0.1 0x2310")
-    session.lockstep.run(0.5)
-    before = len(session.lockstep.bus.sent)
+    warm_counted.machine.command("sto_open right/hip 0.1")
+    warm_counted.machine.command("emcy right/hip 0.1 0x2310")
+    warm_counted.lockstep.run(0.5)
+    before = len(warm_counted.lockstep.bus.sent)
 
-    session.lockstep.request(RequestKind.RESET)
+    warm_counted.lockstep.request(RequestKind.RESET)
 
-    assert syncs(session, before)
-    sent = session.lockstep.bus.sent
+    assert syncs(warm_counted, before)
+    sent = warm_counted.lockstep.bus.sent
     starts = [n for n, f in enumerate(sent) if f.can_id == 0 and f.data[:1] == START]
     assert starts[-1] > before
-    assert syncs(session, starts[-1])[0].data == b"\x01"
+    assert syncs(warm_counted, starts[-1])[0].data == b"\x01"
 
 
 @pytest.mark.parametrize("pause", [pause_while_waiting, pause_after_sync])
@@ -108,13 +106,12 @@ def test_the_counter_begins_again_when_the_nodes_are_started_again(warm_counted)
 def test_after_a_pause_there_is_no_burst_and_the_counter_goes_on(
     warm_counted_gait, pause, pause_ms
 ):
-    session = warm_counted_gait
-    before = len(session.lockstep.bus.sent)
+    before = len(warm_counted_gait.lockstep.bus.sent)
 
-    pause(session, pause_ms * MS)
-    session.lockstep.run(0.5)
+    pause(warm_counted_gait, pause_ms * MS)
+    warm_counted_gait.lockstep.run(0.5)
 
-    frames = syncs(session, before)
+    frames = syncs(warm_counted_gait, before)
     times_ms = [frame.time_ns / MS for frame in frames]
     spacing_ms = [b - a for a, b in pairwise(times_ms)]
     assert min(spacing_ms) >= CLOSEST_MS

@@ -379,16 +379,15 @@ def test_a_gateway_that_falls_silent_takes_assist_away_before_it_is_a_verdict(se
 
 
 def test_with_position_guidance_torque_and_setpoints_are_refused(warm_position_hold):
-    session = warm_position_hold
-    Controller(session.lockstep.gateway, constant())
-    session.lockstep.run(0.1)
+    Controller(warm_position_hold.lockstep.gateway, constant())
+    warm_position_hold.lockstep.run(0.1)
 
-    answer = session.lockstep.request(RequestKind.MODE, TORQUE)
+    answer = warm_position_hold.lockstep.request(RequestKind.MODE, TORQUE)
 
     assert answer.outcome == Outcome.REFUSED
     assert "guidance 'position'" in answer.reason
-    assert refused(session, SetpointRefusal.GUIDANCE_IS_POSITION) >= 9
-    assert session.lockstep.record.assist.accepted_count == 0
+    assert refused(warm_position_hold, SetpointRefusal.GUIDANCE_IS_POSITION) >= 9
+    assert warm_position_hold.lockstep.record.assist.accepted_count == 0
 
 
 def test_each_leg_has_its_own_assist_and_one_that_is_left_alone_floats(warm_two_legs):
@@ -402,16 +401,15 @@ def test_each_leg_has_its_own_assist_and_one_that_is_left_alone_floats(warm_two_
 
 
 def test_a_leg_whose_setpoints_stop_ends_the_assist_of_both(warm_two_legs):
-    session = warm_two_legs
-    controller = in_torque(session, constant(hip_nm=4.0), legs=("right", "left"))
-    session.lockstep.run(0.3)
+    controller = in_torque(warm_two_legs, constant(hip_nm=4.0), legs=("right", "left"))
+    warm_two_legs.lockstep.run(0.3)
     controller.legs = ("right",)
 
-    held = session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=1)
+    held = warm_two_legs.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=1)
 
     assert "stale" in held.assist.lapse_reason
-    session.lockstep.run(0.3)
-    assert {leg.assist for leg in session.lockstep.record.assist.legs} == {(0.0, 0.0)}
+    warm_two_legs.lockstep.run(0.3)
+    assert {leg.assist for leg in warm_two_legs.lockstep.record.assist.legs} == {(0.0, 0.0)}
 
 
 @pytest.mark.parametrize("slide_n", [-150.0, pytest.param(-120.0, marks=pytest.mark.thorough)])
