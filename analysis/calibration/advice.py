@@ -20,7 +20,7 @@ def advice(motion: Motion, results: tuple[Result, ...]) -> list[str]:
         if untold:
             lines += _of_axis(motion, axis, name, untold)
         lines += [
-            f"the {one.quantity.label} of {one.value:.3g} {one.quantity.unit} stays in no number "
+            f"the {one.quantity.label} of {one.value:.3g} {one.quantity.unit} is in no number "
             "of the robot file, and the observer takes it for the patient's: remove the drive's "
             "offset, or correct the mechanism's weight"
             for one in shown

@@ -55,9 +55,9 @@ START_NOISE: Final = 0.03
 """Effort noise to begin with, of the Coulomb level: what is blurred has fewer valleys."""
 START_FACTORS: Final = (0.4, 0.63, 1.0, 1.6, 2.5)
 START_ENCODERS: Final = (1.0, 30.0, 1 / 30.0)
-"""Of the file's encoder noise, to begin with: one that is far too large hides everything else."""
+"""Encoder noise to begin with, in the file's: what is far too large hides everything else."""
 START_HUMPS: Final = (0.01, 0.2)
-"""Of the Coulomb level."""
+"""Humps to begin with, in Coulomb levels."""
 NOISE_STEPS_MAX: Final = 15
 STALLED_STEPS: Final = 6
 """So many steps without a gain end a search."""
@@ -124,7 +124,7 @@ class Fit:
 
 
 class _End(NamedTuple):
-    """Of a search."""
+    """Where a search ended."""
 
     free: Vector
     loss: Number
@@ -256,15 +256,14 @@ def fit(frame: Frame, motion: Motion, progress: Progress) -> Fit:
         for i in range(COUNT)
     )
     count = max(len(likelihood.row), 1)
-    worst = EQUAL_PER_SAMPLE * count
-    rival = ""
+    margin, rival = EQUAL_PER_SAMPLE * count, ""
     for end in ends:
-        if not rival and end is not first and end.loss < first.loss + worst:
-            other = _back(frame, end.free, reasons)
-            if _disagreement(frame, other, results):
-                again = walk(other)
-                if again.loss < told.loss + worst:
-                    rival = _disagreement(frame, again.free, results)
+        other = _back(frame, end.free, reasons)
+        if end.loss < first.loss + margin and _disagreement(frame, other, results):
+            # With the same values left to the file as the best: a flat valley is no optimum.
+            again = walk(other)
+            if again.loss < told.loss + margin:
+                rival = rival or _disagreement(frame, again.free, results)
     loss = likelihood.surprises(free).loss / count
     return Fit(frame, natural, results, loss, sum(end.step_count for end in ends), rival)
 
@@ -303,9 +302,10 @@ def _told(
         which = np.array([i for i in range(SIZE) if i not in reasons], dtype=np.intp)
         base, dz, ds = likelihood.derivatives(end.free, which)
         each, fisher = scores(base, dz, ds)
+        cov[:] = 0.0
+        cov[np.ix_(which, which)] = robust_covariance(each, fisher, likelihood.row)
         found = _untold(likelihood.frame, end.free, which, fisher)
         if not found:
-            cov[np.ix_(which, which)] = robust_covariance(each, fisher, likelihood.row)
             break
         reasons.update(found)
         end = walk(_back(likelihood.frame, end.free, found))

@@ -43,7 +43,7 @@ STEEPER_MAX: Final = 4.0
 SMOOTHER_MAX: Final = 30.0
 """Factors that the law's speeds may fall below and rise above the file's."""
 HUMP_MAX_RATIO: Final = 1.0
-"""Of the Coulomb level."""
+"""How high the hump may become, in Coulomb levels."""
 BLOCK_ROWS: Final = 50
 """Innovations that are near in time are not quite independent: scores are summed over blocks."""
 REST_NOISE_RATIO: Final = 0.03
@@ -143,7 +143,7 @@ def bounds(frame: Frame) -> tuple[Vector, Vector]:
     Another law than ours (bristles) would be fitted by one that is ever steeper at rest, which says
     nothing about motion and which no observer at 10 ms can follow. A hump without an end is as
     little use: behind it the likelihood is rough and has many valleys. A law that is smoother than
-    the file's harms nobody.
+    the file's does no harm.
     """
     middle = frame.free(frame.natural)
     low, high = np.full(SIZE, -np.inf), np.full(SIZE, np.inf)

@@ -88,7 +88,7 @@ CONSTANTS: Final = (
     Quantity("", "hip constant effort", "N·m", 0),
     Quantity("", "slide constant effort", "N", 1),
 )
-"""Of an axis without a spring, in the place of the spring's rest."""
+"""What an axis without a spring has in the place of the spring's rest."""
 SPRING_SCALE: Final = ((20.0, 5.0, 0.2), (100.0, 30.0, 4.0))
 """Steps of stiffness, effort and inertia that mean about as much as a free step of 1 elsewhere."""
 SMALLEST: Final = 1e-9

@@ -20,7 +20,7 @@ TRANSITION_M_PER_S = 0.008
 TIME_CONSTANT_S = 0.006
 ENCODER_M = 2e-7
 RIPPLE_N = 2.0
-"""Of a row's mean."""
+"""Standard deviation of a row's mean."""
 SPEEDS_M_PER_S = (0.2, 0.12, 0.2, 0.06, 0.16, 0.03)
 ACCELERATION_M_PER_S2 = 1.5
 SLIDE_M = 0.59
