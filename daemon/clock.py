@@ -78,7 +78,6 @@ class SimulatedClock:
     def sleep_until(self, deadline_ns: int) -> None:
         """Let time pass; without a server it is the computer's, and the bus says it is lost."""
         with contextlib.suppress(LinkLostError):
-            self._link.check()
             self._link.wait(deadline_ns, for_frame=False)
             return
         time.sleep(max(deadline_ns - self._link.now_ns(), 0) * 1e-9)

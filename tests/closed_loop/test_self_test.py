@@ -8,7 +8,6 @@ from sessions import Session, changed_configs, elsewhere, position_guidance, two
 
 from daemon.core.axis_notes import Notes
 from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind, RequestResult
-from gaitd import lockstep
 
 DAILY = ("demo.toml", 'required = "never"', 'required = "daily"')
 SELF_TEST = ModeRequest(Mode.SELF_TEST)
@@ -107,15 +106,13 @@ def test_a_switch_that_one_drive_alone_has_seen_is_named_for_the_other(warm_day)
     assert "right/slide hand switch open" in reason
 
 
-def test_what_was_seen_today_counts_after_a_restart_and_not_a_day_later(
-    daily, warm_seen, monkeypatch
-):
+def test_what_was_seen_today_counts_after_a_restart_and_not_a_day_later(daily, warm_seen):
     notes = disabled(warm_seen)
 
     enabled(Session(daily, notes).until_ready())
-    start_ns = lockstep.UTC_OF_START_NS
-    monkeypatch.setattr(lockstep, "UTC_OF_START_NS", start_ns + 21 * HOUR_NS)
-    later = Session(daily, notes).until_ready()
+    later = Session(daily, notes)
+    later.lockstep.clock.utc_stepped_ns = 21 * HOUR_NS
+    later.until_ready()
 
     assert "hand switch open" in later.lockstep.request(RequestKind.ENABLE).reason
 
@@ -264,29 +261,27 @@ def passed(daily, warm_tested) -> tuple[Path, Notes]:
     ("hours", "due"),
     [(1, ""), (19, ""), (21, "the last self-test is older than 20 h"), (-1, "no self-test")],
 )
-def test_it_counts_for_its_hours_and_a_clock_that_goes_back_makes_it_void(
-    passed, monkeypatch, hours, due
-):
+def test_it_counts_for_its_hours_and_a_clock_that_goes_back_makes_it_void(passed, hours, due):
     configs, notes = passed
-    start_ns = lockstep.UTC_OF_START_NS
-    monkeypatch.setattr(lockstep, "UTC_OF_START_NS", start_ns + hours * HOUR_NS)
+    session = Session(configs, notes)
+    session.lockstep.clock.utc_stepped_ns = hours * HOUR_NS
 
-    later = Session(configs, notes).until_ready().lockstep
+    later = session.until_ready().lockstep
 
     assert later.core.self_test_due.startswith(due)
     assert bool(later.core.self_test_due) == bool(due)
 
 
 def test_a_clock_that_goes_back_while_it_runs_is_told_and_never_makes_a_test_count_for_longer(
-    passed, monkeypatch
+    passed,
 ):
     configs, notes = passed
-    start_ns = lockstep.UTC_OF_START_NS
-    monkeypatch.setattr(lockstep, "UTC_OF_START_NS", start_ns + 10 * HOUR_NS)
-    session = Session(configs, notes).until_ready()
+    session = Session(configs, notes)
+    session.lockstep.clock.utc_stepped_ns = 10 * HOUR_NS
+    session.until_ready()
     assert session.lockstep.core.self_test_due == ""
 
-    monkeypatch.setattr(lockstep, "UTC_OF_START_NS", start_ns + 5 * HOUR_NS)
+    session.lockstep.clock.utc_stepped_ns = 5 * HOUR_NS
     session.lockstep.run(0.1)
 
     assert "no self-test" in session.lockstep.core.self_test_due
@@ -304,13 +299,14 @@ def test_a_test_of_another_leg_does_not_count(passed):
     assert later.core.self_test_due == "the last self-test was of another robot file"
 
 
-def test_what_was_tested_of_one_drive_does_not_count_for_the_one_in_its_place(passed, monkeypatch):
+def test_what_was_tested_of_one_drive_does_not_count_for_the_one_in_its_place(passed):
     configs, notes = passed
-    monkeypatch.setattr(lockstep, "UTC_OF_START_NS", lockstep.UTC_OF_START_NS + HOUR_NS)
     text = (configs / "plant.toml").read_text()
     (configs / "plant.toml").write_text(text.replace("305_000_005", "305_000_099"))
 
-    later = Session(configs, notes).until_ready().lockstep
+    session = Session(configs, notes)
+    session.lockstep.clock.utc_stepped_ns = HOUR_NS
+    later = session.until_ready().lockstep
 
     (configs / "plant.toml").write_text(text)
     assert later.core.self_test_due == "the last self-test was of another drive"

@@ -142,7 +142,7 @@ def limited(tmp_path: Path, *changes: tuple[str, str, str]) -> Settings:
 
 
 HIP = ("limits.toml", "max_runaway_deg = 70.0", "max_runaway_deg = 62.0")
-SLIDE = ("limits.toml", "max_runaway_m = 0.85", "max_runaway_m = 0.75")
+SLIDE = ("limits.toml", "max_runaway_m = 0.85", "max_runaway_m = 0.82")
 
 
 @pytest.mark.parametrize(

@@ -138,7 +138,7 @@ def test_a_service_that_never_gets_ready_ends_the_act_in_time():
         def situation(self, now_s):
             return super().situation(now_s)._replace(mode="off", verdict="no drives")
 
-    with pytest.raises(ActError, match="no ready within 240 s; the mode is off"):
+    with pytest.raises(ActError, match="no ready within 900 s; the mode is off"):
         play(gait_act(PLAN), Off())
 
 
