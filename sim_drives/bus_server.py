@@ -103,7 +103,8 @@ class BusServer:
             except OSError:
                 data = b""
             if not data:
-                self.drop(connection)
+                if not said:  # else what it said first is heard before it is forgotten
+                    self.drop(connection)
                 break
             try:
                 message = wire.read_to_server(data)
