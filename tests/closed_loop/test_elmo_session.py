@@ -9,7 +9,7 @@ from drives.signals import PowerState
 
 @pytest.fixture(scope="module")
 def warm_elmo_gait(tmp_path_factory):
-    return Session(elmo_drives(tmp_path_factory.mktemp("elmo"))).walking(warm_s=6.0)
+    return Session(elmo_drives(tmp_path_factory.mktemp("elmo"))).walking(warm_s=4.0)
 
 
 @pytest.fixture
@@ -18,7 +18,7 @@ def session(warm_elmo_gait):
 
 
 def test_it_walks_on_them_and_sees_the_patients_effort(session):
-    scores = session.scores(6.0)
+    scores = session.scores(4.0)
 
     assert session.lockstep.record.mode == Mode.GAIT
     assert scores["hip"].rms < 0.5

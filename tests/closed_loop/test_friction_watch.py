@@ -45,7 +45,7 @@ def test_friction_as_calibrated_is_not_worth_a_word(tmp_path):
 def test_with_a_patient_in_the_machine_the_number_is_there_and_no_advice(session):
     """A patient who pushes with the motion looks the same."""
     session.machine.command("patient active")
-    session.lockstep.run(14.0)
+    session.lockstep.run(12.0)
 
     leg = session.lockstep.record.legs[0]
     assert all(map(math.isfinite, leg.drift_correlation))

@@ -100,7 +100,7 @@ SHORT_OF_THE_GAIT = [
 
 def on_its_switch(configs):
     session = Session(configs).enabled()
-    gait = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=60.0)
+    gait = ModeRequest(Mode.GAIT, cadence_hz=0.5, amplitude_ratio=1.0, duration_s=60.0)
     session.lockstep.request(RequestKind.MODE, gait)
     session.lockstep.run_until(lambda record: not record.mode.active, within_s=30)
     return session

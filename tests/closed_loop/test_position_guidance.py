@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from sessions import (
     AXES,
-    POSITION_GUIDANCE,
     Session,
     empty_machine,
-    generic_drives,
     position_guidance,
     reaches_rest_in_fault,
 )
@@ -77,17 +75,6 @@ def test_a_gait_is_played_by_the_drives_loops_and_the_estimate_says_how_sure_it_
         ]
         assert len(errors) > 0.95 * len(records)
         assert np.mean(np.abs(errors) < 3) > 0.97
-
-
-def test_drives_that_speak_per_mille_play_it_too(tmp_path):
-    configs = generic_drives(tmp_path)
-    file, old, new = POSITION_GUIDANCE
-    (configs / file).write_text((configs / file).read_text().replace(old, new))
-    session = Session(configs).walking(cadence_hz=0.25, warm_s=4)
-
-    record = session.lockstep.record
-    assert (record.mode, record.verdict.cause) == (Mode.GAIT, Cause.NONE)
-    assert {drive.mode_display for drive in record.drives} == {CSP}
 
 
 def test_a_whole_gait_moves_its_targets_without_a_step_and_ends_in_hold(warm_position_hold):

@@ -83,7 +83,7 @@ def test_the_leg_can_be_moved_to_the_end_where_one_gets_out_and_stays_there(warm
     session.machine.command(f"patient {way}")
     session.lockstep.run(until_s + 0.5)
     there = where(session)
-    session.lockstep.run(4.0)
+    session.lockstep.run(2.0)
     later = where(session)
 
     assert session.lockstep.record.verdict.cause == Cause.NONE
@@ -97,7 +97,7 @@ def test_the_leg_can_be_moved_to_the_end_where_one_gets_out_and_stays_there(warm
     assert later[1] == pytest.approx(there[1], abs=0.01)
 
 
-@pytest.mark.parametrize("for_s", [6.0, pytest.param(20.0, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("for_s", [4.0, pytest.param(20.0, marks=pytest.mark.thorough)])
 def test_a_leg_that_nobody_moves_stays_where_it_is(warm_held, for_s):
     session = released(warm_held)
     begun = where(session)
@@ -167,7 +167,13 @@ def test_out_of_it_the_drives_can_be_switched_off_at_once(warm_hold):
     assert session.lockstep.record.mode == Mode.READY
 
 
-@pytest.mark.parametrize("line", ["hand_switch_open * 0.3", "emcy right/hip 0.3 0x2310"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "hand_switch_open * 0.3",
+        pytest.param("emcy right/hip 0.3 0x2310", marks=pytest.mark.thorough),
+    ],
+)
 def test_after_a_stop_the_way_out_is_reset_enable_release(warm_led, line):
     session = warm_led.walking(warm_s=1.0)
     session.machine.command(line)

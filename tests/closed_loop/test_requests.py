@@ -1,7 +1,9 @@
 """Every request in every mode is answered: done, or why not. And a stop stops in every mode."""
 
+from functools import partial
+
 import pytest
-from sessions import Session, changed_configs
+from sessions import Session, changed_configs, elsewhere
 
 from daemon.core.modes import TRANSITIONS, event_of
 from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind
@@ -53,49 +55,48 @@ def warm_mode(request, tmp_path_factory) -> tuple[Mode, Lockstep]:
     return mode, session.lockstep
 
 
-@pytest.mark.parametrize("name", ASKS)
-def test_a_request_is_answered_with_done_or_why_not(warm_mode, name):
-    mode, lockstep = warm_mode
-    kind, wanted = ASKS[name]
-    possible = (mode, event_of(kind, wanted)) in TRANSITIONS
-
-    answer = lockstep.request(kind, wanted, within_s=20)
-
-    assert answer.outcome in {Outcome.DONE, Outcome.REFUSED}
-    if not possible:
-        assert answer.outcome == Outcome.REFUSED
-        assert "not possible in mode" in answer.reason
-    if answer.outcome == Outcome.REFUSED:
-        assert answer.reason
-        assert any(answer.reason in event for event in told(lockstep))
-    else:
-        assert possible
-        assert answer.reason == ""
-
-
-@pytest.mark.parametrize("name", list(ASKS))
-def test_a_request_while_the_drives_are_brought_up_is_refused_there_and_then(name):
-    """Bring-up takes many cycles in one turn of the loop: it hears and answers meanwhile."""
-    lockstep = Session().lockstep
-    kind, wanted = ASKS[name]
-    answers = []
-
-    def ask_once(record):
-        if record.mode == Mode.BRINGING_UP and not answers:
-            lockstep.gateway.ask(kind, wanted)
-            answers.append(None)
-        elif record.mode == Mode.BRINGING_UP and answers == [None]:
-            answers[:] = [lockstep.gateway.outcome()]
-
-    lockstep.gateway._on_record = ask_once
-    lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
-
-    assert answers[0].outcome == Outcome.REFUSED
-    assert "not possible in mode bringing_up" in answers[0].reason
-
-
 def told(lockstep: Lockstep) -> list[str]:
     return [event for record in lockstep.records for event in record.events]
+
+
+def asked(kind: RequestKind, wanted: ModeRequest, lockstep: Lockstep):
+    return lockstep.request(kind, wanted, within_s=20), told(lockstep)
+
+
+def test_a_request_is_answered_with_done_or_why_not(warm_mode):
+    mode, lockstep = warm_mode
+    for name, (kind, wanted) in ASKS.items():
+        answer, events = elsewhere(lockstep, partial(asked, kind, wanted))
+
+        if (mode, event_of(kind, wanted)) not in TRANSITIONS:
+            assert answer.outcome == Outcome.REFUSED, name
+            assert "not possible in mode" in answer.reason, name
+        if answer.outcome == Outcome.REFUSED:
+            assert answer.reason, name
+            assert any(answer.reason in event for event in events), name
+        else:
+            assert (answer.outcome, answer.reason) == (Outcome.DONE, ""), name
+
+
+def test_a_request_while_the_drives_are_brought_up_is_refused_there_and_then():
+    """Bring-up takes many cycles in one turn of the loop: it hears and answers meanwhile."""
+    lockstep = Session().lockstep
+    gateway, waiting, answers = lockstep.gateway, list(ASKS.values()), []
+
+    def ask_the_next(record):
+        if record.mode != Mode.BRINGING_UP:
+            return
+        if len(waiting) + len(answers) < len(ASKS) and gateway.outcome().outcome != Outcome.PENDING:
+            answers.append(gateway.outcome())
+        if waiting and len(waiting) + len(answers) == len(ASKS):
+            gateway.ask(*waiting.pop())
+
+    gateway._on_record = ask_the_next
+    lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
+
+    assert len(answers) == len(ASKS)
+    assert {answer.outcome for answer in answers} == {Outcome.REFUSED}
+    assert all("not possible in mode bringing_up" in answer.reason for answer in answers)
 
 
 def test_a_stop_is_obeyed_in_every_mode_that_moves_and_harms_in_none(warm_mode):

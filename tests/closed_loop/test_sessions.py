@@ -144,21 +144,17 @@ def test_two_legs_walk_half_a_stride_apart_and_stop_together(warm_two_legs):
     stopped = warm_two_legs.lockstep.record
     assert [leg.name for leg in walking.legs] == ["right", "left"]
     assert abs(walking.legs[0].reference[0] - walking.legs[1].reference[0]) > 0.05
+    assert (walking.legs[1].gait_phase - walking.legs[0].gait_phase) % 1.0 == pytest.approx(0.5)
     assert stopped.verdict.drive == "left/slide"
     assert {drive.power_state for drive in stopped.drives} == {PowerState.QUICK_STOP_ACTIVE}
 
 
-@pytest.mark.parametrize(
-    "guidance", ["impedance", pytest.param("position", marks=pytest.mark.thorough)]
-)
-def test_two_legs_that_begin_in_different_poses_walk_half_a_stride_apart(
-    tmp_path, warm_two_legs, guidance
-):
-    session = warm_two_legs
-    if guidance == "position":
-        trainer = two_legs(tmp_path) / "demo.toml"
-        trainer.write_text(trainer.read_text().replace('"impedance"', '"position"'))
-        session = Session(trainer.parent).walking(cadence_hz=0.5, warm_s=4.3)
+@pytest.mark.thorough
+@pytest.mark.parametrize("guidance", ["impedance", "position"])
+def test_two_legs_that_begin_in_different_poses_walk_half_a_stride_apart(tmp_path, guidance):
+    trainer = two_legs(tmp_path) / "demo.toml"
+    trainer.write_text(trainer.read_text().replace('"impedance"', f'"{guidance}"'))
+    session = Session(trainer.parent).walking(cadence_hz=0.5, warm_s=4.3)
     request = session.lockstep.request
     assert request(RequestKind.MODE, ModeRequest(Mode.HOLD)).outcome == Outcome.DONE
     session.lockstep.run(1)

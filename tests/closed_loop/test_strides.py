@@ -52,6 +52,7 @@ def test_a_held_leg_makes_no_stride(warm_hold):
     assert not strides_of(warm_hold)
 
 
+@pytest.mark.thorough
 def test_two_legs_have_their_own_strides(tmp_path):
     session = Session(two_legs(tmp_path)).walking(cadence_hz=0.5, warm_s=0.0)
     session.lockstep.run(12.0)

@@ -27,10 +27,10 @@ def test_torque_never_rises_faster_than_its_rate_over_any_switch_that_keeps_powe
     for wanted in STEPS:
         answer = lockstep.request(RequestKind.MODE, wanted)
         assert answer.outcome == Outcome.DONE, answer.reason
-        lockstep.run(6.0 if wanted.mode in {Mode.GAIT, Mode.EXCITE} else 1.0)
+        lockstep.run(5.0 if wanted.mode in {Mode.GAIT, Mode.EXCITE} else 1.0)
     lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=20)
     lockstep.request(RequestKind.MODE, STEPS[0])
-    lockstep.run(6.0)
+    lockstep.run(5.0)
     ended_rows = len(warm_guided_hold.truth.rows)
     if end == "disable":
         lockstep.gateway.ask(RequestKind.DISABLE)

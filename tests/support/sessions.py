@@ -2,6 +2,7 @@
 
 import multiprocessing
 import shutil
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -97,12 +98,14 @@ class Session:
         return found
 
 
-def elsewhere(session: Session, play: Callable[[Session], Any]) -> Any:
+def elsewhere(session: Any, play: Callable[[Any], Any]) -> Any:
     """What this returns of a copy of the session: played in a fork, nothing changes here."""
     context = multiprocessing.get_context("fork")
     reader, writer = context.Pipe(duplex=False)
     child = context.Process(target=lambda: writer.send(play(session)))
-    child.start()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of threads; see forked.py
+        child.start()
     writer.close()
     try:
         return reader.recv()
