@@ -25,6 +25,8 @@ from stalls import EVERY_NS, Stalls, watch
 
 from gaitd.testing.trainer import HELD_UP_S
 
+BY_THE_CLOCK: Final = ("realtime", "rig_vcan", "rig_systemd")
+"""Marks of tests that go by the computer's clock."""
 AGAIN_MAX: Final = 5
 CALM_S: Final = 2.0
 """Before the first repetition; twice as long before each next one."""
@@ -172,7 +174,7 @@ class HeldUp:
 
 
 def _is_realtime(item: pytest.Item) -> bool:
-    return item.get_closest_marker("realtime") is not None
+    return any(item.get_closest_marker(name) for name in BY_THE_CLOCK)
 
 
 def _run(item: pytest.Item) -> int:
