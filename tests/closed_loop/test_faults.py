@@ -4,14 +4,7 @@ from itertools import pairwise
 
 import pytest
 from sessions import reaches_rest_in_fault
-from stopping_faults import (
-    FAULTS,
-    LOST,
-    MISMEASURED,
-    MISWIRED,
-    STOP_NOTHING_ALONE,
-    on_alternate_drives,
-)
+from stopping_faults import FAULTS, LOST, MISMEASURED, MISWIRED, STOP_NOTHING_ALONE
 
 from daemon.record import Cause, Mode, Outcome, RequestKind, StopCategory
 from drives.signals import PowerState
@@ -40,9 +33,9 @@ def test_the_faults_tested_here_are_all_there_are():
     assert stopping | set(STOP_NOTHING_ALONE) == {kind.value for kind in FaultKind}
 
 
-@pytest.mark.parametrize(("fault", "causes", "drive"), on_alternate_drives(FAULTS, first=0))
+@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize(("fault", "causes"), FAULTS, ids=[text.split()[0] for text, _ in FAULTS])
 def test_a_fault_while_walking_stops_both_axes_and_says_why(warm_gait, fault, causes, drive):
-    """On the other drive by default: test_limits_in_motion.py, with an observer that is blind."""
     stopped_by(warm_gait, fault.format(drive))
 
     reaches_rest_in_fault(warm_gait)
@@ -85,10 +78,10 @@ def test_a_drive_that_stops_badly_stops_all_the_same(warm_gait, fault, drive):
     reaches_rest_in_fault(warm_gait)
 
 
-HOLDING = ["silent {}", "emcy {} - 0x2310", "hand_switch_open {}", "sto_open {}", "reboot {}"]
-
-
-@pytest.mark.parametrize(("fault", "drive"), on_alternate_drives([(one,) for one in HOLDING]))
+@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize(
+    "fault", ["silent {}", "emcy {} - 0x2310", "hand_switch_open {}", "sto_open {}", "reboot {}"]
+)
 def test_a_fault_while_holding_stops_both_axes(warm_hold, fault, drive):
     stopped_by(warm_hold, fault.format(drive))
 

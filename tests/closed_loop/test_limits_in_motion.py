@@ -9,7 +9,7 @@ from sessions import (
     position_guidance,
     reaches_rest_in_fault,
 )
-from stopping_faults import FAULTS, on_alternate_drives
+from stopping_faults import FAULTS
 
 from daemon.core import cycle, watching
 from daemon.record import Cause, Mode
@@ -182,11 +182,13 @@ BLIND_FAULTS = [
 ]
 
 
-@pytest.mark.parametrize(("fault", "causes", "drive"), on_alternate_drives(BLIND_FAULTS, first=1))
+@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize(
+    ("fault", "causes"), BLIND_FAULTS, ids=[text.split()[0] for text, _ in BLIND_FAULTS]
+)
 def test_an_observer_that_says_plausible_constants_hides_no_other_stop(
     warm_gait, fault, causes, drive, monkeypatch
 ):
-    """On the other drive by default: test_faults.py, with an observer that sees."""
     blind(warm_gait, monkeypatch)
 
     warm_gait.machine.command(fault.format(drive))

@@ -6,50 +6,73 @@ import pytest
 
 from daemon.record import Mode, ModeRequest, Outcome, RequestKind
 
+HOLD = ModeRequest(Mode.HOLD)
 STEPS = (
-    ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=0.6, duration_s=60.0),
-    ModeRequest(Mode.HOLD),
+    HOLD,
     ModeRequest(Mode.EXCITE, duration_s=20.0, scenario="open_loop"),
-    ModeRequest(Mode.HOLD),
+    HOLD,
     ModeRequest(Mode.RELEASE),
-    ModeRequest(Mode.HOLD),
+    HOLD,
     ModeRequest(Mode.SELF_TEST),
 )
+GAIT = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=0.6, duration_s=60.0)
 PERIOD_S = 0.01
 
 
-@pytest.mark.parametrize(("guidance", "end"), [("impedance", "stop"), ("position", "disable")])
+def assert_no_jump(session, begun, begun_rows, ended_rows):
+    """Of what was sent since then, and of what the plant felt since then and until then."""
+    powered = [one for one in session.lockstep.records[begun:] if one.mode >= Mode.STOPPING]
+    rows = session.truth.rows[begun_rows:ended_rows]
+    for index, axis in enumerate(session.lockstep.core.axes):
+        step_si = axis.limits.effort_rate_max_si_per_s * PERIOD_S
+        name = ("hip_torque_nm", "slide_force_n")[index]
+        assert steepest([one.drives[index].target_effort_si for one in powered]) <= step_si * 1.001
+        # The current loop is not ours: its ripple and its sampling are in what the plant feels.
+        assert steepest([getattr(row, name) for row in rows]) <= step_si * 1.5
+
+
+def end_by(session, end):
+    if end == "disable":
+        session.lockstep.gateway.ask(RequestKind.DISABLE)
+    else:
+        session.lockstep.gateway.stop()
+    session.lockstep.run(0.05)
+
+
+@pytest.mark.parametrize(
+    ("guidance", "end"),
+    [
+        ("impedance", "stop"),
+        ("position", "disable"),
+        pytest.param("position", "stop", marks=pytest.mark.thorough),
+    ],
+)
 def test_torque_never_rises_faster_than_its_rate_over_any_switch_that_keeps_power(
-    warm_guided_hold, end
+    warm_guided_gait, guidance, end
 ):
-    lockstep = warm_guided_hold.lockstep
-    begun, begun_rows = len(lockstep.records), len(warm_guided_hold.truth.rows)
+    lockstep = warm_guided_gait.lockstep
+    begun, begun_rows = len(lockstep.records), len(warm_guided_gait.truth.rows)
     for wanted in STEPS:
         answer = lockstep.request(RequestKind.MODE, wanted)
         assert answer.outcome == Outcome.DONE, answer.reason
-        lockstep.run(5.0 if wanted.mode in {Mode.GAIT, Mode.EXCITE} else 1.0)
+        lockstep.run(6.0 if wanted.mode == Mode.EXCITE else 1.0)
     lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=20)
-    lockstep.request(RequestKind.MODE, STEPS[0])
-    lockstep.run(5.0)
-    ended_rows = len(warm_guided_hold.truth.rows)
-    if end == "disable":
-        lockstep.gateway.ask(RequestKind.DISABLE)
-    else:
-        lockstep.gateway.stop()
-    lockstep.run(0.05)
+    lockstep.request(RequestKind.MODE, GAIT)
+    lockstep.run(9.0 if guidance == "position" else 1.0)
+    ended_rows = len(warm_guided_gait.truth.rows)
+    end_by(warm_guided_gait, end)
 
-    limits = [axis.limits for axis in lockstep.core.axes]
-    powered = [record for record in lockstep.records[begun:] if record.mode >= Mode.STOPPING]
-    assert {record.mode for record in powered} >= {wanted.mode for wanted in STEPS}
-    rows = warm_guided_hold.truth.rows[begun_rows : ended_rows + 4]
-    for index, limit in enumerate(limits):
-        step_si = limit.effort_rate_max_si_per_s * PERIOD_S
-        sent = [record.drives[index].target_effort_si for record in powered]
-        name = ("hip_torque_nm", "slide_force_n")[index]
-        given = [getattr(row, name) for row in rows]
-        assert steepest(sent) <= step_si * 1.001
-        # The current loop is not ours: its ripple and its sampling are in what the plant feels.
-        assert steepest(given) <= step_si * 1.5
+    modes = {record.mode for record in lockstep.records[begun:]}
+    assert modes >= {Mode.GAIT} | {wanted.mode for wanted in STEPS}
+    assert_no_jump(warm_guided_gait, begun, begun_rows, ended_rows + 4)
+
+
+@pytest.mark.parametrize("end", ["disable", "stop"])
+def test_nor_does_it_at_the_end_of_a_gait_of_impedance(session, end):
+    begun, begun_rows = len(session.lockstep.records) - 10, len(session.truth.rows)
+    end_by(session, end)
+
+    assert_no_jump(session, begun, begun_rows - 10, begun_rows + 4)
 
 
 def steepest(values: list[float]) -> float:

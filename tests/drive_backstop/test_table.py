@@ -98,19 +98,10 @@ def limit_steps(kind):
     ]
 
 
-EPOS4 = {step.place for step in limit_steps("epos4")}
-"""An object that other makes have as well is read back in the same way."""
-
-
 @pytest.mark.parametrize(
     ("kind", "step"),
     [
-        pytest.param(
-            kind,
-            step,
-            id=f"{kind}-{step.place}",
-            marks=pytest.mark.thorough if kind != "epos4" and step.place in EPOS4 else [],
-        )
+        pytest.param(kind, step, id=f"{kind}-{step.place}")
         for kind in ("epos4", "generic", "elmo")
         for step in limit_steps(kind)
     ],

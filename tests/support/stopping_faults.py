@@ -1,9 +1,5 @@
 """What goes wrong with a virtual drive while it walks, and the causes that name it."""
 
-from collections.abc import Sequence
-
-import pytest
-
 from daemon.record import Cause
 
 LOST = {Cause.DRIVE_SILENT, Cause.HEARTBEAT_LOST, Cause.DRIVE_REBOOTED}
@@ -37,17 +33,3 @@ STOP_NOTHING_ALONE = (
     "home_switch_stuck",  # at homing
     "emcy_warning",  # but for a code that the drive's maker does not call a warning
 )
-
-
-def on_alternate_drives(cases: Sequence[tuple], first: int = 0) -> list:
-    """Each case on each drive, of which one by default: the slide after the hip, and so on."""
-    return [
-        pytest.param(
-            *case,
-            drive,
-            id=f"{case[0].split()[0]}-{drive}",
-            marks=[] if (number + first) % 2 == n else pytest.mark.thorough,
-        )
-        for number, case in enumerate(cases)
-        for n, drive in enumerate(("right/hip", "right/slide"))
-    ]
