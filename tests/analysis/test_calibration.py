@@ -154,7 +154,7 @@ def test_somebody_who_pushes_is_no_friction(pushed, shipped):
     _, made = shipped
     motion = prepare([pushed.recording])
 
-    said = something_else(disturbance(made.robot, motion), made.fit.natural, motion)
+    said = something_else(disturbance(made.robot, motion, np.zeros(2)), made.fit.natural, motion)
 
     assert "empty, undisturbed machine" in said
 
