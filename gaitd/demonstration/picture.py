@@ -174,9 +174,12 @@ def _bounds(panel: Axes, spans: Sequence[Span], begin_ns: int, index: int) -> No
 
 
 def _lateness(panel: Axes, healths: Sequence[wire.Health]) -> None:
-    style(panel, "lateness of SYNC", "cycles")
     if not healths:
+        panel.axis("off")
+        said = "simulated time: nothing is late\n`gaitd demo --wall-clock` shows how late SYNC is"
+        panel.text(0.0, 0.8, said, fontsize=9, color=TEXT, transform=panel.transAxes)
         return
+    style(panel, "lateness of SYNC", "cycles")
     bounds = healths[0].lateness_bound_us
     counts = np.sum([health.lateness_count for health in healths], axis=0)
     names = [*(f"≤ {_duration(bound)}" for bound in bounds), f"> {_duration(bounds[-1])}"]
