@@ -19,7 +19,8 @@ What a hand, or the command socket, may say beside the commands of the virtual d
     stall NAME SECONDS          so much time passes without the seat NAME
     cost SEED | off             every seat in step computes 0.3 to 3 ms before its next frame
     hold, go                    stop time, let it go on (hands only)
-    run SECONDS                 let so much time pass as fast as it can, then answer (hands only)
+    run SECONDS                 let so much time pass as fast as it can, then answer, once every
+                                seat in step waits again (hands only)
 """
 
 import contextlib
@@ -208,6 +209,7 @@ class TimeServer:
         if missing is not None:
             self._look_at(missing)
             return False
+        self._end_runs()
         return not self._is_held() and self._pace.pause_s(self.now_ns, self._ratio()) == 0
 
     def _is_held(self) -> bool:
@@ -248,7 +250,6 @@ class TimeServer:
                 self._grant(client)
             elif client.role in {Role.LISTENER, Role.HAND}:
                 self._hand_over(client)
-        self._end_runs()
         self._note_silence()
 
     def _grant(self, client: _Client) -> None:
@@ -297,7 +298,9 @@ class TimeServer:
 
     def _join(self, connection: Connection, hello: wire.Hello) -> None:
         in_step = hello.role is Role.IN_STEP
-        if hello.now_ns > self.now_ns and not any(one.in_step for one in self._conductor.seats):
+        waits = hello.role in {Role.IN_STEP, Role.BESIDE}
+        stands = not any(one.in_step for one in self._conductor.seats)
+        if waits and stands and hello.now_ns > self.now_ns:
             self._conductor.step(hello.now_ns)  # its time must not go back
             self._pace.anchor(self.now_ns)
             self._page.write(self.now_ns)

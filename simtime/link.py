@@ -83,7 +83,15 @@ class SocketLink:
     comes later begins no earlier than that.
     """
 
-    def __init__(self, path: Path, role: Role, name: str, *, wall_clock_only: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        role: Role,
+        name: str,
+        *,
+        wall_clock_only: bool = False,
+        patience_s: float | None = None,
+    ) -> None:
         """Name the seat; it is taken by `open`.
 
         Args:
@@ -91,9 +99,11 @@ class SocketLink:
             role: what the seat is to time.
             name: for people, and for `stall NAME`.
             wall_clock_only: refuse a server whose time is simulated.
+            patience_s: for any answer, of the computer's time; None: for ever, as a core has it.
         """
         self._path, self._role, self._name = path, role, name
         self._wall_clock_only = wall_clock_only
+        self._patience_s = patience_s
         self._socket: socket.socket | None = None
         self._page: SimulatedTime | None = None
         self._is_wall_clock = False
@@ -141,7 +151,7 @@ class SocketLink:
         except LinkLostError:
             made.close()
             raise
-        made.settimeout(None)
+        made.settimeout(self._patience_s)
         self._socket = made
 
     def _welcome(self, data: bytes) -> None:

@@ -1,7 +1,9 @@
 """The service and the virtual drives as the processes that people run, and what is seen of them.
 
-Time is simulated, at the pace of the computer's (`simtime`): a computer that stands still makes a
-test take longer, and changes nothing of what it sees.
+Time is simulated (`simtime`): a computer that stands still makes a test take longer, and changes
+nothing of what it sees. Who waits here lets time pass as fast as it can, and counts it in simulated
+seconds; otherwise it has the pace that was asked for, real time by default. While no core is in
+step, as when its process starts, time is never faster than the computer's.
 
 Every part is a process of its own (`gaitd sim`, `gaitd core`, `gaitd gateway`) with its output in
 a file. None outlives this process: it is ended by `end`, and killed by the kernel if we are.
@@ -31,10 +33,22 @@ from gaitd.children import free_ports, tied
 from gaitd.places import configs_folder
 from gaitd.remote import Target
 from gaitd.testing.edits import Edits, edit
+from simtime.link import LinkLostError, SocketLink
+from simtime.wire import Role
 
 SIMULATED, PYTHON_CAN = "simulated", "gaitd"
 """The bus of simulated time, and python-can's name for it."""
 POLL_S: Final = 0.02
+CYCLE_S: Final = 0.01
+"""Of simulated time between two looks at the newest record."""
+IN_STEP_NS: Final = 100_000_000
+"""A newest record older than this: the core is not in step, or not yet."""
+HANG_S: Final = 60.0
+"""Of the computer's time in which simulated time stands still: a process hangs."""
+RUN_MAX_NS: Final = 1_000_000_000
+"""How far the virtual drives are asked to go at once: each time may take HANG_S."""
+NS_PER_S: Final = 1_000_000_000
+REAL_TIME: Final = 1.0
 GAITD: Final = ("-m", "gaitd")
 END_S: Final = 10.0
 """The core stops both axes before it ends."""
@@ -56,6 +70,8 @@ class Service:
         *,
         trainer_file: str = "demo.toml",
         edits: Edits | None = None,
+        pace: float | str = REAL_TIME,
+        wall_clock: bool = False,
     ) -> None:
         """Write the configuration; nothing runs yet.
 
@@ -64,6 +80,8 @@ class Service:
             configs: a folder of configurations, copied; None: those that come with gaitd.
             trainer_file: in that folder.
             edits: keys with other values, by file; they win over ports and paths of our own.
+            pace: of simulated time while nothing is waited for: a multiple of real time, or `max`.
+            wall_clock: the simulated bus goes by the computer's clock, and nothing can be held.
 
         Raises:
             EditError: a key that is not there.
@@ -77,6 +95,12 @@ class Service:
         edit(own, edits or {})
         self._table = tomllib.loads(self.config.read_text(encoding="utf-8"))
         self._clock: AgeClock | None = None
+        bus = self._table["bus"]
+        self._pace, self._wall_clock = str(pace), wall_clock
+        self._is_simulated: bool = bus["interface"] == SIMULATED and not wall_clock
+        self._hand = SocketLink(Path(bus["channel"]), Role.HAND, "test", patience_s=HANG_S)
+        self._held_count = 0
+        self._is_fast = False
         self.parts: dict[str, subprocess.Popen[bytes]] = {}
 
     def _own_places(self) -> dict[str, str | Sequence[str]]:
@@ -143,7 +167,10 @@ class Service:
         log = self.folder / "sim.log"
         said_before = log.stat().st_size if log.exists() else 0
         places = ("--truth", str(self.truth_path), "--control", str(self.control_path))
-        drives = self.start("sim", *places, "--truth-in-silence")
+        speed = ("--pace", self._pace) if self._is_simulated else ()
+        clock = ("--wall-clock",) if self._wall_clock else ()
+        drives = self.start("sim", *places, "--truth-in-silence", *speed, *clock)
+        self._hand.close()
 
         def on_bus() -> bool:
             if drives.poll() is not None:
@@ -171,6 +198,7 @@ class Service:
 
     def end(self) -> None:
         """End what runs, whatever state it is in."""
+        self._hand.close()
         for part in reversed(list(self.parts)):
             process = self.parts[part]
             if process.poll() is None:
@@ -201,7 +229,13 @@ class Service:
     # --- asking ---------------------------------------------------------------------------------
 
     def request(self, name: str, **payload: object) -> dict[str, Any]:
-        """Query control/NAME: the answer as it came, `unanswered` if there is none."""
+        """Query control/NAME: the answer as it came, `unanswered` if there is none.
+
+        Raises:
+            ServiceError: time is held, so the core can decide nothing.
+        """
+        if self._held_count:
+            raise ServiceError(f"control/{name} is asked while time is held: it needs time to pass")
         target = Target((self.endpoint,), self.trainer)
         answer = remote.ask(target, name, {"client": "tester", **payload} if payload else {})
         if answer.text is None:
@@ -220,6 +254,106 @@ class Service:
             finally:
                 own.unlink()
 
+    # --- time ---------------------------------------------------------------------------------
+
+    @contextlib.contextmanager
+    def held(self) -> Generator[None]:
+        """Time stands still inside, but for `run`, `until` and what else waits for a record.
+
+        Every process has computed what it had to when it begins, and a request is refused.
+
+        Raises:
+            ServiceError: time is not simulated, or the virtual drives do not answer.
+        """
+        if not self._held_count:
+            self._command("hold")
+            self._command("run 0")
+        self._held_count += 1
+        try:
+            yield
+        finally:
+            self._held_count -= 1
+            if not self._held_count:
+                self._tried_command("go")
+
+    def run(self, duration_s: float) -> None:
+        """Let exactly so much simulated time pass, as fast as it can; then all have computed.
+
+        On a bus in real time it is waited.
+
+        Raises:
+            ServiceError: the virtual drives do not answer.
+        """
+        if not self._is_simulated:
+            time.sleep(duration_s)
+            return
+        left_ns = round(duration_s * NS_PER_S)
+        with self.held():
+            while left_ns > 0:
+                part_ns = min(left_ns, RUN_MAX_NS)
+                self._command(f"run {part_ns / NS_PER_S:.9f}")
+                left_ns -= part_ns
+
+    def at(self, delay_s: float, line: str) -> str:
+        """Tell the virtual drives `line` so many simulated seconds from now, exactly.
+
+        Inside `held` now is the instant at which time stands. What they do not understand they say
+        in their log, then.
+
+        Raises:
+            ServiceError: time is not simulated, or the virtual drives do not answer.
+        """
+        return self._command(f"at {delay_s:.9f} {line}")
+
+    @contextlib.contextmanager
+    def _fast(self) -> Generator[None]:
+        """Time passes as fast as it can inside, where it is simulated and there are drives."""
+        if self._is_fast or self._held_count or not self._tried_command("pace max"):
+            yield
+            return
+        self._is_fast = True
+        try:
+            yield
+        finally:
+            self._is_fast = False
+            self._tried_command(f"pace {self._pace}")
+
+    def _pass(self, poll_s: float) -> None:
+        """Between two looks."""
+        if not self._held_count:
+            time.sleep(poll_s)
+            return
+        self.run(CYCLE_S)
+        if not self._counts():
+            time.sleep(CYCLE_S)
+
+    def _counts(self) -> bool:
+        """Whether the core is in step."""
+        with contextlib.suppress(FileNotFoundError, RingError):
+            return self.clock.now_ns() - self.newest().sync_mono_ns < IN_STEP_NS
+        return False
+
+    def _tried_command(self, line: str) -> bool:
+        """Whether there are virtual drives that can be told; nothing is held or paced without."""
+        if not self._is_simulated or not self.runs("sim"):
+            return False
+        with contextlib.suppress(LinkLostError):
+            self._told(line)
+            return True
+        return False
+
+    def _command(self, line: str) -> str:
+        if not self._is_simulated:
+            raise ServiceError(f"{line!r}: time is not simulated on this bus")
+        try:
+            return self._told(line)
+        except LinkLostError as error:
+            raise ServiceError(f"{line!r}: {error}\n{self.logs()}") from error
+
+    def _told(self, line: str) -> str:
+        self._hand.open()
+        return self._hand.command(line)
+
     # --- witnesses ------------------------------------------------------------------------------
 
     @property
@@ -235,16 +369,28 @@ class Service:
     def wait(self, reached: Callable[[], object], within_s: float, poll_s: float = POLL_S) -> None:
         """Look until it is reached.
 
+        Args:
+            reached: looked at every `poll_s` of the computer's time; inside `held` every cycle.
+            within_s: in simulated time, where time is simulated.
+            poll_s: between two looks.
+
         Raises:
-            ServiceError: it was not, within the time.
+            ServiceError: it was not, within the time, or simulated time stands still.
         """
-        end_s = time.monotonic() + within_s
-        while time.monotonic() < end_s:
-            with contextlib.suppress(FileNotFoundError, RingError):
-                if reached():
-                    return
-            time.sleep(poll_s)
-        raise ServiceError(f"not reached within {within_s:g} s\n{self.logs()}")
+        looks_in_vain, seen_ns = 0, self.clock.now_ns()
+        end_ns = seen_ns + round(within_s * NS_PER_S)
+        with self._fast():
+            while looks_in_vain * poll_s < HANG_S:
+                with contextlib.suppress(FileNotFoundError, RingError):
+                    if reached():
+                        return
+                now_ns = self.clock.now_ns()
+                if now_ns >= end_ns:
+                    raise ServiceError(f"not reached within {within_s:g} s\n{self.logs()}")
+                looks_in_vain = looks_in_vain + 1 if now_ns == seen_ns else 0
+                seen_ns = now_ns
+                self._pass(poll_s)
+        raise ServiceError(f"simulated time stood still for {HANG_S:g} s\n{self.logs()}")
 
     @contextlib.contextmanager
     def _ring(self) -> Generator[RingReader]:
@@ -279,13 +425,21 @@ class Service:
             return ring.since(after_seq)
 
     def until(self, reached: Callable[[CycleRecord], bool], within_s: float = 30) -> CycleRecord:
-        """Wait for a record; returns the newest one then.
+        """Wait for a record, and return it: each cycle is looked at, and time is held meanwhile.
 
         Raises:
             ServiceError: none came within the time.
         """
-        self.wait(lambda: reached(self.newest()), within_s)
-        return self.newest()
+        found: list[CycleRecord] = []
+
+        def looked() -> bool:
+            found[:] = [self.newest()]
+            return reached(found[0])
+
+        can_hold = self._is_simulated and self.runs("sim")
+        with self.held() if can_hold else contextlib.nullcontext():
+            self.wait(looked, within_s)
+        return found[0]
 
     def truth(self) -> list[dict[str, str]]:
         """All rows of the plant's truth, by column."""

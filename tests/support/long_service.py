@@ -1,8 +1,6 @@
 """One running service for many tests: each says in which mode it begins, and leaves what it did.
 
 Starting drives, core and gateway takes seconds; bringing what lives back into a mode takes one.
-A machine that stalls for 100 ms makes the drives stop, rightly; here it is only in the way, so a
-mode is asked for again.
 """
 
 from pathlib import Path
@@ -10,9 +8,9 @@ from pathlib import Path
 from processes import CONFIGS, Service, its_bus
 
 from daemon.record import CycleRecord, Mode
-from gaitd.testing.trainer import PATIENCE_S, TRIES, VirtualTrainer, speeds_by_leg
+from gaitd.testing.trainer import PATIENCE_S, VirtualTrainer, speeds_by_leg
 
-__all__ = ["ALTERED_CORE", "PATIENCE_S", "TRIES", "WAITING_GATEWAY", "LongService"]
+__all__ = ["ALTERED_CORE", "PATIENCE_S", "WAITING_GATEWAY", "LongService"]
 
 ALTERED_CORE = (str(Path(__file__).with_name("altered_core.py")),)
 WAITING_GATEWAY = (str(Path(__file__).with_name("waiting_gateway.py")),)
@@ -26,9 +24,13 @@ class LongService(VirtualTrainer):
 
     ask = Service.ask
 
-    def __init__(self, folder: Path, template: str = "demo.toml") -> None:
+    def __init__(
+        self, folder: Path, template: str = "demo.toml", *, wall_clock: bool = False
+    ) -> None:
         edits = {template: {**its_bus(CONFIGS / template), **QUICKER}}
-        super().__init__(folder, CONFIGS, trainer_file=template, edits=edits)
+        super().__init__(
+            folder, CONFIGS, trainer_file=template, edits=edits, wall_clock=wall_clock
+        )
 
     def walks(self, record: CycleRecord) -> bool:
         """In a gait, and one leg fast in both axes."""
