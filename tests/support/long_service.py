@@ -3,14 +3,18 @@
 Starting drives, core and gateway takes seconds; bringing what lives back into a mode takes one.
 """
 
+import contextlib
+import tempfile
+from collections.abc import Generator
 from pathlib import Path
 
 from processes import CONFIGS, Service, its_bus
 
 from daemon.record import CycleRecord, Mode
+from gaitd.children import memory_folder
 from gaitd.testing.trainer import PATIENCE_S, VirtualTrainer, speeds_by_leg
 
-__all__ = ["ALTERED_CORE", "PATIENCE_S", "WAITING_GATEWAY", "LongService"]
+__all__ = ["ALTERED_CORE", "PATIENCE_S", "WAITING_GATEWAY", "LongService", "long_lived"]
 
 ALTERED_CORE = (str(Path(__file__).with_name("altered_core.py")),)
 WAITING_GATEWAY = (str(Path(__file__).with_name("waiting_gateway.py")),)
@@ -37,3 +41,14 @@ class LongService(VirtualTrainer):
         return record.mode == Mode.GAIT and any(
             hip > FAST[0] and slide > FAST[1] for hip, slide in speeds_by_leg(record)
         )
+
+
+@contextlib.contextmanager
+def long_lived(template: str = "demo.toml", *, wall_clock: bool = False) -> Generator[LongService]:
+    """One that has not begun; `bring` starts what does not run."""
+    with tempfile.TemporaryDirectory(dir=memory_folder()) as folder:
+        service = LongService(Path(folder), template, wall_clock=wall_clock)
+        try:
+            yield service
+        finally:
+            service.end()

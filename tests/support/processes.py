@@ -19,10 +19,15 @@ MEMORY = Path("/dev/shm")
 class Service(service.Service):
     """Virtual drives, core and gateway, each a process of its own."""
 
-    def __init__(self, folder: Path, configs: Path = CONFIGS, template: str = "demo.toml") -> None:
-        super().__init__(
-            folder, configs, trainer_file=template, edits={template: its_bus(configs / template)}
-        )
+    def __init__(
+        self,
+        folder: Path,
+        configs: Path = CONFIGS,
+        template: str = "demo.toml",
+        pace: float | str = service.REAL_TIME,
+    ) -> None:
+        edits = {template: its_bus(configs / template)}
+        super().__init__(folder, configs, trainer_file=template, edits=edits, pace=pace)
 
     def ask(self, *words: str) -> subprocess.CompletedProcess[str]:
         """As a person does: by the command line."""
