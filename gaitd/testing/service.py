@@ -40,7 +40,8 @@ SIMULATED, PYTHON_CAN = "simulated", "gaitd"
 """The bus of simulated time, and python-can's name for it."""
 POLL_S: Final = 0.02
 CYCLE_S: Final = 0.01
-"""Of simulated time between two looks at the newest record."""
+STEP_S: Final = 0.05
+"""Of simulated time between two looks at the records; where a test holds it, a cycle."""
 IN_STEP_NS: Final = 100_000_000
 """A newest record older than this: the core is not in step, or not yet."""
 HANG_S: Final = 60.0
@@ -99,6 +100,8 @@ class Service:
         self._pace, self._wall_clock = str(pace), wall_clock
         self._is_simulated: bool = bus["interface"] == SIMULATED and not wall_clock
         self._hand = SocketLink(Path(bus["channel"]), Role.HAND, "test", patience_s=HANG_S)
+        self._reader: RingReader | None = None
+        self._newest_seq = 0
         self._held_count = 0
         self._is_fast = False
         self.parts: dict[str, subprocess.Popen[bytes]] = {}
@@ -323,9 +326,9 @@ class Service:
         if not self._held_count:
             time.sleep(poll_s)
             return
-        self.run(CYCLE_S)
+        self.run(poll_s)
         if not self._counts():
-            time.sleep(CYCLE_S)
+            time.sleep(poll_s)
 
     def _counts(self) -> bool:
         """Whether the core is in step."""
@@ -370,9 +373,9 @@ class Service:
         """Look until it is reached.
 
         Args:
-            reached: looked at every `poll_s` of the computer's time; inside `held` every cycle.
+            reached: looked at again and again.
             within_s: in simulated time, where time is simulated.
-            poll_s: between two looks.
+            poll_s: between two looks, of the computer's time; inside `held` of simulated time.
 
         Raises:
             ServiceError: it was not, within the time, or simulated time stands still.
@@ -392,18 +395,28 @@ class Service:
                 self._pass(poll_s)
         raise ServiceError(f"simulated time stood still for {HANG_S:g} s\n{self.logs()}")
 
-    @contextlib.contextmanager
-    def _ring(self) -> Generator[RingReader]:
-        with contextlib.closing(
-            RingReader(self.config.parent / self._table["paths"]["runtime"] / RING_NAME)
-        ) as ring:
-            yield ring
+    def _ring(self) -> RingReader:
+        """Of the core that began last."""
+        path = self.config.parent / self._table["paths"]["runtime"] / RING_NAME
+        if self._reader is None or self._reader.inode != path.stat().st_ino:
+            self._reader, self._newest_seq = RingReader(path), 0
+        return self._reader
+
+    def _followed(self) -> tuple[RingReader, int]:
+        """The ring and its newest number: followed from there on, or looked for in all of it."""
+        ring = self._ring()
+        if not self._newest_seq or ring.raw(self._newest_seq) is None:
+            self._newest_seq = ring.newest_seq()
+        if not self._newest_seq:
+            raise FileNotFoundError("no record yet")
+        while ring.raw(self._newest_seq + 1) is not None:
+            self._newest_seq += 1
+        return ring, self._newest_seq
 
     def boot_id(self) -> str:
         """Of the core that wrote the ring; empty where there is none yet."""
         try:
-            with self._ring() as ring:
-                return ring.header.core_boot_id
+            return self._ring().header.core_boot_id
         except FileNotFoundError:
             return ""
 
@@ -413,32 +426,40 @@ class Service:
         Raises:
             FileNotFoundError, RingError: there is none yet.
         """
-        with self._ring() as ring:
-            record = ring.read(ring.newest_seq())
+        ring, seq = self._followed()
+        record = ring.read(seq)
         if record is None:
-            raise FileNotFoundError("no record yet")
+            raise RingError(f"record {seq} cannot be read")
         return record
 
     def records(self, after_seq: int = 0) -> list[CycleRecord]:
         """Records of the cycles after one, as far back as the ring goes (30 s)."""
-        with self._ring() as ring:
-            return ring.since(after_seq)
+        return self._ring().since(after_seq)
 
     def until(self, reached: Callable[[CycleRecord], bool], within_s: float = 30) -> CycleRecord:
-        """Wait for a record, and return it: each cycle is looked at, and time is held meanwhile.
+        """Wait for a record and return it: the first, from the newest one on, that is as wanted.
+
+        Inside `held` time stands in its cycle then; otherwise some cycles later.
 
         Raises:
             ServiceError: none came within the time.
         """
         found: list[CycleRecord] = []
+        ring, seq = None, 0
 
         def looked() -> bool:
-            found[:] = [self.newest()]
-            return reached(found[0])
+            nonlocal ring, seq
+            now, newest = self._followed()
+            first = seq + 1 if now is ring else newest
+            ring, seq = now, newest
+            records = (now.read(number) for number in range(first, newest + 1))
+            found.extend(one for one in records if one is not None and reached(one))
+            return bool(found)
 
         can_hold = self._is_simulated and self.runs("sim")
+        poll_s = CYCLE_S if self._held_count else STEP_S if can_hold else POLL_S
         with self.held() if can_hold else contextlib.nullcontext():
-            self.wait(looked, within_s)
+            self.wait(looked, within_s, poll_s)
         return found[0]
 
     def truth(self) -> list[dict[str, str]]:

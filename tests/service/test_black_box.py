@@ -14,7 +14,6 @@ from daemon.record import Cause, Mode
 from daemon.seam import ASIDE_NAME, RING_NAME
 
 
-
 @pytest.fixture
 def walking(long_service):
     return long_service.bring(Mode.GAIT)

@@ -12,7 +12,6 @@ from long_service import LongService
 from daemon.record import Cause, Mode
 from daemon.refusals import SetpointRefusal
 
-
 DOCUMENT = Path(__file__).parents[2] / "docs" / "control_by_others.md"
 
 

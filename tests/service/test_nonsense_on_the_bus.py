@@ -17,7 +17,6 @@ from processes import MEMORY, Service
 from daemon.record import Mode
 from drives.bus import Frame
 
-
 RATE_HZ = 500
 TALK_S = 4.0
 PATIENCE_S = 120.0

@@ -11,7 +11,6 @@ from witnesses import Watch
 from daemon.record import Cause, Mode
 from drives.signals import PowerState
 
-
 SILENT_CYCLES = 3
 SHOWN_CYCLES = 150
 

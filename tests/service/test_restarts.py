@@ -14,7 +14,6 @@ from witnesses import Watch
 from daemon.record import Cause, Mode
 from daemon.seam import RING_NAME, RingReader
 
-
 CONFIGURATION_ERROR = 2
 SILENCE_CYCLES = 30
 AWAY_CYCLES, PERIOD_S = 20, 0.01

@@ -15,7 +15,6 @@ from witnesses import MASTER_HEARTBEAT, SYNC, Watch
 from daemon.record import Cause, Mode, StopCategory, Verdict
 from drives.signals import PowerState
 
-
 NODES = (5, 6)
 WHILE = {Mode.GAIT: "walking", Mode.HOLD: "holding"}
 LIFE_GUARD, RPDO_TIMEOUT = 0x8130, 0x8250

@@ -5,7 +5,6 @@ from long_service import PATIENCE_S, long_lived
 
 from daemon.record import Mode
 
-
 LEGS = ("right", "left")
 DRIVES = ["right/hip", "right/slide", "left/hip", "left/slide"]
 EMERGENCY = 0x2310

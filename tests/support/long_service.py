@@ -32,9 +32,7 @@ class LongService(VirtualTrainer):
         self, folder: Path, template: str = "demo.toml", *, wall_clock: bool = False
     ) -> None:
         edits = {template: {**its_bus(CONFIGS / template), **QUICKER}}
-        super().__init__(
-            folder, CONFIGS, trainer_file=template, edits=edits, wall_clock=wall_clock
-        )
+        super().__init__(folder, CONFIGS, trainer_file=template, edits=edits, wall_clock=wall_clock)
 
     def walks(self, record: CycleRecord) -> bool:
         """In a gait, and one leg fast in both axes."""
