@@ -7,8 +7,8 @@ Rules:
     more than BEHIND_MAX_NS is not caught up: a stall of the computer stretches time, nothing else.
     Time may run AHEAD_MAX_NS ahead, so this process sleeps once a cycle and not at every event.
 3.  A client that has gone is no seat from then on. One whose process is stopped (state T, as after
-    SIGSTOP) is not waited for, nor is one that has said nothing for HUNG_S; both are in step again
-    with their next message. One that a debugger has stopped (state t) is waited for.
+    SIGSTOP) is not waited for until it goes on, nor is one that has said nothing for HUNG_S until
+    its next message. One that a debugger has stopped (state t) is waited for.
 4.  While no seat is in step, time passes at the pace of the computer's, at most.
 5.  A hand's hold belongs to its connection and ends with it.
 
@@ -90,6 +90,8 @@ class _Client:
     seat: Seat
     looks: int = 0
     """In a row, while it was waited for."""
+    is_stopped: bool = False
+    """Not waited for because of its state."""
 
 
 @dataclass
@@ -205,6 +207,9 @@ class TimeServer:
         return min(self._pace.pause_s(self.now_ns, self._ratio()), LOOK_S)
 
     def _may_pass(self) -> bool:
+        for client in self._clients.values():
+            if client.is_stopped and process_state(client.connection.pid) != "T":
+                self._expect(client)
         missing = self._conductor.missing()
         if missing is not None:
             self._look_at(missing)
@@ -227,7 +232,7 @@ class TimeServer:
         client = next(one for one in self._clients.values() if one.seat is seat)
         client.looks += 1
         if process_state(client.connection.pid) == "T":
-            seat.is_excused = True
+            seat.is_excused = client.is_stopped = True
         elif client.looks > HUNG_LOOKS:
             seat.is_excused = True
             name, hung_s = client.connection.name, HUNG_LOOKS * LOOK_S
@@ -236,6 +241,10 @@ class TimeServer:
                 file=sys.stderr,
                 flush=True,
             )
+
+    @staticmethod
+    def _expect(client: _Client) -> None:
+        client.looks, client.is_stopped, client.seat.is_excused = 0, False, False
 
     # --- time passes --------------------------------------------------------------------------
 
@@ -281,7 +290,7 @@ class TimeServer:
 
     def _take(self, connection: Connection, client: _Client | None, message: wire.ToServer) -> None:
         if client is not None:
-            client.looks, client.seat.is_excused = 0, False
+            self._expect(client)
         match message:
             case wire.Hello():
                 self._join(connection, message)

@@ -1,4 +1,4 @@
-"""The service and the virtual drives as the processes that people run, on loopback ports.
+"""The service and the virtual drives as the processes that people run.
 
 The processes are those of the plugin that gaitd ships; here is only what our own tests want more.
 """
@@ -12,8 +12,6 @@ from gaitd.testing import service
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 GAITD = service.GAITD
-MEMORY = Path("/dev/shm")
-"""Truth and ring in memory: a disk that writes back stalls who writes to it for 100 ms."""
 
 
 class Service(service.Service):
@@ -41,7 +39,7 @@ class Service(service.Service):
 
 
 def its_bus(template: Path) -> dict[str, str]:
-    """A bus of the kernel's is used as the file has it; only a loopback bus gets a port of ours."""
+    """A bus of the kernel's is used as the file has it; only a simulated one is of ours."""
     bus = tomllib.loads(template.read_text())["bus"]
     kept = {f"bus.{key}": bus[key] for key in ("interface", "channel")}
     return kept if bus["interface"] == "socketcan" else {}
