@@ -28,6 +28,8 @@ START_S: Final = 300.0
 SETTLED: Final = frozenset({Mode.READY, Mode.FAULT, Mode.HOLD, Mode.GAIT})
 STANDSTILL: Final = (0.05, 0.03)
 """rad/s and m/s, as limits.toml has it."""
+REST_CYCLES: Final = 30
+"""In a row: a leg that turns around stands still in one."""
 HOLD: Final[dict[str, object]] = {"mode": "hold"}
 GAIT: Final[dict[str, object]] = {
     "mode": "gait",
@@ -239,12 +241,15 @@ class VirtualTrainer(Service):
 
     def _arrived(self, mode: Mode) -> CycleRecord:
         """Wait until the mode is under way, or over."""
-        reached = {Mode.GAIT: self.walks, Mode.HOLD: self.stands}.get(mode)
-        over = {Mode.FAULT, Mode.READY}
-        return self.until(
-            lambda record: record.mode in over or (reached is not None and reached(record)),
-            PATIENCE_S,
-        )
+        rest_cycles = 0
+
+        def arrived(record: CycleRecord) -> bool:
+            nonlocal rest_cycles
+            rest_cycles = rest_cycles + 1 if self.stands(record) else 0
+            is_there = self.walks(record) if mode == Mode.GAIT else rest_cycles >= REST_CYCLES
+            return is_there or record.mode in {Mode.FAULT, Mode.READY}
+
+        return self.until(arrived, PATIENCE_S)
 
     def _done(self, name: str, **payload: object) -> bool:
         answer = self.request(name, **payload)

@@ -9,6 +9,7 @@ import itertools
 import signal
 
 import pytest
+from fault_table import FaultTable
 from long_service import PATIENCE_S
 from witnesses import MASTER_HEARTBEAT, SYNC, Watch
 
@@ -50,6 +51,12 @@ def mode(begun):
 @pytest.fixture
 def is_timed(begun):
     return begun[0] == "timed_service"
+
+
+@pytest.fixture
+def fault_table(fault_table, is_timed):
+    """The table is of simulated time."""
+    return FaultTable() if is_timed else fault_table
 
 
 @pytest.fixture

@@ -13,8 +13,6 @@ from pathlib import Path
 import pytest
 from outsiders import ENVIRONMENT
 
-pytestmark = pytest.mark.realtime
-
 pytest_plugins = ["pytester"]
 
 PROJECT = Path(__file__).parents[3]
@@ -54,12 +52,12 @@ def outsider(pytester):
 @pytest.mark.timeout(600)
 def test_every_example_of_the_guide_runs_as_it_is_printed(outsider):
     files = {name.removesuffix(".py"): text for name, text in EXAMPLES.items()}
-    assert set(files) == {"test_display", "test_configured", "test_own_node"}
+    assert set(files) == {"test_display", "test_time", "test_configured", "test_own_node"}
 
     ran = outsider(**files)
 
     vcan = has_socketcan() and os.geteuid() == 0
-    ran.assert_outcomes(passed=7 + vcan, skipped=1 - vcan)
+    ran.assert_outcomes(passed=9 + vcan, skipped=1 - vcan)
 
 
 USER_OF_NOTHING = """
