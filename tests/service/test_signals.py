@@ -168,7 +168,14 @@ def test_a_core_that_comes_back_after_2_s_finds_its_drives_stopped_says_so_and_e
     )
 
 
-@pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number",
+    [
+        signal.SIGSTOP,
+        signal.SIGKILL,
+        pytest.param(signal.SIGTERM, marks=pytest.mark.thorough),
+    ],
+)
 def test_a_gateway_that_hangs_or_ends_makes_the_core_hold_and_its_return_enables_nothing(
     service, seen, mode, number, fault_table
 ):

@@ -5,6 +5,8 @@ from long_service import PATIENCE_S, long_lived
 
 from daemon.record import Mode
 
+pytestmark = pytest.mark.thorough
+
 LEGS = ("right", "left")
 DRIVES = ["right/hip", "right/slide", "left/hip", "left/slide"]
 EMERGENCY = 0x2310
