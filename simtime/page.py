@@ -133,9 +133,13 @@ class SimulatedTime:
 
     def utc_ns(self) -> int:
         """Simulated UTC."""
-        if self._cells[_WALL_CLOCK]:
-            return time.time_ns()
-        return self.now_ns() + self._cells[_UTC_AHEAD]
+        return time.time_ns() if self.is_wall_clock else self.now_ns() + self.utc_ahead_ns()
+
+    def utc_ahead_ns(self) -> int:
+        """Simulated UTC less simulated time; constant but for a wall clock that is set."""
+        if self.is_wall_clock:
+            return time.time_ns() - time.monotonic_ns()
+        return self._cells[_UTC_AHEAD]
 
     def _writer_lives(self) -> bool:
         with contextlib.suppress(PermissionError):  # of another user, and there
