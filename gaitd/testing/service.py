@@ -445,14 +445,15 @@ class Service:
             ServiceError: none came within the time.
         """
         found: list[CycleRecord] = []
-        ring, seq = None, 0
+        seen: list[RingReader] = []
+        seq = 0
 
         def looked() -> bool:
-            nonlocal ring, seq
-            now, newest = self._followed()
-            first = seq + 1 if now is ring else newest
-            ring, seq = now, newest
-            records = (now.read(number) for number in range(first, newest + 1))
+            nonlocal seq
+            ring, newest = self._followed()
+            first = seq + 1 if [ring] == seen else newest
+            seen[:], seq = [ring], newest
+            records = (ring.read(number) for number in range(first, newest + 1))
             found.extend(one for one in records if one is not None and reached(one))
             return bool(found)
 
