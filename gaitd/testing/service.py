@@ -453,9 +453,12 @@ class Service:
             ring, newest = self._followed()
             first = seq + 1 if [ring] == seen else newest
             seen[:], seq = [ring], newest
-            records = (ring.read(number) for number in range(first, newest + 1))
-            found.extend(one for one in records if one is not None and reached(one))
-            return bool(found)
+            for number in range(first, newest + 1):
+                record = ring.read(number)
+                if record is not None and reached(record):
+                    found.append(record)
+                    return True
+            return False
 
         can_hold = self._is_simulated and self.runs("sim")
         poll_s = CYCLE_S if self._held_count else STEP_S if can_hold else POLL_S
