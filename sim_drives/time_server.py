@@ -17,7 +17,7 @@ What a hand, or the command socket, may say beside the commands of the virtual d
     pace 1 | N | max            how fast time passes, against the computer's
     at SECONDS LINE             do LINE so much later, exactly
     stall NAME SECONDS          so much time passes without the seat NAME
-    cost SEED | off             every seat in step computes 0.3 to 3 ms before its next frame
+    cost SEED | off             every seat in step computes 0.3 to 3 ms before it answers
     hold, go                    stop time, let it go on (hands only)
     run SECONDS                 let so much time pass as fast as it can, then answer (hands only)
 """
@@ -26,6 +26,7 @@ import contextlib
 import math
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,6 +51,8 @@ IDLE_STEP_NS: Final = 5_000_000
 """How far time passes at once while no seat is in step."""
 QUIET_ROW_NS: Final = 10_000_000
 SYNC_SILENCE_NS: Final = 20_000_000
+STOPPED, IN_A_DEBUGGER = "T", "t"
+"""States of a process in /proc."""
 PACE_MAX: Final = 0.0
 """As fast as it can."""
 PACE_RATIO_MIN, PACE_RATIO_MAX = 0.01, 1000.0
@@ -165,6 +168,8 @@ class TimeServer:
         self._holding: set[Connection] = set()
         self._runs: list[_Run] = []
         self._cost_seed: int | None = None
+        self._costed: Counter[str] = Counter()
+        """Seats that draw from that seed, by name: a second one of a name has draws of its own."""
         self._utc_ahead_ns = time.time_ns() - time.monotonic_ns()
         self._pace = _Pace(pace_ratio, world.now_ns)
         server.on_leave = self._leave
@@ -216,18 +221,20 @@ class TimeServer:
     def _ratio(self) -> float:
         if self._runs:
             return PACE_MAX
-        if any(client.seat.in_step for client in self._clients.values()):
+        seats = self._conductor.seats
+        if any(seat.in_step and not seat.is_excused for seat in seats):
             return self._pace.ratio
         return min(self._pace.ratio, 1.0) or 1.0
 
     def _look_at(self, seat: Seat) -> None:
         """Is the process that time waits for one that can answer?"""
         client = next(one for one in self._clients.values() if one.seat is seat)
-        client.looks += 1
-        if process_state(client.connection.pid) == "T":
-            seat.is_excused = True
-        elif client.looks > HUNG_LOOKS:
-            seat.is_excused = True
+        state = process_state(client.connection.pid)
+        client.looks = 0 if state == IN_A_DEBUGGER else client.looks + 1
+        seat.is_excused = state == STOPPED or client.looks > HUNG_LOOKS
+        if seat.is_excused:
+            self._pace.anchor(self.now_ns)
+        if client.looks > HUNG_LOOKS:
             name, hung_s = client.connection.name, HUNG_LOOKS * LOOK_S
             print(
                 f"gaitd sim: {name} asks for nothing for {hung_s:g} s; time goes on without it",
@@ -411,13 +418,17 @@ class TimeServer:
         if text != "off" and not text.isdecimal():
             raise FaultCommandError(f"cost SEED or cost off, not {text!r}")
         self._cost_seed = None if text == "off" else int(text)
+        self._costed.clear()
         for seat in self._conductor.seats:
             self._set_cost(seat)
         return f"cost of computing {text}"
 
     def _set_cost(self, seat: Seat) -> None:
-        seeded = seat.in_step and self._cost_seed is not None
-        seat.cost = computing_cost(self._cost_seed or 0) if seeded else None
+        if self._cost_seed is None or not seat.in_step:
+            seat.cost = None
+            return
+        self._costed[seat.name] += 1
+        seat.cost = computing_cost(self._cost_seed, f"{seat.name}/{self._costed[seat.name]}")
 
 
 def _seconds(text: str) -> float:

@@ -6,7 +6,7 @@ such seat waits. So what a process computes, or how long the computer stands sti
 simulated time, and the same frames come at the same instants on a busy computer.
 
     wire     frames and messages on the socket, and their layout
-    page     the time page: simulated time as a mapped file, for those who only read it
+    page     the time page: simulated time as a file in memory, for those who only read it
     link     a seat's end: in another process over the socket, behind a protocol
 
 This package is neutral ground: `drives`, `daemon` and `sim_drives` import it, and it imports
