@@ -29,7 +29,6 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 from sim_drives.bus_server import BusServer, Connection
@@ -38,6 +37,7 @@ from sim_drives.control import ControlSocket
 from sim_drives.faults import FaultCommandError
 from simtime import wire
 from simtime.page import PageWriter
+from simtime.processes import IN_A_DEBUGGER, STOPPED, process_state
 from simtime.wire import Role
 
 NS_PER_S: Final = 1_000_000_000
@@ -51,8 +51,6 @@ IDLE_STEP_NS: Final = 5_000_000
 """How far time passes at once while no seat is in step."""
 QUIET_ROW_NS: Final = 10_000_000
 SYNC_SILENCE_NS: Final = 20_000_000
-STOPPED, IN_A_DEBUGGER = "T", "t"
-"""States of a process in /proc."""
 PACE_MAX: Final = 0.0
 """As fast as it can."""
 PACE_RATIO_MIN, PACE_RATIO_MAX = 0.01, 1000.0
@@ -72,15 +70,6 @@ def parse_pace(text: str) -> float:
         if PACE_RATIO_MIN <= pace_ratio <= PACE_RATIO_MAX:
             return pace_ratio
     raise ValueError(f"a pace is max, or {PACE_RATIO_MIN:g} to {PACE_RATIO_MAX:g}; not {text!r}")
-
-
-def process_state(pid: int) -> str:
-    """The state of a process as /proc has it, `T` for a stopped one; empty if it is gone."""
-    try:
-        text = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
-    except OSError:
-        return ""
-    return text.rpartition(")")[2].split()[0]
 
 
 @dataclass

@@ -191,6 +191,11 @@ class SocketLink:
             self._say(message)
         return 0
 
+    def say_here(self) -> None:
+        """Say that we ask for nothing yet, for a reason: else we would be taken for hung."""
+        with contextlib.suppress(LinkLostError):  # the next use of the bus says so
+            self._say(wire.pack_here(self.now_ns()))
+
     def wait(self, until_ns: int, *, for_frame: bool) -> None:
         """As `Link.wait`."""
         if self._is_wall_clock:

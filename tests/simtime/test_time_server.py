@@ -17,11 +17,12 @@ from sim_drives.bus_server import bus_server
 from sim_drives.conductor import COST_MAX_NS, COST_MIN_NS
 from sim_drives.faults import FaultCommandError
 from sim_drives.frame import TimedFrame
-from sim_drives.time_server import AHEAD_MAX_NS, PACE_MAX, TimeServer, process_state
+from sim_drives.time_server import AHEAD_MAX_NS, PACE_MAX, TimeServer
 from simtime import wire
 from simtime.frame import Frame
 from simtime.link import LinkLostError, SocketLink
 from simtime.page import MAGIC, PageError, PageWriter, SimulatedTime, page_path
+from simtime.processes import STOPPED, process_state
 from simtime.wire import Role
 
 MS = 1_000_000
@@ -148,7 +149,7 @@ def test_a_process_that_is_stopped_is_not_waited_for_until_it_goes_on(served):
     with subprocess.Popen(words, stdout=subprocess.PIPE, cwd=Path(__file__).parents[2]) as other:
         assert other.stdout.readline() == b"here\n"
         os.kill(other.pid, signal.SIGSTOP)
-        while process_state(other.pid) != "T":
+        while process_state(other.pid) != STOPPED:
             pass
         now_ns = begun_ns(core)
 
