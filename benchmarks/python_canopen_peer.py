@@ -1,6 +1,6 @@
 """The drives' master as python-canopen's documentation suggests it: the peer of `gaitd core`.
 
-    python benchmarks/python_canopen_peer.py --channel ws://127.0.0.1:PORT/ --eds epos4.eds [--fifo]
+    python benchmarks/python_canopen_peer.py --channel SOCKET --eds epos4.eds [--fifo]
 
 It holds both axes where it finds them by a spring and a damper, as `gaitd core` does in mode hold,
 and reacts to an emergency of one drive with a quick stop of both. Nothing else: no observer, no
@@ -17,10 +17,9 @@ What he finds out, and does so here: the RPDO of the controlword is of type 255,
 nothing (2.4.1); `state = ...` is not set in a callback, because it waits for a TPDO that only the
 same thread could receive; a TPDO that has come already is not waited for.
 
-One thing is not python-can-remote's own: that hands periodic messages to the server of the bus,
-which is the process of the virtual drives. SYNC would be their work, and its jitter theirs. So the
-bus here sends periodic messages from python-can's own thread, as it does on every adapter but
-SocketCAN (where the kernel's broadcast manager would send SYNC, on its time and not on the loop's).
+Its bus is the socket of `gaitd sim --wall-clock` by python-can's interface `gaitd`. Periodic
+messages come from python-can's own thread, as on every adapter but SocketCAN (where the kernel's
+broadcast manager would send SYNC, on its time and not on the loop's).
 
 SIGUSR1 recovers from a quick stop and enables again; SIGTERM ends. `--fifo` asks for SCHED_FIFO for
 all its threads at the core's priority.
@@ -36,7 +35,6 @@ from pathlib import Path
 
 import can
 import canopen
-from can_remote.client import RemoteBus
 from canopen.emcy import EmcyError
 from canopen.profiles.p402 import BaseNode402
 
@@ -45,12 +43,6 @@ CORE_PRIORITY = 60
 QUICK_STOP = 0x0002
 PATIENCE_S = 10.0
 STATE = "SWITCH ON DISABLED"
-
-
-class ThreadedBus(RemoteBus):
-    """The loopback bus, with periodic messages from a thread of this process."""
-
-    _send_periodic_internal = can.BusABC._send_periodic_internal  # noqa: SLF001 - as its base
 
 
 class Drive(BaseNode402):
@@ -133,7 +125,7 @@ class Peer:
     ) -> None:
         """Connect."""
         self.recover, self.over = recover, over
-        self.network = canopen.Network(ThreadedBus(channel))
+        self.network = canopen.Network(can.Bus(interface="gaitd", channel=channel))
         self.network.connect()
         gains = ((5, 0.66, 4.4), (6, 1.2, 7.5))  # 300 N·m/rad and 20, 4000 N/m and 250
         self.axes = [Axis(self._add(number, eds), *rest) for number, *rest in gains]

@@ -49,7 +49,7 @@ def choose_bus(
     """
     if interface != SIMULATED:
         return BusChoice(
-            lambda: CanBus.open(interface, channel, bitrate_bit_per_s, MonotonicClock().utc_ns),
+            lambda: CanBus.open(interface, channel, bitrate_bit_per_s),
             MonotonicClock(),
             lambda: False,
             lambda: None,

@@ -1,12 +1,12 @@
 """The CAN bus: frames in, frames out. The only file that touches python-can in the cycle.
 
-`Bus` is what everything else relies on; `CanBus` is the real one, over python-can's socketcan,
-remote (python-can-remote) or virtual. The bus of simulated time is another (`simulated.py`).
+`Bus` is what everything else relies on; `CanBus` is the real one, over python-can's socketcan or
+any other of its interfaces. The bus of simulated time is another (`simulated.py`).
 
 Policy for a full transmit queue (ENOBUFS): what `send` cannot place at once is dropped and
 counted, because process data of this cycle are worthless in the next. `send_urgent` (NMT, quick
 stop) tries again until its deadline, and listens meanwhile. Neither raises for a full queue.
-Any other failure is a BusError: the interface went down or away, or a remote bus's server did.
+Any other failure is a BusError: the interface went down or away.
 
 Nothing here reads a clock: whoever waits brings one. `Frame.time_ns` is the kernel's stamp
 (SO_TIMESTAMPNS of a SocketCAN socket): the moment of arrival, by the wall clock, which NTP and
@@ -16,37 +16,27 @@ machine, and not taken.
 """
 
 import errno
-import http.client
-import socket
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Final, Protocol
 
 import can
 from can.interfaces.socketcan import SocketcanBus
-from can_remote.client import RemoteBus
-from can_remote.websocket import WebsocketClosed
 
 from drives.errors import BusError
 from simtime.frame import Frame
 
 DRAIN_COUNT_MAX: Final = 512
 """Frames that one drain takes: a babbling node must not hold the cycle."""
-REMOTE_TIMEOUT_S: Final = 1.0
-"""A remote bus whose server stalls in the middle of a frame for longer is dead."""
 SOCKETCAN: Final = "socketcan"
 RETRY_PAUSE_S: Final = 0.0002
 """Between two tries of an urgent frame: at 1 Mbit/s one frame leaves the queue in about 0.13 ms."""
 
 _QUEUE_FULL: Final = (errno.ENOBUFS, errno.EAGAIN)
-_FAILURES: Final = (can.CanError, OSError, ValueError, WebsocketClosed)
-"""What python-can and python-can-remote raise in use. ValueError: select() on a closed socket."""
-_OPEN_FAILURES: Final = (
-    *_FAILURES,
-    AssertionError,  # python-can-remote asserts what the server answers
-    TypeError,
-    http.client.HTTPException,
-)
+_FAILURES: Final = (can.CanError, OSError, ValueError)
+"""What python-can raises in use. ValueError: select() on a closed socket."""
+_OPEN_FAILURES: Final = (*_FAILURES, TypeError)
+"""TypeError: an interface that knows no bit rate."""
 
 
 class Clock(Protocol):
@@ -109,19 +99,12 @@ class SteadySocketcan(SocketcanBus):
         return self._recv_internal(timeout)[0]
 
 
-def _nobody_knows() -> int:
-    return 0
-
-
 class CanBus:
     """A `Bus` over python-can, without any thread."""
 
-    def __init__(
-        self, bus: can.BusABC, channel: str, utc_ns: Callable[[], int] = _nobody_knows
-    ) -> None:
+    def __init__(self, bus: can.BusABC, channel: str) -> None:
         self._bus = bus
         self._channel = channel
-        self._utc_ns = utc_ns
         self._stamps = isinstance(bus, SocketcanBus)
         self._kept: list[Frame] = []  # received while an urgent frame waited
         self.dropped_count = 0
@@ -130,36 +113,27 @@ class CanBus:
         """Frames received that no drive of ours sends: extended, remote or CAN FD."""
 
     @classmethod
-    def open(
-        cls,
-        interface: str,
-        channel: str,
-        bitrate_bit_per_s: int,
-        utc_ns: Callable[[], int] = _nobody_knows,
-    ) -> "CanBus":
+    def open(cls, interface: str, channel: str, bitrate_bit_per_s: int) -> "CanBus":
         """Open an interface by python-can's own words.
 
         The bit rate of a SocketCAN interface is the operating system's matter; there it is only
-        used for the bus load. Opening a remote bus waits for its server for a bounded time.
+        used for the bus load.
 
         Args:
             interface: python-can's name.
             channel: of it.
             bitrate_bit_per_s: of the bus.
-            utc_ns: when a frame is sent, for a loopback bus that hands it on later; 0: not known.
 
         Raises:
             BusError: there is no such interface, or it does not work.
         """
         where = f"{interface}:{channel}"
-        with _failures_as_bus_error(where, _OPEN_FAILURES), _bounded_connect():
+        with _failures_as_bus_error(where, _OPEN_FAILURES):
             if interface == SOCKETCAN:
                 bus: can.BusABC = SteadySocketcan(channel)
             else:
                 bus = can.Bus(interface=interface, channel=channel, bitrate=bitrate_bit_per_s)
-        if isinstance(bus, RemoteBus) and bus.socket is not None:
-            bus.socket.settimeout(REMOTE_TIMEOUT_S)
-        return cls(bus, where, utc_ns)
+        return cls(bus, where)
 
     def send(self, frames: Sequence[Frame]) -> int:
         """As `Bus.send`."""
@@ -208,24 +182,10 @@ class CanBus:
     def close(self) -> None:
         """As `Bus.close`."""
         with suppress(*_FAILURES):
-            if isinstance(self._bus, RemoteBus):
-                self._close_remote(self._bus)
-            else:
-                self._bus.shutdown()
-
-    @staticmethod
-    def _close_remote(bus: RemoteBus) -> None:
-        # Its own shutdown() waits for the server's goodbye without end.
-        can.BusABC.shutdown(bus)
-        try:
-            bus.remote_protocol.close()
-        finally:
-            if bus.socket is not None:
-                bus.socket.close()
+            self._bus.shutdown()
 
     def _place(self, frame: Frame) -> bool:
         message = can.Message(
-            timestamp=self._utc_ns() * 1e-9,
             arbitration_id=frame.can_id,
             data=frame.data,
             is_extended_id=False,
@@ -280,14 +240,3 @@ def _failures_as_bus_error(
         yield
     except failures as error:
         raise BusError(channel, f"cannot be opened: {_words(error)}") from error
-
-
-@contextmanager
-def _bounded_connect() -> Generator[None]:
-    """python-can-remote connects with the process's default timeout, which is: wait for ever."""
-    before = socket.getdefaulttimeout()
-    socket.setdefaulttimeout(REMOTE_TIMEOUT_S)
-    try:
-        yield
-    finally:
-        socket.setdefaulttimeout(before)

@@ -114,7 +114,7 @@ def _lateness(configs: Path, seconds: float, burner_count: int) -> "tuple[object
 
     found = measure(configs, seconds, burner_count)
     load = f", beside {burner_count} processes that compute" if burner_count else ""
-    return found, tables.lateness(f"SYNC in real time on the loopback bus{load}", found)
+    return found, tables.lateness(f"SYNC in real time on the simulated bus{load}", found)
 
 
 def _service(configs: Path, seconds: float) -> "tuple[object, list[Table]]":

@@ -32,7 +32,6 @@ WAKEUP_GOOD_MS: Final = 0.5
 SYSTEMD_MIN: Final = 252
 IMPORTS: Final = {
     "python-can": "can",
-    "python-can-remote": "can_remote",
     "canopen": "canopen",
     "numpy": "numpy",
     "scipy": "scipy",
@@ -134,7 +133,7 @@ def socket_can() -> Finding:
     try:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except OSError as error:
-        remedy = "modprobe can-raw; without it use the loopback bus (configs/demo.toml)"
+        remedy = "modprobe can-raw; without it use the simulated bus (configs/demo.toml)"
         return Finding("SocketCAN", f"no ({error.strerror})", Grade.MISSING, remedy)
     return Finding("SocketCAN", "yes", Grade.GOOD)
 

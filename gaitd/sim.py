@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from sim_drives.truth import TruthLog
     from sim_drives.world import EmptyWorld, World
 
-GIL_SWITCH_S = 0.0005
-"""Of the threads that serve the loopback bus; Python's own 5 ms is half a cycle."""
 FIFO_PRIORITY = 40
 """A drive's firmware is real-time, too; below the service's core, and only where it is granted."""
 WARM_UP_NS = 20_000_000
@@ -96,7 +94,6 @@ def command(
         else:
             with contextlib.suppress(PermissionError):
                 os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
-            sys.setswitchinterval(GIL_SWITCH_S)
             running = _by_the_wall(part, control, ending, is_simulated=is_simulated)
         end.at(running, duration_s)
         raise typer.Exit(_run(running, end))

@@ -20,9 +20,12 @@ def command(
     report: Annotated[
         Path | None, typer.Option(metavar="FILE.md", help="write a page and its figure there")
     ] = None,
+    wall_clock: Annotated[
+        bool, typer.Option("--wall-clock", help="by the computer's clock; on a quiet machine")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="print one JSON object")] = False,
 ) -> None:
-    """Virtual drives, core and gateway in real time, with faults, until the time is over.
+    """Virtual drives, core and gateway in simulated time, with faults, until the time is over.
 
     Exit code 0 only if every stop is explained, nothing ended by itself, the machine always walked
     again, and memory kept to its budget.
@@ -30,6 +33,7 @@ def command(
     import json as json_text
 
     from gaitd.demonstration.script import ActError
+    from gaitd.demonstration.stage import Tempo
     from gaitd.places import configs_folder
     from gaitd.soaking.figure import draw
     from gaitd.soaking.machinery import machinery, warm_up
@@ -44,7 +48,7 @@ def command(
         except ActError as error:
             print(f"gaitd soak: {error}", file=sys.stderr)
             raise typer.Exit(1) from error
-        with machinery(configs) as made:
+        with machinery(configs, Tempo("max", wall_clock)) as made:
             found: Soaked = Soak(made, seed, minutes * 60, say).run()
     if report is not None:
         report.parent.mkdir(parents=True, exist_ok=True)

@@ -74,8 +74,8 @@ files() {
     for name in systemd/network/80-gaitd-can0.*; do
         put "$name" "$NETWORK/$(basename "$name")"
     done
-    # For a desk, to be copied by hand: a virtual bus, or the loopback bus.
-    for name in systemd/network/80-gaitd-vcan0.* systemd/drop-ins/bus-{vcan0,loopback}.conf; do
+    # For a desk, to be copied by hand: a virtual bus, or the simulated one.
+    for name in systemd/network/80-gaitd-vcan0.* systemd/drop-ins/bus-{vcan0,simulated}.conf; do
         put "$name" "$DOCUMENTS/examples/$(basename "$name")"
     done
     put systemd/gaitd.sysusers /usr/lib/sysusers.d/gaitd.conf

@@ -25,6 +25,6 @@ with `drives/`, so that a mistake on one side does not cancel out on the other. 
     control, build              the command socket; wiring
     conductor                   simulated time: seats, and when each may go on
     bus_server, time_server     the same for other processes: sockets, and the pace
-    remote_bus, realtime        by the computer's clock: the only files with threads
+    realtime                    by the computer's clock
     plant                       the mechanics: dynamics, motor, stick_slip, stops, patient, truth
 """

@@ -29,7 +29,6 @@ from sim_drives.bus_server import BusServer, Connection
 from sim_drives.control import ControlSocket
 from sim_drives.faults import FaultCommandError
 from sim_drives.frame import Frame, TimedFrame
-from sim_drives.remote_bus import parse_channel, served_bus
 from sim_drives.timers import MILLISECOND
 from sim_drives.world import SYNC_ID, EmptyWorld, World
 from simtime import wire
@@ -41,7 +40,6 @@ SYNC_SILENCE_NS: Final = 20 * MILLISECOND
 """Then SYNC is not late any more, but silent."""
 QUIET_ROW_NS: Final = 10 * MILLISECOND
 NS_PER_S: Final = 1_000_000_000
-REMOTE: Final = "remote"
 SOCKETCAN: Final = "socketcan"
 BEHIND_NS: Final = 3 * MILLISECOND
 """The world is kept so far behind the present where a frame may be on its way to us."""
@@ -74,16 +72,13 @@ class Station(Protocol):
 
 @contextlib.contextmanager
 def open_bus(interface: str, channel: str, bitrate_bit_per_s: int) -> Generator[can.BusABC]:
-    """Our station on a bus of python-can's; for `remote` we serve the bus ourselves.
+    """Our station on a bus of python-can's.
 
     Raises:
         OSError, can.CanError: the interface or the address cannot be opened.
         ValueError: the channel makes no sense for the interface.
     """
-    if interface == REMOTE:
-        with served_bus(*parse_channel(channel)) as bus:
-            yield bus
-    elif interface == SOCKETCAN:
+    if interface == SOCKETCAN:
         with _KernelBus(channel) as bus:
             yield bus
     else:

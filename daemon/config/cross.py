@@ -35,7 +35,6 @@ DRIVE_HEARTBEATS_MISSED: Final = 2
 STANDSTILL_COUNTS: Final = 2
 """Standing still must be told from this many counts per cycle, or encoder noise is motion."""
 SOCKETCAN_NAME: Final = r"[^/\s]{1,15}"
-REMOTE_URL: Final = r"wss?://[^/\s]+:[0-9]+/.*"
 INTERFACE_NAME: Final = r"[a-z0-9_-]+"
 
 _AT_LEAST_S1: Final = {
@@ -120,8 +119,6 @@ def _the_channel_is_of_its_interface(settings: Settings) -> None:
     if not re.fullmatch(INTERFACE_NAME, bus.interface):
         allowed = "simulated, socketcan, or another interface of python-can by its own name"
         raise ConfigError(path, "bus.interface", bus.interface, allowed)
-    if bus.interface == "remote" and not re.fullmatch(REMOTE_URL, bus.channel):
-        raise ConfigError(path, "bus.channel", bus.channel, "ws://HOST:PORT/")
     if bus.interface == "socketcan" and not re.fullmatch(SOCKETCAN_NAME, bus.channel):
         allowed = "the name of a network interface, for example can0"
         raise ConfigError(path, "bus.channel", bus.channel, allowed)

@@ -1,7 +1,7 @@
 """What a station that only listens sees of a master: SYNC, commands, and its answer to an EMCY.
 
-Times are those of the process that serves the loopback bus, so they are the same clock for every
-master, and begin where the drives hear a frame.
+Times are those at which a frame was sent, by the one clock of this computer: the same for every
+master.
 """
 
 from bisect import bisect_right

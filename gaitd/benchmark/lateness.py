@@ -1,4 +1,4 @@
-"""How late SYNC leaves in real time: service and virtual drives on a loopback bus, at rest."""
+"""How late SYNC leaves in real time: service and virtual drives by the wall clock, at rest."""
 
 import time
 from pathlib import Path

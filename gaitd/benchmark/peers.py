@@ -27,7 +27,7 @@ from gaitd.benchmark.burning import burners
 from gaitd.benchmark.bus_times import Heard, Reaction, Syncs, held, reaction, syncs
 from gaitd.children import memory_folder
 from gaitd.demonstration.script import ActError
-from gaitd.demonstration.stage import Troupe, rewrite
+from gaitd.demonstration.stage import Tempo, Troupe, rewrite
 from gaitd.remote import ask
 from gaitd.soaking.machinery import Machinery
 from gaitd.soaking.memory import sample
@@ -165,7 +165,7 @@ def _measure_stretch(cell: Cell, ear: "Ear", subject: "Subject", seconds: float)
 
 def _measure_reaction(cell: Cell, ear: "Ear", made: Machinery) -> None:
     ear.listen(0.05)
-    made.tell_drives(EMERGENCY)
+    made.time.tell_drives(EMERGENCY)
     found = reaction(ear.listen(REACTION_S), FAILING)
     if found is None:
         cell.unanswered_count += 1
@@ -212,30 +212,16 @@ class Subject(NamedTuple):
 def _drives(configs: Path, *, realtime: bool) -> Generator[Machinery]:
     """Virtual drives alone, and a configuration for a core on their bus."""
     folder = Path(tempfile.mkdtemp(prefix="gaitd-bench-", dir=memory_folder()))
-    made = Machinery(configs, folder)
+    made = Machinery(configs, folder, Tempo(wall_clock=True))
     if not realtime:
         rewrite(made.config, {"realtime_priority": "0"})
     try:
         made.start("sim")
-        _await_drives(made)
+        made.time.take()
         yield made
     finally:
         made.end()
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def _await_drives(made: Machinery) -> None:
-    """They are on their bus: a request that comes before is lost.
-
-    Raises:
-        TimeoutError: they are not, for too long.
-    """
-    end_s = time.monotonic() + STARTED_WITHIN_S
-    while "virtual drives" not in made.words("sim"):
-        if time.monotonic() > end_s:
-            raise TimeoutError(f"no virtual drives: {made.words('sim')}")
-        made.check("sim")
-        time.sleep(0.05)
 
 
 @contextlib.contextmanager
@@ -253,7 +239,7 @@ def _subject(master: Master, made: Machinery) -> Generator[Subject]:
         )
         return
     eds = made.config.parent / "drives" / "epos4.eds"
-    arguments = [str(PEER), "--channel", made.channel, "--eds", str(eds)]
+    arguments = [str(PEER), "--channel", str(made.channel), "--eds", str(eds)]
     arguments += ["--fifo"] if master.realtime else []
     log = made.folder / "peer.log"
     peer = Troupe(master.name, arguments, log, program=())
@@ -311,7 +297,7 @@ def _listening(made: Machinery) -> Generator[Ear]:
     end_s = time.monotonic() + STARTED_WITHIN_S
     while True:
         try:
-            bus = can.Bus(interface="remote", channel=made.channel)
+            bus = can.Bus(interface="gaitd", channel=str(made.channel))
             break
         except (OSError, can.CanError):
             if time.monotonic() > end_s:

@@ -31,6 +31,7 @@ from daemon.record import CycleRecord
 from gaitd.benchmark import bare_put
 from gaitd.children import free_ports, tied
 from gaitd.demonstration.script import ActError
+from gaitd.demonstration.stage import Tempo
 from gaitd.remote import client_settings
 from gaitd.soaking.machinery import Machinery, RecordTail, machinery, until_ready, warm_up
 from gaitd.soaking.memory import sample
@@ -90,7 +91,7 @@ def measure(configs: Path, seconds: float) -> Service:
         ActError: a process ended, or the service was not ready in time.
     """
     warm_up(configs)
-    with machinery(configs) as made:
+    with machinery(configs, Tempo(wall_clock=True)) as made:
         ready_s = until_ready(made, READY_WITHIN_S)
         filled_s = time.monotonic() + FILLED_S
         _step_back(made.pid("sim"))

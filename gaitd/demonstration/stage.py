@@ -276,21 +276,18 @@ def _tidy(folder: Path) -> Callable[..., bool]:
     return leave
 
 
-def write_configs(
-    configs: Path, folder: Path, *, empty: bool, remote: bool = False
-) -> tuple[Path, str]:
+def write_configs(configs: Path, folder: Path, *, empty: bool) -> tuple[Path, str]:
     """Copy the configurations, with ports that are free and paths of this act.
 
     Args:
         configs: the project's folder of configurations.
         folder: where the copy goes.
         empty: nobody is in the trainer.
-        remote: the loopback bus of python-can-remote, by the computer's clock.
 
     Returns: the trainer file, and the Zenoh endpoint it listens on.
     """
     shutil.copytree(configs, folder)
-    bus_port, zenoh_port = free_ports(2)
+    (zenoh_port,) = free_ports(1)
     endpoint = f"tcp/127.0.0.1:{zenoh_port}"
     trainer, plant = folder / "demo.toml", folder / "plant.toml"
     values = {
@@ -299,8 +296,6 @@ def write_configs(
         "runtime": '"../run"',
         "state": '"../state"',
     }
-    if remote:
-        values |= {"interface": '"remote"', "channel": f'"ws://127.0.0.1:{bus_port}/"'}
     if empty:
         balance(folder / "robot_empty.toml", plant)
         values["robot"] = '"robot_empty.toml"'

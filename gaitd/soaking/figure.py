@@ -1,4 +1,4 @@
-"""A picture of a soak: how late SYNC was, memory of each process, and every stop on a time line."""
+"""A picture of a soak: memory of each process, every stop on a time line; how late SYNC was."""
 
 from pathlib import Path
 from typing import Final
@@ -11,13 +11,12 @@ from matplotlib.figure import Figure
 from gaitd.soaking.play import Soaked
 from gaitd.soaking.witness import Judged
 
-SIZE_IN: Final = (10.0, 11.0)
+SIZE_IN: Final = (10.0, 9.0)
 S_PER_MIN: Final = 60.0
 LEAST_US, MOST_US = 1.0, 30_000.0
 COLOURS: Final = {"sim": "tab:gray", "core": "tab:blue", "gateway": "tab:orange"}
 MARKS: Final = {
     Judged.EXPECTED: ("o", "tab:green"),
-    Judged.HELD_UP: ("s", "tab:gray"),
     Judged.UNEXPECTED: ("X", "tab:red"),
     Judged.MISSED: ("D", "tab:purple"),
 }
@@ -30,8 +29,10 @@ def draw(found: Soaked, path: Path) -> None:
         OSError: it cannot be written.
     """
     figure = Figure(figsize=SIZE_IN, dpi=110, layout="constrained")
-    late, memory, stops = figure.subplots(3, 1, height_ratios=(1.0, 1.2, 2.2))
-    _lateness(late, found)
+    heights = (1.2, 2.2, 1.0) if found.wall_clock else (1.2, 2.2)
+    memory, stops, *late = figure.subplots(len(heights), 1, height_ratios=heights)
+    for axes in late:  # in simulated time nothing is late
+        _lateness(axes, found)
     _memory(memory, found)
     _stops(stops, found)
     FigureCanvasAgg(figure).print_png(str(path))
@@ -59,7 +60,7 @@ def _memory(axes: Axes, found: Soaked) -> None:
     axes.set_ylabel("resident, MB (dotted: own pages)")
     axes.set_ylim(bottom=0.0)
     axes.set_xlim(0.0, found.duration_s / S_PER_MIN)
-    axes.legend(loc="center right", fontsize=8)
+    _legend(axes)
 
 
 def _stops(axes: Axes, found: Soaked) -> None:
@@ -76,5 +77,10 @@ def _stops(axes: Axes, found: Soaked) -> None:
     axes.set_yticks(range(len(causes)), labels=causes, fontsize=8)
     axes.set_xlim(0.0, found.duration_s / S_PER_MIN)
     axes.set_xlabel("minutes (red lines: a process was killed)")
-    axes.set_title("Stops by their first cause", fontsize=10)
-    axes.legend(loc="upper right", fontsize=8)
+    axes.set_title("Stops by their first cause", fontsize=10, loc="left")
+    _legend(axes)
+
+
+def _legend(axes: Axes) -> None:
+    """Above the axes: what is drawn reaches into every corner."""
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=8, frameon=False)

@@ -3,7 +3,6 @@
 import contextlib
 import shutil
 import signal
-import socket
 import tempfile
 import time
 import tomllib
@@ -17,34 +16,42 @@ from daemon.seam import RING_NAME, RingError, RingReader
 from gaitd.children import memory_folder
 from gaitd.demonstration.script import ActError
 from gaitd.demonstration.stage import (
+    BUS,
     DRIVES_END_S,
     SERVICE_END_S,
+    STOPPED,
+    Tempo,
     Troupe,
     write_configs,
 )
 from gaitd.remote import Target
+from gaitd.soaking.passing import Passing
+from sim_drives.time_server import process_state
 
 PARTS: Final = ("sim", "core", "gateway")
 """In the order of their start."""
 _ENDING: Final = ("core", "gateway", "sim")
 _COMPILED_WITHIN_S: Final = 300.0
 _POLL_S: Final = 0.01
+AT_REST: Final = "S"
+"""State of a process that waits for something to do, as proc(5) has it."""
+_STATE_WITHIN_S: Final = 5.0
 
 
 class Machinery:
     """All processes of one soak, in one folder."""
 
-    def __init__(self, configs: Path, folder: Path) -> None:
+    def __init__(self, configs: Path, folder: Path, tempo: Tempo) -> None:
         """Prepare; `start` begins."""
-        self.folder = folder
-        self.config, endpoint = write_configs(configs, folder / "configs", empty=False, remote=True)
+        self.folder, self._tempo = folder, tempo
+        self.config, endpoint = write_configs(configs, folder / "configs", empty=False)
         table = tomllib.loads(self.config.read_text(encoding="utf-8"))
         self.target = Target((endpoint,), table["zenoh"]["trainer"])
         self.leg: str = table["leg"][0]["name"]
         self.drives = tuple(f"{leg['name']}/{axis}" for leg in table["leg"] for axis in _AXES)
-        self.channel: str = table["bus"]["channel"]
+        self.channel = folder / BUS
+        self.time = Passing(self.channel, wall_clock=tempo.wall_clock)
         self.ring = folder / "run" / RING_NAME
-        self._control = folder / "sim.sock"
         self._parts: dict[str, Troupe] = {}
         self._expected_dead: set[str] = set()
         self.start_count: Counter[str] = Counter()
@@ -57,7 +64,7 @@ class Machinery:
         """Start one of PARTS."""
         arguments = [part, "--config", str(self.config)]
         if part == "sim":
-            arguments += ["--control", str(self._control)]
+            arguments += self._tempo.arguments
         self._expected_dead.discard(part)
         self.start_count[part] += 1
         log = self.folder / f"{part}{self.start_count[part]}.log"
@@ -80,32 +87,42 @@ class Machinery:
         return self._parts[part].last_words()
 
     def kill(self, part: str) -> None:
-        """SIGKILL; `start` brings it back."""
+        """SIGKILL; when this returns it is gone. `start` brings it back."""
         self._expected_dead.add(part)
         self._parts[part].signal(signal.SIGKILL)
+        self._parts[part].end(SERVICE_END_S)
 
     def halt(self, part: str, *, on: bool) -> None:
-        """Stop a process where it stands, or let it go on."""
-        self._parts[part].signal(signal.SIGSTOP if on else signal.SIGCONT)
+        """Stop a process where it stands, or let it go on until it waits again.
+
+        In simulated time none passes meanwhile, so a halt is as long as it should be.
+        """
+        troupe = self._parts[part]
+        troupe.signal(signal.SIGSTOP if on else signal.SIGCONT)
+        wanted, end_s = STOPPED if on else AT_REST, time.monotonic() + _STATE_WITHIN_S
+        while process_state(troupe.pid) != wanted and time.monotonic() < end_s:
+            if troupe.exit_code() is not None:
+                break
+            time.sleep(_POLL_S / 10)
 
     def revive(self) -> None:
-        """Start what ended without being asked to, as systemd would, and note that it did."""
-        for part, troupe in list(self._parts.items()):
+        """Start what ended without being asked to, as systemd would, and note that it did.
+
+        Not the virtual drives: without them there is no time.
+        """
+        for part in PARTS[1:]:
+            troupe = self._parts[part]
             code = troupe.exit_code()
             if code is not None and part not in self._expected_dead:
                 self.endings.append(f"gaitd {part} ended with {code}: {troupe.last_words()}")
                 self.start(part)
 
-    def tell_drives(self, words: str) -> None:
-        """Send commands to the virtual drives; nobody is waited for."""
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
-            sender.sendto(words.encode(), str(self._control))
-
     def end(self) -> None:
         """End all that runs."""
+        self.time.close()
         for part in _ENDING:
             if part in self._parts:
-                self.halt(part, on=False)
+                self._parts[part].signal(signal.SIGCONT)
                 patience_s = DRIVES_END_S if part == "sim" else SERVICE_END_S
                 self.exit_codes[part] = self._parts[part].end(patience_s)
 
@@ -114,10 +131,10 @@ _AXES: Final = ("hip", "slide")
 
 
 @contextlib.contextmanager
-def machinery(configs: Path) -> Generator[Machinery]:
+def machinery(configs: Path, tempo: Tempo) -> Generator[Machinery]:
     """Virtual drives, core and gateway, running; ended whatever happens."""
     folder = Path(tempfile.mkdtemp(prefix="gaitd-soak-", dir=memory_folder()))
-    made = Machinery(configs, folder)
+    made = Machinery(configs, folder, tempo)
     try:
         for part in PARTS:
             made.start(part)
@@ -195,5 +212,5 @@ def warm_up(configs: Path) -> None:
     Raises:
         ActError: as `until_ready`.
     """
-    with machinery(configs) as made:
+    with machinery(configs, Tempo()) as made:
         until_ready(made, _COMPILED_WITHIN_S)

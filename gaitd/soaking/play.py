@@ -7,7 +7,6 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Final
 
 import zenoh
@@ -20,8 +19,10 @@ from gaitd.soaking.happenings import DEATHS_RATIO, Chances, Doer, Happening
 from gaitd.soaking.machinery import PARTS, Machinery, RecordTail
 from gaitd.soaking.operator import Operator, Situation
 from gaitd.soaking.witness import Tally, Witness
+from simtime.link import LinkLostError
 
 TURN_S: Final = 0.1
+LEAST_TURN_S: Final = 0.001
 SETTLE_S: Final = 0.5
 """After the end of a trouble, until what it leaves has been seen."""
 CLEARED_AFTER_S: Final = 1.5
@@ -30,10 +31,8 @@ WALKING_WITHIN_S: Final = 120.0
 """Else the soak ends: nobody gets this machine walking again."""
 START_WITHIN_S: Final = 300.0
 """The very first start compiles the observer's kernels."""
-STOLEN_RATIO: Final = 0.1
-"""Of one processor: time of which others have more hardly counts against the machine."""
-STOLEN_COUNTS_RATIO: Final = 0.1
-"""Such time; a soak must end one day."""
+BY_PROCESS: Final = frozenset({Doer.KILL, Doer.HALT, Doer.FLOOD})
+"""What is done to a process or by one: it, or what starts anew, goes by the computer's time."""
 MEMORY_EVERY_S: Final = 5.0
 MEMORY_SAMPLES_MIN: Final = 40
 """Even of a short soak."""
@@ -51,12 +50,12 @@ class Soaked:
     recovery_s: list[float]
     """From the beginning of each trouble that stopped until the leg walked again."""
     memory: dict[str, list[memory.Sample]]
-    machine_busy_ratio: float
-    """Of all processors of this computer, by everybody on it."""
-    own_busy_ratio: float
-    """By the three processes, of all processors."""
-    stolen_ratio: float
-    """Of all processors, by other machines on the same hardware."""
+    wall_clock: bool
+    """Time was the computer's."""
+    wall_s: float
+    """What it took, of the computer's time."""
+    cpu_s: float
+    """Of processor, by the three processes."""
     outcomes: Counter[str]
     start_count: Counter[str]
     endings: list[str]
@@ -75,32 +74,6 @@ class StuckError(Exception):
     """The machine does not walk any more; the text says in which mode it is."""
 
 
-class Patience:
-    """How long nobody gets it walking; a tenth as fast while others have the processors."""
-
-    def __init__(self, now_s: float, stolen_s: float) -> None:
-        """Before the very first stride."""
-        self._now_s, self._stolen_s = now_s, stolen_s
-        self._left_s = START_WITHIN_S
-
-    def turn(self, now_s: float, stolen_s: float, *, walks: bool) -> bool:
-        """Whether there is some left.
-
-        Args:
-            now_s: any clock.
-            stolen_s: how long other machines have had our processors, since whenever.
-            walks: now.
-        """
-        passed_s, lost_s = now_s - self._now_s, stolen_s - self._stolen_s
-        self._now_s, self._stolen_s = now_s, stolen_s
-        if walks:
-            self._left_s = WALKING_WITHIN_S
-        else:
-            stolen = lost_s > STOLEN_RATIO * passed_s
-            self._left_s -= passed_s * (STOLEN_COUNTS_RATIO if stolen else 1.0)
-        return self._left_s > 0.0
-
-
 class Soak:
     """One soak on one machinery."""
 
@@ -112,7 +85,7 @@ class Soak:
         Args:
             made: the processes, started.
             seed: of everything that is drawn.
-            duration_s: from the first stride on.
+            duration_s: from the first stride on, of the machinery's time.
             say: told the time and what happens, several times a second.
         """
         self._made, self._seed, self._duration_s, self._say = made, seed, duration_s, say
@@ -122,8 +95,9 @@ class Soak:
         self._tail = RecordTail(made.ring)
         self._witness = Witness()
         self._memory: dict[str, list[memory.Sample]] = {part: [] for part in PARTS}
-        self._begun_s = time.monotonic()
-        self._patience = Patience(self._begun_s, _stolen_s())
+        self._time = made.time
+        self._begun_s = self._walked_s = 0.0
+        self._has_walked = False
         self._sampled_s = 0.0
         self._happening: Happening | None = None
         self._happened_s = 0.0
@@ -138,29 +112,30 @@ class Soak:
 
     def run(self) -> Soaked:
         """Until the time is over, or nobody gets the machine walking again."""
-        trouble = ""
-        busy, stolen = _processors_busy_s(), _stolen_s()
+        trouble, begun_wall_s = "", time.monotonic()
         try:
+            self._time.take()
+            self._begun_s = self._walked_s = self._time.now_s()
             self._until_walking()
-            busy, stolen, begun_s = _processors_busy_s(), _stolen_s(), time.monotonic()
-            self._begun_s = begun_s
-            while time.monotonic() < begun_s + self._duration_s or self._happening is not None:
+            begun_wall_s, self._begun_s = time.monotonic(), self._time.now_s()
+            end_s = self._begun_s + self._duration_s
+            while self._time.now_s() < end_s or self._happening is not None:
                 self._turn()
         except StuckError as error:
             trouble = str(error)
+        except LinkLostError as error:
+            trouble = f"{error}: {self._made.words('sim')}"
         finally:
-            self._heal()
             self._flood.end()
+            passed_s = self._time.now_s() - self._begun_s
+            self._time.close()
             self._outstanding.close()
-        passed_s = time.monotonic() - self._begun_s
-        busy_s, stolen_s = _processors_busy_s() - busy, _stolen_s() - stolen
+        wall_s = time.monotonic() - begun_wall_s
         self._made.end()
-        return self._soaked(passed_s, busy_s, stolen_s, trouble)
+        return self._soaked(passed_s, wall_s, trouble)
 
-    def _soaked(self, passed_s: float, busy_s: float, stolen_s: float, trouble: str) -> Soaked:
-        processors = os.cpu_count() or 1
+    def _soaked(self, passed_s: float, wall_s: float, trouble: str) -> Soaked:
         lives = [life for name in PARTS for life in memory.lives(name, self._memory[name])]
-        own_s = sum(life.cpu_ratio * life.duration_s for life in lives)
         return Soaked(
             seed=self._seed,
             duration_s=passed_s,
@@ -169,9 +144,9 @@ class Soak:
             happenings=self._log,
             recovery_s=self._recovery_s,
             memory={name: self._since_begin(life) for name, life in self._memory.items()},
-            machine_busy_ratio=busy_s / passed_s / processors,
-            own_busy_ratio=own_s / passed_s / processors,
-            stolen_ratio=stolen_s / passed_s / processors,
+            wall_clock=self._time.is_wall_clock,
+            wall_s=wall_s,
+            cpu_s=sum(life.cpu_ratio * life.duration_s for life in lives),
             outcomes=self._operator.outcomes,
             start_count=self._made.start_count,
             endings=self._made.endings,
@@ -193,16 +168,24 @@ class Soak:
         self._realtime = os.sched_getscheduler(self._made.pid("core")) in _REALTIME
 
     def _turn(self) -> None:
-        time.sleep(TURN_S)
-        now_s = time.monotonic()
-        since_s, stolen_s = now_s - self._begun_s, _stolen_s()
-        self._witness.hear(self._tail.read(), since_s, self._happening, stolen_s)
+        happening = self._happening
+        in_haste = self._has_walked and (happening is None or happening.doer not in BY_PROCESS)
+        self._time.turn(self._turn_s(), in_haste=in_haste)
+        now_s = self._time.now_s()
+        self._witness.hear(self._tail.read(), now_s - self._begun_s, happening)
         self._made.revive()
         self._note_memory(now_s)
-        self._insist_on_gait(now_s, stolen_s)
+        self._insist_on_gait(now_s)
         self._go_on(now_s)
         self._operate(now_s)
         self._say(now_s - self._begun_s, self._words())
+
+    def _turn_s(self) -> float:
+        """A turn, or up to the instant at which something goes wrong, or is over."""
+        happening = self._happening
+        due_s = self._happened_s + happening.duration_s if happening else self._next_s
+        left_s = due_s - self._time.now_s()
+        return min(left_s, TURN_S) if left_s > LEAST_TURN_S else TURN_S
 
     def _words(self) -> str:
         newest, tally = self._witness.newest, self._witness.tally
@@ -220,12 +203,14 @@ class Soak:
             if found is not None:
                 self._memory[part].append(found)
 
-    def _insist_on_gait(self, now_s: float, stolen_s: float) -> None:
-        walks = self._witness.walks and not self._witness.stopped
-        if not self._patience.turn(now_s, stolen_s, walks=walks):
+    def _insist_on_gait(self, now_s: float) -> None:
+        if self._witness.walks and not self._witness.stopped:
+            self._has_walked, self._walked_s = True, now_s
+        within_s = WALKING_WITHIN_S if self._has_walked else START_WITHIN_S
+        if now_s > self._walked_s + within_s:
             newest = self._witness.newest
             mode = f"{newest.mode.name}, {newest.verdict}" if newest else "no record"
-            raise StuckError(f"no gait for {WALKING_WITHIN_S:g} s: {mode}; {self._happening}")
+            raise StuckError(f"no gait for {within_s:g} s: {mode}; {self._happening}")
 
     # --- what goes wrong --------------------------------------------------------------------------
 
@@ -250,9 +235,9 @@ class Soak:
         self._log.append((passed_s, happening))
         match happening.doer:
             case Doer.DRIVE:
-                self._made.tell_drives(happening.words)
+                self._time.tell_drives(happening.words)
             case Doer.PATIENT:
-                self._made.tell_drives(f"patient {happening.words}")
+                self._time.tell_drives(f"patient {happening.words}")
             case Doer.KILL:
                 self._made.kill(happening.words)
             case Doer.HALT:
@@ -264,7 +249,7 @@ class Soak:
         """A short halt is timed here: a turn is longer."""
         self._made.halt(happening.words, on=True)
         if happening.duration_s < TURN_S:
-            time.sleep(happening.duration_s)
+            self._time.turn(happening.duration_s, in_haste=True)
             self._made.halt(happening.words, on=False)
 
     def _is_over(self, now_s: float) -> bool:
@@ -280,7 +265,7 @@ class Soak:
 
     def _heal(self) -> None:
         """Whatever was done is undone."""
-        self._healed, self._healed_s = True, time.monotonic()
+        self._healed, self._healed_s = True, self._time.now_s()
         happening = self._happening
         if happening is None:
             return
@@ -288,9 +273,9 @@ class Soak:
             case Doer.DRIVE:
                 kinds = [line.split()[0] for line in happening.words.splitlines()]
                 lines = [f"clear {kind} {happening.drive}" for kind in kinds]
-                self._made.tell_drives("\n".join(lines))
+                self._time.tell_drives("\n".join(lines))
             case Doer.PATIENT:
-                self._made.tell_drives("patient passive")
+                self._time.tell_drives("patient passive")
             case Doer.KILL:
                 self._made.start(happening.words)
             case Doer.HALT:
@@ -363,21 +348,3 @@ class Flood:
 
 
 _REALTIME: Final = frozenset({os.SCHED_FIFO, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK})
-
-
-def _processors_busy_s() -> float:
-    """Seconds that all processors together worked, since the start of this computer."""
-    ticks = _processor_ticks()
-    idle = ticks[3] + ticks[4]
-    return (sum(ticks[:7]) - idle) / memory.TICKS_PER_S
-
-
-def _stolen_s() -> float:
-    """Seconds that other virtual machines had our processors, since the start of this one."""
-    return _processor_ticks()[7] / memory.TICKS_PER_S
-
-
-def _processor_ticks() -> list[int]:
-    """User, nice, system, idle, iowait, irq, softirq, steal: first line of /proc/stat, proc(5)."""
-    line = Path("/proc/stat").read_text().partition("\n")[0]
-    return [int(field) for field in line.split()[1:]]

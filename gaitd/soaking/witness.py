@@ -1,10 +1,7 @@
 """What the records of a soak show: lateness, what got lost, and each stop with its judgement.
 
 A stop is expected if the row of what went wrong names its cause. Where nothing of ours went wrong,
-or nothing that stops, the records say whether this computer held the service or the loopback bus
-up: SYNC left late, grid points were missed, the samples of all drives were missing at once, or
-other machines on the same hardware had its processors. Anything else is a stop that nobody can
-explain; of one by the observer it is kept what the observer had said.
+or nothing that stops, a stop is unexpected; of one by the observer it is kept what it had said.
 """
 
 from array import array
@@ -14,26 +11,27 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final
 
-from daemon.record import Cause, CycleRecord, Mode, StopCategory
+from daemon.core.safety import OBSERVER_BAD_MAX_CYCLES
+from daemon.record import Cause, CycleRecord, DriveRecord, Mode, StopCategory
 from daemon.words import name_of
-from gaitd.held_up import LOOK_BACK_CYCLES, OBSERVER_LOOK_BACK_CYCLES, held_up, missing
 from gaitd.soaking.happenings import Happening
-from observer.status import Status
+from observer.status import NIS_WINDOW_SAMPLES, Status
 
-STOLEN_S: Final = 0.05
-"""Taken from us by other machines on the same hardware, within the longer look back."""
+LOOK_BACK_CYCLES: Final = NIS_WINDOW_SAMPLES + OBSERVER_BAD_MAX_CYCLES
+"""Of a stop by the observer: it remembers the innovations of its window, and is then of no use for
+some more cycles before it stops."""
+OPERATIONAL: Final = 0x05
+"""NMT state in which TPDOs come."""
 SILENCE_S: Final = 0.35
 """Of a core: it is dead, or stands."""
 WITHOUT_SYNC: Final = frozenset({Mode.OFF, Mode.BRINGING_UP})
 NS_PER_US: Final = 1000
-PERIOD_S: Final = 0.01
 
 
 class Judged(Enum):
     """What a stop is."""
 
     EXPECTED = "expected"
-    HELD_UP = "the computer held us up"
     UNEXPECTED = "unexpected"
     MISSED = "should have stopped, and did not"
 
@@ -97,9 +95,7 @@ class Witness:
     def __init__(self) -> None:
         """Nothing has been heard."""
         self.tally = Tally()
-        self._recent: deque[CycleRecord] = deque(maxlen=OBSERVER_LOOK_BACK_CYCLES)
-        self._stolen: deque[tuple[float, float]] = deque()
-        """Time, and what had been stolen by then."""
+        self._recent: deque[CycleRecord] = deque(maxlen=LOOK_BACK_CYCLES)
         self._before: CycleRecord | None = None
         self._heard_s = 0.0
         self._silent = True
@@ -121,11 +117,7 @@ class Witness:
         return record is not None and record.mode == Mode.GAIT and record.gait_phase >= 0
 
     def hear(
-        self,
-        records: Sequence[CycleRecord],
-        time_s: float,
-        happening: Happening | None,
-        stolen_s: float = 0.0,
+        self, records: Sequence[CycleRecord], time_s: float, happening: Happening | None
     ) -> None:
         """Take records that were written while `happening` was in force.
 
@@ -133,11 +125,7 @@ class Witness:
             records: since the last call.
             time_s: now.
             happening: what goes wrong.
-            stolen_s: how long other machines have had our processors, since whenever.
         """
-        self._stolen.append((time_s, stolen_s))
-        while self._stolen[0][0] < time_s - OBSERVER_LOOK_BACK_CYCLES * PERIOD_S:
-            self._stolen.popleft()
         self._heard_s = time_s if records else self._heard_s
         self._silent = time_s - self._heard_s > SILENCE_S
         for record in records:
@@ -208,18 +196,14 @@ class Witness:
             if stop.causes[-1] in law.causes | law.later | law.latches:
                 return
         if stop.judged is Judged.EXPECTED:
-            by_observer = stop.causes[-1] == Cause.OBSERVER_INVALID
-            look_back = OBSERVER_LOOK_BACK_CYCLES if by_observer else LOOK_BACK_CYCLES
-            recent = list(self._recent)[-look_back:]
-            words = held_up(recent) + self._stolen_words()
-            stop.judged = Judged.HELD_UP if words else Judged.UNEXPECTED
-            stop.evidence = ", ".join(words + (_observed(recent) if by_observer else []))
+            stop.judged = Judged.UNEXPECTED
+            if stop.causes[-1] == Cause.OBSERVER_INVALID:
+                stop.evidence = ", ".join(_observed(self._recent))
 
-    def _stolen_words(self) -> list[str]:
-        stolen_s = self._stolen[-1][1] - self._stolen[0][1]
-        if stolen_s <= STOLEN_S:
-            return []
-        return [f"{stolen_s * 1000:.0f} ms stolen by other machines on this hardware"]
+
+def missing(drive: DriveRecord) -> bool:
+    """Whether a drive that sends did not."""
+    return drive.nmt_state == OPERATIONAL and not drive.fresh
 
 
 def _observed(recent: Sequence[CycleRecord]) -> list[str]:

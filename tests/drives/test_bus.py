@@ -1,10 +1,7 @@
 import errno
-import http.server
-import threading
 
 import can
 import pytest
-from can_remote.server import RemoteServer
 from memory_bus import MS, ManualClock
 
 from daemon.clock import MonotonicClock
@@ -217,8 +214,7 @@ def test_a_closed_bus_is_a_bus_error_and_no_traceback():
     ("interface", "channel"),
     [
         ("socketcan", "can_that_is_not_there"),
-        ("remote", "ws://127.0.0.1:9/"),
-        ("remote", "ws://127.0.0.1:no-port/"),
+        ("gaitd", "a_socket_that_is_not_there"),
         ("no-such-interface", "x"),
     ],
 )
@@ -227,93 +223,6 @@ def test_an_interface_that_is_not_there_is_the_operator_s_or_the_machine_s_matte
 ):
     with pytest.raises(BusError, match=interface):
         CanBus.open(interface, channel, 1_000_000)
-
-
-@pytest.fixture
-def server():
-    """A python-can-remote server on a free port of loopback, over a virtual bus."""
-    before = set(threading.enumerate())
-    served = RemoteServer("127.0.0.1", 0, interface="virtual", channel="test-remote")
-    thread = threading.Thread(target=served.serve_forever, kwargs={"poll_interval": 0.02})
-    thread.start()
-    yield served
-    served.shutdown()
-    served.server_close()
-    for started in set(threading.enumerate()) - before:
-        started.join()
-
-
-# A thread of the server's may find its client gone while it sends, and says so.
-uses_server = pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-
-
-def channel_of(server):
-    return f"ws://127.0.0.1:{server.server_port}/"
-
-
-@uses_server
-def test_a_remote_bus_carries_frames_both_ways_and_starts_no_thread(server):
-    clock = MonotonicClock()
-    theirs = can.Bus(interface="virtual", channel="test-remote")
-    before = set(threading.enumerate())
-
-    bus = CanBus.open("remote", channel_of(server), 1_000_000)
-    bus.send([Frame(0x205, b"\x06\x00")])
-    received = theirs.recv(PATIENCE_NS * 1e-9)
-    theirs.send(can.Message(arbitration_id=0x185, data=b"1234567", is_extended_id=False))
-    frames = bus.receive_until(clock.now_ns() + PATIENCE_NS, clock)
-
-    assert received is not None
-    assert received.arbitration_id == 0x205
-    assert [frame[:2] for frame in frames] == [(0x185, b"1234567")]
-    ours = [t for t in set(threading.enumerate()) - before if "process_request" not in t.name]
-    assert [t.name for t in ours if "_send_to_client" not in t.name] == []
-    bus.close()
-    bus.close()
-    theirs.shutdown()
-
-
-@uses_server
-def test_a_remote_bus_whose_server_goes_away_is_a_bus_error_and_closes(server):
-    clock = MonotonicClock()
-    bus = CanBus.open("remote", channel_of(server), 1_000_000)
-    while not server.clients:  # it answers before it notes us down
-        threading.Event().wait(0.001)
-
-    for client in list(server.clients):
-        client._ws.socket.shutdown(2)
-
-    with pytest.raises(BusError):
-        bus.receive_until(clock.now_ns() + PATIENCE_NS, clock)
-    with pytest.raises(BusError):
-        for _ in range(1000):
-            bus.send([RPDO])
-            bus.drain()
-    bus.close()
-
-
-def test_a_server_that_takes_the_connection_and_says_nothing_does_not_hold_us():
-    over = threading.Event()
-
-    class Mute(http.server.BaseHTTPRequestHandler):
-        def do_GET(self):
-            over.wait()
-
-        def log_message(self, *args):
-            pass
-
-    mute = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Mute)
-    mute.daemon_threads = True
-    thread = threading.Thread(target=mute.serve_forever, kwargs={"poll_interval": 0.02})
-    thread.start()
-
-    with pytest.raises(BusError, match="timed out"):
-        CanBus.open("remote", f"ws://127.0.0.1:{mute.server_port}/", 1_000_000)
-
-    over.set()
-    mute.shutdown()
-    thread.join()
-    mute.server_close()
 
 
 # --- the controller's own reports -----------------------------------------------------------------

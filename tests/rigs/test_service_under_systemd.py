@@ -1,8 +1,8 @@
 """The shipped units under a real systemd, on a machine as `make install` leaves it.
 
-One container and one story for all tests (`trainer_on_a_loopback_bus.sh` sets it up,
+One container and one story for all tests (`trainer_on_a_simulated_bus.sh` sets it up,
 `trainer_under_systemd.py` plays it step by step, `take_it_off.sh` ends it); each test looks at what
-one step has seen. The bus is the loopback one: SocketCAN is the matter of `rig_vcan`.
+one step has seen. The bus is `gaitd sim --wall-clock`'s: SocketCAN is the matter of `rig_vcan`.
 """
 
 import json
@@ -51,7 +51,7 @@ def played(systemd_rig, tmp_path_factory):
     """The story, once for all tests: how it ended, and the folder with all that was seen."""
     folder = tmp_path_factory.mktemp("trainer")
     setup, end = (
-        (HERE / name).read_text() for name in ("trainer_on_a_loopback_bus.sh", "take_it_off.sh")
+        (HERE / name).read_text() for name in ("trainer_on_a_simulated_bus.sh", "take_it_off.sh")
     )
     rig = whole_machine(type(systemd_rig))
     return rig.run("\n".join((setup, PLAY, end)), folder, TIMEOUT_S), folder

@@ -1,4 +1,4 @@
-"""CAN fuzz of the running service as processes: a station on the loopback bus that talks nonsense.
+"""CAN fuzz of the running service as processes: a station on the simulated bus that talks nonsense.
 
 `pytest --fuzz-minutes=N` lets it talk for N minutes each, from a seed of its own, which is in the
 names of the tests.

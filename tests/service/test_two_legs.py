@@ -1,4 +1,4 @@
-"""Two legs, four drives, one bus: the shipped example as real processes on the loopback bus."""
+"""Two legs, four drives, one bus: the shipped example as real processes on a simulated bus."""
 
 import tempfile
 from pathlib import Path

@@ -6,7 +6,7 @@ from witnesses import Moved
 
 HEAD = """# What a process that dies, hangs or runs out of something does to the leg
 
-Measured by `tests/service/` with the virtual drives as a process of their own on a loopback bus;
+Measured by `tests/service/` with the virtual drives as a process of their own on a simulated bus;
 written by `.venv/bin/pytest tests/service --write-process-faults`. Times and distances are of one
 run on one machine, from the moment of the fault: what the tests hold is counted in cycles and
 frames. "Moved" is the farthest that hip and slide really were from where the fault found them

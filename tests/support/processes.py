@@ -36,7 +36,7 @@ class Service(service.Service):
 
 
 def its_bus(template: Path) -> dict[str, str]:
-    """A bus of the kernel's is used as the file has it; only a loopback bus gets a port of ours."""
+    """A bus of the kernel's is used as the file has it; a simulated one gets a place of ours."""
     bus = tomllib.loads(template.read_text())["bus"]
     kept = {f"bus.{key}": bus[key] for key in ("interface", "channel")}
     return kept if bus["interface"] == "socketcan" else {}

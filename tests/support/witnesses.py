@@ -6,7 +6,7 @@
         seen.read_bus()
 
 Times are this machine's monotonic clock: of the plant for the truth, of the process that serves
-the loopback bus for frames, of the core for records. They are measured and told, and nothing is
+the bus for frames, of the core for records. They are measured and told, and nothing is
 asserted of them: what is asserted is counted in frames and in the core's own cycles.
 """
 
