@@ -134,6 +134,19 @@ def test_a_wrong_drive_is_told_once_and_not_tried_again(story):
     assert "right/hip" in step["said"]
 
 
+def test_the_shipped_core_refuses_a_simulated_bus_and_says_what_a_desk_needs(story):
+    step = seen(story, "simulated_time")
+    assert step["refused"] == {"ExecMainStatus": "2", "NRestarts": "0"}
+    assert 'bus.interface = "simulated": a real bus: a watchdog goes by' in step["said"]
+    assert "bus-simulated.conf" in step["said"]
+
+
+def test_with_the_drop_in_of_a_desk_the_core_still_takes_no_simulated_time(story):
+    step = seen(story, "simulated_time")
+    assert "--wall-clock" in step["waits"]
+    assert step["restarts"] == "0"
+
+
 # --- hardened -----------------------------------------------------------------------------------
 
 

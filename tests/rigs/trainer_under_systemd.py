@@ -16,7 +16,7 @@ import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import TypeVar
 
@@ -30,6 +30,9 @@ from gaitd.remote import Target
 RUNTIME = Path("/run/gaitd")
 CONFIG = Path("/etc/gaitd/trainer.toml")
 CONTROL = Path("/run/gaitd-sim/control")
+BUS_DROP_IN = Path("/etc/systemd/system/gaitd-core.service.d/20-gaitd-bus.conf")
+SIM_DROP_IN = Path("/etc/systemd/system/gaitd-sim.service.d/60-desk.conf")
+ADMITTED = " --admit-simulated"
 TARGET = Target(("tcp/127.0.0.1:7447",), "trainer")
 CORE, GATEWAY, SIM = "gaitd-core", "gaitd-gateway", "gaitd-sim"
 POLL_S = 0.05
@@ -368,6 +371,40 @@ def wrong_drive() -> Seen:
     return {**seen, "said": journal(CORE)[-3000:]}
 
 
+def simulated_time() -> Seen:
+    """What the core says of a simulated bus: as shipped, and where only the drop-in admits it."""
+    nothing_runs()
+    with _changed(BUS_DROP_IN, ADMITTED, ""):
+        run("systemctl", "start", CORE)
+        wait(lambda: shown(CORE, "ActiveState") == "failed", "refused")
+        refused = {key: shown(CORE, key) for key in ("ExecMainStatus", "NRestarts")}
+    run("systemctl", "reset-failed", CORE)
+    with _changed(SIM_DROP_IN, " --wall-clock", ""):
+        run("systemctl", "start", SIM, CORE)
+        waits = wait(lambda: _says("--wall-clock"), "a status that says why")
+        restarts = shown(CORE, "NRestarts")
+        nothing_runs()
+    return {"refused": refused, "said": journal(CORE)[-3000:], "waits": waits, "restarts": restarts}
+
+
+def _says(word: str) -> str:
+    text = shown(CORE, "StatusText")
+    return text if word in text else ""
+
+
+@contextlib.contextmanager
+def _changed(drop_in: Path, old: str, new: str) -> Generator[None]:
+    right = drop_in.read_text()
+    assert old in right, drop_in
+    drop_in.write_text(right.replace(old, new))
+    run("systemctl", "daemon-reload")
+    try:
+        yield
+    finally:
+        drop_in.write_text(right)
+        run("systemctl", "daemon-reload")
+
+
 UNITS = Path("/usr/lib/systemd/system")
 RUNTIME_UNITS = Path("/run/systemd/system")
 OUT_OF_PROBES = ("ExecStart=", "Type=", "Watchdog", "Restart", "NotifyAccess", "PartOf=", "After=")
@@ -431,7 +468,7 @@ def played(step: Callable[[], Seen]) -> Seen:
 def main(path: Path) -> None:
     watch(STALLS)
     seen: dict[str, Seen] = {}
-    for step in (*STEPS, wrong_drive):
+    for step in (*STEPS, wrong_drive, simulated_time):
         begun_s = time.monotonic()
         seen[step.__name__] = {**played(step), "took_s": round(time.monotonic() - begun_s, 1)}
         path.write_text(json.dumps(seen, indent=1))

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -354,6 +355,36 @@ def test_a_file_of_somebody_else_in_the_place_of_the_page_is_left_as_it_is(tmp_p
     with pytest.raises(OSError, match="is no time page, and is left as it is"):
         PageWriter(path)
     assert path.read_text() == "somebody's notes"
+
+
+def test_by_the_computer_s_clock_a_server_that_hangs_stops_nobody(tmp_path):
+    path = tmp_path / "bus"
+    PageWriter(page_path(path)).begin(0, 0, wall_clock=True)
+    link = SocketLink(path, Role.IN_STEP, "core", wall_clock_only=True)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listening:
+        listening.bind(str(path))
+        listening.listen()
+        with pytest.raises(LinkLostError, match="timed out"):
+            link.open()
+        listening.accept()[0].close()
+        opens = threading.Thread(target=link.open)
+        opens.start()
+        server, _ = listening.accept()
+        with server:
+            server.send(wire.pack_welcome(wire.Welcome(0, 0, True)))
+            opens.join(10)
+
+            while link.send([Frame(0x80, b"")] * 2) == 0:
+                pass
+            assert link.send([Frame(0x80, b"")] * 2) == 2
+            link.check()
+
+
+def test_a_program_that_a_watchdog_watches_does_without_simulated_time(served):
+    link = SocketLink(served.path, Role.IN_STEP, "core", wall_clock_only=True)
+
+    with pytest.raises(LinkLostError, match="start `gaitd sim` with --wall-clock"):
+        link.open()
 
 
 def test_a_message_before_hello_is_refused(served):
