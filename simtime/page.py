@@ -43,12 +43,12 @@ class PageError(Exception):
 
 
 class _Cells(NamedTuple):
-    now_ns: int = 0
-    utc_ahead_ns: int = 0
-    pace_thousandths: int = 0
-    wall_clock: int = 0
-    pid: int = _NO_PROCESS
-    wall_ns: int = 0
+    now_ns: int
+    utc_ahead_ns: int
+    pace_thousandths: int
+    wall_clock: int
+    pid: int
+    wall_ns: int
 
 
 def page_path(socket_path: Path) -> Path:
@@ -70,33 +70,41 @@ class PageWriter:
         data = os.pread(self._file, _LAYOUT.size, 0)
         if data and not data.startswith(_NAME):
             raise FileExistsError(None, f"{path} is no time page, and is left as it is")
-        self._cells = _Cells()
+        self._now_ns = self._utc_ahead_ns = self._pace_thousandths = 0
+        self._wall_clock, self._pid = False, _NO_PROCESS
         self.left_ns: int = 0
         """The time by now, behind an earlier server; 0 where there was none."""
         if data.startswith(MAGIC) and len(data) == _LAYOUT.size:
-            left = _Cells(*_LAYOUT.unpack(data)[1:])
+            left = _Cells._make(_LAYOUT.unpack(data)[1:])
             self.left_ns = left.now_ns + max(time.monotonic_ns() - left.wall_ns, 0)
 
     def begin(self, now_ns: int, utc_ahead_ns: int, *, wall_clock: bool) -> None:
         """Say that we write from now on."""
-        self._cells = _Cells(now_ns, utc_ahead_ns, 0, wall_clock, os.getpid())
+        self._utc_ahead_ns, self._wall_clock, self._pid = utc_ahead_ns, wall_clock, os.getpid()
         self.write(now_ns)
 
     def write(self, now_ns: int) -> None:
         """Time has passed."""
-        self._write(self._cells._replace(now_ns=now_ns, wall_ns=time.monotonic_ns()))
+        self._now_ns = now_ns
+        cells = (
+            now_ns,
+            self._utc_ahead_ns,
+            self._pace_thousandths,
+            self._wall_clock,
+            self._pid,
+            time.monotonic_ns(),
+        )
+        os.pwrite(self._file, _LAYOUT.pack(MAGIC, *cells), 0)
 
     def leave(self) -> None:
         """Say that we write no more."""
-        self._write(self._cells._replace(pid=_NO_PROCESS))
+        self._pid = _NO_PROCESS
+        self.write(self._now_ns)
 
     def write_pace(self, pace_ratio: float) -> None:
         """How fast time is meant to pass; 0: as fast as it can."""
-        self._write(self._cells._replace(pace_thousandths=round(pace_ratio * 1000)))
-
-    def _write(self, cells: _Cells) -> None:
-        self._cells = cells
-        os.pwrite(self._file, _LAYOUT.pack(MAGIC, *cells), 0)
+        self._pace_thousandths = round(pace_ratio * 1000)
+        self.write(self._now_ns)
 
 
 class SimulatedTime:
@@ -119,7 +127,7 @@ class SimulatedTime:
             raise PageError(f"{path}: is a time page of version {told}; this gaitd reads {known}")
         if len(data) < _LAYOUT.size:
             raise PageError(f"{path}: is cut short: {len(data)} of {_LAYOUT.size} bytes")
-        self._cells = _Cells(*_LAYOUT.unpack(data)[1:])
+        self._data, self._cells = data, _Cells._make(_LAYOUT.unpack(data)[1:])
         self._told_ns = 0
         self._seen_ns = self._cells.now_ns
         self._seen_wall_ns = time.monotonic_ns()
@@ -155,8 +163,8 @@ class SimulatedTime:
 
     def _read(self) -> _Cells:
         data = os.pread(self._file, _LAYOUT.size, 0)
-        if len(data) == _LAYOUT.size and data.startswith(MAGIC):
-            self._cells = _Cells._make(_LAYOUT.unpack(data)[1:])
+        if data != self._data and len(data) == _LAYOUT.size and data.startswith(MAGIC):
+            self._data, self._cells = data, _Cells._make(_LAYOUT.unpack(data)[1:])
         return self._cells
 
 
