@@ -107,6 +107,11 @@ class PageClock:
         page = self._existing()
         return page.utc_ns() if page else time.time_ns()
 
+    def utc_ahead_ns(self) -> int:
+        """Simulated UTC less simulated time."""
+        page = self._existing()
+        return page.utc_ahead_ns() if page else time.time_ns() - time.monotonic_ns()
+
     def _existing(self) -> SimulatedTime | None:
         wall_ns = time.monotonic_ns()
         if self._page is None and wall_ns >= self._retry_ns:

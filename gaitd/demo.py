@@ -97,7 +97,7 @@ def _watch(configs: Path, plan: "Plan", tempo: "Tempo") -> "Results":
             def show(self, moment: "Moment") -> None:
                 if time.monotonic() - self.drawn_s >= DRAWN_EVERY_S:
                     self.drawn_s = time.monotonic()
-                    live.update(picture(moment), refresh=True)
+                    live.update(picture(moment, *live.console.size), refresh=True)
 
             def scene(self, scene: "Scene") -> None:
                 """The next picture shows it."""

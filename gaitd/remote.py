@@ -7,9 +7,12 @@ nobody could say in time what became of the request.
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 
 import typer
+
+if TYPE_CHECKING:
+    import zenoh
 
 EXIT_DONE: Final = 0
 EXIT_REFUSED: Final = 1
@@ -79,19 +82,26 @@ def client_settings(endpoints: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
-def ask(target: Target, name: str, payload: dict[str, Any]) -> Answer:
-    """Query control/NAME of a service once."""
+def open_client(endpoints: tuple[str, ...]) -> "zenoh.Session | None":
+    """A session with a service; None: no service listens there."""
     import zenoh
-
-    from daemon import wire
 
     zenoh.init_log_from_env_or("off")
     config = zenoh.Config()
-    for key, value in client_settings(target.endpoints).items():
+    for key, value in client_settings(endpoints).items():
         config.insert_json5(key, json.dumps(value))
     try:
-        session = zenoh.open(config)
+        return zenoh.open(config)
     except zenoh.ZError:
+        return None
+
+
+def ask(target: Target, name: str, payload: dict[str, Any]) -> Answer:
+    """Query control/NAME of a service once."""
+    from daemon import wire
+
+    session = open_client(target.endpoints)
+    if session is None:
         return Answer(None, f"no service listens on {' or '.join(target.endpoints)}")
     selector = wire.key(target.trainer, wire.CONTROL, name)
     try:

@@ -60,6 +60,9 @@ def command(
     wall_clock: Annotated[
         bool, typer.Option("--wall-clock", help="a simulated bus by the computer's clock")
     ] = False,
+    hold: Annotated[
+        bool, typer.Option("--hold", help="simulated time stands until a hand lets it go on")
+    ] = False,
     no_drives: Annotated[
         bool, typer.Option("--no-drives", help="bus and time alone: the drives are of others")
     ] = False,
@@ -75,7 +78,12 @@ def command(
 
     trainer = load_trainer(config)
     is_simulated = trainer.trainer.bus.interface == SIMULATED
-    pace_ratio = _pace(pace, allowed=is_simulated and not wall_clock)
+    in_simulated_time = is_simulated and not wall_clock
+    pace_ratio = _pace(pace, allowed=in_simulated_time)
+    if hold and not in_simulated_time:
+        from daemon.config.strict import ConfigError
+
+        raise ConfigError(COMMAND_LINE, "--hold", hold, "only in simulated time")
     _refuse_foreign(trainer, wall_clock=wall_clock, no_drives=no_drives, truth=truth)
     missing = _missing(trainer, without or [], no_drives=no_drives)
     with contextlib.ExitStack() as ending:
@@ -89,8 +97,8 @@ def command(
             with_truth=truth_in_silence,
         )
         end = _End()
-        if is_simulated and not wall_clock:
-            running = _simulated(part, pace_ratio, control, ending)
+        if in_simulated_time:
+            running = _simulated(part, pace_ratio, control, ending, begins_held=hold)
         else:
             with contextlib.suppress(PermissionError):
                 os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
@@ -252,7 +260,12 @@ def _truth_logs(
 
 
 def _simulated(
-    part: _Part, pace_ratio: float, control: Path | None, ending: contextlib.ExitStack
+    part: _Part,
+    pace_ratio: float,
+    control: Path | None,
+    ending: contextlib.ExitStack,
+    *,
+    begins_held: bool,
 ) -> "TimeServer":
     from sim_drives.bus_server import bus_server
     from sim_drives.realtime import now_ns
@@ -264,12 +277,14 @@ def _simulated(
     with _channel_errors(part.trainer):
         served = ending.enter_context(bus_server(channel))
         page = PageWriter(page_path(channel))
-    world = part.build(max(now_ns(), page.left_ns))
+    # At a whole second, so that cycles fall on the same instants of the world on each run.
+    world = part.build(-(-max(now_ns(), page.left_ns) // NS_PER_S) * NS_PER_S)
     server = TimeServer(
         world,
         served,
         page,
         pace_ratio=pace_ratio,
+        begins_held=begins_held,
         obey=part.obey,
         on_silence=part.on_silence,
         sync_count=lambda: world.sync_count,

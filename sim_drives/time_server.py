@@ -10,7 +10,8 @@ Rules:
     SIGSTOP) is not waited for, nor is one that has said nothing for HUNG_S; both are in step again
     with their next message. One that a debugger has stopped (state t) is waited for.
 4.  While no seat is in step, time passes at the pace of the computer's, at most.
-5.  A hand's hold belongs to its connection and ends with it.
+5.  A hand's hold belongs to its connection and ends with it. A server that begins held (`gaitd sim
+    --hold`) lets no time pass until a hand says `go` or `run`.
 
 What a hand, or the command socket, may say beside the commands of the virtual drives:
 
@@ -18,6 +19,7 @@ What a hand, or the command socket, may say beside the commands of the virtual d
     at SECONDS LINE             do LINE so much later, exactly
     stall NAME SECONDS          so much time passes without the seat NAME
     cost SEED | off             every seat in step computes 0.3 to 3 ms before it answers
+    seats                       the names of the seats in step
     hold, go                    stop time, let it go on (hands only)
     run SECONDS                 let so much time pass as fast as it can, then answer (hands only)
 """
@@ -132,6 +134,7 @@ class TimeServer:
         page: PageWriter,
         *,
         pace_ratio: float,
+        begins_held: bool = False,
         obey: Callable[[str], str],
         on_silence: Callable[[int], None] | None = None,
         sync_count: Callable[[], int] = lambda: 0,
@@ -143,6 +146,7 @@ class TimeServer:
             server: of the socket.
             page: where time can be read.
             pace_ratio: how fast time may pass against the computer's; PACE_MAX: as it can.
+            begins_held: no time passes until a hand says so.
             obey: what the virtual drives are told.
             on_silence: called every QUIET_ROW_NS while no SYNC comes, with the last one's number.
             sync_count: SYNCs so far.
@@ -155,6 +159,7 @@ class TimeServer:
         self._noted = (sync_count(), world.now_ns + SYNC_SILENCE_NS)
         self._clients: dict[Connection, _Client] = {}
         self._holding: set[Connection] = set()
+        self._begins_held = begins_held
         self._runs: list[_Run] = []
         self._cost_seed: int | None = None
         self._costed: Counter[str] = Counter()
@@ -205,7 +210,7 @@ class TimeServer:
         return not self._is_held() and self._pace.pause_s(self.now_ns, self._ratio()) == 0
 
     def _is_held(self) -> bool:
-        return bool(self._holding) and not self._runs
+        return (self._begins_held or bool(self._holding)) and not self._runs
 
     def _ratio(self) -> float:
         if self._runs:
@@ -344,6 +349,8 @@ class TimeServer:
                 return self._stall(rest)
             case "cost":
                 return self._set_costs(rest.strip())
+            case "seats":
+                return " ".join(seat.name for seat in self._conductor.seats if seat.in_step)
             case _:
                 return self._obey(line)
 
@@ -356,6 +363,7 @@ class TimeServer:
                     said = "time stands"
                 case "go":
                     self._holding.discard(client.connection)
+                    self._begins_held = False
                     self._pace.anchor(self.now_ns)
                     said = "time goes on"
                 case "run":

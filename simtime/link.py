@@ -81,8 +81,8 @@ class Link(Protocol):
 class SocketLink:
     """A seat over the socket of `gaitd sim`.
 
-    Without a server its time goes on by the computer's clock, from where it was; a server that
-    comes later begins no earlier than that.
+    Before it is taken its time is that of the server's page. When a server has gone, time goes on
+    by the computer's clock from where it was; a later server begins no earlier than that.
     """
 
     def __init__(self, path: Path, role: Role, name: str, *, wall_clock_only: bool = False) -> None:
@@ -99,9 +99,14 @@ class SocketLink:
         self._socket: socket.socket | None = None
         self._page: SimulatedTime | None = None
         self._is_wall_clock = False
+        self._was_open = False
         self._now_ns = self._left_ns = time.monotonic_ns()
         """Simulated time of the newest grant; the computer's time of it, without a server."""
         self._utc_ahead_ns = time.time_ns() - self._now_ns
+        with contextlib.suppress(FileNotFoundError, PageError):
+            self._page = SimulatedTime(page_path(path))
+            self._now_ns = 0
+            self._utc_ahead_ns = self._page.utc_ns() - self._page.now_ns()
         self._frames: list[Frame] = []
 
     # --- time ---------------------------------------------------------------------------------
@@ -110,7 +115,7 @@ class SocketLink:
         """As `Link.now_ns`: the page's, so a process that was stopped sees how long."""
         if self._is_wall_clock:
             return time.monotonic_ns()
-        if self._socket is None or self._page is None:
+        if self._page is None or (self._socket is None and self._was_open):
             return self._now_ns + time.monotonic_ns() - self._left_ns
         self._now_ns = max(self._now_ns, self._page.now_ns())
         return self._now_ns
@@ -144,7 +149,7 @@ class SocketLink:
             made.close()
             raise
         made.settimeout(None)
-        self._socket = made
+        self._socket, self._was_open = made, True
 
     def _welcome(self, data: bytes) -> None:
         if not data:

@@ -158,8 +158,12 @@ class SimulatedTime:
 
     def utc_ns(self) -> int:
         """Simulated UTC."""
+        return time.time_ns() if self.is_wall_clock else self.now_ns() + self.utc_ahead_ns()
+
+    def utc_ahead_ns(self) -> int:
+        """Simulated UTC less simulated time; constant but for a wall clock that is set."""
         cells = self._read()
-        return time.time_ns() if cells.wall_clock else self.now_ns() + cells.utc_ahead_ns
+        return time.time_ns() - time.monotonic_ns() if cells.wall_clock else cells.utc_ahead_ns
 
     def _read(self) -> _Cells:
         data = os.pread(self._file, _LAYOUT.size, 0)

@@ -4,13 +4,13 @@ The truth comes from the file that the virtual drives write for comparison; the 
 it. Both are put on the monotonic clock of the core, where the SYNC of a cycle is one instant.
 """
 
-import json
 import math
+import threading
 from collections import deque
 from io import TextIOWrapper
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Self, TypeVar
+from typing import Final, Protocol, Self, TypeVar
 
 import msgspec
 import numpy as np
@@ -18,9 +18,8 @@ import zenoh
 from numpy.typing import NDArray
 
 from daemon import wire
-from daemon.clock import AgeClock
 from gaitd.demonstration.script import Situation
-from gaitd.remote import Target, client_settings
+from gaitd.remote import Target, open_client
 from sim_drives.truth import TruthRow
 
 HEARD: Final = (
@@ -32,6 +31,12 @@ HEARD: Final = (
 TRUE: Final = ("hip_patient_nm", "slide_patient_n", "hip_friction_nm", "slide_friction_n")
 """What is kept of the truth."""
 EVENTS_KEPT: Final = 100
+CATCH_UP_S: Final = 1.0
+"""So long is waited, by the computer's clock, for messages that should be there."""
+FRESH_NS: Final = 500_000_000
+CYCLE_DONE_NS: Final = 20_000_000
+"""So long after its SYNC the record of a cycle is there, at most."""
+ESTIMATES_KEPT: Final = 16
 
 Values = NDArray[np.float64]
 
@@ -66,10 +71,22 @@ class Track:
         return values[:, self.columns.index(name)]
 
 
+class ActClock(Protocol):
+    """The time of an act, as its audience needs it."""
+
+    def now_ns(self) -> int:
+        """Monotonic time of the core."""
+        ...
+
+    def of_utc_ns(self, utc_ns: int) -> int:
+        """The monotonic time of an instant of the core's UTC."""
+        ...
+
+
 class Audience:
     """A plain Zenoh client of one service: subscribes, and keeps what it hears."""
 
-    def __init__(self, target: Target, leg: str, heard: Track, clock: AgeClock) -> None:
+    def __init__(self, target: Target, leg: str, heard: Track, clock: ActClock) -> None:
         """Know whom to listen to; `connect` opens the session.
 
         Args:
@@ -83,8 +100,9 @@ class Audience:
         self.health: wire.Health | None = None
         self.drives: dict[str, wire.DriveState] = {}
         self.events: deque[wire.Event] = deque(maxlen=EVENTS_KEPT)
-        self._estimate: wire.Estimate | None = None
-        self._estimate_s = -math.inf
+        self._estimates: deque[tuple[int, wire.Estimate]] = deque(maxlen=ESTIMATES_KEPT)
+        """The newest, each with the monotonic time of its SYNC."""
+        self._has_come = threading.Condition()
         self._heard_s: float | None = None
         self._track = heard
         self._target, self._leg = target, leg
@@ -99,31 +117,51 @@ class Audience:
         """Try once; False while nobody listens."""
         if self._session is not None:
             return True
-        zenoh.init_log_from_env_or("off")
-        config = zenoh.Config()
-        for key, value in client_settings(self._target.endpoints).items():
-            config.insert_json5(key, json.dumps(value))
-        try:
-            self._session = zenoh.open(config)
-        except zenoh.ZError:
+        self._session = open_client(self._target.endpoints)
+        if self._session is None:
             return False
         self._subscribe(self._session)
         return True
 
-    def situation(self, now_s: float, outcome: str | None, reason: str) -> Situation:
-        """What the script may know at this moment."""
-        safety, estimate = self.safety, self._estimate
-        fresh = estimate is not None and now_s - self._estimate_s < 0.5
+    @property
+    def is_connected(self) -> bool:
+        """Whether the service has accepted us."""
+        return self._session is not None
+
+    def catch_up(self, now_ns: int) -> None:
+        """Wait until the estimates of all cycles before `now_ns` are here, if they still come."""
+        complete_ns = now_ns - CYCLE_DONE_NS
+        with self._has_come:
+            if self._estimates and now_ns - self._estimates[-1][0] < FRESH_NS:
+                self._has_come.wait_for(lambda: self._estimates[-1][0] >= complete_ns, CATCH_UP_S)
+
+    def situation(self, now_ns: int, began_ns: int, outcome: str | None, reason: str) -> Situation:
+        """What the script may know at this moment.
+
+        Args:
+            now_ns: monotonic.
+            began_ns: when the act began.
+            outcome: of the request asked last.
+            reason: of its refusal.
+        """
+        safety = self.safety
+        estimate = self._estimate_at(now_ns - CYCLE_DONE_NS)
         return Situation(
-            now_s=now_s,
-            heard_s=self._heard_s,
+            now_s=(now_ns - began_ns) * 1e-9,
+            heard_s=None if self._heard_s is None else self._heard_s - began_ns * 1e-9,
             mode=safety.mode if safety else None,
             verdict=verdict_text(safety),
-            phase_ratio=estimate.gait_phase_ratio if estimate and fresh else None,
-            artificial=bool(estimate and fresh and "artificial" in estimate.status),
+            phase_ratio=estimate.gait_phase_ratio if estimate else None,
+            artificial=bool(estimate and "artificial" in estimate.status),
             outcome=outcome,
             reason=reason,
         )
+
+    def _estimate_at(self, time_ns: int) -> wire.Estimate | None:
+        """The newest of a SYNC no later than that, which each run knows then; None if it is old."""
+        with self._has_come:
+            known = [one for one in self._estimates if one[0] <= time_ns]
+        return known[-1][1] if known and time_ns - known[-1][0] < FRESH_NS else None
 
     def __enter__(self) -> Self:
         return self
@@ -152,15 +190,15 @@ class Audience:
 
     def _on_estimate(self, sample: zenoh.Sample) -> None:
         message = _message(sample, wire.Estimate)
-        # Both clocks are read together: the SYNC's UTC becomes monotonic time.
-        now_ns = self._clock.now_ns()
-        behind_ns = self._clock.utc_ns() - message.sample_time_ns
         values = tuple(
             math.nan if (value := getattr(message, name)) is None else value for name in HEARD
         )
-        self._track.add(now_ns - behind_ns, values)
-        self._estimate = message
-        self._estimate_s = self._heard_s = now_ns * 1e-9
+        sync_ns = self._clock.of_utc_ns(message.sample_time_ns)
+        self._track.add(sync_ns, values)
+        self._heard_s = self._clock.now_ns() * 1e-9
+        with self._has_come:
+            self._estimates.append((sync_ns, message))
+            self._has_come.notify_all()
 
     def _on_safety(self, sample: zenoh.Sample) -> None:
         message = _message(sample, wire.Safety)

@@ -2,14 +2,17 @@
 
 One loop looks around ten times a second of simulated time: read what came, ask the script what to
 do, do it, show.
-Requests to the service run in a thread of their own, because an answer may take seconds.
+In simulated time nothing in it depends on how fast this computer is: requests are in the gateway's
+hands before time passes, and the script sees the cycles up to the same instant on each run.
 """
 
 import json
+import threading
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Final, Protocol
+
+import zenoh
 
 from daemon import wire
 from gaitd.demonstration.feed import HEARD, TRUE, Audience, Track, TruthTail
@@ -30,9 +33,12 @@ from gaitd.demonstration.script import (
 )
 from gaitd.demonstration.stage import Stage, Tempo, stage
 from gaitd.demonstration.view import Moment
-from gaitd.remote import Answer, Target, ask
+from gaitd.remote import ANSWER_TIMEOUT_S, Target, open_client
 from observer.jit import is_cached
 
+CLIENT: Final = "gaitd demo"
+"""The name that the service hears."""
+TAKEN_WITHIN_S: Final = 2.0
 SETTLE_S: Final = 0.3
 """After an act: the last messages and rows of truth are on their way."""
 BEFORE: Final = Scene("the virtual drives and the service start", Kind.INTERLUDE)
@@ -54,34 +60,68 @@ class Screen(Protocol):
         ...
 
 
-class Outstanding:
-    """At most one request to the service, asked in a thread."""
+class Requests:
+    """At most one request to the service, over a session of its own."""
 
-    def __init__(self, target: Target, client: str = "gaitd demo") -> None:
-        """Nothing is asked yet; `client` is the name that the service hears."""
+    def __init__(self, target: Target) -> None:
+        """Nothing is asked yet."""
         self._target = target
-        self._client = client
-        self._thread = ThreadPoolExecutor(max_workers=1)
-        self._answer: Future[Answer] | None = None
+        self._session: zenoh.Session | None = None
+        self._replies: list[str] = []
+        self._is_answered = threading.Event()
 
     def ask(self, request: Ask) -> None:
-        """Ask; the outcome of an earlier request is forgotten."""
-        payload = {"client": self._client, **request.payload}
-        self._answer = self._thread.submit(ask, self._target, request.name, payload)
+        """Ask; the outcome of an earlier request is forgotten.
+
+        The gateway has the request when this returns: it takes queries in their order, and two of
+        its own have been answered since. So the core takes it with the next cycle, on each run.
+
+        Raises:
+            ActError: the service refuses the session.
+        """
+        replies: list[str] = []
+        is_answered = threading.Event()
+        self._replies, self._is_answered = replies, is_answered
+
+        def take(reply: zenoh.Reply) -> None:
+            sample = reply.ok or reply.err
+            if sample is not None and str(sample.encoding).startswith("application/json"):
+                replies.append(sample.payload.to_string())
+
+        session = self._opened()
+        session.get(
+            self._key(request.name),
+            zenoh.handlers.Callback(take, is_answered.set),
+            payload=json.dumps({"client": CLIENT, **request.payload}),
+            timeout=ANSWER_TIMEOUT_S,
+        )
+        for _ in range(2):
+            for _reply in session.get(self._key("status"), timeout=TAKEN_WITHIN_S):
+                pass
 
     def outcome(self) -> tuple[str | None, str]:
-        """Outcome and reason; None while nobody has answered."""
-        if self._answer is None or not self._answer.done():
+        """Outcome and reason; None while the service has not answered."""
+        if not self._is_answered.is_set():
             return None, ""
-        answer = self._answer.result()
-        if answer.text is None:
-            return "unanswered", answer.trouble
-        reply = json.loads(answer.text)
+        if not self._replies:
+            return "unanswered", "another trainer, or it hangs"
+        reply = json.loads(self._replies[0])
         return reply.get("outcome", "refused"), reply.get("reason", "")
 
     def close(self) -> None:
-        """Wait for an answer that is still coming, at most as long as `ask` itself does."""
-        self._thread.shutdown(cancel_futures=True)
+        """Close the session; an answer that is still coming is not waited for."""
+        if self._session is not None:
+            self._session.close()
+
+    def _key(self, name: str) -> str:
+        return wire.key(self._target.trainer, wire.CONTROL, name)
+
+    def _opened(self) -> zenoh.Session:
+        if self._session is None:
+            self._session = open_client(self._target.endpoints)
+        if self._session is None:
+            raise ActError("the service does not accept a client any more")
+        return self._session
 
 
 class Performance:
@@ -122,7 +162,7 @@ class Performance:
     def _act(self, act: Act, *, empty: bool) -> None:
         with stage(self._configs, empty=empty, tempo=self._tempo, begin_ns=self._now_ns) as where:
             tail = TruthTail(where.truth, self._true)
-            outstanding = Outstanding(where.target)
+            outstanding = Requests(where.target)
             audience = Audience(where.target, where.leg, self._heard, where.time)
             self._look_at(where)
             self._begin_scene(_first_scene())
@@ -141,7 +181,7 @@ class Performance:
                 tail.close()
 
     def _turns(
-        self, act: Act, where: Stage, audience: Audience, tail: TruthTail, outstanding: Outstanding
+        self, act: Act, where: Stage, audience: Audience, tail: TruthTail, outstanding: Requests
     ) -> None:
         action = next(act)
         over = False
@@ -151,17 +191,17 @@ class Performance:
             audience.connect()
             tail.read()
             self._screen.show(self._moment(audience, where))
-            # Before the core is there, nothing but the computer's time can pass.
-            where.time.turn(in_step=audience.hears_the_core)
+            where.time.turn(gateway_is_there=audience.is_connected)
             self._look_at(where)
-            now = audience.situation(self._now_ns * 1e-9, *outstanding.outcome())
+            audience.catch_up(self._now_ns)
+            now = audience.situation(self._now_ns, where.time.began_ns, *outstanding.outcome())
             action, over = _next(act, now)
         time.sleep(SETTLE_S)
 
     def _look_at(self, where: Stage) -> None:
         self._now_ns = where.time.now_ns()
 
-    def _do(self, action: Action, where: Stage, outstanding: Outstanding) -> None:
+    def _do(self, action: Action, where: Stage, outstanding: Requests) -> None:
         if isinstance(action, Ask):
             outstanding.ask(action)
         elif isinstance(action, Patient):

@@ -20,6 +20,10 @@ MOTION_WITHIN_S: Final = 40.0
 END_MARGIN_S: Final = 30.0
 """For the end of an exercise, beyond its duration: the last stride and the way to rest."""
 DISABLE_WITHIN_S: Final = 20.0
+ENABLE_AT_S: Final = 5.0
+MOVE_AT_S: Final = 8.0
+"""Of the act's time. Requests are made at fixed instants, seconds after what they wait for, so that
+each run in simulated time plays the same frames and ends with the same errors."""
 SILENCE_MAX_S: Final = 5.0
 STOPPED: Final = frozenset({"stopping", "fault"})
 UNPOWERED: Final = frozenset({"off", "bringing_up"})
@@ -36,6 +40,7 @@ class Situation(NamedTuple):
     """What the audience knows at one moment."""
 
     now_s: float
+    """Since the act began."""
     heard_s: float | None
     """When the newest word of the service came; None before the first."""
     mode: str | None
@@ -169,9 +174,11 @@ def paper_act(plan: Plan) -> Act:
 def _enabled(title: str) -> Playing:
     yield Scene(title, Kind.INTERLUDE)
     yield from _until(lambda now: now.mode == "ready", "ready", READY_WITHIN_S, powered=False)
+    yield from _wait(ENABLE_AT_S)
     yield Scene("the drives are enabled", Kind.INTERLUDE)
     yield from _asked("enable", {})
-    return (yield from _until(lambda now: now.mode == "hold", "hold", ENABLE_WITHIN_S))
+    yield from _until(lambda now: now.mode == "hold", "hold", ENABLE_WITHIN_S)
+    return (yield from _wait(MOVE_AT_S))
 
 
 def _disabled() -> Playing:

@@ -43,6 +43,9 @@ TAIL_LINES: Final = 12
 BUS: Final = "bus"
 """Name of the bus's socket, in the folder of an act."""
 TURN_S: Final = 0.1
+HAND_NAME, SEAT_NAME, CORE_SEAT = "demo", "demo", "core"
+OBEYED_WITHIN_S: Final = 10.0
+ANSWER_SIZE_MAX: Final = 4096
 STOPPED: Final = "T"
 """State of a process that was stopped by a signal, as proc(5) has it."""
 
@@ -59,51 +62,57 @@ class Tempo:
     @property
     def arguments(self) -> list[str]:
         """For `gaitd sim`."""
-        return ["--wall-clock"] if self.wall_clock else ["--pace", self.pace]
+        return ["--wall-clock"] if self.wall_clock else ["--pace", self.pace, "--hold"]
 
 
 class StageTime:
-    """The time of an act."""
+    """The time of an act.
 
-    def __init__(self, channel: Path, begin_ns: int) -> None:
+    In simulated time it stands still until core and gateway are there, so that an act begins at the
+    same instant for both on each run; then the demonstration takes a seat in step.
+    """
+
+    def __init__(self, channel: Path, begin_ns: int, tempo: Tempo) -> None:
         """Let it begin no earlier than the act before has ended.
 
         Args:
             channel: socket of the act's simulated bus.
             begin_ns: when the act before has ended.
+            tempo: how fast it passes.
         """
         page = PageWriter(page_path(channel))
         page.begin(max(begin_ns, page.left_ns), time.time_ns() - begin_ns, wall_clock=False)
         page.leave()
+        self._is_wall_clock = tempo.wall_clock
         self._page = PageClock(channel)
-        self._link = SocketLink(channel, Role.IN_STEP, "demo")
-        self._began_ns, self._began_wall_s = 0, 0.0
+        self._hand = SocketLink(channel, Role.HAND, HAND_NAME)
+        self._link = SocketLink(channel, Role.IN_STEP, SEAT_NAME)
+        self._has_begun = False
+        self.began_ns = 0
+        """When core and gateway were there."""
+        self._began_wall_s = 0.0
 
     def now_ns(self) -> int:
         """Monotonic time of the core."""
         return self._page.now_ns()
 
-    def utc_ns(self) -> int:
-        """UTC of the core's records."""
-        return self._page.utc_ns()
+    def of_utc_ns(self, utc_ns: int) -> int:
+        """The monotonic time of an instant of the core's UTC."""
+        return utc_ns - self._page.utc_ahead_ns()
 
     @property
     def speed_ratio(self) -> float | None:
-        """How fast time has passed against the computer's; None before it is in step."""
+        """How fast time has passed against the computer's; None before the act begins."""
         wall_s = time.monotonic() - self._began_wall_s
-        if not self._began_ns or wall_s < 1:
+        if not self._has_begun or wall_s < 1:
             return None
-        return (self.now_ns() - self._began_ns) * 1e-9 / wall_s
+        return (self.now_ns() - self.began_ns) * 1e-9 / wall_s
 
-    def turn(self, *, in_step: bool) -> None:
-        """Let a turn pass: by the computer's time until the core is there, then in simulated."""
+    def turn(self, *, gateway_is_there: bool) -> None:
+        """Let a turn pass: by the computer's time until the act begins, then in the act's."""
         try:
-            if in_step:
-                self._link.open()
-                if not self._began_ns:
-                    self._began_ns, self._began_wall_s = self.now_ns(), time.monotonic()
-                self._link.wait(self._link.now_ns() + round(TURN_S * 1e9), for_frame=False)
-                self._link.take()
+            if self._has_begun or (gateway_is_there and self._core_is_there()):
+                self._pass()
                 return
         except LinkLostError:
             pass  # the process that has ended is found by its exit code
@@ -112,6 +121,24 @@ class StageTime:
     def close(self) -> None:
         """Time need not wait for us any more."""
         self._link.close()
+        self._hand.close()
+
+    def _core_is_there(self) -> bool:
+        if self._is_wall_clock:
+            return True
+        self._hand.open()
+        return CORE_SEAT in self._hand.command("seats").split()
+
+    def _pass(self) -> None:
+        self._link.open()
+        if not self._has_begun:
+            if not self._is_wall_clock:
+                self._hand.command("go")
+                self._hand.close()
+            self._has_begun = True
+            self.began_ns, self._began_wall_s = self._link.now_ns(), time.monotonic()
+        self._link.wait(self._link.now_ns() + round(TURN_S * 1e9), for_frame=False)
+        self._link.take()
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,9 +157,22 @@ class Stage:
     service: "Troupe"
 
     def patient(self, programme: str) -> None:
-        """Start one of the patient's programmes."""
+        """Start one of the patient's programmes; it runs when this returns.
+
+        Raises:
+            ActError: the virtual drives do not answer.
+        """
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
-            sender.sendto(f"patient {programme}".encode(), str(self.control))
+            own = self.folder / "demo.sock"
+            try:
+                sender.bind(str(own))
+                sender.settimeout(OBEYED_WITHIN_S)
+                sender.sendto(f"patient {programme}".encode(), str(self.control))
+                sender.recv(ANSWER_SIZE_MAX)
+            except OSError as error:
+                raise ActError(f"the virtual drives do not answer: {error}") from error
+            finally:
+                own.unlink(missing_ok=True)
 
     def check(self) -> None:
         """Both processes live.
@@ -250,9 +290,10 @@ def stage(
         config, endpoint = write_configs(configs, folder / "configs", empty=empty)
         truth, control = folder / "truth.csv", folder / "sim.sock"
         places = ["--config", str(config), "--truth", str(truth), "--control", str(control)]
-        passing = StageTime(folder / BUS, begin_ns)
+        tempo = tempo or Tempo()
+        passing = StageTime(folder / BUS, begin_ns, tempo)
         ending.callback(passing.close)
-        arguments = ["sim", *places, *(tempo or Tempo()).arguments]
+        arguments = ["sim", *places, *tempo.arguments]
         drives = Troupe("gaitd sim", arguments, folder / "sim.log")
         ending.callback(drives.end, DRIVES_END_S)
         service = Troupe("gaitd run", ["run", "--config", str(config)], folder / "run.log")

@@ -37,6 +37,9 @@ MODE_STYLE: Final = {
 }
 EVENT_STYLE: Final = {"high": "bold red", "medium": "yellow", "low": "bright_cyan"}
 EVENTS_SHOWN: Final = 6
+SMALL_EVENTS_SHOWN: Final = 3
+ROOMY_COLUMNS, ROOMY_LINES = 120, 34
+"""From here on there is room for everything."""
 BAR: Final = " ▁▂▃▄▅▆▇█"
 
 
@@ -55,8 +58,34 @@ class Moment(NamedTuple):
     true: Track
 
 
-def picture(moment: Moment) -> Layout:
-    """The whole screen."""
+def picture(moment: Moment, width: int, height: int) -> Layout:
+    """The whole screen, of so many columns and lines.
+
+    A small one, as a terminal of 80 x 24, shows what the patient does, the error and the events;
+    friction is a number there, and the service's own state is left out.
+    """
+    small = width < ROOMY_COLUMNS or height < ROOMY_LINES
+    return _small_picture(moment) if small else _whole_picture(moment)
+
+
+def _small_picture(moment: Moment) -> Layout:
+    screen = Layout()
+    screen.split_column(
+        Layout(_header(moment), size=4),
+        Layout(name="curves"),
+        Layout(name="below", size=SMALL_EVENTS_SHOWN + 2),
+    )
+    both = pairs(moment.heard, moment.true, round(WINDOW_S * RATE_HZ))
+    panels = (Layout(_patient_panel(pair, moment.now_ns, at)) for at, pair in enumerate(both))
+    screen["curves"].split_row(*panels)
+    screen["below"].split_row(
+        Layout(_box(f"error, last {WINDOW_S:.0f} s", _error_table(both, moment)), size=40),
+        Layout(_events(moment.audience, SMALL_EVENTS_SHOWN)),
+    )
+    return screen
+
+
+def _whole_picture(moment: Moment) -> Layout:
     screen = Layout()
     screen.split_column(
         Layout(_header(moment), size=4),
@@ -72,7 +101,7 @@ def picture(moment: Moment) -> Layout:
     screen["below"].split_row(
         Layout(_service(moment.audience), ratio=4),
         Layout(_errors(both, moment), ratio=4),
-        Layout(_events(moment.audience), ratio=5),
+        Layout(_events(moment.audience, EVENTS_SHOWN), ratio=5),
     )
     return screen
 
@@ -154,12 +183,12 @@ def _seconds(pair: Pair, now_ns: int) -> Values:
 def _panel(title: str, unit: str, curves: list[Curve], least_span: float) -> Panel:
     legend = Text()
     for curve in curves:
-        legend.append("━ ", RICH[curve.colour])
-        legend.append(f"{curve.label} ", "default")
-        legend.append(f"{_number(_newest(curve.values))} {unit}   ", "bold")
+        legend.append(" ━ ", RICH[curve.colour])
+        legend.append(curve.label, "default")
+        legend.append(f"{_number(_newest(curve.values))} ", "bold")
     return Panel(
         Chart(curves, WINDOW_S, least_span),
-        title=f"[bold]{title}[/]",
+        title=f"[bold]{title}[/], {unit}",
         title_align="left",
         subtitle=legend,
         subtitle_align="right",
@@ -190,6 +219,12 @@ def _grid(*justify: Literal["left", "right"]) -> Table:
 
 
 def _errors(both: tuple[Pair, Pair], moment: Moment) -> Panel:
+    text = Text("At rest friction and patient cannot be told apart: nothing is shown.", "dim")
+    table = _error_table(both, moment)
+    return _box(f"error, last {WINDOW_S:.0f} s", Group(table, Text(""), text))
+
+
+def _error_table(both: tuple[Pair, Pair], moment: Moment) -> Table:
     grid = _grid("left", "right", "right", "right")
     grid.add_row("", "[dim]rms[/]", "[dim]bound[/]", "[dim]valid[/]")
     bound = BOUNDS.get(moment.scene.kind)
@@ -199,8 +234,7 @@ def _errors(both: tuple[Pair, Pair], moment: Moment) -> Panel:
         colour = "default" if bound is None else "green" if found.rms <= bound[index] else "yellow"
         covered = f"{found.covered_ratio:.0%}"
         grid.add_row(axis, f"[{colour}]{_number(found.rms, 2)} {unit}[/]", limit, covered)
-    text = Text("At rest friction and patient cannot be told apart: nothing is shown.", "dim")
-    return _box(f"error, last {WINDOW_S:.0f} s", Group(grid, Text(""), text))
+    return grid
 
 
 def _service(audience: Audience | None) -> Panel:
@@ -229,8 +263,8 @@ def _bar(count: int) -> str:
     return BAR[min(1 + round(1.6 * np.log10(count)), len(BAR) - 1)]
 
 
-def _events(audience: Audience | None) -> Panel:
-    newest = list(audience.events)[-EVENTS_SHOWN:] if audience else []
+def _events(audience: Audience | None, shown: int) -> Panel:
+    newest = list(audience.events)[-shown:] if audience else []
     lines = [
         Text.assemble(
             (f"{datetime.fromtimestamp(event.time_ns * 1e-9, UTC).astimezone():%H:%M:%S} ", "dim"),

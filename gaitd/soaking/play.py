@@ -12,12 +12,12 @@ from typing import Final
 import zenoh
 
 from daemon import wire
-from gaitd.demonstration.performance import Outstanding
 from gaitd.remote import Target, client_settings
 from gaitd.soaking import memory
 from gaitd.soaking.happenings import DEATHS_RATIO, Chances, Doer, Happening
 from gaitd.soaking.machinery import PARTS, Machinery, RecordTail
 from gaitd.soaking.operator import Operator, Situation
+from gaitd.soaking.outstanding import Outstanding
 from gaitd.soaking.witness import Tally, Witness
 from simtime.link import LinkLostError
 

@@ -71,7 +71,7 @@ def health() -> wire.Health:
 def drawn(shown: Moment, width: int = 140, height: int = 44) -> list[str]:
     console = Console(width=width, height=height, force_terminal=True)
     with console.capture() as captured:
-        console.print(picture(shown), height=height)
+        console.print(picture(shown, width, height), height=height)
     return Text.from_ansi(captured.get()).plain.splitlines()
 
 
