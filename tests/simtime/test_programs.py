@@ -78,13 +78,13 @@ def test_time_waits_for_both_of_two_cores_and_for_one_that_is_left(service, tmp_
     try:
         core = second.start("core")
         second.wait(second.newest, PATIENCE_S)
-        assert service.inject("stall none 1").endswith("no seat 'none'; there are: core, core")
+        assert service.inject("seats") == "ok: core core"
 
         with in_a_debugger(core.pid):
             assert process_state(core.pid) == IN_A_DEBUGGER
             stands_ns = clock.now_ns()
             time.sleep(0.5)
-            assert clock.now_ns() - stands_ns < 10_000_000  # up to its next wait
+            assert clock.now_ns() - stands_ns <= 10_000_000  # the wait it was in is a cycle's
         second.until(lambda record: record.sync_mono_ns > stands_ns + 50_000_000)
 
         killed_ns, alone = clock.now_ns(), service.newest().seq
