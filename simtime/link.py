@@ -20,6 +20,8 @@ from simtime.wire import Role
 
 CONNECT_TIMEOUT_S: Final = 5.0
 """For the server's WELCOME."""
+WATCHED_TIMEOUT_S: Final = 0.5
+"""The same where a watchdog goes by the computer's clock."""
 _LAST_LOOKS: Final = 1000
 _POLL_MAX_NS: Final = 1_000_000_000
 
@@ -145,7 +147,7 @@ class SocketLink:
             return
         made = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET | socket.SOCK_CLOEXEC)
         try:
-            made.settimeout(CONNECT_TIMEOUT_S)
+            made.settimeout(WATCHED_TIMEOUT_S if self._wall_clock_only else CONNECT_TIMEOUT_S)
             made.connect(str(self._path))
             made.send(wire.pack_hello(self._role, self.now_ns(), self._name))
             self._welcome(made.recv(wire.MESSAGE_SIZE_MAX))
@@ -201,10 +203,14 @@ class SocketLink:
     # --- frames -------------------------------------------------------------------------------
 
     def send(self, frames: Sequence[Frame]) -> int:
-        """As `Link.send`."""
-        for message in wire.pack_send(self.now_ns(), frames):
-            self._say(message)
-        return 0
+        """As `Link.send`; by the computer's clock it never waits for a server that hangs."""
+        said = [self._say(message) for message in wire.pack_send(self.now_ns(), frames)]
+        return 0 if all(said) else len(frames)
+
+    def say_here(self) -> None:
+        """Say that we ask for nothing yet, for a reason: else we would be taken for hung."""
+        with contextlib.suppress(LinkLostError):  # the next use of the bus says so
+            self._say(wire.pack_here(self.now_ns()))
 
     def wait(self, until_ns: int, *, for_frame: bool) -> None:
         """As `Link.wait`."""
@@ -266,11 +272,15 @@ class SocketLink:
             case other:
                 self._lose(f"`gaitd sim` answers with {type(other).__name__}")
 
-    def _say(self, message: bytes) -> None:
+    def _say(self, message: bytes) -> bool:
+        """Whether there was room for it."""
         try:
-            self._existing().send(message)
+            self._existing().send(message, socket.MSG_DONTWAIT * self._is_wall_clock)
+        except BlockingIOError:
+            return False
         except OSError as error:
             self._lose(f"`gaitd sim` is gone: {error}")
+        return True
 
     def _hear(self) -> wire.FromServer:
         try:
