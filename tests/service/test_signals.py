@@ -61,7 +61,12 @@ def fault_table(fault_table, is_timed):
 
 @pytest.fixture
 def service(request, begun):
-    return request.getfixturevalue(begun[0]).bring(begun[1])
+    running = request.getfixturevalue(begun[0])
+    if begun[1] == Mode.HOLD:
+        running.bring(
+            Mode.READY
+        )  # it holds where the springs do: a quick stop begins without torque
+    return running.bring(begun[1])
 
 
 @pytest.fixture
