@@ -16,6 +16,14 @@ def long_service():
         yield service
 
 
+@pytest.fixture(autouse=True)
+def _rest(request):
+    """A service that no test uses costs nothing."""
+    yield
+    if "long_service" in request.fixturenames:
+        request.getfixturevalue("long_service").rest()
+
+
 @pytest.fixture(scope="session")
 def timed_service():
     """The same by the computer's clock, for tests marked `realtime`."""

@@ -7,6 +7,7 @@ import contextlib
 import tempfile
 from collections.abc import Generator
 from pathlib import Path
+from typing import Self
 
 from processes import CONFIGS, Service, its_bus
 
@@ -24,7 +25,7 @@ QUICKER = {"gait.announce_s": 0.5, "gait.ramp_strides": 1}
 
 
 class LongService(VirtualTrainer):
-    """Virtual drives, core and gateway that live for many tests."""
+    """Virtual drives, core and gateway that live for many tests, and compute nothing in between."""
 
     ask = Service.ask
 
@@ -33,6 +34,18 @@ class LongService(VirtualTrainer):
     ) -> None:
         edits = {template: {**its_bus(CONFIGS / template), **QUICKER}}
         super().__init__(folder, CONFIGS, trainer_file=template, edits=edits, wall_clock=wall_clock)
+        self._rest = contextlib.ExitStack()
+
+    def rest(self) -> None:
+        """Let simulated time stand until the next `bring`."""
+        self._rest.close()
+        if self._is_simulated and self.runs("sim"):
+            self._rest.enter_context(self.held())
+
+    def bring(self, mode: Mode, **wanted: object) -> Self:
+        """As `VirtualTrainer.bring`."""
+        self._rest.close()
+        return super().bring(mode, **wanted)
 
     def walks(self, record: CycleRecord) -> bool:
         """In a gait, and one leg fast in both axes."""

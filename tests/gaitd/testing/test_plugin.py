@@ -20,6 +20,7 @@ GUIDE = PROJECT / "docs" / "integrating.md"
 EXAMPLE = re.compile(r"<!-- example: (\w+\.py) -->\n```python\n(.*?)```\n<!-- end -->", re.S)
 EXAMPLES = dict(EXAMPLE.findall(GUIDE.read_text()))
 PATIENCE_S = 100
+HOME = str(Path.home())
 SHORT = ("-p", "gaitd.testing.plugin", "-p", "no:cacheprovider", "-ra")
 """The plugin by name: this tree's, also where an older one is installed."""
 
@@ -39,8 +40,9 @@ def alive(pid):
 
 
 @pytest.fixture
-def outsider(pytester):
+def outsider(pytester, monkeypatch):
     """A folder of their own; runs its test files in a process of their own."""
+    monkeypatch.setenv("HOME", HOME)  # pytester's is empty: what was compiled is not there
 
     def run(*arguments, **files):
         pytester.makepyfile(**files)
