@@ -24,6 +24,8 @@ CREDIT_CYCLES: Final = 3
 LOOK_MS: Final = 20
 PATIENCE_LOOKS: Final = 250
 """5 s in looks of this process: a stall of the whole computer counts as one."""
+STOPPED_LOOKS: Final = 3
+"""A signal to a whole group of processes, this one among them, reaches one after the other."""
 HOLDER_LOOKS: Final = 50
 """1 s."""
 
@@ -69,13 +71,14 @@ class InStepSeam:
     def levels(self) -> list[Level]:
         """As `CoreSeam.levels`, once gateway and holder have come along."""
         levels = self._read()
-        looks = 0
+        looks = stopped_looks = 0
         while self._is_in_step() and self._lags() and looks < PATIENCE_LOOKS:
             if self._poller.poll(LOOK_MS):
                 levels += self._read()
                 continue
             state = _state_of_holder(self._lock)
-            if state == STOPPED:
+            stopped_looks = stopped_looks + 1 if state == STOPPED else 0
+            if stopped_looks >= STOPPED_LOOKS:
                 break
             if state == IN_A_DEBUGGER:
                 self._say_here()

@@ -48,6 +48,8 @@ AHEAD_MAX_NS: Final = 10_000_000
 BEHIND_MAX_NS: Final = 20_000_000
 LOOK_S: Final = 0.02
 """Between two looks at a process that is waited for."""
+STOPPED_LOOKS: Final = 3
+"""A signal to a whole group of processes, this one among them, reaches one after the other."""
 HUNG_LOOKS: Final = 500
 """10 s in looks of this process: a stall of the whole computer counts as one."""
 IDLE_STEP_NS: Final = 5_000_000
@@ -84,6 +86,8 @@ class _Client:
     seat: Seat
     looks: int = 0
     """In a row, while it was waited for."""
+    stopped_looks: int = 0
+    """In a row, at which its process was stopped."""
     is_stopped: bool = False
     """Not waited for because of its state."""
 
@@ -190,11 +194,12 @@ class TimeServer:
             if self.control is not None:
                 self.control.serve()
             patience_s = self._patience_s()
-            for connection, message in self._server.receive(patience_s):
+            messages = self._server.receive(patience_s)
+            for connection, message in messages:
                 client = self._clients.get(connection)
                 if client is not None or isinstance(message, wire.Hello):
                     self._take(connection, client, message)
-            if self._may_pass():
+            if self._may_pass(is_quiet=not messages):
                 self._step()
 
     # --- whether time may pass ----------------------------------------------------------------
@@ -205,13 +210,14 @@ class TimeServer:
             return LOOK_S
         return min(self._pace.pause_s(self.now_ns, self._ratio()), LOOK_S)
 
-    def _may_pass(self) -> bool:
+    def _may_pass(self, *, is_quiet: bool) -> bool:
         for client in self._clients.values():
             if client.is_stopped and process_state(client.connection.pid) != STOPPED:
                 self._expect(client)
         missing = self._conductor.missing()
         if missing is not None:
-            self._look_at(missing)
+            if is_quiet:
+                self._look_at(missing)
             return False
         self._end_runs()
         return not self._is_held() and self._pace.pause_s(self.now_ns, self._ratio()) == 0
@@ -232,7 +238,8 @@ class TimeServer:
         client = next(one for one in self._clients.values() if one.seat is seat)
         state = process_state(client.connection.pid)
         client.looks = 0 if state == IN_A_DEBUGGER else client.looks + 1
-        client.is_stopped = state == STOPPED
+        client.stopped_looks = client.stopped_looks + 1 if state == STOPPED else 0
+        client.is_stopped = client.stopped_looks >= STOPPED_LOOKS
         seat.is_excused = client.is_stopped or client.looks > HUNG_LOOKS
         if seat.is_excused:
             self._pace.anchor(self.now_ns)
@@ -246,7 +253,8 @@ class TimeServer:
 
     @staticmethod
     def _expect(client: _Client) -> None:
-        client.looks, client.is_stopped, client.seat.is_excused = 0, False, False
+        client.looks, client.stopped_looks = 0, 0
+        client.is_stopped = client.seat.is_excused = False
 
     # --- time passes --------------------------------------------------------------------------
 

@@ -42,7 +42,11 @@ def level(cycle):
 
 @pytest.mark.parametrize(
     ("state", "looks", "waited"),
-    [(IN_A_DEBUGGER, BREAKPOINT_LOOKS, True), (STOPPED, 1, False), (HANGS, 5, False)],
+    [
+        (IN_A_DEBUGGER, BREAKPOINT_LOOKS, True),
+        (STOPPED, in_step.STOPPED_LOOKS, False),
+        (HANGS, 5, False),
+    ],
 )
 def test_a_silent_gateway_is_waited_for_as_its_process_deserves(
     tmp_path, monkeypatch, state, looks, waited
