@@ -52,6 +52,25 @@ class Mode(IntEnum):
         return self >= Mode.HOLD
 
 
+class Stage(IntEnum):
+    """How far an exercise is, the same words for each: gait, excitation, self-test, homing, ...
+
+    A stage may be left out, none comes back.
+    """
+
+    PREPARING = 1
+    """Nothing moves: drives are brought up, enabled, or change their mode of operation."""
+    ANNOUNCING = 2
+    """Nothing moves yet; the person in the machine is warned."""
+    APPROACHING = 3
+    """The leg is led to the pose in which the exercise begins."""
+    PLAYING = 4
+    """What was asked for: strides, a scenario, hand guiding, a test, the search for home."""
+    ENDING = 5
+    """The leg comes to the pose, or to the rest, in which the exercise ends."""
+    OVER = 6
+
+
 class StopCategory(IntEnum):
     """How to stop, milder first."""
 
@@ -384,7 +403,7 @@ class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
     """What happened in this cycle, each one line; the gateway gives them sequence and time."""
     request: RequestResult
     progress: str
-    """One human line: the bring-up step, the announcement, the stride."""
+    """One line for people; `stage` says what a program may rely on."""
     level_age_cycles: int
     stop_count: int
     gait_phase: float
@@ -396,3 +415,5 @@ class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
     tx_dropped_count: int = 0
     bus: BusRecord = BusRecord()
     assist: AssistRecord = AssistRecord()
+    stage: Stage | None = None
+    """Of what the mode plays or prepares; None when there is nothing of the kind."""

@@ -6,7 +6,7 @@ A message is JSON (UTF-8) on a key below `gaitd/TRAINER/`, with the encoding
 1. A number that is not valid is `null`, never 0 and never NaN. Silence of more than 200 ms means
    the same for everything that the key says.
 2. Names of fields end in their unit; `_std` is the standard deviation of the field before it.
-3. Modes, causes, stop categories and states are lower-case names, stop categories `S0` to `S2`.
+3. Modes, stages, causes and states are lower-case names, stop categories `S0` to `S2`.
 4. A later version may add fields and names: a reader ignores what it does not know. What comes in
    (`control/*`, `setpoint`) is read strictly: an unknown field is refused.
 
@@ -32,6 +32,7 @@ from daemon.words import (
     OutcomeName,
     PriorityName,
     Sampled,
+    StageName,
     Stated,
 )
 
@@ -121,7 +122,10 @@ class Safety(Stated, frozen=True, kw_only=True):
     mode: Annotated[ModeName | None, Meta(description="Null when not valid.")]
     active: Annotated[bool | None, Meta(description="The drives are enabled on purpose.")]
     verdict: Annotated[Judgement | None, Meta(description="Null when not valid.")]
-    progress: Annotated[str | None, Meta(description="One line for people.")]
+    stage: Annotated[StageName | None, Meta(description="Null: no exercise, or not valid.")]
+    progress: Annotated[
+        str | None, Meta(description="One line for people; a program reads mode and stage.")
+    ]
     lease_holder: Annotated[str | None, Meta(description="Who may command torque; null: nobody.")]
     level_age_cycles: Annotated[
         int | None, Meta(description="Age of the newest word from the gateway at the core.")

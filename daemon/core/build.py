@@ -48,7 +48,7 @@ class Plans:
 
     def of(self, preparation: Preparation | None) -> tuple[DrivePlan, ...]:
         """The plans of all drives for what comes next."""
-        if preparation is None or preparation.stage in OVER:
+        if preparation is None or preparation.step in OVER:
             return self.usual
         table = self.homing if isinstance(preparation, Homing) else self.commissioning
         special = table[preparation.axis]

@@ -58,6 +58,7 @@ def record(core: Core, tick: Tick) -> CycleRecord:
         tx_dropped_count=tick.tx_dropped_count,
         bus=tick.bus,
         assist=_assist(core),
+        stage=conduct.stage(core),
     )
 
 

@@ -17,7 +17,8 @@ import numpy as np
 
 from daemon.config.settings import Release
 from daemon.core.limits import AxisLimits
-from daemon.core.reference import Pair, Reference, Stage
+from daemon.core.reference import Pair, Reference
+from daemon.record import Stage
 from observer.mechanism import LegParameters, singularity_ratio
 
 STRETCHED_MARGIN_RATIO: Final = 2.0
@@ -47,7 +48,7 @@ class ReleasePlay:
     stretched_stop_ratio: float
     """|sin| of the angle between shank and shoe that stops the machine."""
     duration_s: float
-    stage: Stage = Stage.APPROACH
+    stage: Stage = Stage.PREPARING
     elapsed_s: float = 0.0
 
 
@@ -74,8 +75,8 @@ def advance_release(play: ReleasePlay, dt_s: float, *, ready: bool) -> ReleasePl
     play = replace(play, elapsed_s=play.elapsed_s + dt_s)
     if play.elapsed_s >= play.duration_s:
         return replace(play, stage=Stage.OVER, elapsed_s=0.0)
-    if play.stage == Stage.APPROACH and ready:
-        return replace(play, stage=Stage.PLAY, elapsed_s=0.0)
+    if play.stage == Stage.PREPARING and ready:
+        return replace(play, stage=Stage.PLAYING, elapsed_s=0.0)
     return play
 
 
@@ -90,7 +91,7 @@ def release_reference(
         velocity: by encoder differences, rad/s and m/s.
         limits: of both axes.
     """
-    if play.stage == Stage.APPROACH:
+    if play.stage == Stage.PREPARING:
         return Reference(play.start, (0.0, 0.0), (0.0, 0.0), guided=True)
     hip, slide = (
         slowing(*axis) + leading_in(axis[0], axis[1], axis[3])

@@ -275,7 +275,7 @@ def _begun(core: Core, mode: Mode) -> tuple[Outcome, str]:
     run = core.preparation
     if core.mode == mode:
         return Outcome.DONE, ""
-    if run is None or run.stage in OVER:
+    if run is None or run.step in OVER:
         return Outcome.REFUSED, run.why if run is not None else "the drives could not be prepared"
     return Outcome.PENDING, ""
 

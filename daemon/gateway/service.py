@@ -223,7 +223,8 @@ class Gateway:
 
     def _say_safety(self, now_ns: int) -> None:
         record = self._newest if self._presence.heard else None
-        said = (record.mode, record.verdict, self.steering.leases.holder) if record else ()
+        holder = self.steering.leases.holder
+        said = (record.mode, record.stage, record.verdict, holder) if record else ()
         # Shares its second with `health`, which sets the next one after this.
         if said == self._safety_said and now_ns < self._second_due_ns:
             return

@@ -12,7 +12,7 @@ from enum import Enum
 from types import MappingProxyType
 from typing import Final
 
-from daemon.record import Mode, ModeRequest, RequestKind
+from daemon.record import Mode, ModeRequest, RequestKind, Stage
 from gaitd.fault_matrix.bench import Bench, Variant
 from gaitd.fault_matrix.controller import Swinger
 
@@ -98,7 +98,7 @@ def _torque(bench: Bench) -> None:
 def _release(bench: Bench) -> None:
     bench.enable()
     bench.ask(RequestKind.MODE, ModeRequest(Mode.RELEASE))
-    bench.lockstep.run_until(lambda record: "by hand" in record.progress, within_s=2)
+    bench.lockstep.run_until(lambda record: record.stage is Stage.PLAYING, within_s=2)
     bench.patient("led")
     bench.lockstep.run(2.0)
 
@@ -112,7 +112,7 @@ def _self_test(bench: Bench) -> None:
 def _excite(bench: Bench) -> None:
     bench.enable()
     bench.ask(RequestKind.MODE, ModeRequest(Mode.EXCITE, duration_s=24.0, scenario="open_loop"))
-    bench.lockstep.run_until(lambda record: "playing" in record.progress, within_s=30)
+    bench.lockstep.run_until(lambda record: record.stage is Stage.PLAYING, within_s=30)
     bench.lockstep.run(3.0)
 
 

@@ -7,7 +7,16 @@ from pathlib import Path
 import pytest
 from sessions import Session, changed_configs, position_guidance
 
-from daemon.record import Cause, CycleRecord, Mode, ModeRequest, Outcome, RequestKind, StopCategory
+from daemon.record import (
+    Cause,
+    CycleRecord,
+    Mode,
+    ModeRequest,
+    Outcome,
+    RequestKind,
+    Stage,
+    StopCategory,
+)
 
 RELEASE = ModeRequest(Mode.RELEASE)
 HOLD = ModeRequest(Mode.HOLD)
@@ -63,7 +72,7 @@ def warm_held(request, guidance):
 def released(session: Session) -> Session:
     answer = session.lockstep.request(RequestKind.MODE, RELEASE)
     assert answer.outcome == Outcome.DONE, answer.reason
-    session.lockstep.run_until(lambda record: "by hand" in record.progress, within_s=2)
+    session.lockstep.run_until(lambda record: record.stage is Stage.PLAYING, within_s=2)
     return session
 
 
