@@ -41,7 +41,7 @@ class Mode(IntEnum):
     """One axis homes; the others have no power."""
     COMMISSION = 15
     """The sign of one axis is being proven; the others have no power."""
-    RELEASE = 16
+    HAND_GUIDING = 16
     """Hand guiding: no stiffness, the drives carry the load and slow whoever moves the leg."""
     SELF_TEST = 17
     """Each axis in turn moves a little and back: signs, load and friction of the day."""
@@ -113,7 +113,7 @@ class Cause(IntEnum):
     BUS_OFF = 41
     TRANSMIT_QUEUE_FULL = 42
     DRIVE_POWERED = 43
-    DRIVE_ENABLED_UNASKED = 44
+    UNEXPECTED_ENABLE = 44
     # what the drive reports of the joint
     ENCODER_FROZEN = 50
     ENCODER_JUMP = 51
@@ -404,7 +404,7 @@ class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
     request: RequestResult
     progress: str
     """One line for people; `stage` says what a program may rely on."""
-    level_age_cycles: int
+    gateway_age_cycles: int
     stop_count: int
     gait_phase: float
     """Of the first leg: 0..1 of the stride, or -1 when no gait plays."""

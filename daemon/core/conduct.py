@@ -39,7 +39,7 @@ RESET_SETTLE_CYCLES = 20
 STOPPING_MAX_CYCLES = 300
 """A leg that still moves then moves without power: the mode says fault, the speed is published."""
 
-BY_TORQUE = frozenset({Mode.TORQUE, Mode.EXCITE, Mode.RELEASE, Mode.SELF_TEST})
+BY_TORQUE = frozenset({Mode.TORQUE, Mode.EXCITE, Mode.HAND_GUIDING, Mode.SELF_TEST})
 """Modes in which the drives give the torque they are told, whatever guides a gait."""
 _BUS_CAUSES = frozenset({Cause.BUS_DOWN, Cause.TRANSMIT_QUEUE_FULL})
 """Tried again by itself when nothing is enabled. Not bus-off: somebody should look first."""
@@ -152,7 +152,7 @@ def _take_verdicts(core: Core, found: Sequence[Verdict], cycle: int) -> None:
     stopping_all = driving(core)
     for verdict in found:
         # Power that nobody here asked for is something to stop, whatever the mode.
-        if stopping_all or verdict.cause == Cause.DRIVE_ENABLED_UNASKED:
+        if stopping_all or verdict.cause == Cause.UNEXPECTED_ENABLE:
             stop(core, verdict, cycle)
     if found and core.mode == Mode.READY:
         _take_resting_verdict(core, found[0])

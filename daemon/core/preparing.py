@@ -60,8 +60,8 @@ def finds_home(core: Core, axis: Axis, feedback: DriveFeedback) -> bool:
 def limits_in_force(core: Core, axis: Axis) -> AxisLimits:
     """The limits of an axis; a preparation and hand guiding have a speed or an effort of theirs."""
     run = core.preparation
-    if core.mode == Mode.RELEASE:
-        return axis.limits._replace(velocity_max_si=axis.limits.release_speed_max_si)
+    if core.mode == Mode.HAND_GUIDING:
+        return axis.limits._replace(velocity_max_si=axis.limits.hand_guiding_speed_max_si)
     if run is None or run.axis != axis.name:
         return axis.limits
     limits = axis.limits._replace(effort_max_si=run.rules.effort_max_si)

@@ -1,4 +1,4 @@
-"""Hand guiding, mode RELEASE: how a person who is strapped in gets out after a stop.
+"""Hand guiding, mode HAND_GUIDING: how a person who is strapped in gets out after a stop.
 
 No stiffness: the drives carry g(q), as it is where the leg is, and slow whoever moves it. Damping
 is small up to a slow speed, which is that of a hand leading a leg, and grows beyond it. In the
@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from daemon.config.settings import Release
+from daemon.config.settings import HandGuiding
 from daemon.core.limits import AxisLimits
 from daemon.core.reference import Pair, Reference
 from daemon.record import Stage
@@ -52,20 +52,20 @@ class ReleasePlay:
     elapsed_s: float = 0.0
 
 
-def guiding_of(release: Release) -> tuple[Guiding, Guiding]:
-    """[release] of the trainer file, for hip and slide."""
+def guiding_of(rules: HandGuiding) -> tuple[Guiding, Guiding]:
+    """[hand_guiding] of the trainer file, for hip and slide."""
     return (
         Guiding(
-            release.hip_damping_nm_s_per_rad,
-            release.hip_slow_rad_per_s,
-            release.hip_damping_beyond_nm_s_per_rad,
-            release.hip_edge_nm,
+            rules.hip_damping_nm_s_per_rad,
+            rules.hip_slow_rad_per_s,
+            rules.hip_damping_beyond_nm_s_per_rad,
+            rules.hip_edge_nm,
         ),
         Guiding(
-            release.slide_damping_n_s_per_m,
-            release.slide_slow_m_per_s,
-            release.slide_damping_beyond_n_s_per_m,
-            release.slide_edge_n,
+            rules.slide_damping_n_s_per_m,
+            rules.slide_slow_m_per_s,
+            rules.slide_damping_beyond_n_s_per_m,
+            rules.slide_edge_n,
         ),
     )
 

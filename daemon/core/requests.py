@@ -141,8 +141,8 @@ def _milder_end(core: Core) -> Step:
 
 
 def _begin_exercise(core: Core, wanted: ModeRequest) -> None:
-    if wanted.mode == Mode.RELEASE:
-        exercises.begin_release(core)
+    if wanted.mode == Mode.HAND_GUIDING:
+        exercises.begin_hand_guiding(core)
     elif wanted.mode == Mode.SELF_TEST:
         exercises.begin_self_test(core)
     else:

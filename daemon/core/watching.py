@@ -119,7 +119,7 @@ def watch_patient(core: Core, leg: Leg, estimate: LegEstimate) -> None:
     for index, axis in enumerate(leg.axes):
         # Where nothing guides a motion, whoever moves the leg is its motion; and what raw values
         # call the wrong way round is theirs to judge.
-        guided = core.mode in GUIDED_MOTION and axis.watch.opposed_cycles == 0
+        guided = core.mode in GUIDED_MOTION and axis.watch.sign_mismatch_cycles == 0
         if estimate.validity[index] is Validity.BAD or not guided:
             axis.spasm.forget()
             continue

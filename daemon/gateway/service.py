@@ -129,7 +129,7 @@ class Gateway:
     def _send_level(self) -> None:
         level = self._desk.level(self.steering.setpoints, self.steering.lease)
         if level and not self._seam.send(level) and self._presence.heard:
-            self.health.counters.level_dropped_count += 1
+            self.health.counters.gateway_state_dropped_count += 1
 
     def tell(self, said: Sequence[events.Happening]) -> None:
         """Say what others than the core have to tell."""

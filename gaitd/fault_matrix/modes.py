@@ -95,9 +95,9 @@ def _torque(bench: Bench) -> None:
     bench.lockstep.run(1.0)
 
 
-def _release(bench: Bench) -> None:
+def _hand_guiding(bench: Bench) -> None:
     bench.enable()
-    bench.ask(RequestKind.MODE, ModeRequest(Mode.RELEASE))
+    bench.ask(RequestKind.MODE, ModeRequest(Mode.HAND_GUIDING))
     bench.lockstep.run_until(lambda record: record.stage is Stage.PLAYING, within_s=2)
     bench.patient("led")
     bench.lockstep.run(2.0)
@@ -223,13 +223,13 @@ COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
                 frozenset({Mode.EXCITE, Mode.HOLD}),  # out of its window it is over
             ),
             Column(
-                "release",
-                Mode.RELEASE,
+                "hand_guiding",
+                Mode.HAND_GUIDING,
                 Group.DRIVING,
                 "hand guiding without stiffness: somebody leads thigh and foot slowly",
-                _release,
+                _hand_guiding,
                 3.3,
-                frozenset({Mode.RELEASE}),
+                frozenset({Mode.HAND_GUIDING}),
             ),
             Column(
                 "self_test",
