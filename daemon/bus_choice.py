@@ -24,6 +24,8 @@ class BusChoice(NamedTuple):
     clock: Clock
     is_in_step: Callable[[], bool]
     """Whether time is simulated now."""
+    say_here: Callable[[], None]
+    """Tells who owns the time that we ask for nothing yet, for a reason."""
 
 
 def choose_bus(
@@ -50,7 +52,8 @@ def choose_bus(
             lambda: CanBus.open(interface, channel, bitrate_bit_per_s),
             MonotonicClock(),
             lambda: False,
+            lambda: None,
         )
     link = SocketLink(Path(channel), role, name, wall_clock_only=wall_clock_only)
     bus = SimulatedBus(link, f"{SIMULATED}:{channel}")
-    return BusChoice(bus.open, SimulatedClock(link), lambda: link.is_in_step)
+    return BusChoice(bus.open, SimulatedClock(link), lambda: link.is_in_step, link.say_here)

@@ -6,8 +6,9 @@ while a lease is held, for a setpoint that was. Waiting delays `levels`; it neve
 
 Not waited for: a gateway whose socket refuses (it has ended), whose process is stopped (state T),
 or that has said nothing for PATIENCE_LOOKS; a holder of a lease that has said nothing for
-HOLDER_LOOKS. Each is waited for again from its next level or setpoint on. What it means that one of
-them is silent is judged by safety, in simulated time, as ever.
+HOLDER_LOOKS. Each is waited for again from its next level or setpoint on. A gateway that a debugger
+has stopped (state t) is waited for. What it means that one of them is silent is judged by safety,
+in simulated time, as ever.
 """
 
 import select
@@ -17,6 +18,7 @@ from typing import Final
 
 from daemon.record import CycleRecord, Level
 from daemon.seam import CoreSeam
+from simtime.processes import IN_A_DEBUGGER, STOPPED, process_state
 
 CREDIT_CYCLES: Final = 3
 LOOK_MS: Final = 20
@@ -30,7 +32,12 @@ class InStepSeam:
     """A `Seam` that keeps the core in step with gateway and holder."""
 
     def __init__(
-        self, seam: CoreSeam, boot_id: str, gateway_lock: Path, is_in_step: Callable[[], bool]
+        self,
+        seam: CoreSeam,
+        boot_id: str,
+        gateway_lock: Path,
+        is_in_step: Callable[[], bool],
+        say_here: Callable[[], None],
     ) -> None:
         """Wrap a seam.
 
@@ -39,9 +46,10 @@ class InStepSeam:
             boot_id: of this core.
             gateway_lock: holds the gateway's process id.
             is_in_step: whether time is simulated now.
+            say_here: tells who owns the time that this process is not hung.
         """
         self._seam, self._boot_id = seam, boot_id
-        self._lock, self._is_in_step = gateway_lock, is_in_step
+        self._lock, self._is_in_step, self._say_here = gateway_lock, is_in_step, say_here
         self._poller = select.poll()
         self._poller.register(seam.fileno(), select.POLLIN)
         self._published_cycle = 0
@@ -66,10 +74,14 @@ class InStepSeam:
             if self._poller.poll(LOOK_MS):
                 levels += self._read()
                 continue
+            state = _state_of_holder(self._lock)
+            if state == STOPPED:
+                break
+            if state == IN_A_DEBUGGER:
+                self._say_here()
+                continue
             looks += 1
             self._holder_expected = self._holder_expected and looks < HOLDER_LOOKS
-            if _is_stopped(self._lock):
-                break
         if self._lags():
             self._gateway_expected = self._holder_expected = False
         return levels
@@ -100,11 +112,9 @@ class InStepSeam:
         return gateway_lags or (holder_is_due and self._setpoint_cycle < oldest)
 
 
-def _is_stopped(lock: Path) -> bool:
-    """Whether the process that holds a lock is stopped, as by SIGSTOP."""
+def _state_of_holder(lock: Path) -> str:
+    """The state of the process that holds a lock; empty if there is none."""
     try:
-        pid = int(lock.read_text(encoding="ascii"))
-        stat = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
+        return process_state(int(lock.read_text(encoding="ascii")))
     except (OSError, ValueError):
-        return False
-    return stat.rpartition(")")[2].split()[0] == "T"
+        return ""

@@ -34,7 +34,10 @@ def command(
     with closing(Journal("gaitd-core", SOCKET if in_journal else None)) as log:
         has_watchdog = "WATCHDOG_USEC" in os.environ
         if has_watchdog and settings.trainer.bus.interface == SIMULATED and not admit_simulated:
-            allowed = "a real bus: under systemd no leg is moved in simulated time"
+            allowed = (
+                "a real bus: a watchdog goes by the computer's clock "
+                "(a desk has the drop-in bus-simulated.conf)"
+            )
             raise ConfigError(config, "bus.interface", SIMULATED, allowed)
         address = os.environ.get("NOTIFY_SOCKET")
         raise typer.Exit(run_core(settings, address, log, has_watchdog=has_watchdog))

@@ -31,6 +31,7 @@ WARM_UP_NS = 20_000_000
 NS_PER_S = 1_000_000_000
 BUS_LOST = 4
 COMMAND_LINE = "command line"
+AXES = ("hip", "slide")
 
 
 def command(
@@ -65,6 +66,12 @@ def command(
     no_drives: Annotated[
         bool, typer.Option("--no-drives", help="bus and time alone: the drives are of others")
     ] = False,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--without", help="a drive, such as right/slide, that another program stands in for"
+        ),
+    ] = None,
 ) -> None:
     """The virtual drives of that configuration, until SIGTERM or Ctrl-C."""
     from daemon.config.trainer import SIMULATED, load_trainer
@@ -78,9 +85,17 @@ def command(
 
         raise ConfigError(COMMAND_LINE, "--hold", hold, "only in simulated time")
     _refuse_foreign(trainer, wall_clock=wall_clock, no_drives=no_drives, truth=truth)
+    missing = _missing(trainer, without or [], no_drives=no_drives)
     with contextlib.ExitStack() as ending:
         logs = _truth_logs(trainer, truth, ending)
-        part = _Part(trainer, seed, logs, with_drives=not no_drives, with_truth=truth_in_silence)
+        part = _Part(
+            trainer,
+            seed,
+            logs,
+            missing,
+            with_drives=not no_drives,
+            with_truth=truth_in_silence,
+        )
         end = _End()
         if in_simulated_time:
             running = _simulated(part, pace_ratio, control, ending, begins_held=hold)
@@ -126,12 +141,13 @@ class _Part:
         trainer: "TrainerFile",
         seed: int | None,
         logs: "dict[str, TruthLog]",
+        missing: frozenset[str],
         *,
         with_drives: bool,
         with_truth: bool,
     ) -> None:
         self.trainer = trainer
-        self._seed, self._logs = seed, logs
+        self._seed, self._logs, self._missing = seed, logs, missing
         self._with_drives, self._with_truth = with_drives, with_truth
         self._machine: Machine | None = None
 
@@ -151,7 +167,11 @@ class _Part:
         if not self._with_drives:
             return EmptyWorld(start_ns)
         self._machine = virtual_machine(
-            self.trainer, seed=self._seed, start_ns=start_ns, truth=self._logs
+            self.trainer,
+            seed=self._seed,
+            start_ns=start_ns,
+            truth=self._logs,
+            without=self._missing,
         )
         return self._machine.world
 
@@ -197,6 +217,21 @@ def _refuse_foreign(
         raise ConfigError(COMMAND_LINE, "--no-drives", True, "only with a simulated bus")
     if no_drives and truth is not None:
         raise ConfigError(COMMAND_LINE, "--truth", truth, "nothing with --no-drives")
+
+
+def _missing(trainer: "TrainerFile", names: list[str], *, no_drives: bool) -> frozenset[str]:
+    """The drives that others stand in for, checked."""
+    from daemon.config.strict import ConfigError
+    from gaitd.virtual_machine import load_plant
+
+    if names and no_drives:
+        raise ConfigError(COMMAND_LINE, "--without", names[0], "nothing with --no-drives")
+    legs = load_plant(trainer)[1].drives if names else ()
+    known = [f"{leg}/{axis}" for leg in legs for axis in AXES]
+    for name in names:
+        if name not in known:
+            raise ConfigError(COMMAND_LINE, "--without", name, f"one of {', '.join(known)}")
+    return frozenset(names)
 
 
 def _truth_logs(

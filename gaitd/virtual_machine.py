@@ -1,6 +1,6 @@
 """The virtual drives of a configuration, built but not yet running: for `sim`, `demo` and tests."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from daemon.config.robot import friction_parameters, leg_parameters
@@ -29,6 +29,7 @@ def virtual_machine(
     seed: int | None = None,
     start_ns: int = 0,
     truth: Mapping[str, TruthLog] | None = None,
+    without: Collection[str] = (),
 ) -> Machine:
     """Build what a trainer file's plant.toml describes.
 
@@ -37,6 +38,7 @@ def virtual_machine(
         seed: in place of plant.toml's own.
         start_ns: the first time of the machine's clock.
         truth: takes the truth at each SYNC, by leg.
+        without: drives, LEG/AXIS, that others stand in for.
 
     Raises:
         ConfigError: plant.toml, its robot file, or an EDS.
@@ -52,6 +54,7 @@ def virtual_machine(
             seed=seed,
             start_ns=start_ns,
             truth=truth,
+            without=without,
         )
     except MachineError as error:
         raise ConfigError(path, error.key, error.value, error.allowed) from error

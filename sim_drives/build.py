@@ -5,7 +5,7 @@ to understand.
 """
 
 import configparser
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -79,6 +79,7 @@ def build_machine(
     seed: int | None = None,
     start_ns: int = 0,
     truth: Mapping[str, TruthLog] | None = None,
+    without: Collection[str] = (),
 ) -> Machine:
     """Build the machine, switched on, at rest in its start pose.
 
@@ -90,6 +91,7 @@ def build_machine(
         seed: of all that is random; the file's own if None.
         start_ns: the world's first time.
         truth: takes each SYNC's truth, by leg; legs may be missing.
+        without: drives, LEG/AXIS, that others stand in for; their axes have no torque.
 
     Raises:
         MachineError: by key of plant.toml, value, and what would be allowed.
@@ -113,7 +115,14 @@ def build_machine(
             log.record(sync_count, trainers[name].truth())
 
     try:
-        world = World(legs, plant.fault, seed=chosen_seed, start_ns=start_ns, on_sync=record)
+        world = World(
+            legs,
+            plant.fault,
+            seed=chosen_seed,
+            start_ns=start_ns,
+            on_sync=record,
+            without=without,
+        )
     except FaultCommandError as error:
         raise MachineError("fault", f"{len(plant.fault)} tables", str(error)) from error
     return Machine(world, trainers, record)

@@ -12,14 +12,17 @@ Rules:
 3.  Things can happen at any instant, also in the middle of a wait: `at` puts them on the agenda.
 4.  `hold` stops a seat and not the world (a frozen process); `pause` stops the seat's clock with it
     (a machine that was suspended).
-5.  A seat may have a cost of computing: so much time passes before the first frame that it sends,
-    or the first wait, behind each grant. The cost is drawn from a seed.
+5.  A seat may have a cost of computing, drawn when it answers what came with its last grant: the
+    answer leaves so much later, and the next wait begins there. What it sends at an instant of its
+    own, such as SYNC, leaves at once. Seats compute at the same time, as processes do, so the order
+    in which their messages come changes nothing.
 """
 
 import heapq
 import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
 from typing import Final, Protocol
 
@@ -31,6 +34,7 @@ from simtime.link import LinkLostError
 
 UTC_OF_START_NS: Final = 1_767_225_600_000_000_000
 """Simulated UTC at time 0 of a world in memory: 2026-01-01."""
+COST_MIN_NS, COST_MAX_NS = 300_000, 3_000_000
 
 
 @dataclass(slots=True)
@@ -98,10 +102,12 @@ class Seat:
         """By how much its clock is behind the world's."""
         self.utc_ahead_ns = UTC_OF_START_NS
         self.cost: Callable[[], int] | None = None
-        """Draws what it computes, in ns, once for each grant."""
+        """Draws what it computes before an answer, in ns."""
         self.wait: _Wait | None = None
         self.held_until_ns = 0
         self.owes_cost = False
+        self.busy_until_ns = 0
+        """In the world's time: it computes until then."""
 
     @property
     def now_ns(self) -> int:
@@ -135,7 +141,7 @@ class Seat:
 
     def world_until_ns(self, seat_ns: int) -> int:
         """The world's time up to which it lives before the seat goes on."""
-        return max(seat_ns + self.behind_ns, self.held_until_ns)
+        return max(seat_ns + self.behind_ns, self.held_until_ns, self.busy_until_ns)
 
 
 class Conductor:
@@ -177,9 +183,14 @@ class Conductor:
         seat.check()
         if seat.trouble.queue_full:
             return len(frames)
-        self._spend_cost(seat)
+        if seat.cost is not None and seat.owes_cost:
+            seat.owes_cost = False
+            seat.busy_until_ns = self.now_ns + seat.cost()
         for frame in frames:
-            self._place(seat, frame)
+            if seat.busy_until_ns > self.now_ns:
+                self.at(seat.busy_until_ns, partial(self._place, seat, frame))
+            else:
+                self._place(seat, frame)
         return 0
 
     def _place(self, seat: Seat, frame: Frame) -> None:
@@ -202,8 +213,7 @@ class Conductor:
 
     def ask(self, seat: Seat, until_ns: int, *, for_frame: bool) -> None:
         """A seat lets time pass up to an instant of its clock, or to the first frame."""
-        self._spend_cost(seat)
-        if for_frame or until_ns >= seat.now_ns:
+        if for_frame or until_ns >= seat.now_ns or seat.busy_until_ns > self.now_ns:
             seat.wait = _Wait(until_ns, for_frame)
 
     def missing(self) -> Seat | None:
@@ -252,7 +262,7 @@ class Conductor:
             wait.looked = True
             return False
         seat.wait = None
-        seat.owes_cost = True
+        seat.owes_cost = bool(seat.waiting)
         return True
 
     def _next_ns(self) -> int:
@@ -266,12 +276,6 @@ class Conductor:
             action()
         self._advance(max(goal_ns(), self.now_ns))
 
-    def _spend_cost(self, seat: Seat) -> None:
-        if seat.cost is not None and seat.owes_cost:
-            seat.owes_cost = False
-            until_ns = self.now_ns + seat.cost()
-            self._pass(lambda: until_ns)
-
     def _advance(self, world_ns: int) -> None:
         for timed in self.world.advance_to(world_ns):
             for seat in self.seats:
@@ -280,12 +284,10 @@ class Conductor:
                     seat.waiting.append(Frame(timed.can_id, timed.data, stamp_ns))
 
 
-def computing_cost(
-    seed: int, least_ns: int = 300_000, most_ns: int = 3_000_000
-) -> Callable[[], int]:
-    """What a seat computes before its next frame, drawn anew each time."""
-    draw = random.Random(seed)
-    return lambda: draw.randint(least_ns, most_ns)
+def computing_cost(seed: int, seat: str) -> Callable[[], int]:
+    """How long a seat computes before it answers, in ns; each seat has draws of its own."""
+    draw = random.Random(f"{seed}/{seat}")
+    return lambda: draw.randint(COST_MIN_NS, COST_MAX_NS)
 
 
 class DirectLink:

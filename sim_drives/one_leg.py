@@ -7,6 +7,7 @@ leave late wait in the outbox. Nothing here reads a clock.
 
 import heapq
 import random
+from collections.abc import Container
 from itertools import count
 from typing import Final, NamedTuple
 
@@ -83,10 +84,11 @@ class OneLeg:
         }
         self._flags = dict.fromkeys(self.nodes, AxisFlag.NONE)
 
-    def power_on(self) -> None:
-        """Switch both drives on."""
-        for node in self.nodes.values():
-            node.power_on()
+    def power_on(self, drives: Container[str]) -> None:
+        """Switch these drives on; one without power says nothing, and its axis has no torque."""
+        for name, node in self.nodes.items():
+            if name in drives:
+                node.power_on()
 
     # --- the bus ------------------------------------------------------------------------------
 

@@ -7,8 +7,8 @@ Rules:
     more than BEHIND_MAX_NS is not caught up: a stall of the computer stretches time, nothing else.
     Time may run AHEAD_MAX_NS ahead, so this process sleeps once a cycle and not at every event.
 3.  A client that has gone is no seat from then on. One whose process is stopped (state T, as after
-    SIGSTOP) is not waited for, nor is one that has said nothing for HUNG_S; both are in step again
-    with their next message. One that a debugger has stopped (state t) is waited for.
+    SIGSTOP) is not waited for until it goes on, nor is one that has said nothing for HUNG_S until
+    its next message. One that a debugger has stopped (state t) is waited for.
 4.  While no seat is in step, time passes at the pace of the computer's, at most.
 5.  A hand's hold belongs to its connection and ends with it. A server that begins held (`gaitd sim
     --hold`) lets no time pass until a hand says `go` or `run`.
@@ -18,19 +18,20 @@ What a hand, or the command socket, may say beside the commands of the virtual d
     pace 1 | N | max            how fast time passes, against the computer's
     at SECONDS LINE             do LINE so much later, exactly
     stall NAME SECONDS          so much time passes without the seat NAME
-    cost SEED | off             every seat in step computes 0.3 to 3 ms before its next frame
+    cost SEED | off             every seat in step computes 0.3 to 3 ms before it answers
     seats                       the names of the seats in step
     hold, go                    stop time, let it go on (hands only)
-    run SECONDS                 let so much time pass as fast as it can, then answer (hands only)
+    run SECONDS                 let so much time pass as fast as it can, then answer, once every
+                                seat in step waits again (hands only)
 """
 
 import contextlib
 import math
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 from sim_drives.bus_server import BusServer, Connection
@@ -39,6 +40,7 @@ from sim_drives.control import ControlSocket
 from sim_drives.faults import FaultCommandError
 from simtime import wire
 from simtime.page import PageWriter
+from simtime.processes import IN_A_DEBUGGER, STOPPED, process_state
 from simtime.wire import Role
 
 NS_PER_S: Final = 1_000_000_000
@@ -73,15 +75,6 @@ def parse_pace(text: str) -> float:
     raise ValueError(f"a pace is max, or {PACE_RATIO_MIN:g} to {PACE_RATIO_MAX:g}; not {text!r}")
 
 
-def process_state(pid: int) -> str:
-    """The state of a process as /proc has it, `T` for a stopped one; empty if it is gone."""
-    try:
-        text = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
-    except OSError:
-        return ""
-    return text.rpartition(")")[2].split()[0]
-
-
 @dataclass
 class _Client:
     """A connection and what it is to time."""
@@ -91,6 +84,8 @@ class _Client:
     seat: Seat
     looks: int = 0
     """In a row, while it was waited for."""
+    is_stopped: bool = False
+    """Not waited for because of its state."""
 
 
 @dataclass
@@ -170,6 +165,8 @@ class TimeServer:
         self._begins_held = begins_held
         self._runs: list[_Run] = []
         self._cost_seed: int | None = None
+        self._costed: Counter[str] = Counter()
+        """Seats that draw from that seed, by name: a second one of a name has draws of its own."""
         self._utc_ahead_ns = time.time_ns() - time.monotonic_ns()
         self._pace = _Pace(pace_ratio, world.now_ns)
         server.on_leave = self._leave
@@ -209,10 +206,14 @@ class TimeServer:
         return min(self._pace.pause_s(self.now_ns, self._ratio()), LOOK_S)
 
     def _may_pass(self) -> bool:
+        for client in self._clients.values():
+            if client.is_stopped and process_state(client.connection.pid) != STOPPED:
+                self._expect(client)
         missing = self._conductor.missing()
         if missing is not None:
             self._look_at(missing)
             return False
+        self._end_runs()
         return not self._is_held() and self._pace.pause_s(self.now_ns, self._ratio()) == 0
 
     def _is_held(self) -> bool:
@@ -221,24 +222,31 @@ class TimeServer:
     def _ratio(self) -> float:
         if self._runs:
             return PACE_MAX
-        if any(client.seat.in_step for client in self._clients.values()):
+        seats = self._conductor.seats
+        if any(seat.in_step and not seat.is_excused for seat in seats):
             return self._pace.ratio
         return min(self._pace.ratio, 1.0) or 1.0
 
     def _look_at(self, seat: Seat) -> None:
         """Is the process that time waits for one that can answer?"""
         client = next(one for one in self._clients.values() if one.seat is seat)
-        client.looks += 1
-        if process_state(client.connection.pid) == "T":
-            seat.is_excused = True
-        elif client.looks > HUNG_LOOKS:
-            seat.is_excused = True
+        state = process_state(client.connection.pid)
+        client.looks = 0 if state == IN_A_DEBUGGER else client.looks + 1
+        client.is_stopped = state == STOPPED
+        seat.is_excused = client.is_stopped or client.looks > HUNG_LOOKS
+        if seat.is_excused:
+            self._pace.anchor(self.now_ns)
+        if client.looks > HUNG_LOOKS:
             name, hung_s = client.connection.name, HUNG_LOOKS * LOOK_S
             print(
                 f"gaitd sim: {name} asks for nothing for {hung_s:g} s; time goes on without it",
                 file=sys.stderr,
                 flush=True,
             )
+
+    @staticmethod
+    def _expect(client: _Client) -> None:
+        client.looks, client.is_stopped, client.seat.is_excused = 0, False, False
 
     # --- time passes --------------------------------------------------------------------------
 
@@ -253,7 +261,6 @@ class TimeServer:
                 self._grant(client)
             elif client.role in {Role.LISTENER, Role.HAND}:
                 self._hand_over(client)
-        self._end_runs()
         self._note_silence()
 
     def _grant(self, client: _Client) -> None:
@@ -285,7 +292,7 @@ class TimeServer:
 
     def _take(self, connection: Connection, client: _Client | None, message: wire.ToServer) -> None:
         if client is not None:
-            client.looks, client.seat.is_excused = 0, False
+            self._expect(client)
         match message:
             case wire.Hello():
                 self._join(connection, message)
@@ -302,7 +309,9 @@ class TimeServer:
 
     def _join(self, connection: Connection, hello: wire.Hello) -> None:
         in_step = hello.role is Role.IN_STEP
-        if hello.now_ns > self.now_ns and not any(one.in_step for one in self._conductor.seats):
+        waits = hello.role in {Role.IN_STEP, Role.BESIDE}
+        stands = not any(one.in_step for one in self._conductor.seats)
+        if waits and stands and hello.now_ns > self.now_ns:
             self._conductor.step(hello.now_ns)  # its time must not go back
             self._pace.anchor(self.now_ns)
             self._page.write(self.now_ns)
@@ -419,13 +428,17 @@ class TimeServer:
         if text != "off" and not text.isdecimal():
             raise FaultCommandError(f"cost SEED or cost off, not {text!r}")
         self._cost_seed = None if text == "off" else int(text)
+        self._costed.clear()
         for seat in self._conductor.seats:
             self._set_cost(seat)
         return f"cost of computing {text}"
 
     def _set_cost(self, seat: Seat) -> None:
-        seeded = seat.in_step and self._cost_seed is not None
-        seat.cost = computing_cost(self._cost_seed or 0) if seeded else None
+        if self._cost_seed is None or not seat.in_step:
+            seat.cost = None
+            return
+        self._costed[seat.name] += 1
+        seat.cost = computing_cost(self._cost_seed, f"{seat.name}/{self._costed[seat.name]}")
 
 
 def _seconds(text: str) -> float:

@@ -9,7 +9,7 @@ and calls give the same frames, bit for bit.
     world.advance_to(t + 1_000_000)   TPDOs with their latency, SDO answers, heartbeats, EMCY
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Final
 
 from sim_drives.faults import (
@@ -62,6 +62,7 @@ class World:
         seed: int,
         start_ns: int = 0,
         on_sync: Callable[[int], None] | None = None,
+        without: Collection[str] = (),
     ) -> None:
         """Build the machine and switch it on.
 
@@ -71,6 +72,7 @@ class World:
             seed: of the TPDOs' latencies; the plants have seeds of their own.
             start_ns: the world's first time.
             on_sync: called at each SYNC with its number from 1, the plants being at its time.
+            without: these drives, LEG/AXIS, never have power: others stand in for them.
 
         Raises:
             FaultCommandError: the script names a drive that is not there, or a wrong value.
@@ -79,11 +81,11 @@ class World:
         self._on_sync = on_sync
         self._sync_count = 0
         self._legs = [OneLeg(leg, seed, start_ns) for leg in legs]
-        self._home = {name: leg for leg in self._legs for name in leg.nodes}
+        self._home = {name: leg for leg in self._legs for name in leg.nodes if name not in without}
         for fault in faults:
             self._plan(fault)
         for leg in self._legs:
-            leg.power_on()
+            leg.power_on(self._home)
 
     @property
     def now_ns(self) -> int:

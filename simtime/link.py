@@ -20,6 +20,8 @@ from simtime.wire import Role
 
 CONNECT_TIMEOUT_S: Final = 5.0
 """For the server's WELCOME."""
+WATCHED_TIMEOUT_S: Final = 0.5
+"""The same where a watchdog goes by the computer's clock."""
 _LAST_LOOKS: Final = 1000
 _POLL_MAX_NS: Final = 1_000_000_000
 
@@ -83,7 +85,15 @@ class SocketLink:
     by the computer's clock from where it was; a later server begins no earlier than that.
     """
 
-    def __init__(self, path: Path, role: Role, name: str, *, wall_clock_only: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        role: Role,
+        name: str,
+        *,
+        wall_clock_only: bool = False,
+        patience_s: float | None = None,
+    ) -> None:
         """Name the seat; it is taken by `open`.
 
         Args:
@@ -91,9 +101,11 @@ class SocketLink:
             role: what the seat is to time.
             name: for people, and for `stall NAME`.
             wall_clock_only: refuse a server whose time is simulated.
+            patience_s: for any answer, of the computer's time; None: for ever, as a core has it.
         """
         self._path, self._role, self._name = path, role, name
         self._wall_clock_only = wall_clock_only
+        self._patience_s = patience_s
         self._socket: socket.socket | None = None
         self._page: SimulatedTime | None = None
         self._is_wall_clock = False
@@ -135,7 +147,7 @@ class SocketLink:
             return
         made = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET | socket.SOCK_CLOEXEC)
         try:
-            made.settimeout(CONNECT_TIMEOUT_S)
+            made.settimeout(WATCHED_TIMEOUT_S if self._wall_clock_only else CONNECT_TIMEOUT_S)
             made.connect(str(self._path))
             made.send(wire.pack_hello(self._role, self.now_ns(), self._name))
             self._welcome(made.recv(wire.MESSAGE_SIZE_MAX))
@@ -146,7 +158,7 @@ class SocketLink:
         except LinkLostError:
             made.close()
             raise
-        made.settimeout(None)
+        made.settimeout(self._patience_s)
         self._socket, self._was_open = made, True
 
     def _welcome(self, data: bytes) -> None:
@@ -191,10 +203,14 @@ class SocketLink:
     # --- frames -------------------------------------------------------------------------------
 
     def send(self, frames: Sequence[Frame]) -> int:
-        """As `Link.send`."""
-        for message in wire.pack_send(self.now_ns(), frames):
-            self._say(message)
-        return 0
+        """As `Link.send`; by the computer's clock it never waits for a server that hangs."""
+        said = [self._say(message) for message in wire.pack_send(self.now_ns(), frames)]
+        return 0 if all(said) else len(frames)
+
+    def say_here(self) -> None:
+        """Say that we ask for nothing yet, for a reason: else we would be taken for hung."""
+        with contextlib.suppress(LinkLostError):  # the next use of the bus says so
+            self._say(wire.pack_here(self.now_ns()))
 
     def wait(self, until_ns: int, *, for_frame: bool) -> None:
         """As `Link.wait`."""
@@ -256,11 +272,15 @@ class SocketLink:
             case other:
                 self._lose(f"`gaitd sim` answers with {type(other).__name__}")
 
-    def _say(self, message: bytes) -> None:
+    def _say(self, message: bytes) -> bool:
+        """Whether there was room for it."""
         try:
-            self._existing().send(message)
+            self._existing().send(message, socket.MSG_DONTWAIT * self._is_wall_clock)
+        except BlockingIOError:
+            return False
         except OSError as error:
             self._lose(f"`gaitd sim` is gone: {error}")
+        return True
 
     def _hear(self) -> wire.FromServer:
         try:

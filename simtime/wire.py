@@ -153,6 +153,11 @@ def pack_send(now_ns: int, frames: Sequence[Frame]) -> Iterator[bytes]:
     return (head + part for part in _packed(frames))
 
 
+def pack_here(now_ns: int) -> bytes:
+    """A SEND without frames: the seat asks for nothing yet, and is no hung one."""
+    return _SEND.pack(Kind.SEND, now_ns)
+
+
 def pack_wait(until_ns: int, *, for_frame: bool) -> bytes:
     """A WAIT."""
     return _WAIT.pack(Kind.WAIT, until_ns, for_frame)

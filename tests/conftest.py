@@ -56,10 +56,6 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
-    """A computer that stands still is no reason to fail; see `tests/support/held_up.py`."""
-    from held_up import HeldUp
-    from stalls import Stalls
-
-    config.pluginmanager.register(HeldUp(Stalls()))
+    """Processor time by group, where it is asked for."""
     if config.option.cpu_seconds or hasattr(config, "workerinput"):
         config.pluginmanager.register(CpuSeconds(config.option.cpu_seconds))

@@ -130,7 +130,7 @@ def _run(
     core_seam = seam = _seam(settings, header)
     if is_simulated:
         lock = settings.runtime / "gateway.lock"
-        seam = InStepSeam(core_seam, boot_id, lock, bus.is_in_step)
+        seam = InStepSeam(core_seam, boot_id, lock, bus.is_in_step, bus.say_here)
     supervisor = Notifier(notify_address)
     supervision = Supervision(supervisor, log, settings.trainer.shutdown.effect)
     grid = loop_settings(settings, built, notebook, bus.open_bus)

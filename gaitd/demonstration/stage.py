@@ -62,7 +62,7 @@ class Tempo:
     @property
     def arguments(self) -> list[str]:
         """For `gaitd sim`."""
-        return ["--wall-clock"] if self.wall_clock else ["--pace", self.pace, "--hold"]
+        return ["--wall-clock"] if self.wall_clock else ["--pace", self.pace]
 
 
 class StageTime:
@@ -293,7 +293,8 @@ def stage(
         tempo = tempo or Tempo()
         passing = StageTime(folder / BUS, begin_ns, tempo)
         ending.callback(passing.close)
-        arguments = ["sim", *places, *tempo.arguments]
+        held = [] if tempo.wall_clock else ["--hold"]
+        arguments = ["sim", *places, *tempo.arguments, *held]
         drives = Troupe("gaitd sim", arguments, folder / "sim.log")
         ending.callback(drives.end, DRIVES_END_S)
         service = Troupe("gaitd run", ["run", "--config", str(config)], folder / "run.log")

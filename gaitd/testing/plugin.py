@@ -24,7 +24,7 @@ NONE: Final = "none"
 MISSED: Final = (*(f"{marker}: " for marker in RIG_MARKERS), "vcan: ")
 INSTALLS_THEM: Final = "`make rigs` in a clone of gaitd installs rigs, as root on Debian"
 MARKERS: Final = (
-    "virtual_trainer(edits=None, configs=None, trainer_file='demo.toml'): "
+    "virtual_trainer(edits=None, configs=None, trainer_file='demo.toml', pace=1): "
     "what configuration the fixture of that name runs",
     "rig_vcan: needs SocketCAN, natively or in the virtual machine of `make rigs`",
     "rig_systemd: needs the systemd container of `make rigs`",
@@ -49,11 +49,12 @@ class VirtualTrainers:
         *,
         configs: Path | None = None,
         trainer_file: str = "demo.toml",
+        pace: float | str = 1,
     ) -> "VirtualTrainer":
         """Start one and wait until it is ready; see `gaitd.testing.trainer.virtual_trainer`."""
         from gaitd.testing.trainer import virtual_trainer
 
-        made = virtual_trainer(edits, configs=configs, trainer_file=trainer_file)
+        made = virtual_trainer(edits, configs=configs, trainer_file=trainer_file, pace=pace)
         return self._ending.enter_context(made)
 
 

@@ -1,7 +1,9 @@
 """The service and the virtual drives as the processes that people run, and what is seen of them.
 
-Time is simulated, at the pace of the computer's (`simtime`): a computer that stands still makes a
-test take longer, and changes nothing of what it sees.
+Time is simulated (`simtime`): a computer that stands still makes a test take longer, and changes
+nothing of what it sees. Who waits here lets time pass as fast as it can, and counts it in simulated
+seconds; otherwise it has the pace that was asked for, real time by default. While no core is in
+step, as when its process starts, time is never faster than the computer's.
 
 Every part is a process of its own (`gaitd sim`, `gaitd core`, `gaitd gateway`) with its output in
 a file. None outlives this process: it is ended by `end`, and killed by the kernel if we are.
@@ -31,10 +33,23 @@ from gaitd.children import free_ports, tied
 from gaitd.places import configs_folder
 from gaitd.remote import Target
 from gaitd.testing.edits import Edits, edit
+from simtime.link import LinkLostError, SocketLink
+from simtime.wire import Role
 
 SIMULATED, PYTHON_CAN = "simulated", "gaitd"
 """The bus of simulated time, and python-can's name for it."""
 POLL_S: Final = 0.02
+CYCLE_S: Final = 0.01
+STEP_S: Final = 0.05
+"""Of simulated time between two looks at the records; where a test holds it, a cycle."""
+IN_STEP_NS: Final = 100_000_000
+"""A newest record older than this: the core is not in step, or not yet."""
+HANG_S: Final = 60.0
+"""Of the computer's time in which simulated time stands still: a process hangs."""
+RUN_MAX_NS: Final = 1_000_000_000
+"""How far the virtual drives are asked to go at once: each time may take HANG_S."""
+NS_PER_S: Final = 1_000_000_000
+REAL_TIME: Final = 1.0
 GAITD: Final = ("-m", "gaitd")
 END_S: Final = 10.0
 """The core stops both axes before it ends."""
@@ -56,6 +71,8 @@ class Service:
         *,
         trainer_file: str = "demo.toml",
         edits: Edits | None = None,
+        pace: float | str = REAL_TIME,
+        wall_clock: bool = False,
     ) -> None:
         """Write the configuration; nothing runs yet.
 
@@ -64,6 +81,8 @@ class Service:
             configs: a folder of configurations, copied; None: those that come with gaitd.
             trainer_file: in that folder.
             edits: keys with other values, by file; they win over ports and paths of our own.
+            pace: of simulated time while nothing is waited for: a multiple of real time, or `max`.
+            wall_clock: the simulated bus goes by the computer's clock, and nothing can be held.
 
         Raises:
             EditError: a key that is not there.
@@ -77,6 +96,14 @@ class Service:
         edit(own, edits or {})
         self._table = tomllib.loads(self.config.read_text(encoding="utf-8"))
         self._clock: AgeClock | None = None
+        bus = self._table["bus"]
+        self._pace, self._wall_clock = str(pace), wall_clock
+        self._is_simulated: bool = bus["interface"] == SIMULATED and not wall_clock
+        self._hand = SocketLink(Path(bus["channel"]), Role.HAND, "test", patience_s=HANG_S)
+        self._reader: RingReader | None = None
+        self._newest_seq = 0
+        self._held_count = 0
+        self._is_fast = False
         self.parts: dict[str, subprocess.Popen[bytes]] = {}
 
     def _own_places(self) -> dict[str, str | Sequence[str]]:
@@ -143,7 +170,10 @@ class Service:
         log = self.folder / "sim.log"
         said_before = log.stat().st_size if log.exists() else 0
         places = ("--truth", str(self.truth_path), "--control", str(self.control_path))
-        drives = self.start("sim", *places, "--truth-in-silence")
+        speed = ("--pace", self._pace) if self._is_simulated else ()
+        clock = ("--wall-clock",) if self._wall_clock else ()
+        drives = self.start("sim", *places, "--truth-in-silence", *speed, *clock)
+        self._hand.close()
 
         def on_bus() -> bool:
             if drives.poll() is not None:
@@ -171,6 +201,7 @@ class Service:
 
     def end(self) -> None:
         """End what runs, whatever state it is in."""
+        self._hand.close()
         for part in reversed(list(self.parts)):
             process = self.parts[part]
             if process.poll() is None:
@@ -201,7 +232,13 @@ class Service:
     # --- asking ---------------------------------------------------------------------------------
 
     def request(self, name: str, **payload: object) -> dict[str, Any]:
-        """Query control/NAME: the answer as it came, `unanswered` if there is none."""
+        """Query control/NAME: the answer as it came, `unanswered` if there is none.
+
+        Raises:
+            ServiceError: time is held, so the core can decide nothing.
+        """
+        if self._held_count:
+            raise ServiceError(f"control/{name} is asked while time is held: it needs time to pass")
         target = Target((self.endpoint,), self.trainer)
         answer = remote.ask(target, name, {"client": "tester", **payload} if payload else {})
         if answer.text is None:
@@ -220,6 +257,106 @@ class Service:
             finally:
                 own.unlink()
 
+    # --- time ---------------------------------------------------------------------------------
+
+    @contextlib.contextmanager
+    def held(self) -> Generator[None]:
+        """Time stands still inside, but for `run`, `until` and what else waits for a record.
+
+        Every process has computed what it had to when it begins, and a request is refused.
+
+        Raises:
+            ServiceError: time is not simulated, or the virtual drives do not answer.
+        """
+        if not self._held_count:
+            self._command("hold")
+            self._command("run 0")
+        self._held_count += 1
+        try:
+            yield
+        finally:
+            self._held_count -= 1
+            if not self._held_count:
+                self._tried_command("go")
+
+    def run(self, duration_s: float) -> None:
+        """Let exactly so much simulated time pass, as fast as it can; then all have computed.
+
+        On a bus in real time it is waited.
+
+        Raises:
+            ServiceError: the virtual drives do not answer.
+        """
+        if not self._is_simulated:
+            time.sleep(duration_s)
+            return
+        left_ns = round(duration_s * NS_PER_S)
+        with self.held():
+            while left_ns > 0:
+                part_ns = min(left_ns, RUN_MAX_NS)
+                self._command(f"run {part_ns / NS_PER_S:.9f}")
+                left_ns -= part_ns
+
+    def at(self, delay_s: float, line: str) -> str:
+        """Tell the virtual drives `line` so many simulated seconds from now, exactly.
+
+        Inside `held` now is the instant at which time stands. What they do not understand they say
+        in their log, then.
+
+        Raises:
+            ServiceError: time is not simulated, or the virtual drives do not answer.
+        """
+        return self._command(f"at {delay_s:.9f} {line}")
+
+    @contextlib.contextmanager
+    def _fast(self) -> Generator[None]:
+        """Time passes as fast as it can inside, where it is simulated and there are drives."""
+        if self._is_fast or self._held_count or not self._tried_command("pace max"):
+            yield
+            return
+        self._is_fast = True
+        try:
+            yield
+        finally:
+            self._is_fast = False
+            self._tried_command(f"pace {self._pace}")
+
+    def _pass(self, poll_s: float) -> None:
+        """Between two looks."""
+        if not self._held_count:
+            time.sleep(poll_s)
+            return
+        self.run(poll_s)
+        if not self._counts():
+            time.sleep(poll_s)
+
+    def _counts(self) -> bool:
+        """Whether the core is in step."""
+        with contextlib.suppress(FileNotFoundError, RingError):
+            return self.clock.now_ns() - self.newest().sync_mono_ns < IN_STEP_NS
+        return False
+
+    def _tried_command(self, line: str) -> bool:
+        """Whether there are virtual drives that can be told; nothing is held or paced without."""
+        if not self._is_simulated or not self.runs("sim"):
+            return False
+        with contextlib.suppress(LinkLostError):
+            self._told(line)
+            return True
+        return False
+
+    def _command(self, line: str) -> str:
+        if not self._is_simulated:
+            raise ServiceError(f"{line!r}: time is not simulated on this bus")
+        try:
+            return self._told(line)
+        except LinkLostError as error:
+            raise ServiceError(f"{line!r}: {error}\n{self.logs()}") from error
+
+    def _told(self, line: str) -> str:
+        self._hand.open()
+        return self._hand.command(line)
+
     # --- witnesses ------------------------------------------------------------------------------
 
     @property
@@ -235,29 +372,51 @@ class Service:
     def wait(self, reached: Callable[[], object], within_s: float, poll_s: float = POLL_S) -> None:
         """Look until it is reached.
 
-        Raises:
-            ServiceError: it was not, within the time.
-        """
-        end_s = time.monotonic() + within_s
-        while time.monotonic() < end_s:
-            with contextlib.suppress(FileNotFoundError, RingError):
-                if reached():
-                    return
-            time.sleep(poll_s)
-        raise ServiceError(f"not reached within {within_s:g} s\n{self.logs()}")
+        Args:
+            reached: looked at again and again.
+            within_s: in simulated time, where time is simulated.
+            poll_s: between two looks, of the computer's time; inside `held` of simulated time.
 
-    @contextlib.contextmanager
-    def _ring(self) -> Generator[RingReader]:
-        with contextlib.closing(
-            RingReader(self.config.parent / self._table["paths"]["runtime"] / RING_NAME)
-        ) as ring:
-            yield ring
+        Raises:
+            ServiceError: it was not, within the time, or simulated time stands still.
+        """
+        looks_in_vain, seen_ns = 0, self.clock.now_ns()
+        end_ns = seen_ns + round(within_s * NS_PER_S)
+        with self._fast():
+            while looks_in_vain * poll_s < HANG_S:
+                with contextlib.suppress(FileNotFoundError, RingError):
+                    if reached():
+                        return
+                now_ns = self.clock.now_ns()
+                if now_ns >= end_ns:
+                    raise ServiceError(f"not reached within {within_s:g} s\n{self.logs()}")
+                looks_in_vain = looks_in_vain + 1 if now_ns == seen_ns else 0
+                seen_ns = now_ns
+                self._pass(poll_s)
+        raise ServiceError(f"simulated time stood still for {HANG_S:g} s\n{self.logs()}")
+
+    def _ring(self) -> RingReader:
+        """Of the core that began last."""
+        path = self.config.parent / self._table["paths"]["runtime"] / RING_NAME
+        if self._reader is None or self._reader.inode != path.stat().st_ino:
+            self._reader, self._newest_seq = RingReader(path), 0
+        return self._reader
+
+    def _followed(self) -> tuple[RingReader, int]:
+        """The ring and its newest number: followed from there on, or looked for in all of it."""
+        ring = self._ring()
+        if not self._newest_seq or ring.raw(self._newest_seq) is None:
+            self._newest_seq = ring.newest_seq()
+        if not self._newest_seq:
+            raise FileNotFoundError("no record yet")
+        while ring.raw(self._newest_seq + 1) is not None:
+            self._newest_seq += 1
+        return ring, self._newest_seq
 
     def boot_id(self) -> str:
         """Of the core that wrote the ring; empty where there is none yet."""
         try:
-            with self._ring() as ring:
-                return ring.header.core_boot_id
+            return self._ring().header.core_boot_id
         except FileNotFoundError:
             return ""
 
@@ -267,25 +426,45 @@ class Service:
         Raises:
             FileNotFoundError, RingError: there is none yet.
         """
-        with self._ring() as ring:
-            record = ring.read(ring.newest_seq())
+        ring, seq = self._followed()
+        record = ring.read(seq)
         if record is None:
-            raise FileNotFoundError("no record yet")
+            raise RingError(f"record {seq} cannot be read")
         return record
 
     def records(self, after_seq: int = 0) -> list[CycleRecord]:
         """Records of the cycles after one, as far back as the ring goes (30 s)."""
-        with self._ring() as ring:
-            return ring.since(after_seq)
+        return self._ring().since(after_seq)
 
     def until(self, reached: Callable[[CycleRecord], bool], within_s: float = 30) -> CycleRecord:
-        """Wait for a record; returns the newest one then.
+        """Wait for a record and return it: the first, from the newest one on, that is as wanted.
+
+        Inside `held` time stands in its cycle then; otherwise some cycles later.
 
         Raises:
             ServiceError: none came within the time.
         """
-        self.wait(lambda: reached(self.newest()), within_s)
-        return self.newest()
+        found: list[CycleRecord] = []
+        seen: list[RingReader] = []
+        seq = 0
+
+        def looked() -> bool:
+            nonlocal seq
+            ring, newest = self._followed()
+            first = seq + 1 if [ring] == seen else newest
+            seen[:], seq = [ring], newest
+            for number in range(first, newest + 1):
+                record = ring.read(number)
+                if record is not None and reached(record):
+                    found.append(record)
+                    return True
+            return False
+
+        can_hold = self._is_simulated and self.runs("sim")
+        poll_s = CYCLE_S if self._held_count else STEP_S if can_hold else POLL_S
+        with self.held() if can_hold else contextlib.nullcontext():
+            self.wait(looked, within_s, poll_s)
+        return found[0]
 
     def truth(self) -> list[dict[str, str]]:
         """All rows of the plant's truth, by column."""

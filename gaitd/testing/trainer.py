@@ -5,16 +5,13 @@
         trainer.inject("silent right/hip 0.5")
         trainer.wait_for(Mode.FAULT)
 
-Nothing in the service knows that the drives are virtual. They are a process on this computer: when
-it stalls for 100 ms the service stops, rightly, as if a drive had been silent. So a method that
-brings the machine into a mode resets a stop and asks again: a few times, and for minutes where the
-records show that the computer was held up.
+Nothing in the service knows that the drives are virtual. Time is simulated, so a computer that
+stalls stops nothing: a stop while a mode is asked for is an error at once, with its cause.
 """
 
 import contextlib
 import signal
 import tempfile
-import time
 import weakref
 from collections.abc import Generator
 from pathlib import Path
@@ -22,22 +19,17 @@ from typing import Any, Final, Self
 
 from daemon.record import CycleRecord, Mode
 from gaitd.children import memory_folder
-from gaitd.held_up import LOOK_BACK_CYCLES, OBSERVER_LOOK_BACK_CYCLES, held_up
 from gaitd.testing.edits import Edits
-from gaitd.testing.service import Service, ServiceError
+from gaitd.testing.service import REAL_TIME, Service, ServiceError
 
-TRIES: Final = 4
-HELD_UP_S: Final = 300.0
-"""So long is it tried on a computer that others have for themselves."""
-CALM_S: Final = 60.0
-"""So long is waited for such a computer to be calm for a second, before the next try."""
 PATIENCE_S: Final = 90.0
-"""Of a machine on which much else runs, for a start that takes three seconds of computing."""
 START_S: Final = 300.0
 """The first start on a machine compiles the observer, for a minute or so."""
 SETTLED: Final = frozenset({Mode.READY, Mode.FAULT, Mode.HOLD, Mode.GAIT})
 STANDSTILL: Final = (0.05, 0.03)
 """rad/s and m/s, as limits.toml has it."""
+REST_CYCLES: Final = 30
+"""In a row: a leg that turns around stands still in one."""
 HOLD: Final[dict[str, object]] = {"mode": "hold"}
 GAIT: Final[dict[str, object]] = {
     "mode": "gait",
@@ -59,10 +51,20 @@ class VirtualTrainer(Service):
         *,
         trainer_file: str = "demo.toml",
         edits: Edits | None = None,
+        pace: float | str = REAL_TIME,
+        wall_clock: bool = False,
     ) -> None:
         """As `Service`."""
-        super().__init__(folder, configs, trainer_file=trainer_file, edits=edits)
-        self._refused: list[dict[str, Any]] = []
+        super().__init__(
+            folder,
+            configs,
+            trainer_file=trainer_file,
+            edits=edits,
+            pace=pace,
+            wall_clock=wall_clock,
+        )
+        self._refusal: dict[str, Any] = {}
+        """The newest answer of a method of ours, where it was none of `done`."""
 
     # --- from start to end --------------------------------------------------------------------
 
@@ -100,25 +102,23 @@ class VirtualTrainer(Service):
         return self.newest().mode
 
     def wait_for(self, mode: Mode, within_s: float = 30) -> CycleRecord:
-        """Wait until the core is in a mode; the record that says so.
+        """Wait until the core is in a mode; the first record that says so, or the newest.
 
         Raises:
             ServiceError: it did not come within the time, or the core has ended.
         """
-        found: list[CycleRecord] = []
+        newest = "there is no record"
 
-        def reached() -> bool:
+        def reached(record: CycleRecord) -> bool:
+            nonlocal newest
+            newest = f"it is {record.mode.name}, {record.verdict}"
             self._expect("core")
-            found[:] = [self.newest()]
-            return found[0].mode == mode
+            return record.mode == mode
 
         try:
-            self.wait(reached, within_s)
+            return self.until(reached, within_s)
         except ServiceError as error:
-            told = found[0] if found else None
-            now = f"it is {told.mode.name}, {told.verdict}" if told else "there is no record"
-            raise ServiceError(f"mode {mode.name} did not come: {now}\n{error}") from error
-        return found[0]
+            raise ServiceError(f"mode {mode.name} did not come: {newest}\n{error}") from error
 
     def enable(self) -> CycleRecord:
         """Enable the drives: the leg is held where it is. A latched stop is reset first."""
@@ -168,20 +168,24 @@ class VirtualTrainer(Service):
             wanted: more for the request: cadence_hz, amplitude_ratio, duration_s.
 
         Raises:
-            ServiceError: it refuses, or stops each time.
+            ServiceError: it refuses, or stops; with the cause.
         """
-        begun, tries, end_s = len(self._refused), 0, time.monotonic() + HELD_UP_S
-        while tries < TRIES:
-            if self._tried(mode, wanted):
-                return self
-            if not self._waited_for_calm():
-                tries += 1
-            elif time.monotonic() > end_s:
-                break
-        verdict = self.newest().verdict
-        raise ServiceError(
-            f"never in {mode.name}: {verdict}; refused: {self._refused[begun:]}\n{self.logs()}"
-        )
+        self._refusal = {}
+        self._revive()
+        with self._fast():
+            try:
+                self._ask_for(mode, wanted)
+                stopped = self._arrived(mode).mode != mode
+            except ServiceError as error:
+                raise self._not_in(mode) from error
+        if stopped:
+            raise self._not_in(mode)
+        return self
+
+    def _not_in(self, mode: Mode) -> ServiceError:
+        now = self.newest()
+        words = f"not in {mode.name} but in {now.mode.name}: {now.verdict}"
+        return ServiceError(f"{words}; refused: {self._refusal}\n{self.logs()}")
 
     def walks(self, record: CycleRecord) -> bool:
         """Whether this cycle is one of a gait under way."""
@@ -192,31 +196,6 @@ class VirtualTrainer(Service):
         return record.mode == Mode.HOLD and all(
             hip < STANDSTILL[0] and slide < STANDSTILL[1] for hip, slide in speeds_by_leg(record)
         )
-
-    def _tried(self, mode: Mode, wanted: dict[str, object]) -> bool:
-        self._revive()
-        self.wait(self._is_heard, PATIENCE_S)
-        record = self._settled()
-        if record.mode == Mode.FAULT:
-            self.wait(lambda: self._done("reset"), PATIENCE_S)
-            record = self._settled()
-        if record.mode != mode and self._ask_for(mode, wanted):
-            record = self.newest()
-        return record.mode == mode and self._arrived(mode).mode == mode
-
-    def _settled(self) -> CycleRecord:
-        return self.until(lambda record: record.mode in SETTLED, PATIENCE_S)
-
-    def _waited_for_calm(self) -> bool:
-        """Whether the computer was held up in the last seconds; if so, only once it is calm."""
-        if not held_up(self._last(OBSERVER_LOOK_BACK_CYCLES)):
-            return False
-        with contextlib.suppress(ServiceError):
-            self.wait(lambda: not held_up(self._last(LOOK_BACK_CYCLES)), CALM_S, poll_s=0.2)
-        return True
-
-    def _last(self, count: int) -> list[CycleRecord]:
-        return self.records(self.newest().seq - count)
 
     def _revive(self) -> None:
         RUNNING.add(self)
@@ -240,30 +219,47 @@ class VirtualTrainer(Service):
         valid = answer.get("safety", {}).get("valid", False)
         return valid and answer["core_boot_id"] == self.boot_id()
 
-    def _ask_for(self, mode: Mode, wanted: dict[str, object]) -> bool:
+    def _settled(self) -> Mode:
+        return self.until(lambda record: record.mode in SETTLED, PATIENCE_S).mode
+
+    def _ask_for(self, mode: Mode, wanted: dict[str, object]) -> None:
+        """What is asked, from wherever it is; what is refused at the end is noted."""
+        self.wait(self._is_heard, PATIENCE_S)
+        if self._settled() == Mode.FAULT:
+            self.wait(lambda: self._done("reset"), PATIENCE_S)
+        now = self._settled()
+        if now == mode:
+            return
         if mode == Mode.READY:
-            return self._done("disable")
-        if self.newest().mode == Mode.READY:
+            self._must("disable")
+            return
+        if now == Mode.READY:
             # After a reset the leg falls into its springs first; refused while it moves.
-            # A stall of the machine may stop it meanwhile: then all is tried again.
             self.wait(lambda: self._done("enable") or self.mode == Mode.FAULT, PATIENCE_S)
-            if self.mode == Mode.FAULT:
-                return False
-        payload = HOLD if mode == Mode.HOLD else {**GAIT, **wanted}
-        return self.newest().mode == mode or self._done("mode", **payload)
+        if self.mode not in {mode, Mode.FAULT}:
+            self._must("mode", **(HOLD if mode == Mode.HOLD else {**GAIT, **wanted}))
 
     def _arrived(self, mode: Mode) -> CycleRecord:
         """Wait until the mode is under way, or over."""
-        reached = {Mode.GAIT: self.walks, Mode.HOLD: self.stands}.get(mode)
-        if reached is None:
-            return self.newest()
-        left = {Mode.FAULT, Mode.READY}
-        return self.until(lambda record: reached(record) or record.mode in left, PATIENCE_S)
+        rest_cycles = 0
+
+        def arrived(record: CycleRecord) -> bool:
+            nonlocal rest_cycles
+            rest_cycles = rest_cycles + 1 if self.stands(record) else 0
+            is_there = self.walks(record) if mode == Mode.GAIT else rest_cycles >= REST_CYCLES
+            return is_there or record.mode in {Mode.FAULT, Mode.READY}
+
+        return self.until(arrived, PATIENCE_S)
 
     def _done(self, name: str, **payload: object) -> bool:
         answer = self.request(name, **payload)
-        self._refused += [answer] if answer["outcome"] != "done" else []
-        return answer["outcome"] == "done"
+        is_done = answer["outcome"] == "done"
+        self._refusal = {} if is_done else answer
+        return is_done
+
+    def _must(self, name: str, **payload: object) -> None:
+        if not self._done(name, **payload):
+            raise ServiceError(f"{name} is not done")
 
 
 def speeds_by_leg(record: CycleRecord) -> list[tuple[float, float]]:
@@ -278,6 +274,7 @@ def virtual_trainer(
     *,
     configs: Path | None = None,
     trainer_file: str = "demo.toml",
+    pace: float | str = REAL_TIME,
 ) -> Generator[VirtualTrainer]:
     """A virtual trainer that is ready; nothing of it is left afterwards, whatever happens.
 
@@ -285,13 +282,16 @@ def virtual_trainer(
         edits: keys of the configuration with other values, by file.
         configs: a folder of configurations; None: those that come with gaitd.
         trainer_file: in that folder.
+        pace: of simulated time while nothing is waited for: a multiple of real time, or `max`.
 
     Raises:
         EditError: a key that is not there.
         ServiceError: it did not start; with what its processes have said.
     """
     with tempfile.TemporaryDirectory(prefix="gaitd-test-", dir=memory_folder()) as folder:
-        trainer = VirtualTrainer(Path(folder), configs, trainer_file=trainer_file, edits=edits)
+        trainer = VirtualTrainer(
+            Path(folder), configs, trainer_file=trainer_file, edits=edits, pace=pace
+        )
         try:
             yield trainer.start_all()
         finally:

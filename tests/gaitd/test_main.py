@@ -64,6 +64,17 @@ def test_a_configuration_error_is_one_line_and_exit_code_2_in_every_command(
     assert ended.err == f"configuration error: {broken}: cycle.period_ms = 9: one of 10\n"
 
 
+def test_a_core_that_a_watchdog_watches_refuses_a_simulated_bus(monkeypatch):
+    monkeypatch.setenv("WATCHDOG_USEC", "1000000")
+
+    ended = gaitd("core", "--config", CONFIGS / "demo.toml")
+
+    assert ended.code == 2
+    assert 'demo.toml: bus.interface = "simulated": a real bus: a watchdog goes by' in ended.err
+    assert "bus-simulated.conf" in ended.err
+    assert ended.err.count("\n") == 1
+
+
 def test_a_bus_that_cannot_carry_the_frames_is_refused_before_it_is_opened(tmp_path):
     slow = Change("demo.toml", "bitrate_bit_per_s = 1_000_000", "bitrate_bit_per_s = 250_000")
     ours = Change("demo.toml", "/dev/shm/gaitd-demo", f"{tmp_path}/run")

@@ -159,6 +159,8 @@ def test_a_bus_that_another_one_serves_is_named(refused, configs):
         (("--pace", "fast"), "a pace is max, or 0.01 to 1000; not 'fast'"),
         (("--pace", "2", "--wall-clock"), "only in simulated time"),
         (("--no-drives", "--truth", "x.csv"), "nothing with --no-drives"),
+        (("--no-drives", "--without", "right/hip"), "nothing with --no-drives"),
+        (("--without", "left/hip"), "one of right/hip, right/slide"),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(refused, words, said):

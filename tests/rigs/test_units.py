@@ -59,8 +59,10 @@ def placed(request, tmp_path):
     program.chmod(0o755)
     for path in SYSTEMD.glob("gaitd*.*"):
         if path.suffix in {".service", ".target"}:
-            text = path.read_text().replace("/opt/gaitd/bin/gaitd", str(program))
-            (tmp_path / path.name).write_text(text)
+            shutil.copy(path, tmp_path)
+    for path in tmp_path.rglob("*.*"):
+        if path.is_file():
+            path.write_text(path.read_text().replace("/opt/gaitd/bin/gaitd", str(program)))
     return tmp_path
 
 
@@ -105,11 +107,12 @@ def test_only_the_core_and_the_virtual_drives_may_open_a_can_socket():
     assert not unit("drop-ins/may-can.conf").options("Service")
 
 
-def test_no_drop_in_gives_the_core_a_network():
+def test_no_drop_in_gives_the_core_a_network_or_another_watchdog():
     for bus in ("can0", "vcan0", "simulated"):
         drop_in = unit(f"drop-ins/bus-{bus}.conf")
         assert not drop_in.values("Service", "RestrictAddressFamilies")
         assert not drop_in.values("Service", "IPAddressAllow")
+        assert not drop_in.values("Service", "WatchdogSec")
     assert unit("gaitd-core.service").values("Service", "IPAddressDeny") == ["any"]
 
 

@@ -1,25 +1,26 @@
 """What the tests of real processes share: one running service, and the table of what they saw."""
 
-import tempfile
 from pathlib import Path
 
 import pytest
 from fault_table import FaultTable
-from long_service import LongService
-from processes import MEMORY
+from long_service import long_lived
 
 TABLE = Path(__file__).parents[2] / "docs" / "process_faults.md"
 
 
 @pytest.fixture(scope="session")
 def long_service():
-    """Runs as long as the tests do; `bring` takes it into the mode in which a test begins."""
-    with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as folder:
-        service = LongService(Path(folder))
-        try:
-            yield service
-        finally:
-            service.end()
+    """In simulated time; `bring` takes it into the mode in which a test begins."""
+    with long_lived() as service:
+        yield service
+
+
+@pytest.fixture(scope="session")
+def timed_service():
+    """The same by the computer's clock, for tests marked `realtime`."""
+    with long_lived(wall_clock=True) as service:
+        yield service
 
 
 @pytest.fixture(scope="session")

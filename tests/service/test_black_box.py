@@ -13,8 +13,6 @@ from daemon.kept_ring import FOLDER, kept_files
 from daemon.record import Cause, Mode
 from daemon.seam import ASIDE_NAME, RING_NAME
 
-pytestmark = pytest.mark.realtime
-
 
 @pytest.fixture
 def walking(long_service):

@@ -13,12 +13,11 @@ from pathlib import Path
 
 import pytest
 from long_service import PATIENCE_S, LongService
-from processes import GAITD, MEMORY, Service
+from processes import GAITD, Service
 from witnesses import Watch
 
 from daemon.record import Cause, Mode
-
-pytestmark = pytest.mark.realtime
+from gaitd.children import memory_folder
 
 CONFIGURATION_ERROR = 2
 FULL = Path("/dev/full")
@@ -58,7 +57,7 @@ def fill(place):
 
 @pytest.fixture
 def folder():
-    with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as name:
+    with tempfile.TemporaryDirectory(dir=memory_folder()) as name:
         Path(name).chmod(0o755)
         yield Path(name)
 
@@ -210,11 +209,12 @@ def test_a_log_on_a_full_disk_keeps_no_core_from_running_and_from_ending_with_0(
 # --- in operation -----------------------------------------------------------------------------
 
 
+@pytest.mark.realtime
 def test_disks_that_fill_up_while_it_walks_change_nothing_and_the_end_is_orderly(
     folder, small, fault_table
 ):
     places = [small("run", RING_AND_A_LITTLE), small("state", "1m")]
-    service = LongService(folder)
+    service = LongService(folder, wall_clock=True)
     try:
         service.bring(Mode.GAIT)
         with Watch(service) as seen:

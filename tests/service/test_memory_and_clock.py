@@ -14,8 +14,6 @@ from witnesses import CONTROLWORDS, Watch
 from daemon.record import Cause, Mode, Verdict
 from drives.signals import PowerState
 
-pytestmark = pytest.mark.realtime
-
 STEPS_S = (3600, -7200, 3600)
 SHOWN_CYCLES = 50
 WITHOUT_MEMORY_CYCLES = 200
@@ -26,14 +24,23 @@ QUICK_STOP_MASK, QUICK_STOP = 0x06, 0x02
 @pytest.fixture(scope="module")
 def altered(long_service):
     """The long service with a core that obeys lines on stdin (altered_core.py)."""
-    if long_service.runs("core"):
-        long_service.kill("core")
-    killed = long_service.boot_id()
-    if not long_service.runs("sim"):
-        long_service.start_drives()
-    long_service.start("core", program=ALTERED_CORE)
-    long_service.wait(lambda: long_service.boot_id() not in {killed, ""}, PATIENCE_S)
-    return long_service
+    return with_altered_core(long_service)
+
+
+@pytest.fixture(scope="module")
+def timed(timed_service):
+    return with_altered_core(timed_service)
+
+
+def with_altered_core(service):
+    if service.runs("core"):
+        service.kill("core")
+    killed = service.boot_id()
+    if not service.runs("sim"):
+        service.start_drives()
+    service.start("core", program=ALTERED_CORE)
+    service.wait(lambda: service.boot_id() not in {killed, ""}, PATIENCE_S)
+    return service
 
 
 def tell(service, line):
@@ -90,8 +97,9 @@ def test_utc_that_steps_an_hour_forth_and_back_is_recorded_and_changes_nothing_e
     )
 
 
-def test_a_core_that_gets_no_more_memory_walks_on_and_still_stops_when_asked(altered, fault_table):
-    service = altered.bring(Mode.GAIT)
+@pytest.mark.realtime
+def test_a_core_that_gets_no_more_memory_walks_on_and_still_stops_when_asked(timed, fault_table):
+    service = timed.bring(Mode.GAIT)
     core = service.parts["core"]
     with Watch(service) as seen, without_more_memory(core):
         cycles_later(service, WITHOUT_MEMORY_CYCLES)
@@ -113,10 +121,11 @@ def test_a_core_that_gets_no_more_memory_walks_on_and_still_stops_when_asked(alt
     )
 
 
+@pytest.mark.realtime
 def test_a_gateway_that_gets_no_more_memory_dies_or_serves_and_the_core_holds_at_the_latest(
-    altered, fault_table
+    timed, fault_table
 ):
-    service = altered.bring(Mode.GAIT)
+    service = timed.bring(Mode.GAIT)
     gateway = service.parts["gateway"]
     with Watch(service) as seen, without_more_memory(gateway):
         for _ in range(3):
@@ -141,10 +150,11 @@ def test_a_gateway_that_gets_no_more_memory_dies_or_serves_and_the_core_holds_at
     )
 
 
+@pytest.mark.realtime
 def test_a_core_whose_python_runs_out_of_memory_stops_the_drives_and_ends_with_4(
-    altered, fault_table
+    timed, fault_table
 ):
-    service = altered.bring(Mode.GAIT)
+    service = timed.bring(Mode.GAIT)
     with Watch(service) as seen:
         tell(service, "memory")
         code = service.parts["core"].wait(PATIENCE_S)

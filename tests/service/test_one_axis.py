@@ -5,21 +5,17 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from processes import MEMORY, Service
+from processes import Service
 from sessions import changed_configs
 
 from daemon.notes_file import NAME
 from daemon.record import Mode
-
-pytestmark = pytest.mark.realtime
-
-TRIES = 3
-"""A machine that stalls for 100 ms makes the drives stop, rightly; here it is only in the way."""
+from gaitd.children import memory_folder
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def service():
-    with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as name:
+    with tempfile.TemporaryDirectory(dir=memory_folder()) as name:
         folder = Path(name)
         configs = changed_configs(
             folder,
@@ -27,33 +23,29 @@ def service():
             ("plant.toml", '"robot.toml"', '"robot_empty.toml"'),
             ("demo.toml", 'signs = "assumed"', 'signs = "proven"'),
         )
-        service = Service(folder, configs)
+        service = Service(folder, configs, pace="max")
         try:
-            yield service.start_all()
+            service.start_all()
+            service.until(lambda record: record.mode == Mode.READY, 90)
+            service.wait(lambda: service.ask("status").returncode == 0, 90)
+            yield service
         finally:
             service.end()
 
 
-def asked(service, *words):
-    """Ask until no stall of the machine has come between; the answer."""
-    for _ in range(TRIES):
-        service.until(lambda record: record.mode in {Mode.READY, Mode.FAULT}, 40)
-        if service.newest().mode == Mode.FAULT:
-            service.wait(lambda: service.ask("reset").returncode == 0, 20)
-        answer = service.ask(*words)
-        if answer.returncode == 0:
-            return answer
-    return answer
+def test_an_axis_that_does_not_exist_is_refused_with_those_that_do(service):
+    refused = service.ask("reference", "left/knee")
+
+    assert refused.returncode == 1
+    assert "right/hip, right/slide" in refused.stdout
 
 
 def test_a_sign_is_proven_kept_and_found_again_by_the_next_start(service):
-    service.until(lambda record: record.mode == Mode.READY, 40)
-    service.wait(lambda: service.ask("status").returncode == 0, 20)
     refused = service.ask("enable")
     assert refused.returncode == 1
     assert "sign is not proven" in refused.stdout
 
-    proven = asked(service, "commission", "right/hip", "--witnessed")
+    proven = service.ask("commission", "right/hip", "--witnessed")
     assert proven.returncode == 0, proven.stdout + proven.stderr
     assert "the thigh is first raised" in proven.stdout
     assert "moves with its torque: pushed forth" in proven.stdout
@@ -63,23 +55,15 @@ def test_a_sign_is_proven_kept_and_found_again_by_the_next_start(service):
     service.start("core")
     again = service.until(lambda record: record.mode == Mode.READY and record.drives[0].fresh, 40)
 
+    service.wait(lambda: service.ask("status").returncode == 0, 20)
     assert again.drives[0].sign_proven
     assert not again.drives[1].sign_proven
     kept = json.loads((service.folder / "state" / NAME).read_text())
     assert kept["axes"]["right/hip"]["proof"]["serial_number"] == 305_000_005
 
 
-def test_an_axis_that_does_not_exist_is_refused_with_those_that_do(service):
-    service.until(lambda record: record.mode == Mode.READY, 40)
-    service.wait(lambda: service.ask("status").returncode == 0, 20)
-
-    refused = service.ask("reference", "left/knee")
-
-    assert refused.returncode == 1
-    assert "right/hip, right/slide" in refused.stdout
-
-
-def test_a_state_directory_that_cannot_be_written_is_a_configuration_error(service):
+def test_a_state_directory_that_cannot_be_written_is_a_configuration_error(tmp_path):
+    service = Service(tmp_path)
     text = service.config.read_text()
     state = f'state = "{service.folder}/state"'
     assert state in text

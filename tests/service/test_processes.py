@@ -11,8 +11,6 @@ from witnesses import Watch
 from daemon.record import Cause, Mode
 from drives.signals import PowerState
 
-pytestmark = pytest.mark.realtime
-
 SILENT_CYCLES = 3
 SHOWN_CYCLES = 150
 
@@ -80,37 +78,37 @@ import json, sys, time, zenoh
 config = zenoh.Config.from_json5(json.dumps({
     "mode": "client", "connect": {"endpoints": [sys.argv[1]]},
     "scouting": {"multicast": {"enabled": False}}}))
-counts = {}
+cycles = {}
 newest = {}
 def heard(sample):
     key = str(sample.key_expr)
-    counts[key] = counts.get(key, 0) + 1
     newest[key] = json.loads(sample.payload.to_bytes())
+    cycles.setdefault(key, []).append(newest[key].get("cycle"))
 with zenoh.open(config) as session:
     subscriber = session.declare_subscriber("gaitd/trainer/**", heard)
-    time.sleep(0.5)
-    counts.clear()
-    time.sleep(3)
-    seen = dict(counts)
+    while len(cycles.get("gaitd/trainer/right/friction", ())) < 100:
+        time.sleep(0.02)
     schema = [json.loads(r.ok.payload.to_bytes())
               for r in session.get("gaitd/trainer/control/schema") if r.ok]
     subscriber.undeclare()
-print(json.dumps({"counts": seen, "newest": newest, "schema": schema}))
+print(json.dumps({"cycles": cycles, "newest": newest, "schema": schema}))
 """
 
 
-def test_a_plain_zenoh_client_hears_activity_and_friction_at_100_hz_and_their_schema(walking):
+def test_a_plain_zenoh_client_hears_activity_and_friction_of_every_cycle_and_their_schema(walking):
     heard = subprocess.run(
         [sys.executable, "-I", "-c", LISTENER, f"tcp/127.0.0.1:{walking.zenoh_port}"],
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=90,
         check=True,
     )
     told = json.loads(heard.stdout)
 
     for name in ("activity", "friction", "estimate"):
-        assert told["counts"][f"gaitd/trainer/right/{name}"] == pytest.approx(300, rel=0.1)
+        cycles = told["cycles"][f"gaitd/trainer/right/{name}"]
+        assert len(cycles) >= 90
+        assert cycles == [*range(cycles[0], cycles[-1] + 1)]
     assert told["newest"]["gaitd/trainer/right/activity"]["core_boot_id"]
     text = json.dumps(told["schema"])
     for word in ("activity", "friction", "estimate", "safety", "events", "health", "drives"):

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 from long_service import PATIENCE_S, LongService
-from processes import MEMORY
 
 from daemon.core.loop import NOTHING_RELOADED
 from daemon.record import Cause, Mode
 from drives.signals import PowerState
+from gaitd.children import memory_folder
 
 pytestmark = pytest.mark.realtime
 
@@ -55,7 +55,7 @@ class Supervised(LongService):
     """Virtual drives and a gateway, and a core with a supervisor."""
 
     def __init__(self, folder):
-        super().__init__(folder)
+        super().__init__(folder, wall_clock=True)
         self.systemd = Supervisor(folder / "notify")
 
     def begin(self):
@@ -76,7 +76,7 @@ class Supervised(LongService):
 
 @pytest.fixture(scope="module")
 def service():
-    with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as folder:
+    with tempfile.TemporaryDirectory(dir=memory_folder()) as folder:
         running = Supervised(Path(folder))
         try:
             yield running.begin()

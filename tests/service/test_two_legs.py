@@ -1,15 +1,11 @@
-"""Two legs, four drives, one bus: the shipped example as real processes on a simulated bus."""
-
-import tempfile
-from pathlib import Path
+"""Two legs, four drives, one bus: the shipped example as real processes."""
 
 import pytest
-from long_service import PATIENCE_S, LongService
-from processes import MEMORY
+from long_service import PATIENCE_S, long_lived
 
 from daemon.record import Mode
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.thorough
 
 LEGS = ("right", "left")
 DRIVES = ["right/hip", "right/slide", "left/hip", "left/slide"]
@@ -20,12 +16,8 @@ RAMP_CYCLES = 400
 
 @pytest.fixture(scope="module")
 def both_legs():
-    with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as folder:
-        service = LongService(Path(folder), "two_legs.toml")
-        try:
-            yield service
-        finally:
-            service.end()
+    with long_lived("two_legs.toml") as service:
+        yield service
 
 
 def test_both_legs_walk_half_a_stride_apart_and_a_fault_of_one_stops_both(both_legs):

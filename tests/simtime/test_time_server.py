@@ -3,22 +3,27 @@
 import contextlib
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import can
 import pytest
 
+from sim_drives import time_server
 from sim_drives.bus_server import bus_server
+from sim_drives.conductor import COST_MAX_NS, COST_MIN_NS
 from sim_drives.faults import FaultCommandError
 from sim_drives.frame import TimedFrame
-from sim_drives.time_server import PACE_MAX, TimeServer, process_state
+from sim_drives.time_server import AHEAD_MAX_NS, PACE_MAX, TimeServer
 from simtime import wire
 from simtime.frame import Frame
 from simtime.link import LinkLostError, SocketLink
-from simtime.page import PageWriter, SimulatedTime, page_path
+from simtime.page import MAGIC, PageError, PageWriter, SimulatedTime, page_path
+from simtime.processes import STOPPED, process_state
 from simtime.wire import Role
 
 MS = 1_000_000
@@ -145,7 +150,7 @@ def test_a_process_that_is_stopped_is_not_waited_for_until_it_goes_on(served):
     with subprocess.Popen(words, stdout=subprocess.PIPE, cwd=Path(__file__).parents[2]) as other:
         assert other.stdout.readline() == b"here\n"
         os.kill(other.pid, signal.SIGSTOP)
-        while process_state(other.pid) != "T":
+        while process_state(other.pid) != STOPPED:
             pass
         now_ns = begun_ns(core)
 
@@ -186,24 +191,60 @@ def test_a_stall_passes_without_a_seat_exactly(served):
     assert core.now_ns() == now_ns + 35 * MS
 
 
-def test_a_cost_of_computing_passes_before_the_next_frame_and_is_drawn_from_its_seed(served):
-    hand, core = served.seat(Role.HAND, "test"), served.seat()
+def test_seats_compute_at_the_same_time_before_they_answer_for_as_long_as_a_seed_says(served):
+    hand = served.seat(Role.HAND, "test")
+    seats = {0x205: served.seat(), 0x206: served.seat(name="node")}
 
-    def costs():
+    def both(*, for_frame):
+        until_ns = hand.now_ns() + (2 * BEAT_NS if for_frame else 5 * MS)
+        waits = [
+            threading.Thread(target=seat.wait, args=(until_ns,), kwargs={"for_frame": for_frame})
+            for seat in seats.values()
+        ]
+        for wait in waits:
+            wait.start()
+        for wait in waits:
+            wait.join(10)
+        for seat in seats.values():
+            seat.take()
+
+    def costs(*order):
         hand.command("cost 5")
         found = []
         for _ in range(3):
-            core.wait(core.now_ns() + 10 * MS, for_frame=False)
-            before_ns = core.now_ns()
-            core.send([Frame(0x205, b"")])
-            begun_ns(core)
-            found.append(served.world.received[-1][0] - before_ns)
+            both(for_frame=True)
+            beat_ns = hand.now_ns()
+            served.world.received.clear()
+            for can_id in order:
+                seats[can_id].send([Frame(can_id, b"")])
+            both(for_frame=False)  # until they have computed
+            found.append({can_id: at_ns - beat_ns for at_ns, can_id in served.world.received})
         return found
 
-    first = costs()
-    assert all(MS * 0.3 <= cost_ns <= MS * 3 for cost_ns in first)
-    assert len(set(first)) == 3
-    assert costs() == first
+    first = costs(0x205, 0x206)
+    drawn_ns = [cost_ns for one in first for cost_ns in one.values()]
+    assert len(set(drawn_ns)) == 6
+    assert all(COST_MIN_NS <= cost_ns <= COST_MAX_NS for cost_ns in drawn_ns)
+    assert costs(0x206, 0x205) == first
+
+
+def test_a_hung_program_is_excused_loudly_and_time_passes_no_faster_than_real(
+    served, monkeypatch, capsys
+):
+    monkeypatch.setattr(time_server, "HUNG_LOOKS", 5)
+    hung = served.seat(name="hung")
+    core = served.seat()
+
+    core.wait(begun_ns(core) + MS, for_frame=False)
+    assert "hung (pid" in (said := capsys.readouterr().err)
+    assert "asks for nothing for 0.1 s; time goes on without it" in said
+
+    core.close()  # at this server's pace, as fast as it can, an hour would pass
+    begun_wall_ns, alone_ns = time.monotonic_ns(), served.world.now_ns
+    time.sleep(0.1)
+    passed_ns, passed_wall_ns = served.world.now_ns - alone_ns, time.monotonic_ns() - begun_wall_ns
+    assert 0 < passed_ns <= passed_wall_ns + 2 * AHEAD_MAX_NS
+    hung.close()
 
 
 @pytest.mark.parametrize(
@@ -273,6 +314,77 @@ def test_the_time_page_goes_on_without_its_writer_and_never_back(tmp_path):
     again.begin(again.left_ns, 0, wall_clock=False)
 
     assert reader.now_ns() >= gone_ns
+
+
+def test_a_page_that_is_cut_short_ends_no_reader_and_is_whole_at_the_next_advance(tmp_path):
+    path = tmp_path / "page"
+    writer = PageWriter(path)
+    writer.begin(5 * MS, 0, wall_clock=False)
+    reader = SimulatedTime(path)
+
+    for size in (0, 20):
+        os.truncate(path, size)
+        assert reader.now_ns() == 5 * MS
+        with pytest.raises(PageError, match=f"{path}: "):
+            SimulatedTime(path)
+    writer.write(6 * MS)
+
+    assert reader.now_ns() == SimulatedTime(path).now_ns() == 6 * MS
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"somebody's notes", "does not begin as a time page does"),
+        (MAGIC[:-1] + b"2" + bytes(48), "is a time page of version 2; this gaitd reads 1"),
+        (MAGIC, "is cut short: 8 of 56 bytes"),
+    ],
+)
+def test_a_page_that_cannot_be_read_is_named_with_what_is_wrong(tmp_path, content, said):
+    path = tmp_path / "page"
+    path.write_bytes(content)
+
+    with pytest.raises(PageError, match=said):
+        SimulatedTime(path)
+
+
+def test_a_file_of_somebody_else_in_the_place_of_the_page_is_left_as_it_is(tmp_path):
+    path = tmp_path / "page"
+    path.write_text("somebody's notes")
+
+    with pytest.raises(OSError, match="is no time page, and is left as it is"):
+        PageWriter(path)
+    assert path.read_text() == "somebody's notes"
+
+
+def test_by_the_computer_s_clock_a_server_that_hangs_stops_nobody(tmp_path):
+    path = tmp_path / "bus"
+    PageWriter(page_path(path)).begin(0, 0, wall_clock=True)
+    link = SocketLink(path, Role.IN_STEP, "core", wall_clock_only=True)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listening:
+        listening.bind(str(path))
+        listening.listen()
+        with pytest.raises(LinkLostError, match="timed out"):
+            link.open()
+        listening.accept()[0].close()
+        opens = threading.Thread(target=link.open)
+        opens.start()
+        server, _ = listening.accept()
+        with server:
+            server.send(wire.pack_welcome(wire.Welcome(0, 0, True)))
+            opens.join(10)
+
+            while link.send([Frame(0x80, b"")] * 2) == 0:
+                pass
+            assert link.send([Frame(0x80, b"")] * 2) == 2
+            link.check()
+
+
+def test_a_program_that_a_watchdog_watches_does_without_simulated_time(served):
+    link = SocketLink(served.path, Role.IN_STEP, "core", wall_clock_only=True)
+
+    with pytest.raises(LinkLostError, match="start `gaitd sim` with --wall-clock"):
+        link.open()
 
 
 def test_a_message_before_hello_is_refused(served):

@@ -3,20 +3,20 @@
     altered_core.py core --config FILE
 
 Lines on stdin: `utc SECONDS` moves the wall clock of this process by so much and nothing else;
-`memory` makes every cycle fail as Python does when the system gives no memory. Only the clock's
-`utc_ns` and the making of the record are replaced; everything else is the product's own.
+`memory` makes every cycle fail as Python does when the system gives no memory. Only the UTC of the
+simulated bus and the making of the record are replaced; everything else is the product's own.
 """
 
 import sys
 import threading
 
-from daemon.clock import MonotonicClock
 from daemon.core import recording
 from gaitd.__main__ import main
+from simtime.link import SocketLink
 
 step_ns = 0
 record = recording.record
-utc_ns = MonotonicClock.utc_ns
+utc_ns, take = SocketLink.utc_ns, SocketLink.take
 
 
 def no_memory(*_: object) -> None:
@@ -33,6 +33,7 @@ def obey() -> None:
             recording.record = no_memory
 
 
-MonotonicClock.utc_ns = lambda self: utc_ns(self) + step_ns
+SocketLink.utc_ns = lambda self: utc_ns(self) + step_ns
+SocketLink.take = lambda self: [one._replace(time_ns=one.time_ns + step_ns) for one in take(self)]
 threading.Thread(target=obey, daemon=True).start()
 main()

@@ -6,12 +6,11 @@ from witnesses import Moved
 
 HEAD = """# What a process that dies, hangs or runs out of something does to the leg
 
-Measured by `tests/service/` with the virtual drives as a process of their own on a simulated bus;
-written by `.venv/bin/pytest tests/service --write-process-faults`. Times and distances are of one
-run on one machine, from the moment of the fault: what the tests hold is counted in cycles and
-frames. "Moved" is the farthest that hip and slide really were from where the fault found them
-(the plant's truth), "rest" when the leg stood for good. While walking the gait goes on or ends
-with a ramp, so it moves; while holding it must not.
+Measured by `tests/service/` with the virtual drives as a process of their own, in simulated time;
+written by `.venv/bin/pytest tests/service -m "" --write-process-faults`. Times and distances are of
+one run, from the moment of the fault. "Moved" is the farthest that hip and slide really were from
+where the fault found them (the plant's truth), "rest" when the leg stood for good. While walking
+the gait goes on or ends with a ramp, so it moves; while holding it must not.
 
 | fault | while | who noticed | reaction | moved (hip, slide) | rest | cause | mode after |
 |---|---|---|---|---|---|---|---|

@@ -1,18 +1,20 @@
 """One running service for many tests: each says in which mode it begins, and leaves what it did.
 
 Starting drives, core and gateway takes seconds; bringing what lives back into a mode takes one.
-A machine that stalls for 100 ms makes the drives stop, rightly; here it is only in the way, so a
-mode is asked for again.
 """
 
+import contextlib
+import tempfile
+from collections.abc import Generator
 from pathlib import Path
 
 from processes import CONFIGS, Service, its_bus
 
 from daemon.record import CycleRecord, Mode
-from gaitd.testing.trainer import PATIENCE_S, TRIES, VirtualTrainer, speeds_by_leg
+from gaitd.children import memory_folder
+from gaitd.testing.trainer import PATIENCE_S, VirtualTrainer, speeds_by_leg
 
-__all__ = ["ALTERED_CORE", "PATIENCE_S", "TRIES", "WAITING_GATEWAY", "LongService"]
+__all__ = ["ALTERED_CORE", "PATIENCE_S", "WAITING_GATEWAY", "LongService", "long_lived"]
 
 ALTERED_CORE = (str(Path(__file__).with_name("altered_core.py")),)
 WAITING_GATEWAY = (str(Path(__file__).with_name("waiting_gateway.py")),)
@@ -26,12 +28,25 @@ class LongService(VirtualTrainer):
 
     ask = Service.ask
 
-    def __init__(self, folder: Path, template: str = "demo.toml") -> None:
+    def __init__(
+        self, folder: Path, template: str = "demo.toml", *, wall_clock: bool = False
+    ) -> None:
         edits = {template: {**its_bus(CONFIGS / template), **QUICKER}}
-        super().__init__(folder, CONFIGS, trainer_file=template, edits=edits)
+        super().__init__(folder, CONFIGS, trainer_file=template, edits=edits, wall_clock=wall_clock)
 
     def walks(self, record: CycleRecord) -> bool:
         """In a gait, and one leg fast in both axes."""
         return record.mode == Mode.GAIT and any(
             hip > FAST[0] and slide > FAST[1] for hip, slide in speeds_by_leg(record)
         )
+
+
+@contextlib.contextmanager
+def long_lived(template: str = "demo.toml", *, wall_clock: bool = False) -> Generator[LongService]:
+    """One that has not begun; `bring` starts what does not run."""
+    with tempfile.TemporaryDirectory(dir=memory_folder()) as folder:
+        service = LongService(Path(folder), template, wall_clock=wall_clock)
+        try:
+            yield service
+        finally:
+            service.end()

@@ -1,4 +1,4 @@
-"""The service and the virtual drives as the processes that people run, on loopback ports.
+"""The service and the virtual drives as the processes that people run.
 
 The processes are those of the plugin that gaitd ships; here is only what our own tests want more.
 """
@@ -12,17 +12,20 @@ from gaitd.testing import service
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 GAITD = service.GAITD
-MEMORY = Path("/dev/shm")
-"""Truth and ring in memory: a disk that writes back stalls who writes to it for 100 ms."""
 
 
 class Service(service.Service):
     """Virtual drives, core and gateway, each a process of its own."""
 
-    def __init__(self, folder: Path, configs: Path = CONFIGS, template: str = "demo.toml") -> None:
-        super().__init__(
-            folder, configs, trainer_file=template, edits={template: its_bus(configs / template)}
-        )
+    def __init__(
+        self,
+        folder: Path,
+        configs: Path = CONFIGS,
+        template: str = "demo.toml",
+        pace: float | str = service.REAL_TIME,
+    ) -> None:
+        edits = {template: its_bus(configs / template)}
+        super().__init__(folder, configs, trainer_file=template, edits=edits, pace=pace)
 
     def ask(self, *words: str) -> subprocess.CompletedProcess[str]:
         """As a person does: by the command line."""
@@ -36,7 +39,7 @@ class Service(service.Service):
 
 
 def its_bus(template: Path) -> dict[str, str]:
-    """A bus of the kernel's is used as the file has it; a simulated one gets a place of ours."""
+    """A bus of the kernel's is used as the file has it; only a simulated one is of ours."""
     bus = tomllib.loads(template.read_text())["bus"]
     kept = {f"bus.{key}": bus[key] for key in ("interface", "channel")}
     return kept if bus["interface"] == "socketcan" else {}

@@ -5,9 +5,8 @@
         ...
         seen.read_bus()
 
-Times are this machine's monotonic clock: of the plant for the truth, of the process that serves
-the bus for frames, of the core for records. They are measured and told, and nothing is
-asserted of them: what is asserted is counted in frames and in the core's own cycles.
+Times are simulated, or the computer's where the service goes by it: then they are told, and what is
+asserted is counted in frames and in the core's own cycles.
 """
 
 import contextlib
@@ -130,13 +129,11 @@ class Watch:
         words = [f for f in self.frames if f.can_id in CONTROLWORDS and f.time_ns >= since_ns]
         return [f for f in words if f.data[0] & ENABLE_BITS == ENABLE_BITS]
 
-    def heartbeats_until_noticed(self, node: int) -> int:
-        """Own heartbeats of a drive, one every 50 ms, from the master's last to its alarm."""
-        alarm = self.emergencies()[node][0]
-        index = self.frames.index(alarm)
-        masters = [n for n, f in enumerate(self.frames[:index]) if f.can_id in {MASTER_HEARTBEAT}]
-        begin = masters[-1] if masters else 0
-        return sum(frame.can_id == 0x700 + node for frame in self.frames[begin:index])
+    def ms_until_noticed(self, node: int, can_id: int) -> float:
+        """From the last frame of what a drive watches to its alarm."""
+        alarm_ns = self.emergencies()[node][0].time_ns
+        watched = [f.time_ns for f in self.frames if f.can_id == can_id and f.time_ns < alarm_ns]
+        return (alarm_ns - watched[-1]) * 1e-6
 
     def statuswords(self) -> dict[int, PowerState]:
         """What each drive says of itself to a stranger who reads its statusword over SDO."""
@@ -149,7 +146,8 @@ class Watch:
             end_s = time.monotonic() + 5
             while node not in words and time.monotonic() < end_s:
                 message = self._listening.recv(0.1)
-                if message is not None and message.arbitration_id == 0x580 + node:
+                answers = message is not None and message.arbitration_id == 0x580 + node
+                if answers and message.data[1:4] == SDO_READ_STATUSWORD[1:4]:
                     word = int.from_bytes(message.data[4:6], "little")
                     words[node] = next(name for mask, value, name in STATES if word & mask == value)
         return words

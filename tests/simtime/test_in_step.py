@@ -1,0 +1,75 @@
+"""The core waits for its gateway: at a breakpoint without end, stopped by a signal not at all."""
+
+import os
+
+import pytest
+from records import record
+
+from daemon import in_step
+from daemon.in_step import InStepSeam
+from daemon.record import Level
+from simtime.processes import IN_A_DEBUGGER, STOPPED
+
+BREAKPOINT_LOOKS = 40
+HANGS = "S"
+
+
+class Seam:
+    """To a gateway that says what it is told to."""
+
+    def __init__(self):
+        self._reader, self._writer = os.pipe()
+        self.found = []
+
+    def say(self, level):
+        self.found.append(level)
+        os.write(self._writer, b"0")
+
+    def fileno(self):
+        return self._reader
+
+    def publish(self, published):
+        return True
+
+    def levels(self):
+        found, self.found = self.found, []
+        return found
+
+
+def level(cycle):
+    return Level("boot", 1, cycle, 0)
+
+
+@pytest.mark.parametrize(
+    ("state", "looks", "waited"),
+    [(IN_A_DEBUGGER, BREAKPOINT_LOOKS, True), (STOPPED, 1, False), (HANGS, 5, False)],
+)
+def test_a_silent_gateway_is_waited_for_as_its_process_deserves(
+    tmp_path, monkeypatch, state, looks, waited
+):
+    monkeypatch.setattr(in_step, "LOOK_MS", 1)
+    monkeypatch.setattr(in_step, "PATIENCE_LOOKS", 5)
+    seam, looked, said_here = Seam(), [], []
+
+    def look(pid):
+        looked.append(pid)
+        if len(looked) == BREAKPOINT_LOOKS:
+            seam.say(level(10))
+        return state if len(looked) <= BREAKPOINT_LOOKS else HANGS
+
+    monkeypatch.setattr(in_step, "process_state", look)
+    (tmp_path / "lock").write_text("4711")
+    held = InStepSeam(
+        seam, "boot", tmp_path / "lock", lambda: True, lambda: said_here.append(len(looked))
+    )
+    seam.found.append(level(1))
+    held.levels()
+    held.publish(record(10))
+
+    levels = held.levels()
+
+    assert looked[:looks] == [4711] * looks
+    assert [one.for_cycle for one in levels] == ([10] if waited else [])
+    assert bool(said_here) == waited
+    if not waited:
+        assert len(looked) == looks
