@@ -44,9 +44,9 @@ HELD: Final = (
 LOOSE: Final = "lie still, keep hands off the slide; the leg may not be held, somebody supports it"
 DANGER: Final = "press the emergency stop; somebody supports the leg, which is not held any more"
 GET_OUT: Final = (
-    "`gaitd reset`, `gaitd enable`, then `gaitd mode release` and lead the leg out by hand"
+    "`gaitd reset`, `gaitd enable`, then `gaitd mode hand_guiding` and lead the leg out by hand"
 )
-GO_ON: Final = "`gaitd reset`, then `gaitd enable`; to get out, then `gaitd mode release`"
+GO_ON: Final = "`gaitd reset`, then `gaitd enable`; to get out, then `gaitd mode hand_guiding`"
 CALL_SERVICE: Final = "keep the recording and call whoever looks after the software"
 CALL_TECHNICIAN: Final = "do not use the machine, call the technician"
 CALL_OPERATOR: Final = "call whoever set the machine up for this person"
@@ -199,7 +199,7 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         "`gaitd reset`, which switches the drives off",
         CALL_SERVICE,
     ),
-    Cause.DRIVE_ENABLED_UNASKED: CauseText(
+    Cause.UNEXPECTED_ENABLE: CauseText(
         "a drive is enabled, and not by this service",
         Blame.MACHINE,
         DANGER,

@@ -34,7 +34,7 @@ FIXED_CATEGORY: Final[dict[Cause, StopCategory]] = {
     Cause.STO_ACTIVE: StopCategory.S0,
     Cause.BUS_DOWN: StopCategory.S1,
     Cause.BUS_OFF: StopCategory.S1,
-    Cause.DRIVE_ENABLED_UNASKED: StopCategory.S0,
+    Cause.UNEXPECTED_ENABLE: StopCategory.S0,
     Cause.COMMAND_NOT_FINITE: StopCategory.S1,
     Cause.LAST_END_UNKNOWN: StopCategory.S1,
     Cause.STOP_NOT_OBEYED: StopCategory.S0,

@@ -77,8 +77,10 @@ class Health(Stated, frozen=True, kw_only=True):
     tx_dropped_count: Annotated[int | None, Meta(description="CAN frames not sent.")]
     record_missed_count: Annotated[int, Meta(description="Records this gateway never saw.")]
     record_skipped_count: Annotated[int, Meta(description="Records too old to publish.")]
-    level_dropped_count: Annotated[int, Meta(description="Words to the core that it did not take.")]
-    inquiry_dropped_count: Annotated[int, Meta(description="Queries never answered: too many.")]
+    gateway_state_dropped_count: Annotated[
+        int, Meta(description="Words to the core that it did not take.")
+    ]
+    request_dropped_count: Annotated[int, Meta(description="Queries never answered: too many.")]
     not_kept_count: Annotated[
         int, Meta(description="Times that black box or request log could not be written.")
     ]

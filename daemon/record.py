@@ -41,7 +41,7 @@ class Mode(IntEnum):
     """One axis homes; the others have no power."""
     COMMISSION = 15
     """The sign of one axis is being proven; the others have no power."""
-    RELEASE = 16
+    HAND_GUIDING = 16
     """Hand guiding: no stiffness, the drives carry the load and slow whoever moves the leg."""
     SELF_TEST = 17
     """Each axis in turn moves a little and back: signs, load and friction of the day."""
@@ -50,6 +50,25 @@ class Mode(IntEnum):
     def active(self) -> bool:
         """Whether the drives are enabled on purpose in this mode."""
         return self >= Mode.HOLD
+
+
+class Stage(IntEnum):
+    """How far an exercise is, the same words for each: gait, excitation, self-test, homing, ...
+
+    A stage may be left out, none comes back.
+    """
+
+    PREPARING = 1
+    """Nothing moves: drives are brought up, enabled, or change their mode of operation."""
+    ANNOUNCING = 2
+    """Nothing moves yet; the person in the machine is warned."""
+    APPROACHING = 3
+    """The leg is led to the pose in which the exercise begins."""
+    PLAYING = 4
+    """What was asked for: strides, a scenario, hand guiding, a test, the search for home."""
+    ENDING = 5
+    """The leg comes to the pose, or to the rest, in which the exercise ends."""
+    OVER = 6
 
 
 class StopCategory(IntEnum):
@@ -94,7 +113,7 @@ class Cause(IntEnum):
     BUS_OFF = 41
     TRANSMIT_QUEUE_FULL = 42
     DRIVE_POWERED = 43
-    DRIVE_ENABLED_UNASKED = 44
+    UNEXPECTED_ENABLE = 44
     # what the drive reports of the joint
     ENCODER_FROZEN = 50
     ENCODER_JUMP = 51
@@ -384,8 +403,8 @@ class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
     """What happened in this cycle, each one line; the gateway gives them sequence and time."""
     request: RequestResult
     progress: str
-    """One human line: the bring-up step, the announcement, the stride."""
-    level_age_cycles: int
+    """One line for people; `stage` says what a program may rely on."""
+    gateway_age_cycles: int
     stop_count: int
     gait_phase: float
     """Of the first leg: 0..1 of the stride, or -1 when no gait plays."""
@@ -396,3 +415,5 @@ class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
     tx_dropped_count: int = 0
     bus: BusRecord = BusRecord()
     assist: AssistRecord = AssistRecord()
+    stage: Stage | None = None
+    """Of what the mode plays or prepares; None when there is nothing of the kind."""

@@ -40,7 +40,7 @@ REFUSAL_TEXT: Final[dict[SetpointRefusal, RefusalText]] = {
         "its payload is longer than 1024 bytes", "send the fields of the schema, nothing else"
     ),
     SetpointRefusal.MALFORMED: RefusalText(
-        "it is not the JSON of `gaitd.setpoint.v1`: a field is missing, unknown or of another type",
+        "it is not the JSON of `gaitd.setpoint.v2`: a field is missing, unknown or of another type",
         "compare it with `control/schema`",
     ),
     SetpointRefusal.UNKNOWN_LEG: RefusalText(

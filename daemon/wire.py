@@ -1,12 +1,12 @@
 """The wire contract: every message on Zenoh as a struct, and the JSON Schemas made from them.
 
 A message is JSON (UTF-8) on a key below `gaitd/TRAINER/`, with the encoding
-`application/json;gaitd.NAME.v1`. The rules for all of them:
+`application/json;gaitd.NAME.v2`. The rules for all of them:
 
 1. A number that is not valid is `null`, never 0 and never NaN. Silence of more than 200 ms means
    the same for everything that the key says.
 2. Names of fields end in their unit; `_std` is the standard deviation of the field before it.
-3. Modes, causes, stop categories and states are lower-case names, stop categories `S0` to `S2`.
+3. Modes, stages, causes and states are lower-case names, stop categories `S0` to `S2`.
 4. A later version may add fields and names: a reader ignores what it does not know. What comes in
    (`control/*`, `setpoint`) is read strictly: an unknown field is refused.
 
@@ -32,6 +32,7 @@ from daemon.words import (
     OutcomeName,
     PriorityName,
     Sampled,
+    StageName,
     Stated,
 )
 
@@ -121,9 +122,12 @@ class Safety(Stated, frozen=True, kw_only=True):
     mode: Annotated[ModeName | None, Meta(description="Null when not valid.")]
     active: Annotated[bool | None, Meta(description="The drives are enabled on purpose.")]
     verdict: Annotated[Judgement | None, Meta(description="Null when not valid.")]
-    progress: Annotated[str | None, Meta(description="One line for people.")]
+    stage: Annotated[StageName | None, Meta(description="Null: no exercise, or not valid.")]
+    progress: Annotated[
+        str | None, Meta(description="One line for people; a program reads mode and stage.")
+    ]
     lease_holder: Annotated[str | None, Meta(description="Who may command torque; null: nobody.")]
-    level_age_cycles: Annotated[
+    gateway_age_cycles: Annotated[
         int | None, Meta(description="Age of the newest word from the gateway at the core.")
     ]
     stop_count: Annotated[int | None, Meta(description="Stops that the core has seen.")]
@@ -188,7 +192,7 @@ class Schemas(Stated, frozen=True, kw_only=True):
     """Answer to schema: the JSON Schema of each message by its full name."""
 
     schemas: Annotated[
-        dict[str, dict[str, Any]], Meta(description="By `gaitd.NAME.v1`, as in the encodings.")
+        dict[str, dict[str, Any]], Meta(description="By `gaitd.NAME.v2`, as in the encodings.")
     ]
 
 
@@ -236,7 +240,14 @@ class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     mode: Annotated[
         Literal[
-            "hold", "gait", "torque", "excite", "release", "self_test", "reference", "commission"
+            "hold",
+            "gait",
+            "torque",
+            "excite",
+            "hand_guiding",
+            "self_test",
+            "reference",
+            "commission",
         ],
         Meta(description="The mode to go to."),
     ]
@@ -294,7 +305,7 @@ MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {
     "release": ReleaseAsk,
     "setpoint": SetpointMessage,
 }
-"""NAME in `gaitd.NAME.v1` of each message."""
+"""NAME in `gaitd.NAME.v2` of each message."""
 
 NAME_OF: Final = {kind: name for name, kind in MESSAGES.items()}
 
@@ -312,8 +323,8 @@ def key(trainer: str, *parts: str) -> str:
 
 
 def schema_name(kind: type[msgspec.Struct]) -> str:
-    """`gaitd.NAME.v1`, the schema in the encoding of a message."""
-    return f"gaitd.{NAME_OF[kind]}.v1"
+    """`gaitd.NAME.v2`, the schema in the encoding of a message."""
+    return f"gaitd.{NAME_OF[kind]}.v2"
 
 
 def encoding(kind: type[msgspec.Struct]) -> str:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final
 import msgspec
 from msgspec import Meta
 
-from daemon.record import Cause, Mode, Outcome, StopCategory
+from daemon.record import Cause, Mode, Outcome, Stage, StopCategory
 
 
 class StatusBit(IntFlag):
@@ -82,6 +82,14 @@ def _names(kind: type[Enum]) -> dict[str, Any]:
 
 
 ModeName = Annotated[str, Meta(description="Mode of the service.", extra_json_schema=_names(Mode))]
+StageName = Annotated[
+    str,
+    Meta(
+        description="How far the exercise of the mode is: preparing and announcing, nothing moves;"
+        " approaching its pose; playing, what was asked for; ending; over.",
+        extra_json_schema=_names(Stage),
+    ),
+]
 CauseName = Annotated[
     str,
     Meta(description="Cause of a stop, `none` if there is none.", extra_json_schema=_names(Cause)),

@@ -48,7 +48,7 @@ COMMANDS: Final = {
     "reset": "Reset a latched stop once its cause is gone.",
     "commission": "Prove the sign of one axis of the empty machine, before anything is enabled.",
     "reference": "Home one axis of the empty machine.",
-    "mode": "Choose what the enabled leg does: hold, gait, excite, release, self_test.",
+    "mode": "Choose what the enabled leg does: hold, gait, excite, hand_guiding, self_test.",
     "self-test": "The test of the day, step by step: hand switch, emergency stop, each axis.",
     "modes": "The modes, requests and causes of stops as tables; written into docs/modes.md.",
 }

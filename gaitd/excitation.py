@@ -21,6 +21,7 @@ from daemon.config.settings import Robot
 from daemon.config.strict import ConfigError, load_toml
 from daemon.config.trainer import beside
 from daemon.record import Cause, CycleRecord, Mode, ModeRequest, Outcome, RequestKind
+from daemon.record import Stage as ExerciseStage
 from gaitd.lockstep import Lockstep, NotReachedError
 from gaitd.virtual_machine import load_plant
 from observer.friction import FrictionParameters
@@ -171,7 +172,7 @@ def _begin(lockstep: Lockstep, scenario: str, seconds: float) -> int:
 
 
 def _playing(record: CycleRecord) -> bool:
-    return record.mode == Mode.EXCITE and "playing" in record.progress
+    return record.mode == Mode.EXCITE and record.stage is ExerciseStage.PLAYING
 
 
 def _run(records: list[CycleRecord], truth: list[TruthRow], count: int) -> Run:

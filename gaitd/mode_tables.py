@@ -46,7 +46,7 @@ ASKS: Final[Mapping[str, tuple[RequestKind, ModeRequest]]] = {
     "mode gait": (RequestKind.MODE, ModeRequest(Mode.GAIT, 0.25, 1.0, 60.0)),
     "mode torque": (RequestKind.MODE, ModeRequest(Mode.TORQUE)),
     "mode excite": (RequestKind.MODE, ModeRequest(Mode.EXCITE, duration_s=25.0, scenario="paper")),
-    "mode release": (RequestKind.MODE, ModeRequest(Mode.RELEASE)),
+    "mode hand_guiding": (RequestKind.MODE, ModeRequest(Mode.HAND_GUIDING)),
     "mode self_test": (RequestKind.MODE, ModeRequest(Mode.SELF_TEST)),
     "mode reference": (RequestKind.MODE, ModeRequest(Mode.REFERENCE, axis="right/hip")),
     "mode commission": (RequestKind.MODE, ModeRequest(Mode.COMMISSION, axis="right/hip")),

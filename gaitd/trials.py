@@ -26,7 +26,7 @@ from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
 from daemon.config.strict import ConfigError, load_toml
 from daemon.config.trainer import beside
-from daemon.record import CycleRecord, Mode, ModeRequest, Outcome, RequestKind
+from daemon.record import CycleRecord, Mode, ModeRequest, Outcome, RequestKind, Stage
 from gaitd.lockstep import Lockstep
 from gaitd.virtual_machine import load_plant
 from observer.mechanism import gravity
@@ -129,7 +129,7 @@ class Trials:
         wanted = ModeRequest(Mode.EXCITE, duration_s=duration_s, scenario=scenario)
         run.ask(RequestKind.ENABLE)
         run.ask(RequestKind.MODE, wanted)
-        begun = run.until(lambda record: "playing" in record.progress)
+        begun = run.until(lambda record: record.stage is Stage.PLAYING)
         run.on(duration_s, Mode.EXCITE, told)
         return run.trial(begun, while_moving=True)
 

@@ -6,8 +6,8 @@ in it was too good. Rules of the computation, for `gaitd check`:
 1. Required is M(q) a + c(q, q') + g(q) of the row of the axis, and the patient of [stop] against
    it, where one is configured. Friction and dampers would help; they are not counted.
 2. Motions: the stride at the highest cadence, and every pose of the stride led by hand, each axis
-   either way, at `release_speed_max`. An axis that moves brakes against its motion; one that has
-   come to rest, or never moved, stands. Both ends of a ramp count: at its speed, and at rest.
+   either way, at `hand_guiding_speed_max`. An axis that moves brakes against its motion; one that
+   has come to rest, or never moved, stands. Both ends of a ramp count: at its speed, and at rest.
 3. Available is the torque limit as it is written into that drive, in its own whole numbers.
 
 A homing or a sign test has a lower limit in the drive; at its speed a ramp is over in a few
@@ -89,7 +89,7 @@ def braking_meanings(settings: Settings) -> tuple[BrakingMeaning, ...]:
     parameters, gait = leg_parameters(settings.robot), settings.trainer.gait
     limits = settings.limits
     motions = workspace.gait_motions(parameters, gait, gait.cadence_max_hz, PHASES)
-    led = limits.hip.release_speed_max_rad_per_s, limits.slide.release_speed_max_m_per_s
+    led = limits.hip.hand_guiding_speed_max_rad_per_s, limits.slide.hand_guiding_speed_max_m_per_s
     brakings: tuple[list[_Braking], list[_Braking]] = ([], [])
     for pose, velocity in motions:
         for axis, braking in _brakings(parameters, pose, _speeds(velocity, led)):

@@ -21,8 +21,8 @@ class HipLimits(Table, frozen=True):
     soft_margin_deg: Annotated[float, Meta(gt=0, le=30)]
     """Before the hard limits, where the speed that is allowed begins to fall."""
     velocity_max_rad_per_s: Annotated[float, Meta(gt=0, le=6)]
-    release_speed_max_rad_per_s: Annotated[float, Meta(gt=0, le=3)]
-    """In mode release, where a person moves the leg."""
+    hand_guiding_speed_max_rad_per_s: Annotated[float, Meta(gt=0, le=3)]
+    """In mode hand_guiding, where a person moves the leg."""
     torque_max_nm: Annotated[float, Meta(gt=0, le=120)]
     torque_rate_max_nm_per_s: Annotated[float, Meta(gt=0, le=5000)]
     power_max_w: Annotated[float, Meta(gt=0, le=500)]
@@ -32,7 +32,7 @@ class HipLimits(Table, frozen=True):
     """Between what was sent in torque mode and what the drive measures."""
     load_deviation_max_nm: Annotated[float, Meta(gt=0, le=60)]
     """Of the drive's torque from what motion, load and friction ask for, mean of a stride."""
-    opposed_torque_min_nm: Annotated[float, Meta(gt=0, le=60)]
+    sign_mismatch_torque_min_nm: Annotated[float, Meta(gt=0, le=60)]
     """Beyond the load, in one direction while the joint accelerates in the other: a wrong sign."""
     tracking_max_deg: Annotated[float, Meta(gt=0, le=45)]
     following_error_deg: Annotated[float, Meta(gt=0, le=45)]
@@ -59,15 +59,15 @@ class SlideLimits(Table, frozen=True):
     position_max_m: Annotated[float, Meta(ge=-1, le=2)]
     soft_margin_m: Annotated[float, Meta(gt=0, le=0.3)]
     velocity_max_m_per_s: Annotated[float, Meta(gt=0, le=5)]
-    release_speed_max_m_per_s: Annotated[float, Meta(gt=0, le=3)]
-    """In mode release, where a person moves the leg."""
+    hand_guiding_speed_max_m_per_s: Annotated[float, Meta(gt=0, le=3)]
+    """In mode hand_guiding, where a person moves the leg."""
     force_max_n: Annotated[float, Meta(gt=0, le=1500)]
     force_rate_max_n_per_s: Annotated[float, Meta(gt=0, le=50000)]
     power_max_w: Annotated[float, Meta(gt=0, le=2000)]
     stride_energy_max_j: Annotated[float, Meta(gt=0, le=2000)]
     force_deviation_max_n: Annotated[float, Meta(gt=0, le=300)]
     load_deviation_max_n: Annotated[float, Meta(gt=0, le=600)]
-    opposed_force_min_n: Annotated[float, Meta(gt=0, le=600)]
+    sign_mismatch_force_min_n: Annotated[float, Meta(gt=0, le=600)]
     tracking_max_m: Annotated[float, Meta(gt=0, le=0.5)]
     following_error_m: Annotated[float, Meta(gt=0, le=0.5)]
     temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
@@ -98,7 +98,7 @@ class Watch(Table, frozen=True):
     """How long a doubt must last, and over which time energy counts where there is no stride."""
 
     deviation_cycles: Annotated[int, Meta(ge=1, le=20)]
-    opposed_cycles: Annotated[int, Meta(ge=1, le=20)]
+    sign_mismatch_cycles: Annotated[int, Meta(ge=1, le=20)]
     energy_window_ms: Annotated[int, Meta(ge=500, le=10000)]
 
 

@@ -251,7 +251,7 @@ class Excite(Table, frozen=True):
     artificial: tuple[Sinusoid, ...] = ()
 
 
-class Release(Table, frozen=True):
+class HandGuiding(Table, frozen=True):
     """Hand guiding: what slows whoever moves the leg, and for how long it may last."""
 
     hip_damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=50)]
@@ -364,7 +364,7 @@ class Trainer(Table, frozen=True):
     hold: Impedance
     gait: Gait
     excite: dict[str, Excite]
-    release: Release
+    hand_guiding: HandGuiding
     self_test: SelfTest
     reference: Reference
     commissioning: Commissioning

@@ -23,6 +23,16 @@ T = TypeVar("T")
 _VALUE_LENGTH_MAX: Final = 60
 _INTEGER_END: Final = 2**63
 
+RENAMED: Final = {
+    "release": "hand_guiding",
+    "release_speed_max_rad_per_s": "hand_guiding_speed_max_rad_per_s",
+    "release_speed_max_m_per_s": "hand_guiding_speed_max_m_per_s",
+    "opposed_torque_min_nm": "sign_mismatch_torque_min_nm",
+    "opposed_force_min_n": "sign_mismatch_force_min_n",
+    "opposed_cycles": "sign_mismatch_cycles",
+}
+"""Keys of older files by what they are called now, where no likeness would lead there."""
+
 
 class Words(str):
     """Words about a value in place of the value itself, shown without quotes: `(missing)`."""
@@ -202,7 +212,8 @@ def _fields(
 
 
 def _unknown(name: str, known: list[str]) -> str:
-    near = difflib.get_close_matches(name, known, n=1)
+    renamed = RENAMED.get(name)
+    near = [renamed] if renamed in known else difflib.get_close_matches(name, known, n=1)
     hint = f" Did you mean `{near[0]}`?" if near else ""
     return f"unknown key.{hint} Known here: {', '.join(known)}"
 

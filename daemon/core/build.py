@@ -48,7 +48,7 @@ class Plans:
 
     def of(self, preparation: Preparation | None) -> tuple[DrivePlan, ...]:
         """The plans of all drives for what comes next."""
-        if preparation is None or preparation.stage in OVER:
+        if preparation is None or preparation.step in OVER:
             return self.usual
         table = self.homing if isinstance(preparation, Homing) else self.commissioning
         special = table[preparation.axis]
@@ -173,7 +173,7 @@ def _core_config(
             singularity_stop_ratio=limits.singularity.stop_ratio,
             singularity_soft_ratio=limits.singularity.soft_ratio,
             deviation_cycles=limits.watch.deviation_cycles,
-            opposed_cycles=limits.watch.opposed_cycles,
+            sign_mismatch_cycles=limits.watch.sign_mismatch_cycles,
             energy_window_cycles=limits.watch.energy_window_ms // period_ms,
             spasm_patience_cycles=limits.spasm.patience_ms // period_ms,
             mode_switch_cycles=communication.mode_switch_cycles,
@@ -201,7 +201,7 @@ def _core_config(
         hold=trainer.hold,
         gait=trainer.gait,
         excite=dict(trainer.excite),
-        release=trainer.release,
+        hand_guiding=trainer.hand_guiding,
         self_test=trainer.self_test,
         leg_digest=leg_digest,
         patient_configured=patient_configured,

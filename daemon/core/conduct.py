@@ -13,6 +13,7 @@ from daemon.core import (
     latching,
     plans,
     playing,
+    preparation,
     preparing,
     requests,
     self_test,
@@ -21,14 +22,14 @@ from daemon.core import (
 from daemon.core.inbox import Orders
 from daemon.core.joints import Joint
 from daemon.core.modes import Event
-from daemon.core.reference import Stage
+from daemon.core.reference import TorquePlay
 from daemon.core.release import ReleasePlay
 from daemon.core.safety import worse
 from daemon.core.self_test import SelfTestPlay
-from daemon.core.state import Axis, Core, Play
+from daemon.core.state import Axis, Core, Plan, Play
 from daemon.core.stopping import Step
 from daemon.core.transition import describe, enter
-from daemon.record import Cause, Mode, Verdict
+from daemon.record import Cause, Mode, Stage, Verdict
 from drives.signals import OperationMode
 
 LOAD_SETTLE_CYCLES = 50
@@ -38,7 +39,7 @@ RESET_SETTLE_CYCLES = 20
 STOPPING_MAX_CYCLES = 300
 """A leg that still moves then moves without power: the mode says fault, the speed is published."""
 
-BY_TORQUE = frozenset({Mode.TORQUE, Mode.EXCITE, Mode.RELEASE, Mode.SELF_TEST})
+BY_TORQUE = frozenset({Mode.TORQUE, Mode.EXCITE, Mode.HAND_GUIDING, Mode.SELF_TEST})
 """Modes in which the drives give the torque they are told, whatever guides a gait."""
 _BUS_CAUSES = frozenset({Cause.BUS_DOWN, Cause.TRANSMIT_QUEUE_FULL})
 """Tried again by itself when nothing is enabled. Not bus-off: somebody should look first."""
@@ -101,6 +102,26 @@ def nmt_stopped(core: Core) -> tuple[int, ...]:
     return tuple(a.node_id for a in core.axes if a.stop and a.stop.step >= Step.NMT_STOP)
 
 
+def stage(core: Core) -> Stage | None:
+    """How far the exercise of this mode is; None without one, and while anything stops."""
+    if core.mode in {Mode.STOPPING, Mode.FAULT}:
+        return None
+    if core.mode == Mode.BRINGING_UP:
+        return Stage.PREPARING
+    if core.preparation is not None:
+        return preparation.STAGE_OF[core.preparation.step]
+    if core.mode == Mode.HOLD:
+        return None if core.load_checked else Stage.PREPARING
+    stages = [_stage_of(leg.plan) for leg in core.legs]
+    return next((one for one in stages if one is not Stage.OVER), Stage.OVER)
+
+
+def _stage_of(plan: Plan | None) -> Stage | None:
+    if isinstance(plan, TorquePlay):
+        return Stage.PLAYING
+    return plan.stage if isinstance(plan, Play) else None
+
+
 def progress(core: Core) -> str:
     """One human line about what is going on."""
     if core.mode in {Mode.OFF, Mode.FAULT} and core.verdict.cause != Cause.NONE:
@@ -109,19 +130,19 @@ def progress(core: Core) -> str:
     if core.mode.active and isinstance(plan, Play):
         return f"{core.mode.name.lower()}: {_doing(core, plan)}"
     if core.preparation is not None:
-        return f"{core.preparation.axis}: {core.preparation.stage.value}"
+        return f"{core.preparation.axis}: {core.preparation.step.value}"
     if core.mode == Mode.HOLD and not core.load_checked:
         return "enabling: the load at rest is being compared"
     return core.progress or core.mode.name.lower().replace("_", " ")
 
 
 def _doing(core: Core, plan: Play) -> str:
-    if isinstance(plan, ReleasePlay) and plan.stage == Stage.PLAY:
+    if isinstance(plan, ReleasePlay) and plan.stage == Stage.PLAYING:
         return f"the leg can be moved by hand for {plan.duration_s - plan.elapsed_s:.0f} s more"
     for leg in core.legs:
-        if isinstance(leg.plan, SelfTestPlay) and leg.plan.stage == Stage.PLAY:
+        if isinstance(leg.plan, SelfTestPlay) and leg.plan.stage == Stage.PLAYING:
             return self_test.progress(leg.plan)
-    return f"{plan.stage.value} for {plan.elapsed_s:.0f} s"
+    return f"{plan.stage.name.lower()} for {plan.elapsed_s:.0f} s"
 
 
 # --- verdicts -------------------------------------------------------------------------------
@@ -131,7 +152,7 @@ def _take_verdicts(core: Core, found: Sequence[Verdict], cycle: int) -> None:
     stopping_all = driving(core)
     for verdict in found:
         # Power that nobody here asked for is something to stop, whatever the mode.
-        if stopping_all or verdict.cause == Cause.DRIVE_ENABLED_UNASKED:
+        if stopping_all or verdict.cause == Cause.UNEXPECTED_ENABLE:
             stop(core, verdict, cycle)
     if found and core.mode == Mode.READY:
         _take_resting_verdict(core, found[0])

@@ -245,7 +245,7 @@ def judge(core: Core, orders: inbox.Orders, tick: Tick) -> tuple[Verdict, ...]:
     service = ServiceSituation(
         stop_requested=orders.stop,
         shutdown_requested=tick.shutdown,
-        level_age_cycles=tick.cycle - core.level_cycle,
+        gateway_age_cycles=tick.cycle - core.level_cycle,
         overruns_in_a_row=tick.overruns_in_a_row,
         bus_off=drives is not None and drives.bus_state.has_been_off,
         bus_error=tick.bus_error,

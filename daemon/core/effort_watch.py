@@ -42,9 +42,9 @@ class EffortWatch(NamedTuple):
     gap_si: float = 0.0
     gap_cycles: int = 0
     """In a row beyond the limit."""
-    opposed_si: float = 0.0
+    sign_mismatch_si: float = 0.0
     """The smaller one of push and motion, where they are opposed."""
-    opposed_cycles: int = 0
+    sign_mismatch_cycles: int = 0
     held_si: float = 0.0
     """What friction and patient hold, if the joint stands still: a mean of a few samples."""
     held_before_still_si: float = 0.0
@@ -89,14 +89,16 @@ def look(
     ratio = HELD_RATIO if placed else 0.0
     held_si = watch.held_si + ratio * (balance.held(axis) - watch.held_si)
     gap_si = _gap(watch, joint.effort_si, unpowered_cycles)
-    opposed_si = _opposed(balance, axis) if powered and free and placed else 0.0
+    sign_mismatch_si = _opposed(balance, axis) if powered and free and placed else 0.0
     return watch._replace(
         unpowered_cycles=unpowered_cycles,
         gap_si=gap_si,
         gap_cycles=watch.gap_cycles + 1 if gap_si > limits.effort_deviation_max_si else 0,
-        opposed_si=opposed_si,
-        opposed_cycles=(
-            watch.opposed_cycles + 1 if opposed_si > limits.opposed_effort_min_si else 0
+        sign_mismatch_si=sign_mismatch_si,
+        sign_mismatch_cycles=(
+            watch.sign_mismatch_cycles + 1
+            if sign_mismatch_si > limits.sign_mismatch_effort_min_si
+            else 0
         ),
         held_si=held_si,
         effort_before_still_si=(

@@ -20,9 +20,9 @@ from observer.mechanism import singularity_ratio
 WAY_POINTS: Final = 20
 
 
-def begin_release(core: Core) -> None:
+def begin_hand_guiding(core: Core) -> None:
     """Every leg into the hands of whoever moves it."""
-    rules = core.config.release
+    rules = core.config.hand_guiding
     for leg in core.legs:
         leg.plan = ReleasePlay(
             start=plans.present(leg),

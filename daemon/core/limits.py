@@ -16,15 +16,15 @@ class AxisLimits(NamedTuple):
     position_max_si: float
     soft_margin_si: float
     velocity_max_si: float
-    release_speed_max_si: float
-    """Instead of `velocity_max_si` in mode release."""
+    hand_guiding_speed_max_si: float
+    """Instead of `velocity_max_si` in mode hand_guiding."""
     effort_max_si: float
     effort_rate_max_si_per_s: float
     power_max_w: float
     stride_energy_max_j: float
     effort_deviation_max_si: float
     load_deviation_max_si: float
-    opposed_effort_min_si: float
+    sign_mismatch_effort_min_si: float
     soft_damping_si: float
     """N·m·s/rad or N·s/m at the hard limit, for what leads out."""
     spasm_rise_si: float
@@ -51,14 +51,14 @@ def hip_limits(limits: Limits, breakaway_nm: float) -> AxisLimits:
         position_max_si=math.radians(hip.position_max_deg),
         soft_margin_si=math.radians(hip.soft_margin_deg),
         velocity_max_si=hip.velocity_max_rad_per_s,
-        release_speed_max_si=hip.release_speed_max_rad_per_s,
+        hand_guiding_speed_max_si=hip.hand_guiding_speed_max_rad_per_s,
         effort_max_si=hip.torque_max_nm,
         effort_rate_max_si_per_s=hip.torque_rate_max_nm_per_s,
         power_max_w=hip.power_max_w,
         stride_energy_max_j=hip.stride_energy_max_j,
         effort_deviation_max_si=hip.torque_deviation_max_nm,
         load_deviation_max_si=hip.load_deviation_max_nm,
-        opposed_effort_min_si=hip.opposed_torque_min_nm,
+        sign_mismatch_effort_min_si=hip.sign_mismatch_torque_min_nm,
         soft_damping_si=limits.soft_limit.hip_damping_nm_s_per_rad,
         spasm_rise_si=limits.spasm.hip_rise_nm,
         tracking_max_si=math.radians(hip.tracking_max_deg),
@@ -82,14 +82,14 @@ def slide_limits(limits: Limits, breakaway_n: float) -> AxisLimits:
         position_max_si=slide.position_max_m,
         soft_margin_si=slide.soft_margin_m,
         velocity_max_si=slide.velocity_max_m_per_s,
-        release_speed_max_si=slide.release_speed_max_m_per_s,
+        hand_guiding_speed_max_si=slide.hand_guiding_speed_max_m_per_s,
         effort_max_si=slide.force_max_n,
         effort_rate_max_si_per_s=slide.force_rate_max_n_per_s,
         power_max_w=slide.power_max_w,
         stride_energy_max_j=slide.stride_energy_max_j,
         effort_deviation_max_si=slide.force_deviation_max_n,
         load_deviation_max_si=slide.load_deviation_max_n,
-        opposed_effort_min_si=slide.opposed_force_min_n,
+        sign_mismatch_effort_min_si=slide.sign_mismatch_force_min_n,
         soft_damping_si=limits.soft_limit.slide_damping_n_s_per_m,
         spasm_rise_si=limits.spasm.slide_rise_n,
         tracking_max_si=slide.tracking_max_m,
@@ -130,7 +130,7 @@ class Thresholds(NamedTuple):
     singularity_stop_ratio: float
     singularity_soft_ratio: float
     deviation_cycles: int
-    opposed_cycles: int
+    sign_mismatch_cycles: int
     energy_window_cycles: int
     spasm_patience_cycles: int
     mode_switch_cycles: int

@@ -16,7 +16,7 @@ Rules:
 6. Whether a leg rests is known from a sample of the cycle that asks. ENABLE needs one of every
    axis, RESET one of every axis whose drive is not lost: the next bring-up judges that one.
 7. Where a test of the day is required, ENABLE waits until hand switch and STO have been seen to
-   act, and nothing but RELEASE and SELF_TEST moves a leg before a self-test was passed.
+   act, and nothing but HAND_GUIDING and SELF_TEST moves a leg before a self-test was passed.
 """
 
 from collections.abc import Iterable, Mapping
@@ -42,7 +42,7 @@ class Event(Enum):
     TO_GAIT = "mode gait"
     TO_TORQUE = "mode torque"
     TO_EXCITE = "mode excite"
-    TO_RELEASE = "mode release"
+    TO_HAND_GUIDING = "mode hand_guiding"
     TO_SELF_TEST = "mode self_test"
     TO_REFERENCE = "mode reference"
     TO_COMMISSION = "mode commission"
@@ -72,7 +72,7 @@ TRANSITIONS: Mapping[tuple[Mode, Event], Mode] = {
     (Mode.HOLD, Event.TO_GAIT): Mode.GAIT,
     (Mode.HOLD, Event.TO_TORQUE): Mode.TORQUE,
     (Mode.HOLD, Event.TO_EXCITE): Mode.EXCITE,
-    (Mode.HOLD, Event.TO_RELEASE): Mode.RELEASE,
+    (Mode.HOLD, Event.TO_HAND_GUIDING): Mode.HAND_GUIDING,
     (Mode.HOLD, Event.TO_SELF_TEST): Mode.SELF_TEST,
     (Mode.HOLD, Event.DISABLE): Mode.STOPPING,
     (Mode.HOLD, Event.STOP): Mode.STOPPING,
@@ -90,10 +90,10 @@ TRANSITIONS: Mapping[tuple[Mode, Event], Mode] = {
     (Mode.EXCITE, Event.EXERCISE_OVER): Mode.HOLD,
     (Mode.EXCITE, Event.DISABLE): Mode.STOPPING,
     (Mode.EXCITE, Event.STOP): Mode.STOPPING,
-    (Mode.RELEASE, Event.TO_HOLD): Mode.HOLD,
-    (Mode.RELEASE, Event.EXERCISE_OVER): Mode.HOLD,
-    (Mode.RELEASE, Event.DISABLE): Mode.STOPPING,
-    (Mode.RELEASE, Event.STOP): Mode.STOPPING,
+    (Mode.HAND_GUIDING, Event.TO_HOLD): Mode.HOLD,
+    (Mode.HAND_GUIDING, Event.EXERCISE_OVER): Mode.HOLD,
+    (Mode.HAND_GUIDING, Event.DISABLE): Mode.STOPPING,
+    (Mode.HAND_GUIDING, Event.STOP): Mode.STOPPING,
     (Mode.SELF_TEST, Event.TO_HOLD): Mode.HOLD,
     (Mode.SELF_TEST, Event.EXERCISE_OVER): Mode.HOLD,
     (Mode.SELF_TEST, Event.DISABLE): Mode.STOPPING,
@@ -120,7 +120,7 @@ _EVENT_OF_MODE = {
     Mode.GAIT: Event.TO_GAIT,
     Mode.TORQUE: Event.TO_TORQUE,
     Mode.EXCITE: Event.TO_EXCITE,
-    Mode.RELEASE: Event.TO_RELEASE,
+    Mode.HAND_GUIDING: Event.TO_HAND_GUIDING,
     Mode.SELF_TEST: Event.TO_SELF_TEST,
     Mode.REFERENCE: Event.TO_REFERENCE,
     Mode.COMMISSION: Event.TO_COMMISSION,
@@ -217,10 +217,10 @@ def refusal(kind: RequestKind, wanted: ModeRequest, now: Circumstances) -> str:
 
 
 _FROM_HOLD = frozenset(
-    {Event.TO_GAIT, Event.TO_TORQUE, Event.TO_EXCITE, Event.TO_RELEASE, Event.TO_SELF_TEST}
+    {Event.TO_GAIT, Event.TO_TORQUE, Event.TO_EXCITE, Event.TO_HAND_GUIDING, Event.TO_SELF_TEST}
 )
 _TESTED = frozenset({Event.TO_GAIT, Event.TO_TORQUE, Event.TO_EXCITE})
-"""They move a leg. RELEASE does not wait for a test: somebody may have to get out."""
+"""They move a leg. HAND_GUIDING does not wait for a test: somebody may have to get out."""
 
 
 def _refuse_enable(now: Circumstances) -> str:

@@ -1,10 +1,11 @@
 """The plan of one leg as the core sees it: where it is, where it is wanted, how it brakes."""
 
 from daemon.core import reference
-from daemon.core.reference import ExcitePlay, GaitPlay, Hold, Stage, TorquePlay
+from daemon.core.reference import ExcitePlay, GaitPlay, Hold, TorquePlay
 from daemon.core.release import ReleasePlay, release_reference
 from daemon.core.self_test import SelfTestPlay, self_test_reference
 from daemon.core.state import Core, Leg
+from daemon.record import Stage
 
 
 def reference_of(core: Core, leg: Leg) -> reference.Reference | None:
@@ -80,4 +81,4 @@ def artificial(leg: Leg) -> tuple[float, float]:
 def is_artificial(leg: Leg) -> bool:
     """Whether the scenario that plays has an artificial disturbance, now or later."""
     plan = leg.plan
-    return isinstance(plan, ExcitePlay) and bool(plan.artificial) and plan.stage == Stage.PLAY
+    return isinstance(plan, ExcitePlay) and bool(plan.artificial) and plan.stage == Stage.PLAYING

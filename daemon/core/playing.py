@@ -1,10 +1,11 @@
 """The plan of one leg, one cycle on: whatever it is that plays, and its stages told."""
 
 from daemon.core import plans, reference, release, self_test
-from daemon.core.reference import ExcitePlay, GaitPlay, Hold, Stage, TorquePlay
+from daemon.core.reference import ExcitePlay, GaitPlay, Hold, TorquePlay
 from daemon.core.release import ReleasePlay
 from daemon.core.self_test import SelfTestPlay
 from daemon.core.state import Axis, Core, Leg, Play
+from daemon.record import Stage
 from drives.signals import OperationMode
 
 
@@ -17,7 +18,7 @@ def advance(core: Core, leg: Leg, *, changing: bool) -> None:
     plan = leg.plan
     if isinstance(plan, Hold):
         leg.plan = reference.advance_hold(plan, period_s)
-    elif isinstance(plan, GaitPlay) and not (plan.stage == Stage.ANNOUNCE and changing):
+    elif isinstance(plan, GaitPlay) and not (plan.stage == Stage.ANNOUNCING and changing):
         leg.plan = reference.advance_gait(plan, period_s)
     elif isinstance(plan, ExcitePlay):
         leg.plan = reference.advance_excite(plan, period_s, plans.measured(leg))
@@ -51,6 +52,6 @@ def _seen(axis: Axis) -> self_test.Seen:
 def _tell_stage(core: Core, leg: Leg, before: Stage, after: Stage) -> None:
     if before == after:
         return
-    core.events.append(f"{leg.name}: {core.mode.name.lower()} {after.value}")
+    core.events.append(f"{leg.name}: {core.mode.name.lower()} {after.name.lower()}")
     if isinstance(leg.plan, ReleasePlay):
         leg.takes_over = True  # from being held into somebody's hands

@@ -22,10 +22,11 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final, NamedTuple
 
+from daemon.record import Stage
 from drives.signals import HomingState
 
 
-class Stage(Enum):
+class PreparationStep(Enum):
     """How far a preparation is; the value is what a person reads."""
 
     WAITING = "the drives get their limits for it"
@@ -39,8 +40,21 @@ class Stage(Enum):
     FAILED = "failed"
 
 
+STAGE_OF: Final = {
+    PreparationStep.WAITING: Stage.PREPARING,
+    PreparationStep.ENABLING: Stage.PREPARING,
+    PreparationStep.SEARCHING: Stage.PLAYING,
+    PreparationStep.FORTH: Stage.PLAYING,
+    PreparationStep.RESTING: Stage.PLAYING,
+    PreparationStep.BACK: Stage.PLAYING,
+    PreparationStep.ENDING: Stage.ENDING,
+    PreparationStep.DONE: Stage.OVER,
+    PreparationStep.FAILED: Stage.OVER,
+}
+"""What each step is for a program that follows the record."""
+
 HOME_FOUND: Final = frozenset({HomingState.ATTAINED, HomingState.DONE})
-OVER: Final = frozenset({Stage.DONE, Stage.FAILED})
+OVER: Final = frozenset({PreparationStep.DONE, PreparationStep.FAILED})
 
 HOMING_BEGIN_CYCLES: Final = 20
 """Until the drive must show that it has begun."""
@@ -85,9 +99,9 @@ class Homing:
     axis: str
     asked_cycle: int
     rules: HomingRules
-    stage: Stage = Stage.WAITING
+    step: PreparationStep = PreparationStep.WAITING
     cycles: int = 0
-    """In this stage."""
+    """In this step."""
     found: HomingState | None = None
     """ATTAINED or DONE, whichever has been shown last: with either, positions may count anew."""
     begun: bool = False
@@ -103,7 +117,7 @@ class Homing:
     @property
     def searching(self) -> bool:
         """Whether the drive is to home."""
-        return self.stage is Stage.SEARCHING
+        return self.step is PreparationStep.SEARCHING
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +128,7 @@ class SignTest:
     asked_cycle: int
     rules: PushRules
     period_s: float
-    stage: Stage = Stage.WAITING
+    step: PreparationStep = PreparationStep.WAITING
     cycles: int = 0
     effort_si: float = 0.0
     from_si: float = 0.0
@@ -136,7 +150,7 @@ Preparation = Homing | SignTest
 
 def begin(preparation: Preparation) -> Preparation:
     """The drives have their limits: enable the axis."""
-    return replace(preparation, stage=Stage.ENABLING, cycles=0)
+    return replace(preparation, step=PreparationStep.ENABLING, cycles=0)
 
 
 def advance(preparation: Preparation, seen: Seen) -> Preparation:
@@ -150,11 +164,11 @@ def advance(preparation: Preparation, seen: Seen) -> Preparation:
 
 
 def _advance_homing(run: Homing, seen: Seen) -> Preparation:
-    if run.stage is Stage.ENABLING and seen.ready:
+    if run.step is PreparationStep.ENABLING and seen.ready:
         # A home of earlier times may still be shown: then only what follows motion is news.
         begun = seen.homing in {HomingState.NOT_STARTED, HomingState.IN_PROGRESS}
-        return replace(run, stage=Stage.SEARCHING, cycles=0, begun=begun)
-    if run.stage is not Stage.SEARCHING:
+        return replace(run, step=PreparationStep.SEARCHING, cycles=0, begun=begun)
+    if run.step is not PreparationStep.SEARCHING:
         return run
     if seen.homing in {HomingState.FAILED, HomingState.FAILED_MOVING}:
         return _failed(run, "the drive reports a homing error")
@@ -163,38 +177,38 @@ def _advance_homing(run: Homing, seen: Seen) -> Preparation:
     if seen.homing is HomingState.IN_PROGRESS:
         return replace(run, begun=True)
     if run.begun and seen.homing in HOME_FOUND:
-        stage = Stage.DONE if seen.homing is HomingState.DONE else run.stage
-        return replace(run, stage=stage, found=seen.homing)
+        step = PreparationStep.DONE if seen.homing is HomingState.DONE else run.step
+        return replace(run, step=step, found=seen.homing)
     if run.cycles > HOMING_BEGIN_CYCLES:
         return _failed(run, f"the drive does not home; it says: {seen.homing.value}")
     return run
 
 
 def _failed(preparation: Preparation, why: str) -> Preparation:
-    return replace(preparation, stage=Stage.FAILED, why=why)
+    return replace(preparation, step=PreparationStep.FAILED, why=why)
 
 
 # --- sign -----------------------------------------------------------------------------------------
 
 
 def _advance_test(test: SignTest, seen: Seen) -> Preparation:
-    match test.stage:
-        case Stage.ENABLING if seen.ready:
-            return _push(test, Stage.FORTH, seen)
-        case Stage.FORTH:
+    match test.step:
+        case PreparationStep.ENABLING if seen.ready:
+            return _push(test, PreparationStep.FORTH, seen)
+        case PreparationStep.FORTH:
             return _pushed(test, seen, 1.0)
-        case Stage.RESTING:
+        case PreparationStep.RESTING:
             return _rested(test, seen)
-        case Stage.BACK:
+        case PreparationStep.BACK:
             return _pushed(test, seen, -1.0)
-        case Stage.ENDING:
+        case PreparationStep.ENDING:
             return _rested(test, seen)
         case _:
             return test
 
 
-def _push(test: SignTest, stage: Stage, seen: Seen) -> SignTest:
-    return replace(test, stage=stage, cycles=0, effort_si=0.0, from_si=seen.position_si)
+def _push(test: SignTest, step: PreparationStep, seen: Seen) -> SignTest:
+    return replace(test, step=step, cycles=0, effort_si=0.0, from_si=seen.position_si)
 
 
 def _pushed(test: SignTest, seen: Seen, direction: float) -> SignTest:
@@ -214,10 +228,10 @@ def _held_long_enough(test: SignTest) -> bool:
 
 
 def _end_of_push(test: SignTest, moved_si: float) -> SignTest:
-    if test.stage is Stage.FORTH:
+    if test.step is PreparationStep.FORTH:
         return replace(
             test,
-            stage=Stage.RESTING,
+            step=PreparationStep.RESTING,
             cycles=0,
             rest_cycles=0,
             effort_si=0.0,
@@ -226,7 +240,7 @@ def _end_of_push(test: SignTest, moved_si: float) -> SignTest:
         )
     return replace(
         test,
-        stage=Stage.ENDING,
+        step=PreparationStep.ENDING,
         cycles=0,
         rest_cycles=0,
         effort_si=0.0,
@@ -240,7 +254,11 @@ def _rested(test: SignTest, seen: Seen) -> Preparation:
     if test.rest_cycles < REST_CYCLES:
         too_long = test.cycles > REST_MAX_CYCLES
         return _failed(test, "the axis does not come to rest") if too_long else test
-    return _push(test, Stage.BACK, seen) if test.stage is Stage.RESTING else _judge(test)
+    return (
+        _push(test, PreparationStep.BACK, seen)
+        if test.step is PreparationStep.RESTING
+        else _judge(test)
+    )
 
 
 def _judge(test: SignTest) -> Preparation:
@@ -252,7 +270,7 @@ def _judge(test: SignTest) -> Preparation:
     if max(along) < motion_si:
         bound_si = test.rules.effort_max_si
         return _failed(test, f"{bound_si:g} do not move it: is it blocked, or at its end stop?")
-    return replace(test, stage=Stage.DONE)
+    return replace(test, step=PreparationStep.DONE)
 
 
 def evidence(test: SignTest) -> str:

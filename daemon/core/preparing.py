@@ -14,7 +14,15 @@ from daemon.core import latching, preparation, stopping
 from daemon.core.axis_notes import prove, with_proof
 from daemon.core.limits import AxisLimits
 from daemon.core.modes import Event
-from daemon.core.preparation import HOME_FOUND, OVER, Homing, Preparation, Seen, SignTest, Stage
+from daemon.core.preparation import (
+    HOME_FOUND,
+    OVER,
+    Homing,
+    Preparation,
+    PreparationStep,
+    Seen,
+    SignTest,
+)
 from daemon.core.state import Axis, Core
 from daemon.core.stopping import Step
 from daemon.core.transition import enter
@@ -52,8 +60,8 @@ def finds_home(core: Core, axis: Axis, feedback: DriveFeedback) -> bool:
 def limits_in_force(core: Core, axis: Axis) -> AxisLimits:
     """The limits of an axis; a preparation and hand guiding have a speed or an effort of theirs."""
     run = core.preparation
-    if core.mode == Mode.RELEASE:
-        return axis.limits._replace(velocity_max_si=axis.limits.release_speed_max_si)
+    if core.mode == Mode.HAND_GUIDING:
+        return axis.limits._replace(velocity_max_si=axis.limits.hand_guiding_speed_max_si)
     if run is None or run.axis != axis.name:
         return axis.limits
     limits = axis.limits._replace(effort_max_si=run.rules.effort_max_si)
@@ -119,8 +127,8 @@ def _believe(core: Core, axis: Axis, utc_ns: int) -> None:
 def cancel(core: Core, why: str) -> None:
     """Do not go on with it: what has not begun does not begin, and the usual limits come back."""
     run = core.preparation
-    if run is not None and run.stage not in OVER:
-        core.preparation = replace(run, stage=Stage.FAILED, why=why)
+    if run is not None and run.step not in OVER:
+        core.preparation = replace(run, step=PreparationStep.FAILED, why=why)
         core.events.append(f"{run.axis}: failed: {why}")
 
 
@@ -146,12 +154,12 @@ def move_on(core: Core, cycle: int) -> None:
         _begin_or_leave(core, axis, run, cycle)
     elif core.mode in MODES:
         core.preparation = run = preparation.advance(run, _seen(axis))
-        if run.stage in OVER:
+        if run.step in OVER:
             _end(core, axis, run, cycle)
 
 
 def _begin_or_leave(core: Core, axis: Axis, run: Preparation, cycle: int) -> None:
-    if run.stage in OVER:
+    if run.step in OVER:
         core.preparation = None
         bring_up_anew(core)
     elif cycle - run.asked_cycle > BEGIN_CYCLES:
@@ -189,7 +197,7 @@ def _end(core: Core, axis: Axis, run: Preparation, cycle: int) -> None:
 
 
 def _tell_end(core: Core, axis: Axis, run: Preparation) -> None:
-    if run.stage is Stage.FAILED:
+    if run.step is PreparationStep.FAILED:
         core.events.append(f"{axis.name}: failed: {run.why}")
     elif isinstance(run, SignTest):
         core.evidence[axis.name] = run

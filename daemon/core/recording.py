@@ -48,7 +48,7 @@ def record(core: Core, tick: Tick) -> CycleRecord:
         events=events,
         request=replace(core.result, reason=clipped(core.result.reason)),
         progress=clipped(conduct.progress(core)),
-        level_age_cycles=tick.cycle - core.level_cycle,
+        gateway_age_cycles=tick.cycle - core.level_cycle,
         stop_count=core.stop_count or 0,
         gait_phase=_phase(core.legs[0]),
         drives=tuple(_drive(axis, age_max) for axis in core.axes),
@@ -58,6 +58,7 @@ def record(core: Core, tick: Tick) -> CycleRecord:
         tx_dropped_count=tick.tx_dropped_count,
         bus=tick.bus,
         assist=_assist(core),
+        stage=conduct.stage(core),
     )
 
 

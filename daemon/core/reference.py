@@ -10,12 +10,12 @@ import cmath
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
 
 from daemon.config.settings import Excite, Gait, Sinusoid
+from daemon.record import Stage
 from observer.mechanism import (
     LegParameters,
     WorkspaceError,
@@ -196,16 +196,6 @@ def _minimum_jerk(x: float) -> float:
 # --- gait -----------------------------------------------------------------------------------
 
 
-class Stage(Enum):
-    """Where an exercise is."""
-
-    ANNOUNCE = "announced"
-    APPROACH = "approaching"
-    PLAY = "playing"
-    END = "ending"
-    OVER = "over"
-
-
 @dataclass(frozen=True, slots=True)
 class GaitPlay:
     """A gait exercise: announced, approached, played with ramps, ended at its mean pose."""
@@ -221,7 +211,7 @@ class GaitPlay:
     ramp_strides: float
     phase_offset_strides: float
     """The other leg walks half a stride later."""
-    stage: Stage = Stage.ANNOUNCE
+    stage: Stage = Stage.ANNOUNCING
     elapsed_s: float = 0.0
     """In the stage."""
     strides: float = 0.0
@@ -232,15 +222,17 @@ class GaitPlay:
 def advance_gait(play: GaitPlay, dt_s: float) -> GaitPlay:
     """One cycle on, into the next stage where one is over."""
     elapsed_s, strides, stage = play.elapsed_s + dt_s, play.strides, play.stage
-    if stage is Stage.PLAY or stage is Stage.END:
+    if stage is Stage.PLAYING or stage is Stage.ENDING:
         strides += dt_s * _cadence_hz(play)
-    if stage is Stage.ANNOUNCE and elapsed_s >= play.announce_s:
-        return replace(play, stage=Stage.APPROACH, elapsed_s=0.0)
-    if stage is Stage.APPROACH and elapsed_s >= play.motion.duration_s:
-        return replace(play, stage=Stage.PLAY, elapsed_s=0.0)
-    if stage is Stage.PLAY and elapsed_s >= play.duration_s:
-        return replace(play, stage=Stage.END, elapsed_s=0.0, strides=strides, end_strides=strides)
-    if stage is Stage.END and strides >= play.end_strides + 1:
+    if stage is Stage.ANNOUNCING and elapsed_s >= play.announce_s:
+        return replace(play, stage=Stage.APPROACHING, elapsed_s=0.0)
+    if stage is Stage.APPROACHING and elapsed_s >= play.motion.duration_s:
+        return replace(play, stage=Stage.PLAYING, elapsed_s=0.0)
+    if stage is Stage.PLAYING and elapsed_s >= play.duration_s:
+        return replace(
+            play, stage=Stage.ENDING, elapsed_s=0.0, strides=strides, end_strides=strides
+        )
+    if stage is Stage.ENDING and strides >= play.end_strides + 1:
         return replace(play, stage=Stage.OVER, elapsed_s=0.0, strides=strides)
     return replace(play, elapsed_s=elapsed_s, strides=strides)
 
@@ -254,15 +246,15 @@ def gait_reference(play: GaitPlay, dt_s: float) -> Reference:
 
 def gait_phase(play: GaitPlay) -> float:
     """0..1 of the stride, or -1 while none is played."""
-    if play.stage not in {Stage.PLAY, Stage.END}:
+    if play.stage not in {Stage.PLAYING, Stage.ENDING}:
         return -1.0
     return (play.strides + play.phase_offset_strides) % 1.0
 
 
 def _gait_joints(play: GaitPlay) -> Pair:
-    if play.stage == Stage.ANNOUNCE:
+    if play.stage == Stage.ANNOUNCING:
         return play.start
-    if play.stage == Stage.APPROACH:
+    if play.stage == Stage.APPROACHING:
         return joints_of_angles(play.leg, _approach_angles(play.motion, play.elapsed_s))
     angles = gait_angles(
         play.shape, play.strides + play.phase_offset_strides, _amplitude_ratio(play)
@@ -277,7 +269,7 @@ def _cadence_hz(play: GaitPlay) -> float:
 
 def _amplitude_ratio(play: GaitPlay) -> float:
     rising = _minimum_jerk(play.strides / play.ramp_strides)
-    if play.stage == Stage.PLAY:
+    if play.stage == Stage.PLAYING:
         return play.amplitude_ratio * rising
     if play.stage == Stage.OVER:
         return 0.0
@@ -325,7 +317,7 @@ class ExcitePlay:
     torque: tuple[Sinusoid, ...]
     artificial: tuple[Sinusoid, ...]
     duration_s: float
-    stage: Stage = Stage.APPROACH
+    stage: Stage = Stage.APPROACHING
     elapsed_s: float = 0.0
 
 
@@ -337,9 +329,9 @@ def excite_window(excite: Excite) -> Pair:
 def advance_excite(play: ExcitePlay, dt_s: float, measured: Pair) -> ExcitePlay:
     """One cycle on; over when the time is, or when an axis has left the window."""
     play = replace(play, elapsed_s=play.elapsed_s + dt_s)
-    if play.stage == Stage.APPROACH and play.elapsed_s >= play.motion.duration_s + SETTLE_S:
-        return replace(play, stage=Stage.PLAY, elapsed_s=0.0)
-    if play.stage == Stage.PLAY and (
+    if play.stage == Stage.APPROACHING and play.elapsed_s >= play.motion.duration_s + SETTLE_S:
+        return replace(play, stage=Stage.PLAYING, elapsed_s=0.0)
+    if play.stage == Stage.PLAYING and (
         play.elapsed_s >= play.duration_s or left_window(play, measured)
     ):
         return replace(play, stage=Stage.OVER, elapsed_s=0.0)
@@ -356,7 +348,7 @@ def left_window(play: ExcitePlay, measured: Pair) -> bool:
 
 def excite_reference(play: ExcitePlay, measured: Pair) -> Reference:
     """Guided to mid pose first; then torque alone."""
-    if play.stage == Stage.APPROACH:
+    if play.stage == Stage.APPROACHING:
         angles = _approach_angles(play.motion, play.elapsed_s)
         return Reference(joints_of_angles(play.leg, angles), (0.0, 0.0), (0.0, 0.0), guided=True)
     feedforward = _sum(play.torque, play.elapsed_s)
@@ -365,7 +357,7 @@ def excite_reference(play: ExcitePlay, measured: Pair) -> Reference:
 
 def artificial_disturbance(play: ExcitePlay) -> Pair:
     """d_art in N·m and N: seen = measured - d_art in the observer's input alone (paper, 4)."""
-    return _sum(play.artificial, play.elapsed_s) if play.stage == Stage.PLAY else (0.0, 0.0)
+    return _sum(play.artificial, play.elapsed_s) if play.stage == Stage.PLAYING else (0.0, 0.0)
 
 
 def _sum(parts: tuple[Sinusoid, ...], elapsed_s: float) -> Pair:

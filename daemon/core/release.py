@@ -1,4 +1,4 @@
-"""Hand guiding, mode RELEASE: how a person who is strapped in gets out after a stop.
+"""Hand guiding, mode HAND_GUIDING: how a person who is strapped in gets out after a stop.
 
 No stiffness: the drives carry g(q), as it is where the leg is, and slow whoever moves it. Damping
 is small up to a slow speed, which is that of a hand leading a leg, and grows beyond it. In the
@@ -15,9 +15,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from daemon.config.settings import Release
+from daemon.config.settings import HandGuiding
 from daemon.core.limits import AxisLimits
-from daemon.core.reference import Pair, Reference, Stage
+from daemon.core.reference import Pair, Reference
+from daemon.record import Stage
 from observer.mechanism import LegParameters, singularity_ratio
 
 STRETCHED_MARGIN_RATIO: Final = 2.0
@@ -47,24 +48,24 @@ class ReleasePlay:
     stretched_stop_ratio: float
     """|sin| of the angle between shank and shoe that stops the machine."""
     duration_s: float
-    stage: Stage = Stage.APPROACH
+    stage: Stage = Stage.PREPARING
     elapsed_s: float = 0.0
 
 
-def guiding_of(release: Release) -> tuple[Guiding, Guiding]:
-    """[release] of the trainer file, for hip and slide."""
+def guiding_of(rules: HandGuiding) -> tuple[Guiding, Guiding]:
+    """[hand_guiding] of the trainer file, for hip and slide."""
     return (
         Guiding(
-            release.hip_damping_nm_s_per_rad,
-            release.hip_slow_rad_per_s,
-            release.hip_damping_beyond_nm_s_per_rad,
-            release.hip_edge_nm,
+            rules.hip_damping_nm_s_per_rad,
+            rules.hip_slow_rad_per_s,
+            rules.hip_damping_beyond_nm_s_per_rad,
+            rules.hip_edge_nm,
         ),
         Guiding(
-            release.slide_damping_n_s_per_m,
-            release.slide_slow_m_per_s,
-            release.slide_damping_beyond_n_s_per_m,
-            release.slide_edge_n,
+            rules.slide_damping_n_s_per_m,
+            rules.slide_slow_m_per_s,
+            rules.slide_damping_beyond_n_s_per_m,
+            rules.slide_edge_n,
         ),
     )
 
@@ -74,8 +75,8 @@ def advance_release(play: ReleasePlay, dt_s: float, *, ready: bool) -> ReleasePl
     play = replace(play, elapsed_s=play.elapsed_s + dt_s)
     if play.elapsed_s >= play.duration_s:
         return replace(play, stage=Stage.OVER, elapsed_s=0.0)
-    if play.stage == Stage.APPROACH and ready:
-        return replace(play, stage=Stage.PLAY, elapsed_s=0.0)
+    if play.stage == Stage.PREPARING and ready:
+        return replace(play, stage=Stage.PLAYING, elapsed_s=0.0)
     return play
 
 
@@ -90,7 +91,7 @@ def release_reference(
         velocity: by encoder differences, rad/s and m/s.
         limits: of both axes.
     """
-    if play.stage == Stage.APPROACH:
+    if play.stage == Stage.PREPARING:
         return Reference(play.start, (0.0, 0.0), (0.0, 0.0), guided=True)
     hip, slide = (
         slowing(*axis) + leading_in(axis[0], axis[1], axis[3])

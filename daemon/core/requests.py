@@ -141,8 +141,8 @@ def _milder_end(core: Core) -> Step:
 
 
 def _begin_exercise(core: Core, wanted: ModeRequest) -> None:
-    if wanted.mode == Mode.RELEASE:
-        exercises.begin_release(core)
+    if wanted.mode == Mode.HAND_GUIDING:
+        exercises.begin_hand_guiding(core)
     elif wanted.mode == Mode.SELF_TEST:
         exercises.begin_self_test(core)
     else:
@@ -275,7 +275,7 @@ def _begun(core: Core, mode: Mode) -> tuple[Outcome, str]:
     run = core.preparation
     if core.mode == mode:
         return Outcome.DONE, ""
-    if run is None or run.stage in OVER:
+    if run is None or run.step in OVER:
         return Outcome.REFUSED, run.why if run is not None else "the drives could not be prepared"
     return Outcome.PENDING, ""
 

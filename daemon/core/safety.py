@@ -112,10 +112,10 @@ def _judge_service(service: ServiceSituation, thresholds: Thresholds) -> Iterato
         yield Cause.STOP_REQUESTED, 0.0, 0.0, ""
     if service.shutdown_requested:
         yield Cause.SHUTDOWN, 0.0, 0.0, ""
-    if service.level_age_cycles > thresholds.gateway_silence_cycles:
+    if service.gateway_age_cycles > thresholds.gateway_silence_cycles:
         yield (
             Cause.GATEWAY_SILENT,
-            float(service.level_age_cycles),
+            float(service.gateway_age_cycles),
             float(thresholds.gateway_silence_cycles),
             "cycles since the gateway's newest word",
         )
@@ -220,7 +220,7 @@ def _unasked(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
         limit_cycles = 0
     if axis.unasked_cycles > limit_cycles:
         yield (
-            Cause.DRIVE_ENABLED_UNASKED,
+            Cause.UNEXPECTED_ENABLE,
             float(axis.unasked_cycles),
             float(limit_cycles),
             "cycles",
@@ -317,11 +317,11 @@ def _efforts(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
 
 def _directions(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
     watch, limits = axis.watch, axis.limits
-    if watch.opposed_cycles >= thresholds.opposed_cycles:
+    if watch.sign_mismatch_cycles >= thresholds.sign_mismatch_cycles:
         yield (
             Cause.SIGN_WRONG,
-            watch.opposed_si,
-            limits.opposed_effort_min_si,
+            watch.sign_mismatch_si,
+            limits.sign_mismatch_effort_min_si,
             "effort one way, motion the other",
         )
 

@@ -23,7 +23,8 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 from daemon.config.settings import SelfTest
-from daemon.core.reference import Pair, Reference, Stage
+from daemon.core.reference import Pair, Reference
+from daemon.record import Stage
 
 RAMP_S: Final = 0.2
 """From rest to the speed of the motion, and back."""
@@ -105,7 +106,7 @@ class SelfTestPlay:
     """Friction may be this part of the configured one, least and most."""
     wait_s: float
     """Until the legs before have been tested."""
-    stage: Stage = Stage.APPROACH
+    stage: Stage = Stage.PREPARING
     elapsed_s: float = 0.0
     """In the stage."""
     sums: tuple[Sums, Sums] = (Sums(), Sums())
@@ -132,14 +133,14 @@ def advance_self_test(
     if play.stage == Stage.OVER:
         return play
     play = replace(play, elapsed_s=play.elapsed_s + dt_s)
-    if play.stage == Stage.APPROACH:
+    if play.stage == Stage.PREPARING:
         if ready and play.elapsed_s >= play.wait_s:
-            return replace(play, stage=Stage.PLAY, elapsed_s=0.0)
+            return replace(play, stage=Stage.PLAYING, elapsed_s=0.0)
         late = play.elapsed_s >= play.wait_s + BEGIN_MAX_S
         return replace(play, stage=Stage.OVER, elapsed_s=0.0) if late else play
     hip, slide = (_looked(play.sums[index], seen[index], *_turn(play, index)) for index in range(2))
     play = replace(play, sums=(hip, slide))
-    if play.stage == Stage.PLAY and play.elapsed_s >= total_s(play.ways):
+    if play.stage == Stage.PLAYING and play.elapsed_s >= total_s(play.ways):
         return replace(play, stage=Stage.OVER, elapsed_s=0.0)
     return play
 
@@ -204,7 +205,7 @@ def self_test_reference(play: SelfTestPlay) -> Reference:
 
 def _moved(play: SelfTestPlay, index: int, elapsed_s: float) -> Pair:
     """Distance and speed of one axis's reference."""
-    if play.stage != Stage.PLAY:
+    if play.stage != Stage.PLAYING:
         return 0.0, 0.0
     way = play.ways[index]
     since_s = elapsed_s - (duration_s(play.ways[0]) if index else 0.0)

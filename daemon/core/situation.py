@@ -78,7 +78,7 @@ class ServiceSituation:
 
     stop_requested: bool
     shutdown_requested: bool
-    level_age_cycles: int
+    gateway_age_cycles: int
     overruns_in_a_row: int
     bus_off: bool
     bus_error: str

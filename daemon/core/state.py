@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from daemon.config.settings import Excite, Gait, Impedance, Release, SelfTest
+from daemon.config.settings import Excite, Gait, HandGuiding, Impedance, SelfTest
 from daemon.core.assist import AssistRules, LegAssist
 from daemon.core.axis_notes import Notes, PoseRules, Wiring
 from daemon.core.balance import Balance
@@ -55,7 +55,7 @@ class CoreConfig:
     hold: Impedance
     gait: Gait
     excite: dict[str, Excite]
-    release: Release
+    hand_guiding: HandGuiding
     self_test: SelfTest
     leg_digest: str
     """Of robot.toml: a self-test is about one leg and one machine."""

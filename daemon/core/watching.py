@@ -8,10 +8,10 @@ to rest, and how deep it is in its margins), `spasm.py` (the only one that reads
 
 from daemon.core import balance, conduct, effort_watch, preparing, soft_limits, stopping_path
 from daemon.core.energy import stride_cycles
-from daemon.core.reference import GaitPlay, Stage
+from daemon.core.reference import GaitPlay
 from daemon.core.spasm import STILL_CYCLES, softened
 from daemon.core.state import Axis, Core, Leg
-from daemon.record import Mode
+from daemon.record import Mode, Stage
 from drives.cia402 import TORQUE_FREE
 from drives.signals import OperationMode, PowerState
 from observer.leg_observer import LegEstimate
@@ -70,7 +70,7 @@ def _sum_up(leg: Leg, index: int, window_cycles: int) -> None:
 
 def _strides(leg: Leg) -> bool:
     plan = leg.plan
-    return isinstance(plan, GaitPlay) and plan.stage == Stage.PLAY
+    return isinstance(plan, GaitPlay) and plan.stage == Stage.PLAYING
 
 
 def _look_ahead(core: Core, leg: Leg) -> None:
@@ -119,7 +119,7 @@ def watch_patient(core: Core, leg: Leg, estimate: LegEstimate) -> None:
     for index, axis in enumerate(leg.axes):
         # Where nothing guides a motion, whoever moves the leg is its motion; and what raw values
         # call the wrong way round is theirs to judge.
-        guided = core.mode in GUIDED_MOTION and axis.watch.opposed_cycles == 0
+        guided = core.mode in GUIDED_MOTION and axis.watch.sign_mismatch_cycles == 0
         if estimate.validity[index] is Validity.BAD or not guided:
             axis.spasm.forget()
             continue
@@ -154,7 +154,7 @@ def stride_drift(leg: Leg, axis: Axis) -> float:
 
 def _window(core: Core, leg: Leg) -> int:
     plan = leg.plan
-    if isinstance(plan, GaitPlay) and plan.stage in {Stage.PLAY, Stage.END}:
+    if isinstance(plan, GaitPlay) and plan.stage in {Stage.PLAYING, Stage.ENDING}:
         return stride_cycles(plan.cadence_hz, core.config.period_s)
     return core.config.thresholds.energy_window_cycles
 

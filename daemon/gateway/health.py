@@ -49,8 +49,8 @@ class Counters:
 
     record_missed_count: int = 0
     record_skipped_count: int = 0
-    level_dropped_count: int = 0
-    inquiry_dropped_count: int = 0
+    gateway_state_dropped_count: int = 0
+    request_dropped_count: int = 0
     not_kept_count: int = 0
     setpoint_refused_count: Mapping[SetpointRefusal, int] = field(
         default_factory=dict[SetpointRefusal, int]
@@ -113,8 +113,8 @@ class HealthWindow:
             tx_dropped_count=newest.tx_dropped_count if newest else None,
             record_missed_count=self.counters.record_missed_count,
             record_skipped_count=self.counters.record_skipped_count,
-            level_dropped_count=self.counters.level_dropped_count,
-            inquiry_dropped_count=self.counters.inquiry_dropped_count,
+            gateway_state_dropped_count=self.counters.gateway_state_dropped_count,
+            request_dropped_count=self.counters.request_dropped_count,
             not_kept_count=self.counters.not_kept_count,
             gateway_wake_max_us=_max_us(wakes_ns),
             gateway_estimate_p50_us=_median_us(estimates_ns),

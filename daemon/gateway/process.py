@@ -103,7 +103,7 @@ def serve(
             gateway.tell(reload.turn(gateway.steering.leases, hashes))
             gateway.health.counters.not_kept_count = keeper.not_kept_count
             box.expect(gateway.steering.lease)
-            gateway.health.counters.inquiry_dropped_count = mailbox.dropped_count
+            gateway.health.counters.request_dropped_count = mailbox.dropped_count
             gateway.health.note_wake(hurried_ns + wall.now_ns() - resumed_ns)
             if resumed_ns >= tell_ns:
                 status = "; ".join(filter(None, (gateway.status, reload.needs_restart)))

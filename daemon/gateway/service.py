@@ -129,7 +129,7 @@ class Gateway:
     def _send_level(self) -> None:
         level = self._desk.level(self.steering.setpoints, self.steering.lease)
         if level and not self._seam.send(level) and self._presence.heard:
-            self.health.counters.level_dropped_count += 1
+            self.health.counters.gateway_state_dropped_count += 1
 
     def tell(self, said: Sequence[events.Happening]) -> None:
         """Say what others than the core have to tell."""
@@ -223,7 +223,8 @@ class Gateway:
 
     def _say_safety(self, now_ns: int) -> None:
         record = self._newest if self._presence.heard else None
-        said = (record.mode, record.verdict, self.steering.leases.holder) if record else ()
+        holder = self.steering.leases.holder
+        said = (record.mode, record.stage, record.verdict, holder) if record else ()
         # Shares its second with `health`, which sets the next one after this.
         if said == self._safety_said and now_ns < self._second_due_ns:
             return

@@ -252,9 +252,10 @@ def safety(
             mode=None,
             active=None,
             verdict=None,
+            stage=None,
             progress=None,
             lease_holder=None,
-            level_age_cycles=None,
+            gateway_age_cycles=None,
             stop_count=None,
             limits=None,
         )
@@ -264,9 +265,10 @@ def safety(
         mode=name_of(record.mode),
         active=record.mode.active,
         verdict=judgement(record.verdict),
+        stage=None if record.stage is None else name_of(record.stage),
         progress=record.progress,
         lease_holder=lease_holder,
-        level_age_cycles=record.level_age_cycles,
+        gateway_age_cycles=record.gateway_age_cycles,
         stop_count=record.stop_count,
         limits=limits,
     )

@@ -76,7 +76,7 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
                 causes=ROWS[fault].causes | {Cause.VELOCITY_LIMIT, Cause.ENCODER_JUMP},
                 within_cycles=None,
             )
-            for mode in ("torque", "release")
+            for mode in ("torque", "hand_guiding")
             for fault in ("encoder_frozen", "blocked_rotor", "brake_stuck", "limit_switch")
         },
         **{
@@ -89,7 +89,7 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
             for fault in _SEEN_IN_MOTION
         },
         **{
-            (fault, "release", ""): replace(
+            (fault, "hand_guiding", ""): replace(
                 _unseen(fault, "by hand, and slowly: it shows as far as the leg is led"),
                 within_cycles=None,
             )

@@ -288,7 +288,7 @@ ROWS: Final[Mapping[str, Law]] = MappingProxyType(
         "gateway_2s": _GATEWAY,
         "gateway_floods": goes_on("all levels of a turn are drained, the newest counts"),
         "gateway_restarted": goes_on("a count that begins anew is no increase"),
-        "foreign_level": goes_on("another core's request is void"),
+        "foreign_gateway_state": goes_on("another core's request is void"),
         "only_foreign": _GATEWAY,
         "stop_count_down": replace(
             stops(Cause.STOP_REQUESTED, by=(S2,), within=60.0),

@@ -281,7 +281,7 @@ _GATEWAY: Final = (
         of_an_axis=False,
     ),
     Fault(
-        "foreign_level",
+        "foreign_gateway_state",
         "levels for another core, with a request to enable",
         kinds.levels(kinds.foreign),
         of_an_axis=False,

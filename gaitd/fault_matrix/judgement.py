@@ -148,7 +148,7 @@ def _place(found: Found, right: Law) -> Iterator[str]:
     let_go = without_power and found.final_mode == Mode.STOPPING.name  # FAULT comes after 3 s
     if found.final_mode != Mode.FAULT.name and not ended and not let_go:
         yield f"in mode {found.final_mode} at the end, right is FAULT"
-    led = COLUMNS[found.mode].mode == Mode.RELEASE
+    led = COLUMNS[found.mode].mode == Mode.HAND_GUIDING
     held = not without_power and not led
     stopped = min((one for one in (found.told_cycles, found.left_cycles) if one), default=0.0)
     if held and (found.rest_cycles is None or found.rest_cycles - stopped > REST_CYCLES):

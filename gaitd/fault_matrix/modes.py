@@ -12,7 +12,7 @@ from enum import Enum
 from types import MappingProxyType
 from typing import Final
 
-from daemon.record import Mode, ModeRequest, RequestKind
+from daemon.record import Mode, ModeRequest, RequestKind, Stage
 from gaitd.fault_matrix.bench import Bench, Variant
 from gaitd.fault_matrix.controller import Swinger
 
@@ -95,10 +95,10 @@ def _torque(bench: Bench) -> None:
     bench.lockstep.run(1.0)
 
 
-def _release(bench: Bench) -> None:
+def _hand_guiding(bench: Bench) -> None:
     bench.enable()
-    bench.ask(RequestKind.MODE, ModeRequest(Mode.RELEASE))
-    bench.lockstep.run_until(lambda record: "by hand" in record.progress, within_s=2)
+    bench.ask(RequestKind.MODE, ModeRequest(Mode.HAND_GUIDING))
+    bench.lockstep.run_until(lambda record: record.stage is Stage.PLAYING, within_s=2)
     bench.patient("led")
     bench.lockstep.run(2.0)
 
@@ -112,7 +112,7 @@ def _self_test(bench: Bench) -> None:
 def _excite(bench: Bench) -> None:
     bench.enable()
     bench.ask(RequestKind.MODE, ModeRequest(Mode.EXCITE, duration_s=24.0, scenario="open_loop"))
-    bench.lockstep.run_until(lambda record: "playing" in record.progress, within_s=30)
+    bench.lockstep.run_until(lambda record: record.stage is Stage.PLAYING, within_s=30)
     bench.lockstep.run(3.0)
 
 
@@ -223,13 +223,13 @@ COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
                 frozenset({Mode.EXCITE, Mode.HOLD}),  # out of its window it is over
             ),
             Column(
-                "release",
-                Mode.RELEASE,
+                "hand_guiding",
+                Mode.HAND_GUIDING,
                 Group.DRIVING,
                 "hand guiding without stiffness: somebody leads thigh and foot slowly",
-                _release,
+                _hand_guiding,
                 3.3,
-                frozenset({Mode.RELEASE}),
+                frozenset({Mode.HAND_GUIDING}),
             ),
             Column(
                 "self_test",

@@ -218,7 +218,7 @@ _OF_ALL: Final = frozenset(
 )
 """Faults that may come over all drives at once: of the bus, the supply, and the safety chain."""
 
-_FROM_HOLD: Final = {Mode.GAIT: 10, Mode.TORQUE: 8, Mode.RELEASE: 3, Mode.SELF_TEST: 3}
+_FROM_HOLD: Final = {Mode.GAIT: 10, Mode.TORQUE: 8, Mode.HAND_GUIDING: 3, Mode.SELF_TEST: 3}
 
 _WEIGHTS: Final = {
     Kind.REQUEST: 30,

@@ -22,7 +22,7 @@ INCREMENTAL = (
 BY_REQUEST = {
     Mode.GAIT: ModeRequest(Mode.GAIT, 0.25, 1.0, 600.0),
     Mode.EXCITE: ModeRequest(Mode.EXCITE, duration_s=10.0, scenario="open_loop"),
-    Mode.RELEASE: ModeRequest(Mode.RELEASE),
+    Mode.HAND_GUIDING: ModeRequest(Mode.HAND_GUIDING),
     Mode.SELF_TEST: ModeRequest(Mode.SELF_TEST),
 }
 MODES = [mode for mode in Mode if mode not in {Mode.TORQUE, Mode.BRINGING_UP}]

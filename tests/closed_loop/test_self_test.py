@@ -161,7 +161,7 @@ def test_it_moves_one_axis_after_the_other_by_no_more_than_configured(warm_teste
 
 
 def test_hand_guiding_does_not_wait_for_a_self_test(warm_seen):
-    assert ask(warm_seen, ModeRequest(Mode.RELEASE)).outcome == Outcome.DONE
+    assert ask(warm_seen, ModeRequest(Mode.HAND_GUIDING)).outcome == Outcome.DONE
 
 
 @pytest.mark.parametrize(

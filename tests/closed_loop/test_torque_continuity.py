@@ -11,7 +11,7 @@ STEPS = (
     HOLD,
     ModeRequest(Mode.EXCITE, duration_s=20.0, scenario="open_loop"),
     HOLD,
-    ModeRequest(Mode.RELEASE),
+    ModeRequest(Mode.HAND_GUIDING),
     HOLD,
     ModeRequest(Mode.SELF_TEST),
 )

@@ -56,7 +56,7 @@ def record(mode, verdict):
         events=(),
         request=RequestResult(),
         progress="",
-        level_age_cycles=1,
+        gateway_age_cycles=1,
         stop_count=0,
         gait_phase=-1.0,
         drives=(),

@@ -82,7 +82,7 @@ def record(seq: int) -> CycleRecord:
         events=(),
         request=RequestResult(),
         progress="",
-        level_age_cycles=1,
+        gateway_age_cycles=1,
         stop_count=0,
         gait_phase=0.5,
         drives=(drive("right/hip"), drive("right/slide")),

@@ -12,7 +12,7 @@ import numpy as np
 from analysis.accuracy import Score, score
 from daemon.config.load import load
 from daemon.core.axis_notes import Notes
-from daemon.record import CycleRecord, Mode, ModeRequest, Outcome, RequestKind, RequestResult
+from daemon.record import CycleRecord, Mode, ModeRequest, Outcome, RequestKind, RequestResult, Stage
 from gaitd.lockstep import Lockstep
 from gaitd.virtual_machine import virtual_machine
 from sim_drives.build import Machine
@@ -75,7 +75,7 @@ class Session:
         wanted = ModeRequest(Mode.EXCITE, duration_s=duration_s, scenario=scenario)
         answer = self.lockstep.request(RequestKind.MODE, wanted)
         assert answer.outcome == Outcome.DONE, answer.reason
-        self.lockstep.run_until(lambda record: "playing" in record.progress, within_s=30)
+        self.lockstep.run_until(lambda record: record.stage is Stage.PLAYING, within_s=30)
         return self
 
     def scores(self, duration_s: float) -> dict[str, Score]:

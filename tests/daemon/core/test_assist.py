@@ -65,7 +65,7 @@ def test_a_setpoint_of_the_holder_that_is_new_and_small_counts():
         ({}, {"mode": Mode.HOLD}, SetpointRefusal.NONE),
         ({"hip_assist_nm": 0.1}, {"mode": Mode.HOLD}, SetpointRefusal.WRONG_MODE),
         ({"slide_assist_n": 0.1}, {"mode": Mode.EXCITE}, SetpointRefusal.WRONG_MODE),
-        ({"stiffness_ratio": 0.9}, {"mode": Mode.RELEASE}, SetpointRefusal.WRONG_MODE),
+        ({"stiffness_ratio": 0.9}, {"mode": Mode.HAND_GUIDING}, SetpointRefusal.WRONG_MODE),
         ({"stiffness_ratio": 0.9}, {"mode": Mode.GAIT}, SetpointRefusal.NONE),
     ],
 )

@@ -12,7 +12,8 @@ from daemon.config.robot import leg_parameters
 from daemon.config.settings import Robot, Sinusoid, Trainer
 from daemon.config.strict import load_toml
 from daemon.core import reference
-from daemon.core.reference import ExcitePlay, GaitPlay, Hold, Stage
+from daemon.core.reference import ExcitePlay, GaitPlay, Hold
+from daemon.record import Stage
 from observer.mechanism import closes, singularity_ratio
 
 LEG = leg_parameters(load_toml(CONFIGS / "robot.toml", Robot))
@@ -51,19 +52,19 @@ def test_a_gait_is_announced_approached_played_and_ended_in_that_order():
 
     order = list(dict.fromkeys(stages))
 
-    assert order == [Stage.ANNOUNCE, Stage.APPROACH, Stage.PLAY, Stage.END]
-    assert stages.count(Stage.ANNOUNCE) == pytest.approx(GAIT.announce_s / DT_S, abs=1)
-    assert stages.count(Stage.PLAY) == pytest.approx(10.0 / DT_S, abs=1)
+    assert order == [Stage.ANNOUNCING, Stage.APPROACHING, Stage.PLAYING, Stage.ENDING]
+    assert stages.count(Stage.ANNOUNCING) == pytest.approx(GAIT.announce_s / DT_S, abs=1)
+    assert stages.count(Stage.PLAYING) == pytest.approx(10.0 / DT_S, abs=1)
 
 
 def test_nothing_moves_while_a_gait_is_announced():
-    announced = [ref for play, ref in story(gait_play()) if play.stage == Stage.ANNOUNCE]
+    announced = [ref for play, ref in story(gait_play()) if play.stage == Stage.ANNOUNCING]
 
     assert {ref.position for ref in announced} == {(0.1, 0.45)}
 
 
 def test_the_approach_keeps_to_its_speed_limits():
-    approach = [ref for play, ref in story(gait_play()) if play.stage == Stage.APPROACH]
+    approach = [ref for play, ref in story(gait_play()) if play.stage == Stage.APPROACHING]
 
     assert max(abs(ref.velocity[0]) for ref in approach) <= GAIT.approach_hip_rad_per_s * 1.001
     # Straight in hip and knee angle, not in slide position: a little faster on its way.
@@ -91,8 +92,8 @@ def test_the_velocity_is_the_derivative_of_the_position():
 
 
 def test_amplitude_and_cadence_rise_over_two_strides():
-    playing = [play for play, _ in story(gait_play(cadence_hz=0.5)) if play.stage == Stage.PLAY]
-    hips = np.array([ref.position[0] for p, ref in story(gait_play()) if p.stage == Stage.PLAY])
+    playing = [play for play, _ in story(gait_play(cadence_hz=0.5)) if play.stage == Stage.PLAYING]
+    hips = np.array([ref.position[0] for p, ref in story(gait_play()) if p.stage == Stage.PLAYING])
     strides = np.array([play.strides for play in playing])
     mean, full = SHAPE.hip_mean_rad, math.radians(15.0)
 
@@ -146,7 +147,9 @@ def test_a_way_that_is_called_clear_is_reachable_everywhere(hip, slide):
     assume(closes(LEG, hip, slide))
     motion = reference.approach(LEG, GAIT, (hip, slide), MEAN)
     assume(reference.way_is_clear(LEG, motion, 0.15))
-    play = GaitPlay(LEG, SHAPE, motion, (hip, slide), 0.0, 0.25, 1.0, 1.0, 2, 0.0, Stage.APPROACH)
+    play = GaitPlay(
+        LEG, SHAPE, motion, (hip, slide), 0.0, 0.25, 1.0, 1.0, 2, 0.0, Stage.APPROACHING
+    )
 
     for part in np.linspace(0.01, 1, 17):
         at = reference.replace(play, elapsed_s=part * motion.duration_s)
@@ -211,7 +214,7 @@ def excite_play(**change):
 
 def test_an_excitation_goes_to_mid_pose_and_settles_before_it_begins():
     play = excite_play()
-    while play.stage == Stage.APPROACH:
+    while play.stage == Stage.APPROACHING:
         ref = reference.excite_reference(play, (0.1, 0.45))
         assert ref.guided
         play = reference.advance_excite(play, DT_S, play.middle)
@@ -220,7 +223,7 @@ def test_an_excitation_goes_to_mid_pose_and_settles_before_it_begins():
 
 
 def test_an_excitation_is_torque_alone_about_the_load_of_mid_pose():
-    play = excite_play(stage=Stage.PLAY, elapsed_s=2.2)
+    play = excite_play(stage=Stage.PLAYING, elapsed_s=2.2)
 
     ref = reference.excite_reference(play, (0.3, 0.6))
 
@@ -231,7 +234,7 @@ def test_an_excitation_is_torque_alone_about_the_load_of_mid_pose():
 
 
 def test_an_artificial_disturbance_begins_and_ends_with_its_times():
-    at = lambda t: reference.artificial_disturbance(excite_play(stage=Stage.PLAY, elapsed_s=t))  # noqa: E731
+    at = lambda t: reference.artificial_disturbance(excite_play(stage=Stage.PLAYING, elapsed_s=t))  # noqa: E731
 
     assert at(0.99) == (0.0, 0.0)
     assert at(1.5)[0] == pytest.approx(4 * math.sin(2 * math.pi * 0.35 * 0.5))
@@ -241,16 +244,16 @@ def test_an_artificial_disturbance_begins_and_ends_with_its_times():
 
 @pytest.mark.parametrize(("axis", "distance"), [(0, 0.51), (0, -0.51), (1, 0.41), (1, -0.41)])
 def test_an_excitation_is_over_when_an_axis_leaves_its_window(axis, distance):
-    play = excite_play(stage=Stage.PLAY)
+    play = excite_play(stage=Stage.PLAYING)
     inside, outside = list(play.middle), list(play.middle)
     inside[axis] += 0.97 * distance
     outside[axis] += distance
 
-    assert reference.advance_excite(play, DT_S, tuple(inside)).stage == Stage.PLAY
+    assert reference.advance_excite(play, DT_S, tuple(inside)).stage == Stage.PLAYING
     assert reference.advance_excite(play, DT_S, tuple(outside)).stage == Stage.OVER
 
 
 def test_an_excitation_is_over_when_its_time_is():
-    play = excite_play(stage=Stage.PLAY, elapsed_s=4.995)
+    play = excite_play(stage=Stage.PLAYING, elapsed_s=4.995)
 
     assert reference.advance_excite(play, DT_S, play.middle).stage == Stage.OVER

@@ -52,7 +52,7 @@ def test_nothing_wrong_gives_no_verdict():
     [
         (Cause.STOP_REQUESTED, {"stop_requested": True}, {"stop_requested": False}),
         (Cause.SHUTDOWN, {"shutdown_requested": True}, {"shutdown_requested": False}),
-        (Cause.GATEWAY_SILENT, {"level_age_cycles": 31}, {"level_age_cycles": 30}),
+        (Cause.GATEWAY_SILENT, {"gateway_age_cycles": 31}, {"gateway_age_cycles": 30}),
         (Cause.CYCLE_OVERRUN, {"overruns_in_a_row": 3}, {"overruns_in_a_row": 2}),
         (Cause.BUS_OFF, {"bus_off": True}, {"bus_off": False}),
         (Cause.BUS_DOWN, {"bus_error": "gone"}, {"bus_error": ""}),

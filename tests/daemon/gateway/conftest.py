@@ -103,7 +103,7 @@ def record(seq: int = 1, **changes: Any) -> CycleRecord:
         events=(),
         request=RequestResult(),
         progress="hold",
-        level_age_cycles=1,
+        gateway_age_cycles=1,
         stop_count=0,
         gait_phase=-1.0,
         drives=(drive(), drive(name="right/slide")),
