@@ -23,11 +23,11 @@ from analysis.trial import (
     with_late_efforts,
     with_ripple,
 )
-from observer import batch
-from observer.batch import BatchEstimates, Columns
-from observer.leg_model import STEP_S
-from observer.states import FRICTION, PATIENT, VELOCITY
-from observer.status import REST_MAX_S, Status, Validity
+from observer.filter.leg_model import STEP_S
+from observer.filter.states import FRICTION, PATIENT, VELOCITY
+from observer.filter.status import REST_MAX_S, Status, Validity
+from observer.offline import batch
+from observer.offline.batch import BatchEstimates, Columns
 
 SIGMAS: Final = 3.0
 SEED: Final = 5

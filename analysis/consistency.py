@@ -21,18 +21,19 @@ from scipy.stats import chi2
 from analysis.recording import Progress
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Robot
-from observer import batch, drift
-from observer.batch import BatchEstimates, Columns
-from observer.friction import FrictionParameters
+from observer import drift
+from observer.filter.leg_memory import START_STD
+from observer.filter.leg_model import LANES, STEP_S, LegModel, runge_kutta
+from observer.filter.leg_observer import ObserverTuning, setup_of
+from observer.filter.states import STATE_COUNT
+from observer.filter.status import GATED_MAX_IN_A_ROW, Status, Validity
 from observer.jit import kernel
-from observer.leg_memory import START_STD
-from observer.leg_model import LANES, STEP_S, LegModel, runge_kutta
-from observer.leg_observer import ObserverTuning, setup_of
-from observer.mechanism import gravity, slide_position_for_knee
-from observer.parameters import LegParameters
+from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.mechanism import gravity, slide_position_for_knee
+from observer.mechanism.parameters import LegParameters
+from observer.offline import batch
+from observer.offline.batch import BatchEstimates, Columns
 from observer.quantities import Number
-from observer.states import STATE_COUNT
-from observer.status import GATED_MAX_IN_A_ROW, Status, Validity
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

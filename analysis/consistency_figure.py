@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from analysis.consistency import SETTLE_ROWS, Consistency, Drifted, Gap, Rest, time_of
 from analysis.drawing import ESTIMATE, FAINT, FRICTION, GOOD, MEASURED, TEXT, legend, line, style
 from observer.drift import CORRELATION_MAX
-from observer.leg_model import STEP_S
+from observer.filter.leg_model import STEP_S
 
 DPI: Final = 100
 

@@ -27,8 +27,8 @@ from analysis.recording import Progress, Recording, RecordingError
 from analysis.replay import setup_for
 from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
-from observer.batch import Columns, run
-from observer.leg_model import STEP_S
+from observer.filter.leg_model import STEP_S
+from observer.offline.batch import Columns, run
 
 Values = NDArray[np.float64]
 Cycles = tuple[float, float]

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from analysis.number_text import csv_bytes
 from analysis.recording import Progress
-from observer.batch import BatchEstimates
-from observer.states import STATE_NAMES
+from observer.filter.states import STATE_NAMES
+from observer.offline.batch import BatchEstimates
 
 COLUMNS: Final = (
     "time_s",

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.config.settings import Excite
-from observer import batch
-from observer.batch import BatchEstimates, Columns
-from observer.friction import STANDSTILL_GATE, FrictionParameters, gate_of
-from observer.leg_observer import Setup
-from observer.status import Validity
+from observer.filter.leg_observer import Setup
+from observer.filter.status import Validity
+from observer.mechanism.friction import STANDSTILL_GATE, FrictionParameters, gate_of
+from observer.offline import batch
+from observer.offline.batch import BatchEstimates, Columns
 
 Values = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -51,7 +51,7 @@ class Run:
     artificial: Values
     """Shape (n, 2): d_art; the observer sees exerted - artificial."""
     state: Values
-    """Shape (n, 8), in the order of `observer.states`."""
+    """Shape (n, 8), in the order of `observer.filter.states`."""
     std: Values
     """Shape (n, 8)."""
     net: Values
@@ -61,9 +61,9 @@ class Run:
     nis: Values
     """Shape (n,)."""
     validity: NDArray[np.int64]
-    """Shape (n, 2): observer.status.Validity."""
+    """Shape (n, 2): observer.filter.status.Validity."""
     status: NDArray[np.int64]
-    """Shape (n,): bits of observer.status.Status."""
+    """Shape (n,): bits of observer.filter.status.Status."""
     true_position: Values
     """Shape (n, 2)."""
     true_velocity: Values

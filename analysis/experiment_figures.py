@@ -25,9 +25,9 @@ from analysis.drawing import (
     style,
 )
 from analysis.experiment import Marks, Run, Transfer, transfer
-from observer.friction import FrictionParameters, static_friction_of
-from observer.leg_model import STEP_S
-from observer.status import Status, Validity
+from observer.filter.leg_model import STEP_S
+from observer.filter.status import Status, Validity
+from observer.mechanism.friction import FrictionParameters, static_friction_of
 
 Values = NDArray[np.float64]
 Flags = NDArray[np.bool_]

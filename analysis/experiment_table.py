@@ -23,9 +23,9 @@ from analysis.experiment import (
     rms,
     transfer,
 )
-from observer.friction import FrictionParameters
-from observer.leg_observer import Setup
-from observer.status import Validity
+from observer.filter.leg_observer import Setup
+from observer.filter.status import Validity
+from observer.mechanism.friction import FrictionParameters
 
 Frictions = tuple[FrictionParameters, FrictionParameters]
 Limits = tuple[float, float]

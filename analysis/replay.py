@@ -17,12 +17,12 @@ from analysis.recording import Progress, Recording, RecordingError, read_csv, re
 from analysis.stop_recording import about, stop_of
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Robot
-from daemon.record import CycleRecord
-from daemon.seam import RingError, RingReader
-from observer.batch import BatchEstimates, Columns, run
-from observer.leg_observer import Setup, setup_of
-from observer.smooth_batch import run_smoothed
-from observer.status import Status
+from daemon.ipc.record import CycleRecord
+from daemon.ipc.transport import RingError, RingReader
+from observer.filter.leg_observer import Setup, setup_of
+from observer.filter.status import Status
+from observer.offline.batch import BatchEstimates, Columns, run
+from observer.offline.smooth_batch import run_smoothed
 
 CALLER_BITS = int(
     Status.LATE

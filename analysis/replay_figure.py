@@ -26,8 +26,8 @@ from analysis.drawing import (
     style,
 )
 from analysis.recording import Recording
-from observer.batch import BatchEstimates
-from observer.status import Status, Validity
+from observer.filter.status import Status, Validity
+from observer.offline.batch import BatchEstimates
 
 AXES: Final = (("hip", "rad", "rad/s", "N·m"), ("slide", "m", "m/s", "N"))
 """Name, and units of position, speed and effort."""

@@ -27,8 +27,8 @@ from analysis.drawing import (
     style,
 )
 from analysis.stop_recording import StopRecording, cause_words, known, utc_words
-from daemon.record import CycleRecord, DriveRecord, StopCategory
-from daemon.words import POWER_STATES, Validity
+from daemon.ipc.record import CycleRecord, DriveRecord, StopCategory
+from daemon.wire.fields import POWER_STATES, Validity
 
 AXES: Final = (("hip", "rad", "rad/s", "N·m"), ("slide", "m", "m/s", "N"))
 """Name, and units of position, speed and effort."""

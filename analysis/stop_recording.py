@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from analysis.recording import RecordingError
-from daemon.causes import CAUSE_TEXT
-from daemon.kept_ring import CORE_ENDED, CORE_SILENT
-from daemon.record import Cause, CycleRecord, StopCategory
-from daemon.seam import Kept, RingError, RingHeader, RingReader
+from daemon.ipc.record import Cause, CycleRecord, StopCategory
+from daemon.ipc.ring_clip import CORE_ENDED, CORE_SILENT
+from daemon.ipc.transport import Kept, RingError, RingHeader, RingReader
+from daemon.wire.causes import CAUSE_TEXT
 
 _ENDS = {
     CORE_SILENT: "the core fell silent: killed, hanging, or ended in good order",

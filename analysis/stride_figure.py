@@ -12,8 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from analysis.drawing import BAD, ESTIMATE, FAINT, GOOD, TEXT, legend, style
-from observer.batch import BatchEstimates
-from observer.status import Validity
+from observer.filter.status import Validity
+from observer.offline.batch import BatchEstimates
 from observer.strides import AxisStride, Stride
 
 DPI: Final = 100

@@ -1,8 +1,9 @@
 """A trial: what an observer got, beside what was true, and what may be done to it afterwards.
 
-A trial comes from the virtual machine (`gaitd.trials`) or from any simulation. The functions here
-spoil a recording in a way that real machines do: a ripple on the current, samples off their time
-stamps, efforts a cycle late, glitches of an encoder. All take a seed and give the same bits again.
+A trial comes from the virtual machine (`gaitd_lab.trials`) or from any simulation. The functions
+here spoil a recording in a way that real machines do: a ripple on the current, samples off their
+time stamps, efforts a cycle late, glitches of an encoder. All take a seed and give the same bits
+again.
 """
 
 from dataclasses import dataclass, replace
@@ -15,8 +16,8 @@ from scipy.interpolate import CubicHermiteSpline
 from analysis.recording import Recording
 from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
-from observer.friction import gate_of
-from observer.states import POSITION, VELOCITY
+from observer.filter.states import POSITION, VELOCITY
+from observer.mechanism.friction import gate_of
 
 Values = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -36,7 +37,7 @@ class Trial:
     recording: Recording
     """As the observer got it."""
     truth: Values
-    """Shape (n, 8) in the order and units of `observer.states`; the patient's part holds the
+    """Shape (n, 8) in the order and units of `observer.filter.states`; the patient's part holds the
     patient and any artificial disturbance, which the observer cannot tell from a patient."""
     robot: Robot
     """As the service had it."""

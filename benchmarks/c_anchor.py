@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.leg_filter import Options
-from observer.leg_memory import START_STD
-from observer.leg_observer import Setup
+from observer.filter.leg_filter import Options
+from observer.filter.leg_memory import START_STD
+from observer.filter.leg_observer import Setup
 
 SOURCE = Path(__file__).with_name("anchor.c")
 COMPILERS = ("cc", "gcc", "clang")

@@ -13,13 +13,13 @@ import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from numpy.typing import NDArray
 
-from observer.friction import FrictionParameters, friction_rate
+from observer.filter.leg_filter import Options
+from observer.filter.leg_memory import START_STD
+from observer.filter.leg_observer import Setup
 from observer.jit import kernel
-from observer.leg_filter import Options
-from observer.leg_memory import START_STD
-from observer.leg_observer import Setup
-from observer.linkage import bounded_acceleration
-from observer.parameters import GRAVITY, LegParameters
+from observer.mechanism.friction import FrictionParameters, friction_rate
+from observer.mechanism.linkage import bounded_acceleration
+from observer.mechanism.parameters import GRAVITY, LegParameters
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

@@ -15,11 +15,11 @@ from time import perf_counter
 import numpy as np
 
 from benchmarks import c_anchor
-from observer.batch import Columns, run
-from observer.friction import FrictionParameters
-from observer.leg_model import STEP_S, Integrator
-from observer.leg_observer import LegObserver, ObserverTuning, Setup
-from observer.parameters import LegParameters
+from observer.filter.leg_model import STEP_S, Integrator
+from observer.filter.leg_observer import LegObserver, ObserverTuning, Setup
+from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.parameters import LegParameters
+from observer.offline.batch import Columns, run
 
 C_STEPS = 2500
 PEER_STEPS = 60

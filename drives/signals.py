@@ -7,7 +7,7 @@ packs them and only `units.py` converts them.
 from dataclasses import dataclass
 from enum import Enum, IntEnum, IntFlag
 
-from drives.emcy_codes import Reaction
+from drives.canopen.emcy_codes import Reaction
 
 
 class NmtState(IntEnum):
@@ -55,7 +55,7 @@ class HomingState(Enum):
 
 
 class PowerRequest(Enum):
-    """What the core wants of a drive's power stage; `cia402.py` turns it into controlwords."""
+    """What the core wants of a drive's power stage; `power_state.py` turns it into controlwords."""
 
     DISABLE_VOLTAGE = "disable_voltage"
     READY = "ready"

@@ -34,7 +34,7 @@ def command(
 ) -> None:
     """Record trials on the virtual machine, replay each with every choice, print the errors."""
     from gaitd.places import configs_folder
-    from gaitd.trials import TrialError
+    from gaitd_lab.trials import TrialError
 
     trainer = config or configs_folder("--config", "demo.toml") / "demo.toml"
     try:
@@ -54,7 +54,7 @@ def command(
 
 def _results(config: Path, quick: bool) -> "tuple[Results, list[Summary]]":
     from analysis.ablation import Errors, ablate, summary
-    from gaitd.ablation_trials import planned, record
+    from gaitd_lab.ablation_trials import planned, record
 
     results: dict[tuple[str, str], Errors] = {}
     summaries: list[Summary] = []

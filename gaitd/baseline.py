@@ -38,7 +38,7 @@ def _record(recorded: Path, robot_file: Path, output: Path, leg: str | None) -> 
     from daemon.config.settings import Robot
     from daemon.config.strict import decoded, read_toml
     from observer.baseline import baseline_of
-    from observer.smooth_batch import run_smoothed
+    from observer.offline.smooth_batch import run_smoothed
 
     document = read_toml(robot_file)
     robot = decoded(document, Robot)

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 if TYPE_CHECKING:
-    from daemon.gateway.request_chain import Check
-    from daemon.kept_ring import KeptFile
+    from daemon.ipc.ring_clip import KeptFile
+    from daemon.recorder.audit_chain import Check
     from gaitd.check import Section
 
 EXIT_BROKEN: Final = 1
@@ -102,7 +102,7 @@ def _print(tables: "tuple[Section, ...]") -> None:
 def _list(state: Path, *, as_json: bool) -> None:
     import msgspec
 
-    from daemon.kept_ring import FOLDER, kept_files
+    from daemon.ipc.ring_clip import FOLDER, kept_files
 
     files = kept_files(state / FOLDER)
     if as_json:
@@ -187,9 +187,9 @@ def _show(
 
 
 def _requests(state: Path, newest: int, *, as_json: bool) -> None:
-    from daemon.gateway.request_chain import fields_of
-    from daemon.gateway.request_file import lines_of
-    from daemon.words import printable
+    from daemon.recorder.audit_chain import fields_of
+    from daemon.recorder.audit_file import lines_of
+    from daemon.wire.fields import printable
     from gaitd.check import Section
 
     lines = lines_of(state)[-newest:]
@@ -226,8 +226,8 @@ def _arguments(payload: object) -> str:
 def _verify(state: Path, *, as_json: bool) -> None:
     import msgspec
 
-    from daemon.gateway.request_chain import check
-    from daemon.gateway.request_file import lines_of
+    from daemon.recorder.audit_chain import check
+    from daemon.recorder.audit_file import lines_of
 
     lines = lines_of(state)
     if not lines:

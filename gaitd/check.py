@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 if TYPE_CHECKING:
-    from daemon.config.check import Report
-    from daemon.config.check_axes import AxisMeaning, TorqueMeaning
-    from daemon.config.check_braking import BrakingMeaning
-    from daemon.config.check_runaway import RunawayMeaning
+    from daemon.preflight.axes import AxisMeaning, TorqueMeaning
+    from daemon.preflight.braking import BrakingMeaning
+    from daemon.preflight.report import Report
+    from daemon.preflight.runaway_report import RunawayMeaning
 
 
 class Section(NamedTuple):

@@ -25,9 +25,9 @@ def command(
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     from daemon.config.strict import ConfigError
     from daemon.config.trainer import SIMULATED
-    from daemon.core.process import run_core
-    from daemon.journal import SOCKET, Journal, is_journal
+    from daemon.core.runtime.process import run_core
     from daemon.preflight.judgement import accepted
+    from daemon.system.journal import SOCKET, Journal, is_journal
 
     settings = accepted(config)
     in_journal = is_journal(os.environ.get("JOURNAL_STREAM"), sys.stderr.fileno())

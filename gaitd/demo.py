@@ -1,6 +1,6 @@
 """`gaitd demo`: virtual drives, service and a scripted patient; a live view; the errors at the end.
 
-What is played, shown and judged is in `gaitd/demonstration/`.
+What is played, shown and judged is in `gaitd_lab/demonstration/`.
 """
 
 import signal
@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from gaitd.demonstration.picture import Results
-    from gaitd.demonstration.script import Plan, Scene
-    from gaitd.demonstration.stage import Tempo
-    from gaitd.demonstration.view import Moment
+    from gaitd_lab.demonstration.picture import Results
+    from gaitd_lab.demonstration.script import Plan, Scene
+    from gaitd_lab.demonstration.stage import Tempo
+    from gaitd_lab.demonstration.view import Moment
 
 SHORTEST_S = 6.0
 PICTURE = Path("out") / "demo.png"
@@ -42,12 +42,12 @@ def command(
     ] = False,
 ) -> None:
     """Play gait without and with the patient, then the paper's experiment; judge the errors."""
-    from gaitd.demonstration.performance import Performance
-    from gaitd.demonstration.picture import draw
-    from gaitd.demonstration.report import report
-    from gaitd.demonstration.script import plan_of
-    from gaitd.demonstration.stage import Tempo
     from gaitd.places import configs_folder
+    from gaitd_lab.demonstration.performance import Performance
+    from gaitd_lab.demonstration.picture import draw
+    from gaitd_lab.demonstration.report import report
+    from gaitd_lab.demonstration.script import plan_of
+    from gaitd_lab.demonstration.stage import Tempo
 
     configs = configs_folder("configs", "demo.toml")
     signal.signal(signal.SIGTERM, _interrupt)
@@ -66,7 +66,7 @@ def command(
 
 def _refuse(pace: str, *, wall_clock: bool) -> None:
     from daemon.config.strict import ConfigError
-    from sim_drives.time_server import parse_pace
+    from sim_drives.time.server import parse_pace
 
     try:
         parse_pace(pace)
@@ -84,8 +84,8 @@ def _interrupt(_signal: int, _frame: FrameType | None) -> None:
 def _watch(configs: Path, plan: "Plan", tempo: "Tempo") -> "Results":
     from rich.live import Live
 
-    from gaitd.demonstration.performance import Performance
-    from gaitd.demonstration.view import picture
+    from gaitd_lab.demonstration.performance import Performance
+    from gaitd_lab.demonstration.view import picture
 
     with Live(screen=True, auto_refresh=False) as live:
 
@@ -112,7 +112,7 @@ class _Lines:
         self._said_s = 0.0
 
     def show(self, moment: "Moment") -> None:
-        from gaitd.demonstration.report import line
+        from gaitd_lab.demonstration.report import line
 
         if time.monotonic() - self._said_s >= SAID_EVERY_S:
             self._said_s = time.monotonic()

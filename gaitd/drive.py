@@ -17,9 +17,9 @@ from gaitd.station import EXIT_DRIVE, opened, place_of, shown
 
 if TYPE_CHECKING:
     from daemon.config.bundle import Settings
-    from drives.bus import Bus, Clock
-    from drives.plan import DrivePlan
-    from drives.witness import Witness
+    from drives.bringup.plan import DrivePlan
+    from drives.canopen.bus import Bus, Clock
+    from drives.canopen.sniffer import Witness
 
 COMMAND_LINE: Final = "command line"
 LISTEN_NS: Final = 500_000_000
@@ -83,7 +83,7 @@ def command(
 
     compare without --eds and --with: with all that bring-up would write or check.
     """
-    from daemon.config.load import read_all
+    from daemon.preflight.load import read_all
     from drives.errors import BringUpRefused, BusError, DriveSilent
 
     options = Options(output, against, eds, everything, json, yes, reset)
@@ -121,9 +121,9 @@ def plan_of(name: str, settings: "Settings") -> "DrivePlan":
     Raises:
         ConfigError: there is none of that name or node id; says which there are.
     """
-    from daemon.config.axes import cycle_settings, drive_limits
+    from daemon.config.drive_plan import cycle_settings, drive_limits
     from daemon.config.strict import ConfigError
-    from drives.plan import plan
+    from drives.bringup.plan import plan
 
     hip, slide = drive_limits(settings.limits)
     cycle = cycle_settings(settings.trainer.cycle)
@@ -143,9 +143,9 @@ def _act(
     clock: "Clock",
     settings: "Settings",
 ) -> int:
+    from drives.canopen.sniffer import Witness, WitnessedBus
     from drives.errors import BootFailure, DriveSilent, SdoTimeout
-    from drives.scanning import listen
-    from drives.witness import Witness, WitnessedBus
+    from drives.service.scan import listen
     from gaitd.drive_keeping import keep
     from gaitd.drive_reading import compare, dump, refuse_company
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Final
 import typer
 
 from daemon.config.strict import MISSING, ConfigError
-from drives.configurator import Configurator
-from drives.keeping import (
+from drives.bringup.configurator import Configurator
+from drives.service.parameters import (
     SDO_TIMEOUT_NS,
     Keeping,
     KeepingRefusedError,
@@ -15,14 +15,14 @@ from drives.keeping import (
     check_drive,
     reset_node,
 )
-from drives.keeping import keep as write_signature
-from drives.scanning import listen
+from drives.service.parameters import keep as write_signature
+from drives.service.scan import listen
 from gaitd.station import EXIT_DIFFERENT, EXIT_SAME, shown
 
 if TYPE_CHECKING:
-    from drives.bus import Bus, Clock
-    from drives.plan import DrivePlan
-    from drives.witness import Witness
+    from drives.bringup.plan import DrivePlan
+    from drives.canopen.bus import Bus, Clock
+    from drives.canopen.sniffer import Witness
     from gaitd.drive import Options
 
 RECHECK_NS: Final = 300_000_000
@@ -54,7 +54,7 @@ def keep(
 
     Raises:
         ConfigError: there is nobody to ask, and no --yes.
-        BringUpRefused, DriveSilent, BusError: as `drives/keeping.py`.
+        BringUpRefused, DriveSilent, BusError: as `drives/service/parameters.py`.
     """
     keeping, port = Keeping[action], Configurator(bus, clock)
     who = f"{plan.description.name} (node {plan.description.node_id})"

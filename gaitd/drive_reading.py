@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from daemon.config.strict import ConfigError
-from drives.comparison import Compared, expectations, in_hex, with_plan, with_values
-from drives.configurator import Configurator
-from drives.dump import (
+from drives.bringup.configurator import Configurator
+from drives.canopen.sniffer import Witness
+from drives.errors import BootFailure, DescriptionError, DriveSilent
+from drives.service.compare import Compared, expectations, in_hex, with_plan, with_values
+from drives.service.dump import (
     Entry,
     Value,
     defaults,
@@ -19,18 +21,16 @@ from drives.dump import (
     variable_at,
     write_dcf,
 )
-from drives.eds import load_eds
-from drives.errors import BootFailure, DescriptionError, DriveSilent
-from drives.object_words import ObjectWords
-from drives.witness import Witness
+from drives.service.eds import load_eds
+from drives.service.object_words import ObjectWords
 from gaitd.check import Section
 from gaitd.station import EXIT_DIFFERENT, EXIT_SAME, show, shown
 
 if TYPE_CHECKING:
     from canopen.objectdictionary import ObjectDictionary
 
-    from drives.bus import Bus, Clock
-    from drives.plan import DrivePlan
+    from drives.bringup.plan import DrivePlan
+    from drives.canopen.bus import Bus, Clock
     from gaitd.drive import Options
 
 EDS_DEFAULT: Final = "EDS default"

@@ -12,7 +12,7 @@ import typer
 if TYPE_CHECKING:
     from analysis.delay import Delay
     from analysis.experiment import Row, Run
-    from gaitd.excitation import Stage
+    from gaitd_lab.excitation import Stage
 
 SCENARIO: Final = "paper"
 DELAY: Final = "delay"
@@ -50,9 +50,9 @@ def command(
     scenario was played to its end.
     """
     from daemon.config.strict import ConfigError
-    from gaitd.excitation import NotPlayedError, Stage
     from gaitd.places import configs_folder
-    from sim_drives.plant_settings import FrictionLaw
+    from gaitd_lab.excitation import NotPlayedError, Stage
+    from sim_drives.plant.settings import FrictionLaw
 
     trainer = config or configs_folder("--config", "demo.toml") / "demo.toml"
     stage = Stage(trainer, None if law is None else FrictionLaw(law.value))
@@ -97,7 +97,7 @@ def _delays(stage: "Stage", run: "Run", told: "Told") -> "tuple[Delay, Delay] | 
     """Measured from the scenario for it, if the trainer file has one; else why not."""
     from analysis.delay import measure
     from analysis.recording import Recording, RecordingError
-    from gaitd.excitation import NotPlayedError
+    from gaitd_lab.excitation import NotPlayedError
 
     try:
         if DELAY in stage.settings.trainer.excite:
@@ -117,7 +117,7 @@ def _print_numbers(stage: "Stage", run: "Run") -> None:
     from analysis.experiment import marks
     from analysis.experiment_table import rows
     from analysis.replay import setup_for
-    from sim_drives.plant_settings import FrictionLaw
+    from sim_drives.plant.settings import FrictionLaw
 
     console = Console()
     if not console.is_terminal:

@@ -23,15 +23,16 @@ def command(
 
     import zenoh
 
-    from daemon.clock import MonotonicClock, PageClock
     from daemon.config.trainer import SIMULATED, load_trainer
-    from daemon.gateway import endpoints, log
-    from daemon.gateway.notes_disk import NotesDisk
+    from daemon.gateway import log
     from daemon.gateway.process import serve, share_one_heap
     from daemon.gateway.reload import Reload
-    from daemon.holding import hold
-    from daemon.journal import SOCKET, Journal, is_journal
-    from daemon.notes_file import NAME
+    from daemon.ipc.state_file import NAME
+    from daemon.recorder.state_file_sync import NotesDisk
+    from daemon.system.clock import MonotonicClock, PageClock
+    from daemon.system.journal import SOCKET, Journal, is_journal
+    from daemon.system.lock import hold
+    from daemon.zenoh_io import endpoints
 
     def read(path: Path) -> "TrainerFile":
         return endpoints.check(load_trainer(path))

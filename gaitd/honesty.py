@@ -62,7 +62,7 @@ def command(
 
 
 def _consistency(found: "Consistency", runs: int) -> None:
-    from observer.states import STATE_NAMES
+    from observer.filter.states import STATE_NAMES
 
     print(f"Monte Carlo  {runs} runs of {STEPS} steps, both axes in motion")
     print(

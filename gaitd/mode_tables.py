@@ -1,18 +1,18 @@
 """docs/modes.md: the modes of the service as a diagram and tables, from what the core goes by.
 
 Nothing is told a second time here: rows, requests, refusals, categories and texts are read from
-`daemon/core/modes.py`, `daemon/causes.py` and a limits file. The refusals are found by asking the
-guard itself about situations in which one thing is wrong.
+`daemon/core/modes/table.py`, `daemon/wire/causes.py` and a limits file. The refusals are found by
+asking the guard itself about situations in which one thing is wrong.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-from daemon.causes import CAUSE_TEXT, DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
-from daemon.core.limits import Categories
-from daemon.core.modes import TRANSITIONS, Circumstances, Event, event_of, refusal
-from daemon.record import Cause, Mode, ModeRequest, RequestKind
+from daemon.core.modes.table import TRANSITIONS, Circumstances, Event, event_of, refusal
+from daemon.core.safety.limits import Categories
+from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
+from daemon.wire.causes import CAUSE_TEXT, DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
 
 HEAD: Final = """# Modes
 

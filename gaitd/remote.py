@@ -61,7 +61,7 @@ def find_target(config: Path | None, endpoint: str | None, trainer: str | None) 
     endpoints, name = (DEFAULT_ENDPOINT,), DEFAULT_TRAINER
     if config is not None:
         from daemon.config.trainer import load_trainer
-        from daemon.gateway.endpoints import to_connect
+        from daemon.zenoh_io.endpoints import to_connect
 
         zenoh = load_trainer(config).trainer.zenoh
         endpoints, name = tuple(map(to_connect, zenoh.listen)), zenoh.trainer

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from analysis.replay import Source
     from daemon.config.settings import Robot
-    from observer.batch import BatchEstimates
+    from observer.offline.batch import BatchEstimates
 
 EXIT_REFUSED = 2
 
@@ -197,7 +197,7 @@ def _report(
 ) -> None:
     import numpy as np
 
-    from observer.status import Status, Validity
+    from observer.filter.status import Status, Validity
 
     made = source.recording
     count = len(made.time_s)
@@ -224,7 +224,7 @@ def _print_drift(estimates: "BatchEstimates", robot: "Robot") -> None:
     from analysis.consistency import drift_of
     from daemon.config.robot import friction_parameters
     from observer.drift import asks_for_calibration, correlation, friction_error
-    from observer.leg_model import STEP_S
+    from observer.filter.leg_model import STEP_S
 
     laws = friction_parameters(robot)
     units = (("hip", "N·m"), ("slide", "N"))

@@ -15,9 +15,9 @@ from gaitd.check import Section
 from gaitd.station import EXIT_DRIVE, BusPlace, opened, place_of, show, shown
 
 if TYPE_CHECKING:
-    from drives.bus import Bus, Clock
-    from drives.inventory import Finding, Inventory
-    from drives.stations import Expected, ProfileFile, Station
+    from drives.canopen.bus import Bus, Clock
+    from drives.service.inventory import Finding, Inventory
+    from drives.service.stations import Expected, ProfileFile, Station
 
 
 def command(
@@ -56,8 +56,8 @@ def scan(bus: "Bus", clock: "Clock", bitrate_bit_per_s: int, expected: "Expected
     Raises:
         BusError: the interface is down, or the controller is bus-off.
     """
-    from drives.inventory import take_stock
-    from drives.scanning import survey
+    from drives.service.inventory import take_stock
+    from drives.service.scan import survey
 
     return take_stock(shown(survey(bus, clock, bitrate_bit_per_s)), expected)
 
@@ -65,9 +65,9 @@ def scan(bus: "Bus", clock: "Clock", bitrate_bit_per_s: int, expected: "Expected
 def _sought(
     config: Path | None, interface: str | None, channel: str | None, bitrate: int | None
 ) -> "tuple[BusPlace, Expected]":
-    from daemon.config.load import read_all
     from daemon.config.strict import MISSING, ConfigError
-    from drives.stations import Expected
+    from daemon.preflight.load import read_all
+    from drives.service.stations import Expected
 
     named = {"--interface": interface, "--channel": channel, "--bitrate": bitrate}
     if config is not None:
@@ -90,10 +90,10 @@ def _sought(
 
 def _profiles() -> "tuple[ProfileFile, ...]":
     """What there is in configs/drives/profiles; nothing where there is no such folder."""
-    from daemon.config.load import load_toml
     from daemon.config.strict import ConfigError
-    from drives.profile import DriveProfile
-    from drives.stations import ProfileFile
+    from daemon.preflight.load import load_toml
+    from drives.cia402.profile import DriveProfile
+    from drives.service.stations import ProfileFile
     from gaitd.places import configs_folder
 
     try:
@@ -187,7 +187,7 @@ def _hex(value: int | None) -> str:
 
 
 def _finding_line(finding: "Finding") -> str:
-    from drives.inventory import WRONG
+    from drives.service.inventory import WRONG
 
     mark = "WRONG: " if finding.kind in WRONG else ""
     node = "" if finding.node_id is None else f"node {finding.node_id}"
@@ -199,7 +199,7 @@ def as_json(found: "Inventory", foreign_count: int) -> str:
     """One object: stations, findings with their kind as a name, and the verdict."""
     import msgspec
 
-    from drives.inventory import WRONG
+    from drives.service.inventory import WRONG
 
     findings: list[dict[str, Any]] = [
         {

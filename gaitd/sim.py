@@ -1,7 +1,7 @@
 """`gaitd sim`: the virtual drives of a configuration on its bus.
 
-On a simulated bus it owns time (`sim_drives/time_server.py`). On any other, and with
-`--wall-clock`, the drives go by the computer's clock (`sim_drives/realtime.py`).
+On a simulated bus it owns time (`sim_drives/time/server.py`). On any other, and with
+`--wall-clock`, the drives go by the computer's clock (`sim_drives/time/wall_clock.py`).
 """
 
 import contextlib
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from daemon.config.trainer import TrainerFile
     from sim_drives.build import Machine
     from sim_drives.control import ControlSocket
-    from sim_drives.realtime import RealTime, Station
-    from sim_drives.time_server import TimeServer
-    from sim_drives.truth import TruthLog
+    from sim_drives.plant.truth import TruthLog
+    from sim_drives.time.server import TimeServer
+    from sim_drives.time.wall_clock import RealTime, Station
     from sim_drives.world import EmptyWorld, World
 
 FIFO_PRIORITY = 40
@@ -153,7 +153,7 @@ class _Part:
 
     def warm_up(self) -> None:
         """Compile what the plant computes with, on no clock."""
-        from gaitd.virtual_machine import virtual_machine
+        from gaitd_lab.virtual_machine import virtual_machine
 
         if self._with_drives:
             virtual_machine(self.trainer, seed=self._seed).world.advance_to(WARM_UP_NS)
@@ -161,7 +161,7 @@ class _Part:
 
     def build(self, start_ns: int) -> "World | EmptyWorld":
         """Switch the machine on."""
-        from gaitd.virtual_machine import virtual_machine
+        from gaitd_lab.virtual_machine import virtual_machine
         from sim_drives.world import EmptyWorld
 
         if not self._with_drives:
@@ -186,7 +186,7 @@ class _Part:
         Raises:
             FaultCommandError: it makes no sense, or there are none.
         """
-        from sim_drives.faults import FaultCommandError
+        from sim_drives.faults.script import FaultCommandError
 
         if self._machine is None:
             raise FaultCommandError(f"{line!r}: there are no virtual drives (--no-drives)")
@@ -195,7 +195,7 @@ class _Part:
 
 def _pace(text: str | None, *, allowed: bool) -> float:
     from daemon.config.strict import ConfigError
-    from sim_drives.time_server import parse_pace
+    from sim_drives.time.server import parse_pace
 
     if text is not None and not allowed:
         raise ConfigError(COMMAND_LINE, "--pace", text, "only in simulated time")
@@ -222,7 +222,7 @@ def _refuse_foreign(
 def _missing(trainer: "TrainerFile", names: list[str], *, no_drives: bool) -> frozenset[str]:
     """The drives that others stand in for, checked."""
     from daemon.config.strict import ConfigError
-    from gaitd.virtual_machine import load_plant
+    from gaitd_lab.virtual_machine import load_plant
 
     if names and no_drives:
         raise ConfigError(COMMAND_LINE, "--without", names[0], "nothing with --no-drives")
@@ -239,8 +239,8 @@ def _truth_logs(
 ) -> "dict[str, TruthLog]":
     """One file for each leg; with two legs, `_right` and `_left` become part of the name."""
     from daemon.config.strict import ConfigError
-    from gaitd.virtual_machine import load_plant
-    from sim_drives.truth import TruthLog
+    from gaitd_lab.virtual_machine import load_plant
+    from sim_drives.plant.truth import TruthLog
 
     logs: dict[str, TruthLog] = {}
     if truth is None:
@@ -267,9 +267,9 @@ def _simulated(
     *,
     begins_held: bool,
 ) -> "TimeServer":
-    from sim_drives.bus_server import bus_server
-    from sim_drives.realtime import now_ns
-    from sim_drives.time_server import TimeServer
+    from sim_drives.time.bus_server import bus_server
+    from sim_drives.time.server import TimeServer
+    from sim_drives.time.wall_clock import now_ns
     from simtime.page import PageWriter, page_path
 
     channel = Path(part.trainer.channel)
@@ -300,7 +300,7 @@ def _simulated(
 def _by_the_wall(
     part: _Part, control: Path | None, ending: contextlib.ExitStack, *, is_simulated: bool
 ) -> "RealTime":
-    from sim_drives.realtime import RealTime, now_ns
+    from sim_drives.time.wall_clock import RealTime, now_ns
 
     part.warm_up()
     bus = _served(part, ending) if is_simulated else _opened(part.trainer, ending)
@@ -311,8 +311,8 @@ def _by_the_wall(
 
 
 def _served(part: _Part, ending: contextlib.ExitStack) -> "Station":
-    from sim_drives.bus_server import bus_server
-    from sim_drives.realtime import ServedBus
+    from sim_drives.time.bus_server import bus_server
+    from sim_drives.time.wall_clock import ServedBus
     from simtime.page import PageWriter, page_path
 
     channel = Path(part.trainer.channel)
@@ -325,7 +325,7 @@ def _opened(trainer: "TrainerFile", ending: contextlib.ExitStack) -> "Station":
     import can
 
     from daemon.config.strict import ConfigError
-    from sim_drives.realtime import open_bus
+    from sim_drives.time.wall_clock import open_bus
 
     table = trainer.trainer.bus
     try:
@@ -367,7 +367,7 @@ def _control(
 
 
 def _run(running: "TimeServer | RealTime", end: _End) -> int:
-    from sim_drives.realtime import BusLostError
+    from sim_drives.time.wall_clock import BusLostError
 
     try:
         running.run(end)

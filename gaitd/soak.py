@@ -9,7 +9,7 @@ import typer
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from gaitd.soaking.play import Soaked
+    from gaitd_lab.soak.play import Soaked
 
 SAY_EVERY_S = 60.0
 
@@ -32,13 +32,13 @@ def command(
     """
     import json as json_text
 
-    from gaitd.demonstration.script import ActError
-    from gaitd.demonstration.stage import Tempo
     from gaitd.places import configs_folder
-    from gaitd.soaking.figure import draw
-    from gaitd.soaking.machinery import machinery, warm_up
-    from gaitd.soaking.page import failures, page, plain, summary
-    from gaitd.soaking.play import Soak
+    from gaitd_lab.demonstration.script import ActError
+    from gaitd_lab.demonstration.stage import Tempo
+    from gaitd_lab.soak.figure import draw
+    from gaitd_lab.soak.machinery import machinery, warm_up
+    from gaitd_lab.soak.page import failures, page, plain, summary
+    from gaitd_lab.soak.play import Soak
 
     configs = configs_folder("configs", "demo.toml")
     with _progress(minutes * 60) as say:

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar
 
 if TYPE_CHECKING:
-    from daemon.clock import Clock
     from daemon.config.bundle import Settings
-    from drives.bus import CanBus
-    from drives.scanning import Progress
-    from drives.simulated import SimulatedBus
+    from daemon.system.clock import Clock
+    from drives.canopen.bus import CanBus
+    from drives.canopen.simulated import SimulatedBus
+    from drives.service.scan import Progress
     from gaitd.check import Section
 
 T = TypeVar("T")
@@ -52,8 +52,8 @@ def opened(place: BusPlace) -> "Generator[OpenBus]":
     Raises:
         ConfigError: it cannot be opened.
     """
-    from daemon.bus_choice import choose_bus
     from daemon.config.strict import ConfigError
+    from daemon.system.bus_choice import choose_bus
     from drives.errors import BusError
     from simtime.wire import Role
 

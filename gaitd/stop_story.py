@@ -11,7 +11,7 @@ from gaitd.check import Section
 
 if TYPE_CHECKING:
     from analysis.stop_recording import StopRecording
-    from daemon.record import CycleRecord, DriveRecord
+    from daemon.ipc.record import CycleRecord, DriveRecord
 
 AROUND_S: Final = (
     *(-10.0, -5.0, -2.0, -1.0, -0.5, -0.2, -0.1, -0.05, -0.03, -0.02, -0.01, 0.0),
@@ -77,7 +77,7 @@ def _drive_section(told: "StopRecording", name: str) -> Section:
 
 
 def _drive_cells(drive: "DriveRecord") -> tuple[str, ...]:
-    from daemon.words import POWER_STATES
+    from daemon.wire.fields import POWER_STATES
 
     troubles = {
         "no sample": not drive.fresh,

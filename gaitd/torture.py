@@ -27,9 +27,9 @@ def command(
     """
     from daemon.config.strict import ConfigError
     from gaitd.places import configs_folder
-    from gaitd.random_hour.report import page, summary, told
-    from gaitd.random_hour.series import sessions
-    from gaitd.random_hour.tally import Tally
+    from gaitd_lab.fuzz.report import page, summary, told
+    from gaitd_lab.fuzz.series import sessions
+    from gaitd_lab.fuzz.tally import Tally
 
     trainer = config or configs_folder("--config", "demo.toml") / "demo.toml"
     if trainer.name != "demo.toml":

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.batch import BatchEstimates, Columns
+from observer.offline.batch import BatchEstimates, Columns
 from observer.strides import (
     BASELINE_BINS,
     DT,

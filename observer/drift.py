@@ -12,7 +12,7 @@ but it is advice to calibrate only where nobody is in the machine.
 import math
 from typing import Final, NamedTuple
 
-from observer.friction import FrictionParameters
+from observer.mechanism.friction import FrictionParameters
 
 MEMORY_S: Final = 20.0
 """Of motion: what is older counts less than 1/e."""

@@ -25,9 +25,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.cdkf import SIGMA_4, STEP
-from observer.jit import inline, kernel
-from observer.leg_memory import (
+from observer.filter.cdkf import SIGMA_4, STEP
+from observer.filter.leg_memory import (
     EVENT,
     NOTHING,
     ROOT,
@@ -38,7 +37,8 @@ from observer.leg_memory import (
     N,
     arrays_in,
 )
-from observer.leg_model import LANES
+from observer.filter.leg_model import LANES
+from observer.jit import inline, kernel
 
 Vector = NDArray[np.float64]
 

@@ -20,10 +20,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.batch import BatchEstimates, Columns
+from observer.filter.status import Status, Validity
 from observer.jit import kernel
+from observer.offline.batch import BatchEstimates, Columns
 from observer.smoother import SMOOTH_COVARIANCE, SMOOTH_NOTES
-from observer.status import Status, Validity
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

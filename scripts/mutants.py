@@ -49,13 +49,13 @@ from rich.progress import Progress  # noqa: E402
 from rich.table import Table  # noqa: E402
 
 SUBJECTS = {
-    "drives/cia402.py": ("drives/test_cia402*.py",),
-    "daemon/core/modes.py": ("daemon/core/test_modes*.py",),
-    "daemon/core/safety.py": (
+    "drives/cia402/power_state.py": ("drives/test_cia402*.py",),
+    "daemon/core/modes/table.py": ("daemon/core/test_modes*.py",),
+    "daemon/core/safety/checks.py": (
         *("daemon/core/test_safety_findings.py", "daemon/core/test_every_limit.py"),
         "daemon/core/test_safety.py",
     ),
-    "daemon/core/bounds.py": (
+    "daemon/core/safety/bounds.py": (
         *("daemon/core/test_safety_findings.py", "daemon/core/test_safety.py"),
         "daemon/core/test_safety_bounds.py",
     ),
@@ -80,7 +80,7 @@ LEFT_OUT = re.compile(
 
 PRELOADED = (
     *("hypothesis.stateful", "_hypothesis_pytestplugin", "pytest_timeout", "numpy"),
-    *("daemon.record", "daemon.core.limits"),
+    *("daemon.ipc.record", "daemon.core.safety.limits"),
 )
 """What the tests import that takes long; nothing that imports what is mutated."""
 
@@ -123,7 +123,7 @@ class Judged(NamedTuple):
 
 
 def module_name(file: str) -> str:
-    """`daemon/core/modes.py` is `daemon.core.modes`."""
+    """`daemon/core/modes/table.py` is `daemon.core.modes.table`."""
     return file.removesuffix(".py").replace("/", ".")
 
 

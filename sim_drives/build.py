@@ -9,15 +9,15 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from observer.friction import FrictionParameters
-from observer.mechanism import LegParameters
-from sim_drives.dictionary import Entry, read_eds
-from sim_drives.faults import FaultCommandError, help_text
+from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.mechanism import LegParameters
+from sim_drives.canopen.dictionary import Entry, read_eds
+from sim_drives.cia402.scaling import effort_per_a
+from sim_drives.faults.script import FaultCommandError, help_text
 from sim_drives.one_leg import Leg
-from sim_drives.plant import PlantError, Trainer, UnknownProgrammeError
-from sim_drives.scaling import effort_per_a
+from sim_drives.plant.plant import PlantError, Trainer, UnknownProgrammeError
+from sim_drives.plant.truth import TruthLog
 from sim_drives.settings import DriveSettings, PlantFile
-from sim_drives.truth import TruthLog
 from sim_drives.world import World
 
 PATIENT_COMMAND = "patient"
@@ -43,7 +43,7 @@ class Machine:
     """Adds a row to each leg's truth, as every SYNC does; takes the SYNC's number."""
 
     def command(self, line: str) -> str:
-        """Obey a line: a fault (`faults.py`), `patient PROGRAMME`, or `help`.
+        """Obey a line: a fault (`script.py`), `patient PROGRAMME`, or `help`.
 
         Raises:
             FaultCommandError: no such command; says what is known.

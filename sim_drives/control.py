@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Final
 
-from sim_drives.faults import FaultCommandError
+from sim_drives.faults.script import FaultCommandError
 
 DATAGRAM_BYTES: Final = 4096
 

@@ -11,15 +11,15 @@ from collections.abc import Container
 from itertools import count
 from typing import Final, NamedTuple
 
-from sim_drives.actuation import AxisFlag
-from sim_drives.dictionary import Entry
-from sim_drives.fault_rules import RULES
-from sim_drives.faults import FaultOrder
+from sim_drives.canopen.dictionary import Entry
+from sim_drives.canopen.node import Node
+from sim_drives.canopen.timers import NEVER
+from sim_drives.faults.rules import RULES
+from sim_drives.faults.script import FaultOrder
 from sim_drives.frame import Frame, TimedFrame
-from sim_drives.node import Node
-from sim_drives.plant_port import Axis, Plant
+from sim_drives.plant.actuation import AxisFlag
+from sim_drives.plant.port import Axis, Plant
 from sim_drives.settings import DriveSettings, FaultKind
-from sim_drives.timers import NEVER
 
 NS_PER_S: Final = 1_000_000_000
 

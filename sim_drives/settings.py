@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from sim_drives.plant_settings import NonNegative, PlantTables, Positive, Table
+from sim_drives.plant.settings import NonNegative, PlantTables, Positive, Table
 
 
 class PersonalityName(Enum):
@@ -54,7 +54,7 @@ class LimitSwitch(Enum):
 
 
 class FaultKind(Enum):
-    """What can go wrong; `fault_rules.py` has each one's rule."""
+    """What can go wrong; `rules.py` has each one's rule."""
 
     LOST_TPDO = "lost_tpdo"
     LATE_TPDO = "late_tpdo"

@@ -12,7 +12,9 @@ and calls give the same frames, bit for bit.
 from collections.abc import Callable, Collection, Sequence
 from typing import Final
 
-from sim_drives.faults import (
+from sim_drives.canopen.node import Node
+from sim_drives.canopen.timers import NEVER
+from sim_drives.faults.script import (
     EVERY_DRIVE,
     FaultCommandError,
     FaultOrder,
@@ -20,10 +22,8 @@ from sim_drives.faults import (
     parse_command,
 )
 from sim_drives.frame import Frame, TimedFrame
-from sim_drives.node import Node
 from sim_drives.one_leg import NS_PER_S, Leg, OneLeg
 from sim_drives.settings import FaultSettings
-from sim_drives.timers import NEVER
 
 SYNC_ID: Final = 0x080
 
@@ -134,7 +134,7 @@ class World:
     # --- faults -------------------------------------------------------------------------------
 
     def command(self, line: str) -> str:
-        """Obey one line of text (see `faults.py`); says what has been done.
+        """Obey one line of text (see `script.py`); says what has been done.
 
         Raises:
             FaultCommandError: the line makes no sense; says why.

@@ -11,4 +11,4 @@ class Frame(NamedTuple):
     time_ns: int = 0
     """When it arrived, by the wall clock (of this machine's kernel, or simulated); 0 if unknown."""
     is_error: bool = False
-    """An error frame (`drives/bus_state.py`): `can_id` holds the error class."""
+    """An error frame (`drives/canopen/bus_state.py`): `can_id` holds the error class."""

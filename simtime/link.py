@@ -1,8 +1,8 @@
 """A seat's end of simulated time: frames out, frames in, and time that passes while it waits.
 
 `Link` is what bus and clock of a service are made of in simulated time: `SocketLink` in a process
-of its own, and `sim_drives.conductor.DirectLink` in the process of the virtual drives. With the
-server's `--wall-clock` a `SocketLink` carries frames alone, and waits by the computer's clock.
+of its own, and `sim_drives.time.conductor.DirectLink` in the process of the virtual drives. With
+the server's `--wall-clock` a `SocketLink` carries frames alone, and waits by the computer's clock.
 """
 
 import contextlib

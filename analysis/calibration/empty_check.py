@@ -25,10 +25,10 @@ from analysis.calibration.start import FAST, moved, unexplained
 from analysis.recording import RecordingError
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
-from observer.mechanism import WorkspaceError, knee_angle
-from observer.parameters import LegParameters
+from observer.filter.status import START_KNEE_MIN_RAD
+from observer.mechanism.mechanism import WorkspaceError, knee_angle
+from observer.mechanism.parameters import LegParameters
 from observer.quantities import Number
-from observer.status import START_KNEE_MIN_RAD
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

@@ -11,7 +11,7 @@ from analysis.calibration.quantities import law_of
 from analysis.calibration.session import Calibration
 from analysis.calibration.start import left_over
 from analysis.drawing import BAD, ESTIMATE, MEASURED, TEXT, legend, limit_to, style
-from observer.friction import static_friction_of
+from observer.mechanism.friction import static_friction_of
 
 DPI: Final = 100
 POINTS_MAX: Final = 2000

@@ -19,10 +19,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.friction import FrictionParameters, friction_after
 from observer.jit import kernel
-from observer.linkage import bounded_acceleration, dynamics
-from observer.parameters import LegParameters
+from observer.mechanism.friction import FrictionParameters, friction_after
+from observer.mechanism.linkage import bounded_acceleration, dynamics
+from observer.mechanism.parameters import LegParameters
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

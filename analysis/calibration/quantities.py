@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
-from observer.friction import FrictionParameters, smallest_stribeck
-from observer.parameters import LegParameters
+from observer.mechanism.friction import FrictionParameters, smallest_stribeck
+from observer.mechanism.parameters import LegParameters
 from observer.quantities import Number
 
 Vector = NDArray[np.float64]

@@ -26,9 +26,9 @@ from analysis.recording import RecordingError
 from analysis.replay import Source
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
-from observer.leg_model import integrator_named, substeps_needed
-from observer.mechanism import smallest_inertia
-from observer.status import START_RATIO_MIN, Status
+from observer.filter.leg_model import integrator_named, substeps_needed
+from observer.filter.status import START_RATIO_MIN, Status
+from observer.mechanism.mechanism import smallest_inertia
 
 
 @dataclass(frozen=True, slots=True, eq=False)

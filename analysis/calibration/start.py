@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from analysis.calibration.motion import REST, Motion
 from analysis.calibration.quantities import LAW_SIZE, SPRINGS, Frame, law_of
-from observer.friction import smallest_stribeck
 from observer.jit import kernel
-from observer.linkage import dynamics
-from observer.parameters import LegParameters
+from observer.mechanism.friction import smallest_stribeck
+from observer.mechanism.linkage import dynamics
+from observer.mechanism.parameters import LegParameters
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

@@ -17,7 +17,7 @@ from analysis.calibration.quantities import NUISANCES, SPRINGS, Frame
 from analysis.calibration.start import moved
 from analysis.replay import setup_for
 from daemon.config.settings import Robot
-from observer.batch import Columns, run
+from observer.offline.batch import Columns, run
 from observer.quantities import Number
 
 Vector = NDArray[np.float64]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from daemon.config.limit_settings import Limits
 from daemon.config.settings import Robot, Trainer
 from daemon.config.trainer import TrainerFile
-from drives.profile import DriveDescription
+from drives.cia402.profile import DriveDescription
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from daemon.config.settings import Table
-from daemon.record import StopCategory
+from daemon.ipc.record import StopCategory
 
 Category = Literal["S2", "S1", "S0"]
 
@@ -132,7 +132,7 @@ class Communication(Table, frozen=True):
 
 
 class Stop(Table, frozen=True):
-    """How stopping is judged (escalation: daemon/core/stopping.py)."""
+    """How stopping is judged (escalation: daemon/core/safety/stop_sequence.py)."""
 
     obey_cycles: Annotated[int, Meta(ge=1, le=20)]
     """Cycles until a drive must show the state that it was sent into."""
@@ -148,7 +148,7 @@ class Stop(Table, frozen=True):
 
 
 class Assist(Table, frozen=True):
-    """A controller's setpoints in the core (daemon/core/assist.py)."""
+    """A controller's setpoints in the core (daemon/core/motion/assist.py)."""
 
     setpoint_age_max_cycles: Annotated[int, Meta(ge=2, le=50)]
     """From the cycle that a setpoint answers; then it is stale, and assist lapses."""

@@ -3,10 +3,10 @@
 import math
 
 from daemon.config.settings import Robot, Segment
-from observer.friction import FrictionParameters
-from observer.leg_model import integrator_named
-from observer.leg_observer import ObserverTuning
-from observer.mechanism import (
+from observer.filter.leg_model import integrator_named
+from observer.filter.leg_observer import ObserverTuning
+from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.mechanism import (
     Dampers,
     Geometry,
     LegParameters,
@@ -15,7 +15,7 @@ from observer.mechanism import (
     Springs,
     with_patient,
 )
-from observer.mechanism import leg_parameters as compose
+from observer.mechanism.mechanism import leg_parameters as compose
 
 
 def leg_parameters(robot: Robot) -> LegParameters:

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Final, NamedTuple, TypeVar, cast, get_args, g
 import msgspec
 from msgspec import inspect
 
-from daemon.decoding import Decoder, RefusedError
+from daemon.ipc.decoding import Decoder, RefusedError
 
 T = TypeVar("T")
 

@@ -10,35 +10,41 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from daemon.core import (
-    assisting,
-    conduct,
-    guidance,
-    inbox,
+    cycle_record,
+    inputs,
+)
+from daemon.core.motion import (
+    leg_plan,
+)
+from daemon.core.safety import (
+    checks,
+)
+from daemon.core.safety.friction_monitor import watch
+from daemon.core.safety.inputs import AxisSituation, LegSituation, ServiceSituation
+from daemon.core.state import Axis, Core, Leg
+from daemon.core.steps import (
+    commissioning,
+    controllers,
+    impedance,
     joints,
     latching,
-    plans,
+    monitors,
     poses,
-    preparing,
-    recording,
     requests,
-    safety,
+    supervisor,
     targets,
-    watching,
 )
-from daemon.core.friction_watch import watch
-from daemon.core.joints import jump_reach_si
-from daemon.core.looking_back import look_back
-from daemon.core.sampling import effort_std
-from daemon.core.situation import AxisSituation, LegSituation, ServiceSituation
-from daemon.core.state import Axis, Core, Leg
+from daemon.core.steps.joints import jump_reach_si
+from daemon.core.steps.sampling import effort_std
+from daemon.core.steps.smoothing import look_back
 from daemon.core.tick import Tick
-from daemon.record import CycleRecord, Level, Mode, Verdict
-from drives.bus import Frame
-from drives.cia402 import TORQUE_FREE
+from daemon.ipc.record import CycleRecord, Level, Mode, Verdict
+from drives.canopen.bus import Frame
+from drives.cia402.power_state import TORQUE_FREE
 from drives.signals import DriveFeedback, OperationMode, PowerState
-from observer.leg_observer import PoseError
-from observer.mechanism import ratio_and_load
-from observer.status import Validity
+from observer.filter.leg_observer import PoseError
+from observer.filter.status import Validity
+from observer.mechanism.mechanism import ratio_and_load
 
 
 def step(
@@ -51,16 +57,16 @@ def step(
     drives.feed(frames, tick.sync_ns)
     sense(core, drives.end_of_window(tick.cycle, tick.sync_ns), tick)
     observe(core, tick)
-    orders = inbox.hear(core, levels, tick.cycle)
-    assisting.hear(core, tick.cycle)
+    orders = inputs.hear(core, levels, tick.cycle)
+    controllers.hear(core, tick.cycle)
     found = judge(core, orders, tick)
-    conduct.change_mode(core, found, orders, tick.cycle, tick.sync_utc_ns)
+    supervisor.change_mode(core, found, orders, tick.cycle, tick.sync_utc_ns)
     poses.follow(core, tick.cycle, tick.sync_utc_ns)
-    guidance.assist(core, tick.cycle)
-    commands = guidance.command(core, tick.cycle)
-    watching.note_commands(core)
+    impedance.assist(core, tick.cycle)
+    commands = impedance.command(core, tick.cycle)
+    monitors.note_commands(core)
     outgoing = drives.frames(commands)
-    return outgoing, recording.record(core, tick)
+    return outgoing, cycle_record.record(core, tick)
 
 
 def rest(core: Core, levels: Sequence[Level], tick: Tick) -> CycleRecord:
@@ -69,12 +75,12 @@ def rest(core: Core, levels: Sequence[Level], tick: Tick) -> CycleRecord:
         if axis.feedback is not None:
             # Told once, in the cycle that heard it; the drive itself is not asked any more.
             axis.feedback = replace(axis.feedback, news=())
-    orders = inbox.hear(core, levels, tick.cycle)
-    assisting.hear(core, tick.cycle)
+    orders = inputs.hear(core, levels, tick.cycle)
+    controllers.hear(core, tick.cycle)
     requests.answer(core, orders, tick.cycle, tick.sync_utc_ns)
     requests.finish_request(core)
     latching.follow(core, tick.sync_utc_ns)
-    return recording.record(core, tick)
+    return cycle_record.record(core, tick)
 
 
 def react(core: Core, frames: Sequence[Frame], tick: Tick) -> list[Frame]:
@@ -86,19 +92,19 @@ def react(core: Core, frames: Sequence[Frame], tick: Tick) -> list[Frame]:
     drives = core.drives
     if drives is None or not drives.feed_between(frames, tick.sync_ns):
         return []
-    if not conduct.driving(core):
+    if not supervisor.driving(core):
         return []
     for axis, feedback in zip(core.axes, drives.peek(tick.sync_ns), strict=True):
         axis.feedback = feedback
-    found = judge(core, inbox.NO_ORDERS, tick)
+    found = judge(core, inputs.NO_ORDERS, tick)
     if not found:
         return []
     before = [axis.stop and axis.stop.step for axis in core.axes]
     for verdict in found:
-        conduct.stop(core, verdict, tick.cycle)
+        supervisor.stop(core, verdict, tick.cycle)
     if before == [axis.stop and axis.stop.step for axis in core.axes]:
         return []
-    return drives.frames(guidance.command(core, tick.cycle))
+    return drives.frames(impedance.command(core, tick.cycle))
 
 
 def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
@@ -119,7 +125,7 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
             axis.error_found = ""
     for leg in core.legs:
         _place(leg)
-        watching.watch_raw(core, leg)
+        monitors.watch_raw(core, leg)
 
 
 def _tell_overdue(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
@@ -132,7 +138,7 @@ def _tell_overdue(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
 
 def _measured(core: Core, axis: Axis, feedback: DriveFeedback, tick: Tick) -> joints.Joint:
     # Once home is found positions count from another origin: no motion leads there.
-    before = joints.Joint() if preparing.finds_home(core, axis, feedback) else axis.joint
+    before = joints.Joint() if commissioning.finds_home(core, axis, feedback) else axis.joint
     return joints.measure(before, feedback, axis.scaling, tick.sync_ns)
 
 
@@ -149,7 +155,7 @@ def _reference_lost(core: Core, axis: Axis, feedback: DriveFeedback) -> str:
 
 def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
     state = feedback.power_state
-    if not conduct.enable_wanted(core, axis):
+    if not supervisor.enable_wanted(core, axis):
         axis.seen_off = axis.seen_off or state in _OFF
         held = axis.stop is not None and not axis.seen_off
         powered = state not in TORQUE_FREE
@@ -195,7 +201,7 @@ def observe(core: Core, tick: Tick) -> None:
     """Feed each leg's observer with this cycle's samples; what did not come is NaN."""
     for leg in core.legs:
         hip, slide = leg.axes
-        leg.artificial = plans.artificial(leg)
+        leg.artificial = leg_plan.artificial(leg)
         leg.measured = (_sampled_si(hip), _sampled_si(slide))
         leg.effort_used = (
             hip.joint.effort_si - leg.artificial[0],
@@ -214,13 +220,13 @@ def observe(core: Core, tick: Tick) -> None:
             effort_std=effort_std(leg),
             late=tick.late,
             unreferenced=not referenced,
-            artificial=leg.artificial != (0.0, 0.0) or plans.is_artificial(leg),
-            input_saturated=watching.is_saturated(leg),
+            artificial=leg.artificial != (0.0, 0.0) or leg_plan.is_artificial(leg),
+            input_saturated=monitors.is_saturated(leg),
             near_limit=leg.zone.entered,
         )
         watch(core, leg, estimate, tick.dt_s)
         look_back(leg, estimate, tick.dt_s)
-        watching.watch_patient(core, leg, estimate)
+        monitors.watch_patient(core, leg, estimate)
         bad = Validity.BAD in estimate.validity
         leg.observer_bad_cycles = leg.observer_bad_cycles + 1 if bad else 0
 
@@ -239,7 +245,7 @@ def _sampled_si(axis: Axis) -> float:
     return axis.joint.position_si if axis.joint.fresh else math.nan
 
 
-def judge(core: Core, orders: inbox.Orders, tick: Tick) -> tuple[Verdict, ...]:
+def judge(core: Core, orders: inputs.Orders, tick: Tick) -> tuple[Verdict, ...]:
     """Gather what safety looks at, and let it judge; the harshest verdict first."""
     drives = core.drives
     service = ServiceSituation(
@@ -260,8 +266,8 @@ def judge(core: Core, orders: inbox.Orders, tick: Tick) -> tuple[Verdict, ...]:
         if axis.feedback is not None:
             axis.emergencies_seen = axis.feedback.alarm_count
     config = core.config
-    return safety.judge(
-        service, axes, legs, config.thresholds, config.categories, driving=conduct.driving(core)
+    return checks.judge(
+        service, axes, legs, config.thresholds, config.categories, driving=supervisor.driving(core)
     )
 
 
@@ -274,15 +280,15 @@ def _situation(core: Core, leg: Leg, index: int) -> AxisSituation:
         name=axis.name,
         feedback=feedback,
         joint=axis.joint,
-        limits=preparing.limits_in_force(core, axis),
+        limits=commissioning.limits_in_force(core, axis),
         referenced=axis.referenced,
         preparing=core.preparation is not None,
-        homing=preparing.is_homing(core, axis),
+        homing=commissioning.is_homing(core, axis),
         tracking_si=axis.tracking_si if core.mode != Mode.STOPPING else 0.0,
         wanted_velocity_si=axis.wanted_velocity_si,
         counts_sign=1 if axis.scaling.counts_per_si > 0 else -1,
         loop_distance_si=targets.loop_distance(axis),
-        enable_wanted=conduct.enable_wanted(core, axis),
+        enable_wanted=supervisor.enable_wanted(core, axis),
         reached_enabled=axis.reached_enabled,
         unready_cycles=axis.unready_cycles,
         unasked_cycles=axis.unasked_cycles,
@@ -291,8 +297,8 @@ def _situation(core: Core, leg: Leg, index: int) -> AxisSituation:
         mode_wanted=axis.mode_sent,
         new_emergency=feedback.alarm_count > axis.emergencies_seen,
         watch=axis.watch,
-        stride_energy_j=watching.stride_energy(leg, axis),
-        stride_drift_si=watching.stride_drift(leg, axis),
+        stride_energy_j=monitors.stride_energy(leg, axis),
+        stride_drift_si=monitors.stride_drift(leg, axis),
         stopping_end_si=axis.stopping_end_si,
         spasm_cycles=axis.spasm.cycles,
         spasm_rise_si=axis.spasm.rise_si,

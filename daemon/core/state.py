@@ -3,15 +3,12 @@
 from dataclasses import dataclass, field
 
 from daemon.config.settings import Excite, Gait, HandGuiding, Impedance, SelfTest
-from daemon.core.assist import AssistRules, LegAssist
-from daemon.core.axis_notes import Notes, PoseRules, Wiring
-from daemon.core.balance import Balance
-from daemon.core.effort_watch import EffortWatch
-from daemon.core.energy import StrideSum
-from daemon.core.joints import Joint
-from daemon.core.limits import AxisLimits, Categories, Thresholds
-from daemon.core.preparation import HomingRules, Preparation, PushRules, SignTest
-from daemon.core.reference import (
+from daemon.core.modes.persistent_state import Notes, PoseRules, Wiring
+from daemon.core.motion.assist import AssistRules, LegAssist
+from daemon.core.motion.hand_guiding import ReleasePlay
+from daemon.core.motion.self_test import SelfTestPlay
+from daemon.core.motion.single_axis import HomingRules, Preparation, PushRules, SignTest
+from daemon.core.motion.trajectory import (
     ExcitePlay,
     GaitPlay,
     GaitShape,
@@ -19,22 +16,25 @@ from daemon.core.reference import (
     Reference,
     TorquePlay,
 )
-from daemon.core.release import ReleasePlay
-from daemon.core.self_test import SelfTestPlay
-from daemon.core.soft_limits import SoftZone
-from daemon.core.spasm import SpasmRules, SpasmWatch
-from daemon.core.stopping import DriveStop, StopRules
-from daemon.record import Cause, Mode, Request, RequestResult, Setpoint, Verdict
-from daemon.refusals import SetpointRefusal
-from drives.drive import DriveGroup
+from daemon.core.safety.effort_monitor import EffortWatch
+from daemon.core.safety.energy import StrideSum
+from daemon.core.safety.inverse_dynamics import Balance
+from daemon.core.safety.limits import AxisLimits, Categories, Thresholds
+from daemon.core.safety.soft_limits import SoftZone
+from daemon.core.safety.spasm import SpasmRules, SpasmWatch
+from daemon.core.safety.stop_sequence import DriveStop, StopRules
+from daemon.core.steps.joints import Joint
+from daemon.ipc.record import Cause, Mode, Request, RequestResult, Setpoint, Verdict
+from daemon.wire.refusals import SetpointRefusal
+from drives.cia402.drive import DriveGroup
+from drives.cia402.torque import TorqueSampling
+from drives.cia402.units import AxisScaling
 from drives.signals import DriveFeedback, OperationMode
-from drives.torque import TorqueSampling
-from drives.units import AxisScaling
 from observer.drift import NO_DRIFT, Drift
-from observer.friction import FrictionParameters
-from observer.leg_observer import LegEstimate, LegObserver
-from observer.leg_smoother import LegSmoother
-from observer.mechanism import LegParameters
+from observer.filter.leg_observer import LegEstimate, LegObserver
+from observer.filter.leg_smoother import LegSmoother
+from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.mechanism import LegParameters
 from observer.strides import Stride, StrideCounter
 
 Play = GaitPlay | ExcitePlay | ReleasePlay | SelfTestPlay

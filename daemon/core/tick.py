@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from daemon.cycle_timing import CycleTiming
-from daemon.record import BusRecord
+from daemon.ipc.cycle_timing import CycleTiming
+from daemon.ipc.record import BusRecord
 
 
 class Tick(NamedTuple):

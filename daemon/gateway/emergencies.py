@@ -4,7 +4,7 @@ from collections import deque
 from typing import Final
 
 from daemon import wire
-from daemon.record import CycleRecord, EmergencyRecord
+from daemon.ipc.record import CycleRecord, EmergencyRecord
 
 RING_COUNT: Final = 32
 

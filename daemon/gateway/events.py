@@ -14,9 +14,8 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 from daemon import wire
-from daemon.causes import CAUSE_TEXT
 from daemon.gateway.translate import Stamp, head, power_state_name
-from daemon.record import (
+from daemon.ipc.record import (
     Cause,
     CycleRecord,
     DriveRecord,
@@ -26,7 +25,8 @@ from daemon.record import (
     StopCategory,
     Verdict,
 )
-from daemon.words import NMT_STATES, name_of
+from daemon.wire.causes import CAUSE_TEXT
+from daemon.wire.fields import NMT_STATES, name_of
 
 HISTORY_COUNT: Final = 200
 """Events that a late joiner gets."""

@@ -13,12 +13,12 @@ from typing import Final
 import msgspec
 
 from daemon import wire
-from daemon.cycle_timing import CyclePart
 from daemon.gateway.translate import Stamp, finite, head
-from daemon.health_messages import BusHealth, DriveHealth
-from daemon.record import BusRecord, CycleRecord, DriveRecord
-from daemon.refusals import SetpointRefusal
-from daemon.words import name_of
+from daemon.ipc.cycle_timing import CyclePart
+from daemon.ipc.record import BusRecord, CycleRecord, DriveRecord
+from daemon.wire.fields import name_of
+from daemon.wire.health_messages import BusHealth, DriveHealth
+from daemon.wire.refusals import SetpointRefusal
 
 LATENESS_BOUND_US: Final = (50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000)
 

@@ -6,12 +6,12 @@ A controller waits for the estimate, and counts microseconds; nobody waits for t
 from collections.abc import Sequence
 from typing import Final
 
-from daemon.clock import AgeClock
 from daemon.gateway import strides, translate
 from daemon.gateway.health import HealthWindow
 from daemon.gateway.outlet import Outlet
 from daemon.gateway.translate import View
-from daemon.record import CycleRecord
+from daemon.ipc.record import CycleRecord
+from daemon.system.clock import AgeClock
 
 YOUNG_RECORD_COUNT: Final = 20
 """What is older is not published: after a stall nobody wants to see the past as the present."""

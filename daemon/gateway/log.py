@@ -1,14 +1,14 @@
 """The gateway's log: one event per line, with what is known of it as fields.
 
-Under systemd the lines go into the journal with their fields (`daemon/journal.py`), else to stderr
-as logfmt: `level="warning" text="..." kind="stop" cause="drive_silent" drive="right/hip"`.
+Under systemd the lines go into the journal with their fields (`daemon/system/journal.py`), else to
+stderr as logfmt: `level="warning" text="..." kind="stop" cause="drive_silent" drive="right/hip"`.
 """
 
 import json
 import logging
 from typing import Final
 
-from daemon.journal import Journal
+from daemon.system.journal import Journal
 
 _PRIORITY: Final = {logging.ERROR: 3, logging.WARNING: 4, logging.INFO: 6, logging.DEBUG: 7}
 """Of syslog(3), by level."""

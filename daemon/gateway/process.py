@@ -14,17 +14,17 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
-from daemon.clock import AgeClock, MonotonicClock
 from daemon.config.settings import Lease
-from daemon.gateway.keeper import Keeper
-from daemon.gateway.publish import Mailbox, ZenohOutlet
 from daemon.gateway.reload import Reload
 from daemon.gateway.service import LEVEL_PERIOD_NS, Gateway
-from daemon.gateway.session import open_session
 from daemon.gateway.setpoints import SetpointBox
-from daemon.gateway.subscribe import SetpointSubscriber
-from daemon.sd_notify import Notifier
-from daemon.seam import GatewaySeam
+from daemon.ipc.transport import GatewaySeam
+from daemon.recorder.recorder import Keeper
+from daemon.system.clock import AgeClock, MonotonicClock
+from daemon.system.sd_notify import Notifier
+from daemon.zenoh_io.publish import Mailbox, ZenohOutlet
+from daemon.zenoh_io.session import open_session
+from daemon.zenoh_io.subscribe import SetpointSubscriber
 
 _POLL_MS: Final = LEVEL_PERIOD_NS // 1_000_000
 _REST_MS: Final = 1

@@ -13,21 +13,21 @@ from typing import Any, Final, NamedTuple, Protocol
 import msgspec
 
 from daemon import wire
-from daemon.clock import AgeClock
 from daemon.config.settings import Lease
-from daemon.gateway import control, events, translate
-from daemon.gateway.alive import SILENCE_NS, Presence
+from daemon.gateway import events, requests, translate
 from daemon.gateway.emergencies import EmergencyHistory
 from daemon.gateway.health import HealthWindow
 from daemon.gateway.lease import LeaseDesk
 from daemon.gateway.leg_messages import LegMessages
 from daemon.gateway.outlet import Outlet
+from daemon.gateway.presence import SILENCE_NS, Presence
 from daemon.gateway.setpoints import NOTHING, Batch
 from daemon.gateway.steering import Steering
 from daemon.gateway.translate import Stamp
-from daemon.record import CycleRecord, DriveRecord, Outcome
-from daemon.seam import GatewaySeam, RareNotice, RingError, RingHeader
-from daemon.words import name_of, printable
+from daemon.ipc.record import CycleRecord, DriveRecord, Outcome
+from daemon.ipc.transport import GatewaySeam, RareNotice, RingError, RingHeader
+from daemon.system.clock import AgeClock
+from daemon.wire.fields import name_of, printable
 
 LEVEL_PERIOD_NS: Final = 20_000_000
 DRIVES_PERIOD_NS: Final = 100_000_000
@@ -75,7 +75,7 @@ class Gateway:
         self._seam, self._outlet, self._clock = seam, outlet, clock
         self._trainer, self._listen = trainer, tuple(listen)
         self._log = logging.getLogger("gaitd.gateway")
-        self._desk = control.Desk(first_level_seq=clock.now_ns())
+        self._desk = requests.Desk(first_level_seq=clock.now_ns())
         self.steering = Steering(LeaseDesk(lease))
         self._presence = Presence()
         self._events = events.EventLog()
@@ -145,7 +145,7 @@ class Gateway:
     def close(self) -> None:
         """Answer whoever still waits."""
         for ticket in tuple(self._waiting):
-            answer = control.Answer(ticket, Outcome.PENDING, "the gateway ends")
+            answer = requests.Answer(ticket, Outcome.PENDING, "the gateway ends")
             self._settle([answer])
 
     # --- records ------------------------------------------------------------------------------
@@ -271,40 +271,40 @@ class Gateway:
                 self._alone(inquiry, lambda: self._reject(inquiry, reason), answers=False)
 
     def _take(self, inquiry: Inquiry, now_ns: int) -> None:
-        route = control.ROUTES.get(inquiry.name)
+        route = requests.ROUTES.get(inquiry.name)
         if route is None:
-            known = ", ".join(control.ROUTES)
+            known = ", ".join(requests.ROUTES)
             self._reject(inquiry, f"control/{printable(inquiry.name)} is none of: {known}")
             return
         self._ticket += 1
-        if route is control.Route.STOP:
+        if route is requests.Route.STOP:
             # Before anything that could fail.
             self._desk.stop(self._ticket, now_ns)
         try:
-            ask = control.read_ask(inquiry.name, inquiry.payload)
-        except control.BadPayloadError as error:
+            ask = requests.read_ask(inquiry.name, inquiry.payload)
+        except requests.BadPayloadError as error:
             # A stop is a stop, whatever was sent along with it.
-            if route is not control.Route.STOP:
+            if route is not requests.Route.STOP:
                 self._reject(inquiry, str(error))
                 return
             ask = wire.Ask()
         self._waiting[self._ticket] = Waiting(inquiry, ask.client)
         self._route(route, inquiry.name, ask, now_ns)
 
-    def _route(self, route: control.Route, name: str, ask: wire.Ask, now_ns: int) -> None:
+    def _route(self, route: requests.Route, name: str, ask: wire.Ask, now_ns: int) -> None:
         ticket = self._ticket
         match route:
-            case control.Route.STOP:
+            case requests.Route.STOP:
                 self._steer(self.steering.stop())
-            case control.Route.CORE:
+            case requests.Route.CORE:
                 answer = self._desk.ask(ticket, name, ask, now_ns)
                 if answer is None:
                     self._say([events.asked(name, ask.client)], self._clock.utc_ns())
                 else:
                     self._settle([answer])
-            case control.Route.LEASE:
+            case requests.Route.LEASE:
                 self._lease(ask, now_ns)
-            case control.Route.GATEWAY:
+            case requests.Route.GATEWAY:
                 self._waiting.pop(ticket).inquiry.answer(self._information(name))
 
     def _lease(self, ask: wire.Ask, now_ns: int) -> None:
@@ -319,7 +319,7 @@ class Gateway:
             said = events.answered(inquiry.name, client, name_of(told.outcome), told.reason)
             self._steer([said])
 
-    def _settle(self, answers: Sequence[control.Answer]) -> None:
+    def _settle(self, answers: Sequence[requests.Answer]) -> None:
         """Send answers, and say as events what became of requests."""
         for answer in answers:
             waiting = self._waiting.pop(answer.ticket, None)
@@ -330,7 +330,7 @@ class Gateway:
                     lambda answer=answer, waiting=waiting: self._answer(answer, waiting),
                 )
 
-    def _answer(self, answer: control.Answer, waiting: Waiting) -> None:
+    def _answer(self, answer: requests.Answer, waiting: Waiting) -> None:
         inquiry, outcome = waiting.inquiry, name_of(answer.outcome)
         inquiry.answer(self._reply(inquiry.name, answer.outcome, answer.reason))
         if not answer.by_core:
@@ -345,7 +345,7 @@ class Gateway:
         record = self._newest if self._presence.heard else None
         return wire.Reply(
             # Names that strangers think of are not counted one by one.
-            **self._head(wire.CONTROL, name if name in control.ROUTES else ""),
+            **self._head(wire.CONTROL, name if name in requests.ROUTES else ""),
             request=name,
             outcome=name_of(outcome),
             reason=reason,

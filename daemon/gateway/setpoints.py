@@ -4,7 +4,7 @@ A setpoint passes three gates:
 
     SetpointBox     in Zenoh's thread: keeps the newest few, counts the rest, wakes the loop seldom
     SetpointDesk    in the loop: size, JSON, schema, leg, lease, order; the newest of each leg
-    the core        once more lease and order, then age, limits and mode (daemon/core/assist.py)
+    the core        once more lease and order, then age, limits and mode (core/motion/assist.py)
 
 A flood costs a short callback for each message and nothing else. What carries the digits of the
 lease that is held is kept apart from what does not: strangers cannot crowd out the holder.
@@ -21,9 +21,9 @@ from typing import Final, NamedTuple
 import msgspec
 
 from daemon import wire
-from daemon.decoding import Decoder, RefusedError
-from daemon.record import Setpoint
-from daemon.refusals import SetpointRefusal
+from daemon.ipc.decoding import Decoder, RefusedError
+from daemon.ipc.record import Setpoint
+from daemon.wire.refusals import SetpointRefusal
 
 SETPOINT_SIZE_MAX: Final = 1024
 """Bytes of a payload."""

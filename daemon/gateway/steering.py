@@ -12,9 +12,9 @@ from daemon import wire
 from daemon.gateway.events import Happening, Kind, Priority
 from daemon.gateway.lease import Ended, LeaseDesk, LeaseRefusedError
 from daemon.gateway.setpoints import Batch, SetpointDesk
-from daemon.record import CycleRecord, Mode, Outcome, Setpoint
-from daemon.refusals import REFUSAL_TEXT, SetpointRefusal
-from daemon.words import name_of
+from daemon.ipc.record import CycleRecord, Mode, Outcome, Setpoint
+from daemon.wire.fields import name_of
+from daemon.wire.refusals import REFUSAL_TEXT, SetpointRefusal
 
 STOPPED: Final = frozenset({Mode.STOPPING, Mode.FAULT})
 """Modes in which nobody holds the lease."""

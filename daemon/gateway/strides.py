@@ -4,7 +4,7 @@ from typing import Any, Final
 
 from daemon import wire
 from daemon.gateway.translate import View, finite, status_names
-from daemon.record import AxisStrideRecord, StrideRecord
+from daemon.ipc.record import AxisStrideRecord, StrideRecord
 
 COVERAGE_MIN_RATIO: Final = 0.5
 """An axis that was known for less of the stride has no figures: a part is not the whole."""

@@ -17,8 +17,7 @@ from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 from daemon import wire
-from daemon.causes import CAUSE_TEXT
-from daemon.record import (
+from daemon.ipc.record import (
     STATE_COUNT,
     CycleRecord,
     DriveRecord,
@@ -26,7 +25,8 @@ from daemon.record import (
     StopCategory,
     Verdict,
 )
-from daemon.words import NMT_STATES, POWER_STATES, StatusBit, Validity, name_of
+from daemon.wire.causes import CAUSE_TEXT
+from daemon.wire.fields import NMT_STATES, POWER_STATES, StatusBit, Validity, name_of
 
 NEVER_SHOWN: Final = (
     StatusBit.UNREFERENCED
@@ -328,7 +328,7 @@ def status_names(status: int) -> tuple[str, ...]:
 
 @lru_cache(maxsize=256)
 def _observable_rank(status: int) -> int:
-    """Proven equal to the rank of the observability matrix: observer/observability.py."""
+    """Proven equal to the rank of the observability matrix: observer/filter/observability.py."""
     resting = bool(status & StatusBit.STANDSTILL_HIP) + bool(status & StatusBit.STANDSTILL_SLIDE)
     return STATE_COUNT - resting
 

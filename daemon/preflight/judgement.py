@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from daemon.config.bundle import Settings
-from daemon.config.check import Report, examine, refuse
-from daemon.config.load import load
 from daemon.config.strict import ConfigError
-from daemon.gateway import endpoints
+from daemon.preflight.load import load
+from daemon.preflight.report import Report, examine, refuse
+from daemon.zenoh_io import endpoints
 
 
 class Judgement(NamedTuple):

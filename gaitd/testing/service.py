@@ -25,14 +25,14 @@ from typing import Any, Final, Self
 import can
 import msgspec
 
-from daemon.clock import AgeClock, MonotonicClock, PageClock
-from daemon.record import CycleRecord
-from daemon.seam import RING_NAME, RingError, RingReader
+from daemon.ipc.record import CycleRecord
+from daemon.ipc.transport import RING_NAME, RingError, RingReader
+from daemon.system.clock import AgeClock, MonotonicClock, PageClock
 from gaitd import remote
-from gaitd.children import free_ports, tied
 from gaitd.places import configs_folder
 from gaitd.remote import Target
 from gaitd.testing.edits import Edits, edit
+from gaitd_lab.processes import free_ports, tied
 from simtime.link import LinkLostError, SocketLink
 from simtime.wire import Role
 

@@ -17,10 +17,10 @@ from collections.abc import Generator
 from pathlib import Path
 from typing import Any, Final, Self
 
-from daemon.record import CycleRecord, Mode
-from gaitd.children import memory_folder
+from daemon.ipc.record import CycleRecord, Mode
 from gaitd.testing.edits import Edits
 from gaitd.testing.service import REAL_TIME, Service, ServiceError
+from gaitd_lab.processes import memory_folder
 
 PATIENCE_S: Final = 90.0
 START_S: Final = 300.0

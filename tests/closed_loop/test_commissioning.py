@@ -6,8 +6,8 @@ from itertools import groupby
 import pytest
 from sessions import CONFIGS, Session, changed_configs
 
-from daemon.core.axis_notes import Notes
-from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Stage
+from daemon.core.modes.persistent_state import Notes
+from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Stage
 from drives.signals import PowerState
 
 HIP, SLIDE = "right/hip", "right/slide"

@@ -6,7 +6,7 @@ import pytest
 from sessions import reaches_rest_in_fault
 from stopping_faults import FAULTS, LOST, MISMEASURED, MISWIRED, STOP_NOTHING_ALONE
 
-from daemon.record import Cause, Mode, Outcome, RequestKind, StopCategory
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
 from drives.signals import PowerState
 from sim_drives.frame import Frame
 

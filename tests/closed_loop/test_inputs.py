@@ -10,7 +10,7 @@ from sessions import (
 )
 from wire import change_what_drives_say
 
-from daemon.record import Cause, Mode, ModeRequest, RequestKind, Stage
+from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind, Stage
 from drives.signals import PowerState
 
 HAND_SWITCH_BIT, STO_BIT = 16, 17

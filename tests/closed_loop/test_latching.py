@@ -3,12 +3,12 @@
 import pytest
 from sessions import Session, changed_configs
 
-from daemon.core import daily
-from daemon.core.axis_notes import UNREADABLE, Notes
-from daemon.core.notebook import Notebook
-from daemon.notes_file import NAME
-from daemon.record import Cause, Mode, Outcome, RequestKind, StopCategory
-from gaitd.lockstep import Lockstep
+from daemon.core.modes.persistent_state import UNREADABLE, Notes
+from daemon.core.runtime.state_file import Notebook
+from daemon.core.steps import daily_test
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
+from daemon.ipc.state_file import NAME
+from gaitd_lab.lockstep import Lockstep
 
 
 def notes_of(session: Session) -> Notes:
@@ -214,7 +214,7 @@ def test_an_end_of_the_service_while_it_stops_makes_nobody_forget_why(session):
 def test_nothing_is_written_while_the_drives_are_enabled_but_the_stop_that_ends_it(
     session, monkeypatch
 ):
-    monkeypatch.setattr(daily, "NOTE_NS", 1_000_000_000)
+    monkeypatch.setattr(daily_test, "NOTE_NS", 1_000_000_000)
     modes_written = []
     write = session.lockstep.notebook.write
 

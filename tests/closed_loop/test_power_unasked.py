@@ -11,10 +11,10 @@ import pytest
 from sessions import Session, generic_drives
 from wire import SYNC, change_what_drives_hear, change_what_drives_say
 
-from daemon.core.stopping import Step
-from daemon.record import Cause, Mode, Outcome, RequestKind, StopCategory
+from daemon.core.safety.stop_sequence import Step
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
 from drives.signals import PowerState
-from gaitd.lockstep import Lockstep
+from gaitd_lab.lockstep import Lockstep
 from sim_drives.frame import Frame
 
 HIP = 5

@@ -7,9 +7,9 @@ from itertools import pairwise
 import pytest
 from sessions import Session, changed_configs
 
-from daemon.core.axis_notes import AxisNote, Notes
-from daemon.core.preparing import finds_home
-from daemon.record import Cause, Mode, Outcome, RequestKind
+from daemon.core.modes.persistent_state import AxisNote, Notes
+from daemon.core.steps.commissioning import finds_home
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
 from drives.signals import OperationMode, PowerState
 from sim_drives.frame import Frame
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from sessions import Session, changed_configs, position_guidance
 
-from daemon.record import (
+from daemon.ipc.record import (
     Cause,
     CycleRecord,
     Mode,

@@ -5,10 +5,10 @@ from functools import partial
 import pytest
 from sessions import Session, changed_configs, elsewhere
 
-from daemon.core.modes import TRANSITIONS, event_of
-from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind
-from gaitd.lockstep import Lockstep
+from daemon.core.modes.table import TRANSITIONS, event_of
+from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
 from gaitd.mode_tables import ASKS
+from gaitd_lab.lockstep import Lockstep
 
 EMPTY = (
     ("demo.toml", '"robot.toml"', '"robot_empty.toml"'),

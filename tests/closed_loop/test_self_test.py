@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from sessions import Session, changed_configs, elsewhere, position_guidance, two_legs
 
-from daemon.core.axis_notes import Notes
-from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind, RequestResult
+from daemon.core.modes.persistent_state import Notes
+from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, RequestResult
 
 DAILY = ("demo.toml", 'required = "never"', 'required = "daily"')
 SELF_TEST = ModeRequest(Mode.SELF_TEST)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from sessions import Session, empty_machine, two_legs
 
-from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Stage
+from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Stage
 from drives.errors import BringUpRefused
 from drives.signals import PowerState
-from gaitd.lockstep import Lockstep
-from observer.status import Status
+from gaitd_lab.lockstep import Lockstep
+from observer.filter.status import Status
 
 ENABLING = 0b1000
 """Bit 3 of the controlword: enable operation."""

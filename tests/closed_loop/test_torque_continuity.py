@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from daemon.record import Mode, ModeRequest, Outcome, RequestKind
+from daemon.ipc.record import Mode, ModeRequest, Outcome, RequestKind
 
 HOLD = ModeRequest(Mode.HOLD)
 STEPS = (

@@ -8,10 +8,10 @@ import pytest
 
 from daemon import wire
 from daemon.gateway.translate import COVARIANCE_COUNT
-from daemon.record import STATE_COUNT
-from daemon.words import NMT_STATES, POWER_STATES, StatusBit, Validity
+from daemon.ipc.record import STATE_COUNT
+from daemon.wire.fields import NMT_STATES, POWER_STATES, StatusBit, Validity
 from drives.signals import NmtState, PowerState
-from observer import status
+from observer.filter import status
 
 HEAD = {"seq": 7, "core_boot_id": "b", "cycle": 41, "sample_time_ns": 1_760_000_000_410_000_000}
 

@@ -8,13 +8,13 @@ from rich.console import Console
 from rich.text import Text
 
 from daemon import wire
-from daemon.clock import MonotonicClock
-from gaitd.demonstration.curves import Chart, Curve
-from gaitd.demonstration.feed import HEARD, TRUE, Audience, Track
-from gaitd.demonstration.report import line
-from gaitd.demonstration.script import Kind, Scene
-from gaitd.demonstration.view import Moment, picture
+from daemon.system.clock import MonotonicClock
 from gaitd.remote import Target
+from gaitd_lab.demonstration.curves import Chart, Curve
+from gaitd_lab.demonstration.feed import HEARD, TRUE, Audience, Track
+from gaitd_lab.demonstration.report import line
+from gaitd_lab.demonstration.script import Kind, Scene
+from gaitd_lab.demonstration.view import Moment, picture
 
 NOW_NS = 20_000_000_000
 

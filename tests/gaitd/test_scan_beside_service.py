@@ -7,18 +7,18 @@ from drive_files import CYCLE, HIP_LIMITS
 from msgspec.structs import replace
 from sessions import Session, changed_configs
 
-from daemon.record import BusRecord, Mode, ModeRequest, RequestKind
-from drives.bus import Frame
-from drives.configurator import Configurator
-from drives.dump import read_objects, readable
-from drives.eds import load_eds
-from drives.inventory import FindingKind, take_stock
-from drives.keeping import Keeping, KeepingRefusedError, check_bus, check_drive
-from drives.plan import plan
-from drives.scanning import survey
-from drives.stations import Expected
-from drives.witness import Witness, WitnessedBus
-from gaitd.lockstep import WorldClock
+from daemon.ipc.record import BusRecord, Mode, ModeRequest, RequestKind
+from drives.bringup.configurator import Configurator
+from drives.bringup.plan import plan
+from drives.canopen.bus import Frame
+from drives.canopen.sniffer import Witness, WitnessedBus
+from drives.service.dump import read_objects, readable
+from drives.service.eds import load_eds
+from drives.service.inventory import FindingKind, take_stock
+from drives.service.parameters import Keeping, KeepingRefusedError, check_bus, check_drive
+from drives.service.scan import survey
+from drives.service.stations import Expected
+from gaitd_lab.lockstep import WorldClock
 from sim_drives.frame import Frame as WorldFrame
 
 MBIT = 1_000_000

@@ -4,12 +4,12 @@ import pytest
 from msgspec.structs import replace
 from records import record as any_record
 
-from daemon.record import Cause, CycleRecord, Mode, StopCategory, Verdict
-from gaitd.soaking import memory
-from gaitd.soaking.happenings import SOURCES, Chances, Doer, Happening
-from gaitd.soaking.operator import Operator, Situation
-from gaitd.soaking.witness import Judged, Witness
-from sim_drives.faults import parse_command
+from daemon.ipc.record import Cause, CycleRecord, Mode, StopCategory, Verdict
+from gaitd_lab.soak import memory
+from gaitd_lab.soak.happenings import SOURCES, Chances, Doer, Happening
+from gaitd_lab.soak.operator import Operator, Situation
+from gaitd_lab.soak.witness import Judged, Witness
+from sim_drives.faults.script import parse_command
 
 DRIVES = ("right/hip", "right/slide")
 EMERGENCY = Verdict(StopCategory.S1, Cause.EMERGENCY, "right/hip")

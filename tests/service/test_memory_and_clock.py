@@ -11,7 +11,7 @@ import pytest
 from long_service import ALTERED_CORE, PATIENCE_S
 from witnesses import CONTROLWORDS, Watch
 
-from daemon.record import Cause, Mode, Verdict
+from daemon.ipc.record import Cause, Mode, Verdict
 from drives.signals import PowerState
 
 STEPS_S = (3600, -7200, 3600)

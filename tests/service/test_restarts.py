@@ -11,8 +11,8 @@ from long_service import PATIENCE_S, WAITING_GATEWAY
 from processes import Service
 from witnesses import Watch
 
-from daemon.record import Cause, Mode
-from daemon.seam import RING_NAME, RingReader
+from daemon.ipc.record import Cause, Mode
+from daemon.ipc.transport import RING_NAME, RingReader
 
 CONFIGURATION_ERROR = 2
 SILENCE_CYCLES = 30

@@ -13,7 +13,7 @@ from fault_table import FaultTable
 from long_service import PATIENCE_S
 from witnesses import MASTER_HEARTBEAT, SYNC, Watch
 
-from daemon.record import Cause, Mode, StopCategory, Verdict
+from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
 from drives.signals import PowerState
 
 NODES = (5, 6)

@@ -20,7 +20,7 @@ from long_service import PATIENCE_S
 from processes import Service
 from witnesses import Watch
 
-from daemon.record import Cause, Mode
+from daemon.ipc.record import Cause, Mode
 from gaitd.remote import client_settings
 
 CONFIGURATION_ERROR = 2

@@ -4,10 +4,10 @@ from collections.abc import Iterable
 
 import msgspec
 
-from daemon.cycle_timing import CycleTiming
-from daemon.kept_ring import Cutting
-from daemon.record import CycleRecord, DriveRecord, LegRecord, Mode, RequestResult, Verdict
-from daemon.seam import SLOT_COUNT, SLOT_SIZE, RingHeader
+from daemon.ipc.cycle_timing import CycleTiming
+from daemon.ipc.record import CycleRecord, DriveRecord, LegRecord, Mode, RequestResult, Verdict
+from daemon.ipc.ring_clip import Cutting
+from daemon.ipc.transport import SLOT_COUNT, SLOT_SIZE, RingHeader
 
 HEADER = RingHeader(
     core_boot_id="boot",

@@ -10,13 +10,21 @@ from typing import Any
 import numpy as np
 
 from analysis.accuracy import Score, score
-from daemon.config.load import load
-from daemon.core.axis_notes import Notes
-from daemon.record import CycleRecord, Mode, ModeRequest, Outcome, RequestKind, RequestResult, Stage
-from gaitd.lockstep import Lockstep
-from gaitd.virtual_machine import virtual_machine
+from daemon.core.modes.persistent_state import Notes
+from daemon.ipc.record import (
+    CycleRecord,
+    Mode,
+    ModeRequest,
+    Outcome,
+    RequestKind,
+    RequestResult,
+    Stage,
+)
+from daemon.preflight.load import load
+from gaitd_lab.lockstep import Lockstep
+from gaitd_lab.virtual_machine import virtual_machine
 from sim_drives.build import Machine
-from sim_drives.truth import TruthLog
+from sim_drives.plant.truth import TruthLog
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 AXES = ("hip", "slide")

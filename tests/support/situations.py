@@ -2,12 +2,12 @@
 
 import math
 
-from daemon.causes import CHOSEN_CATEGORY
-from daemon.core.effort_watch import EffortWatch
-from daemon.core.joints import Joint
-from daemon.core.limits import AxisLimits, Categories, Thresholds
-from daemon.core.safety import NO_VERDICT, judge
-from daemon.core.situation import AxisSituation, LegSituation, ServiceSituation
+from daemon.core.safety.checks import NO_VERDICT, judge
+from daemon.core.safety.effort_monitor import EffortWatch
+from daemon.core.safety.inputs import AxisSituation, LegSituation, ServiceSituation
+from daemon.core.safety.limits import AxisLimits, Categories, Thresholds
+from daemon.core.steps.joints import Joint
+from daemon.wire.causes import CHOSEN_CATEGORY
 from drives.signals import (
     DriveFeedback,
     Input,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import pytest
 from config_files import CONFIGS, Change, changed, copied
 
-from daemon.config.load import ConfigError, load
+from daemon.preflight.load import ConfigError, load
 from gaitd.__main__ import main
 
 
@@ -881,7 +881,7 @@ def started(monkeypatch) -> list[object]:
 
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
     monkeypatch.setenv("JOURNAL_STREAM", "")
-    monkeypatch.setattr("daemon.core.process.run_core", run_core)
+    monkeypatch.setattr("daemon.core.runtime.process.run_core", run_core)
     return settings
 
 

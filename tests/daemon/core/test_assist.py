@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from situations import LIMITS
 
-from daemon.core.assist import (
+from daemon.core.modes.table import TRANSITIONS, Circumstances, Event, refusal
+from daemon.core.motion.assist import (
     ASSISTED,
     AssistRules,
     Desk,
@@ -18,9 +19,8 @@ from daemon.core.assist import (
     is_neutral,
     judge,
 )
-from daemon.core.modes import TRANSITIONS, Circumstances, Event, refusal
-from daemon.record import Mode, ModeRequest, RequestKind, Setpoint
-from daemon.refusals import REFUSAL_TEXT, SetpointRefusal
+from daemon.ipc.record import Mode, ModeRequest, RequestKind, Setpoint
+from daemon.wire.refusals import REFUSAL_TEXT, SetpointRefusal
 
 BOTH = (LIMITS, LIMITS)
 RULES = AssistRules(age_max_cycles=10, start_cycles=50, fade_cycles=20, stiffness_step_ratio=0.01)

@@ -10,8 +10,7 @@ from dataclasses import replace
 import pytest
 from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
 
-from daemon.core.effort_watch import EffortWatch
-from daemon.core.safety import (
+from daemon.core.safety.checks import (
     EFFORT_MARGIN_RATIO,
     ENABLE_CYCLES,
     FREEZE_DECELERATION_RATIO,
@@ -20,7 +19,8 @@ from daemon.core.safety import (
     OBSERVER_BAD_MAX_CYCLES,
     TX_DROPPED_MAX,
 )
-from daemon.record import Cause
+from daemon.core.safety.effort_monitor import EffortWatch
+from daemon.ipc.record import Cause
 from drives.signals import Input, PowerState
 
 STANDING = replace(AXIS, joint=JOINT._replace(velocity_si=0.0, effort_si=0.0))

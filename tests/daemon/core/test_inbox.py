@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from daemon.core.inbox import hear
-from daemon.record import Level, Outcome, Request, RequestKind, RequestResult, Setpoint
+from daemon.core.inputs import hear
+from daemon.ipc.record import Level, Outcome, Request, RequestKind, RequestResult, Setpoint
 
 CYCLE = 1000
 ENABLE = Request(8, RequestKind.ENABLE, CYCLE - 1)

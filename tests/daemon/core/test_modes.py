@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from daemon.core.modes import (
+from daemon.core.modes.table import (
     TRANSITIONS,
     Circumstances,
     Event,
@@ -12,7 +12,7 @@ from daemon.core.modes import (
     next_mode,
     refusal,
 )
-from daemon.record import Mode, ModeRequest, RequestKind
+from daemon.ipc.record import Mode, ModeRequest, RequestKind
 
 ALL_WELL = Circumstances(
     mode=Mode.READY,

@@ -5,8 +5,8 @@ from dataclasses import FrozenInstanceError, replace
 import msgspec
 import pytest
 
-from daemon.core.modes import TRANSITIONS, Circumstances, Event, event_of, refusal
-from daemon.record import Mode, ModeRequest, RequestKind
+from daemon.core.modes.table import TRANSITIONS, Circumstances, Event, event_of, refusal
+from daemon.ipc.record import Mode, ModeRequest, RequestKind
 
 ALL_WELL = Circumstances(
     mode=Mode.READY,

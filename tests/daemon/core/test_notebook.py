@@ -2,7 +2,7 @@
 
 import pytest
 
-from daemon.core.axis_notes import (
+from daemon.core.modes.persistent_state import (
     UNREADABLE,
     AxisNote,
     LatchedNote,
@@ -11,8 +11,8 @@ from daemon.core.axis_notes import (
     with_pose,
     with_proof,
 )
-from daemon.core.notebook import Notebook
-from daemon.notes_file import NAME, SIZE
+from daemon.core.runtime.state_file import Notebook
+from daemon.ipc.state_file import NAME, SIZE
 
 PROOF = SignProof(5, 305_000_005, 1, 100.0, None, 1024, 0.036, -0.036, 1)
 NOTES = Notes(axes={"right/hip": AxisNote(0.25, 7, PROOF)})

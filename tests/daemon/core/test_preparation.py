@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from daemon.core.preparation import (
+from daemon.core.motion.single_axis import (
     HOMING_BEGIN_CYCLES,
     OVER,
     STAGE_OF,
@@ -18,7 +18,7 @@ from daemon.core.preparation import (
     advance,
     begin,
 )
-from daemon.record import Stage
+from daemon.ipc.record import Stage
 from drives.signals import HomingState
 
 RULES = PushRules(effort_max_si=12.0, effort_rate_si_per_s=6.0, motion_si=0.035)

@@ -9,10 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
 
-from daemon.core.bounds import bound, bound_position
-from daemon.core.effort_watch import EffortWatch
-from daemon.core.limits import Categories
-from daemon.core.safety import (
+from daemon.core.safety.bounds import bound, bound_position
+from daemon.core.safety.checks import (
     EFFORT_MARGIN_RATIO,
     ENABLE_CYCLES,
     FREEZE_DECELERATION_RATIO,
@@ -24,7 +22,9 @@ from daemon.core.safety import (
     judge,
     worse,
 )
-from daemon.record import Cause, StopCategory, Verdict
+from daemon.core.safety.effort_monitor import EffortWatch
+from daemon.core.safety.limits import Categories
+from daemon.ipc.record import Cause, StopCategory, Verdict
 from drives.signals import Emergency, Input, NmtState, PowerState
 
 EMERGENCY = Emergency(5, 0x8611, 0x21, b"\0" * 5, "following error", 0)

@@ -7,12 +7,12 @@ import msgspec
 import pytest
 from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
 
-from daemon.causes import CHOSEN_CATEGORY
-from daemon.core.bounds import bound, bound_assist, bound_position
-from daemon.core.effort_watch import EffortWatch
-from daemon.core.limits import Categories
-from daemon.core.safety import NO_VERDICT
-from daemon.record import Cause, StopCategory
+from daemon.core.safety.bounds import bound, bound_assist, bound_position
+from daemon.core.safety.checks import NO_VERDICT
+from daemon.core.safety.effort_monitor import EffortWatch
+from daemon.core.safety.limits import Categories
+from daemon.ipc.record import Cause, StopCategory
+from daemon.wire.causes import CHOSEN_CATEGORY
 from drives.signals import Emergency, Input, NmtState, OperationMode, PowerState
 
 EMERGENCY = Emergency(5, 0x8611, 0x21, b"\0" * 5, "following error", 0)

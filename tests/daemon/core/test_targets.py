@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from sessions import CONFIGS
 from situations import FEEDBACK, JOINT
 
-from daemon.config.load import load
-from daemon.core import targets
-from daemon.core.axis_notes import Notes
-from daemon.core.build import build
+from daemon.core.modes.persistent_state import Notes
+from daemon.core.runtime.build import build
+from daemon.core.steps import targets
+from daemon.preflight.load import load
 from drives.signals import OperationMode, PowerState
 
 CSP, CST = OperationMode.CYCLIC_SYNC_POSITION, OperationMode.CYCLIC_SYNC_TORQUE

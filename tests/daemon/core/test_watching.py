@@ -9,15 +9,21 @@ from hypothesis import strategies as st
 from sessions import CONFIGS
 from situations import LIMITS
 
-from daemon.config.load import load
 from daemon.config.robot import friction_parameters, leg_parameters
-from daemon.core.balance import ROW, Balance, follow
-from daemon.core.effort_watch import SENT_COUNT, SETTLE_CYCLES, EffortWatch, look, note_sent
-from daemon.core.energy import STRIDE_MAX_CYCLES, StrideSum, stride_cycles
-from daemon.core.joints import Joint
-from daemon.core.spasm import STILL_CYCLES, SpasmRules, SpasmWatch, softened
-from observer.friction import static_friction_of
-from observer.mechanism import coriolis, damping, gravity, mass_matrix
+from daemon.core.safety.effort_monitor import (
+    SENT_COUNT,
+    SETTLE_CYCLES,
+    EffortWatch,
+    look,
+    note_sent,
+)
+from daemon.core.safety.energy import STRIDE_MAX_CYCLES, StrideSum, stride_cycles
+from daemon.core.safety.inverse_dynamics import ROW, Balance, follow
+from daemon.core.safety.spasm import STILL_CYCLES, SpasmRules, SpasmWatch, softened
+from daemon.core.steps.joints import Joint
+from daemon.preflight.load import load
+from observer.mechanism.friction import static_friction_of
+from observer.mechanism.mechanism import coriolis, damping, gravity, mass_matrix
 
 ROBOT = load(CONFIGS / "demo.toml").robot
 LEG, FRICTIONS = leg_parameters(ROBOT), friction_parameters(ROBOT)

@@ -15,14 +15,13 @@ import zenoh
 from processes import CONFIGS
 
 from daemon import wire
-from daemon.clock import MonotonicClock
 from daemon.config.settings import Lease
 from daemon.config.trainer import load_trainer
-from daemon.cycle_timing import CycleTiming
 from daemon.gateway.process import serve
 from daemon.gateway.reload import Reload
 from daemon.gateway.service import Gateway
-from daemon.record import (
+from daemon.ipc.cycle_timing import CycleTiming
+from daemon.ipc.record import (
     CycleRecord,
     DriveRecord,
     LegRecord,
@@ -33,7 +32,8 @@ from daemon.record import (
     RequestResult,
     Verdict,
 )
-from daemon.seam import CoreSeam, GatewaySeam, RingHeader
+from daemon.ipc.transport import CoreSeam, GatewaySeam, RingHeader
+from daemon.system.clock import MonotonicClock
 
 MS = 1_000_000
 NAN = float("nan")

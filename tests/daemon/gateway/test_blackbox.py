@@ -9,13 +9,13 @@ import msgspec
 import pytest
 from records import HEADER
 
-from daemon.gateway.blackbox import AFTER_NS, BEFORE_NS, BlackBox
-from daemon.gateway.disk import Disk
-from daemon.gateway.shelf import Shelf, surplus
-from daemon.gateway.trail import Glance, glance_of
-from daemon.kept_ring import FOLDER, KeptFile, kept_files
-from daemon.record import Cause, Mode, StopCategory, Verdict
-from daemon.seam import ASIDE_NAME, CoreSeam, GatewaySeam, Kept, RingReader
+from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
+from daemon.ipc.ring_clip import FOLDER, KeptFile, kept_files
+from daemon.ipc.transport import ASIDE_NAME, CoreSeam, GatewaySeam, Kept, RingReader
+from daemon.recorder.black_box import AFTER_NS, BEFORE_NS, BlackBox
+from daemon.recorder.clip_store import Shelf, surplus
+from daemon.recorder.disk import Disk
+from daemon.recorder.ring_follower import Glance, glance_of
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS

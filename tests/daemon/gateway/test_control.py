@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import wire
-from daemon.gateway.control import KINDS, PATIENCE_NS, STOP_PATIENCE_NS, Desk
-from daemon.record import Mode, Outcome, RequestKind, RequestResult, Setpoint
+from daemon.gateway.requests import KINDS, PATIENCE_NS, STOP_PATIENCE_NS, Desk
+from daemon.ipc.record import Mode, Outcome, RequestKind, RequestResult, Setpoint
 
 SECOND = 1_000_000_000
 ASK = wire.Ask()

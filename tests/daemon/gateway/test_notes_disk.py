@@ -6,10 +6,10 @@ from unittest import mock
 
 import pytest
 
-from daemon.core.axis_notes import LatchedNote, Notes
-from daemon.core.notebook import Notebook
-from daemon.gateway.notes_disk import NotesDisk
-from daemon.notes_file import NAME
+from daemon.core.modes.persistent_state import LatchedNote, Notes
+from daemon.core.runtime.state_file import Notebook
+from daemon.ipc.state_file import NAME
+from daemon.recorder.state_file_sync import NotesDisk
 
 
 @pytest.fixture

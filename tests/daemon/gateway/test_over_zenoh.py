@@ -11,7 +11,7 @@ import pytest
 import zenoh
 from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 
-from daemon.record import Cause, Outcome, StopCategory, Verdict
+from daemon.ipc.record import Cause, Outcome, StopCategory, Verdict
 
 pytestmark = pytest.mark.realtime
 

@@ -9,10 +9,10 @@ import pytest
 
 from daemon.config.strict import ConfigError
 from daemon.config.trainer import load_trainer
-from daemon.gateway import endpoints
 from daemon.gateway.events import Priority
 from daemon.gateway.lease import LeaseDesk
 from daemon.gateway.reload import Reload
+from daemon.zenoh_io import endpoints
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 

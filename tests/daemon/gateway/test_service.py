@@ -4,11 +4,11 @@ import math
 
 import msgspec
 
-from daemon.cycle_timing import CycleTiming
-from daemon.gateway.alive import SILENCE_NS
 from daemon.gateway.health import HealthWindow
+from daemon.gateway.presence import SILENCE_NS
 from daemon.gateway.translate import Stamp
-from daemon.record import (
+from daemon.ipc.cycle_timing import CycleTiming
+from daemon.ipc.record import (
     BusRecord,
     Cause,
     EmergencyRecord,

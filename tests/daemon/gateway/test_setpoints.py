@@ -8,7 +8,6 @@ import threading
 import msgspec
 import pytest
 
-from daemon.assist_record import AssistRecord
 from daemon.config.settings import Lease
 from daemon.gateway.events import Priority
 from daemon.gateway.lease import LeaseDesk
@@ -24,8 +23,9 @@ from daemon.gateway.setpoints import (
     SetpointDesk,
 )
 from daemon.gateway.steering import TOLD_MAX, Steering
-from daemon.record import Mode
-from daemon.refusals import SetpointRefusal
+from daemon.ipc.assist_record import AssistRecord
+from daemon.ipc.record import Mode
+from daemon.wire.refusals import SetpointRefusal
 
 LEGS = ("right", "left")
 LEASE = 123_456_789

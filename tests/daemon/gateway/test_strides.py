@@ -4,8 +4,8 @@ import msgspec
 import pytest
 
 from daemon import wire
-from daemon.record import AxisStrideRecord, StrideRecord
-from daemon.words import StatusBit
+from daemon.ipc.record import AxisStrideRecord, StrideRecord
+from daemon.wire.fields import StatusBit
 
 
 def axis(**changes) -> AxisStrideRecord:

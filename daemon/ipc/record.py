@@ -1,0 +1,419 @@
+"""What crosses the seam between core and gateway: records out, levels in, and the words for both.
+
+The core fills one `CycleRecord` in each cycle: everything that the cycle knew, decided and sent.
+The gateway, the black box, replay and the golden tests read the same record. `Level` is what the
+gateway sends to the core, whole, once a cycle. Encodings are msgspec msgpack arrays: adding a
+field at the end of a struct, with a default, keeps old recordings readable.
+
+`_si` means SI units at the joint: rad, rad/s, N·m for the hip; m, m/s, N for the slide.
+"""
+
+from enum import IntEnum
+from typing import Annotated, Final
+
+import msgspec
+from msgspec import Meta
+
+from daemon.ipc.assist_record import AssistRecord
+from daemon.ipc.cycle_timing import CycleTiming
+from daemon.ipc.decoding import Count, Name
+
+STATE_COUNT: Final = 8
+"""Of the observer: two positions, two velocities, two frictions, two disturbances."""
+SETPOINTS_MAX: Final = 8
+TEXT_BYTES_MAX: Final = 400
+"""Of a reason, a detail, a line of progress: a record has a slot of fixed size."""
+
+
+class Mode(IntEnum):
+    """The service's modes. Everything from HOLD on drives the legs."""
+
+    OFF = 0
+    BRINGING_UP = 1
+    READY = 2
+    STOPPING = 3
+    FAULT = 4
+    HOLD = 10
+    GAIT = 11
+    TORQUE = 12
+    EXCITE = 13
+    REFERENCE = 14
+    """One axis homes; the others have no power."""
+    COMMISSION = 15
+    """The sign of one axis is being proven; the others have no power."""
+    HAND_GUIDING = 16
+    """Hand guiding: no stiffness, the drives carry the load and slow whoever moves the leg."""
+    SELF_TEST = 17
+    """Each axis in turn moves a little and back: signs, load and friction of the day."""
+
+    @property
+    def active(self) -> bool:
+        """Whether the drives are enabled on purpose in this mode."""
+        return self >= Mode.HOLD
+
+
+class Stage(IntEnum):
+    """How far an exercise is, the same words for each: gait, excitation, self-test, homing, ...
+
+    A stage may be left out, none comes back.
+    """
+
+    PREPARING = 1
+    """Nothing moves: drives are brought up, enabled, or change their mode of operation."""
+    ANNOUNCING = 2
+    """Nothing moves yet; the person in the machine is warned."""
+    APPROACHING = 3
+    """The leg is led to the pose in which the exercise begins."""
+    PLAYING = 4
+    """What was asked for: strides, a scenario, hand guiding, a test, the search for home."""
+    ENDING = 5
+    """The leg comes to the pose, or to the rest, in which the exercise ends."""
+    OVER = 6
+
+
+class StopCategory(IntEnum):
+    """How to stop, milder first."""
+
+    NONE = 0
+    S2 = 1
+    """Assist fades, brake and hold position with the drives enabled."""
+    S1 = 2
+    """Quick stop of both axes, held in quick stop active (or brake, then off)."""
+    S0 = 3
+    """Disable voltage."""
+
+
+class Cause(IntEnum):
+    """Why the machine stopped or does not start. `daemon/wire/causes.py` holds text and remedy."""
+
+    NONE = 0
+    # somebody asked
+    STOP_REQUESTED = 1
+    SHUTDOWN = 2
+    # the gateway and ourselves
+    GATEWAY_SILENT = 10
+    CYCLE_OVERRUN = 11
+    COMMAND_NOT_FINITE = 12
+    LAST_END_UNKNOWN = 13
+    # the patient's and the bystander's means
+    HAND_SWITCH_OPEN = 20
+    STO_ACTIVE = 21
+    # a drive and its bus
+    BUS_DOWN = 30
+    DRIVE_SILENT = 31
+    HEARTBEAT_LOST = 32
+    DRIVE_REBOOTED = 33
+    DRIVE_NOT_OPERATIONAL = 34
+    DRIVE_FAULT = 35
+    EMERGENCY = 36
+    DRIVE_LEFT_ENABLED = 37
+    MODE_NOT_SHOWN = 38
+    NOT_FOLLOWING = 39
+    BRING_UP_FAILED = 40
+    BUS_OFF = 41
+    TRANSMIT_QUEUE_FULL = 42
+    DRIVE_POWERED = 43
+    UNEXPECTED_ENABLE = 44
+    # what the drive reports of the joint
+    ENCODER_FROZEN = 50
+    ENCODER_JUMP = 51
+    UNREFERENCED = 52
+    SIGN_WRONG = 53
+    EFFORT_DEVIATION = 54
+    # limits at the joint, from raw drive values
+    POSITION_LIMIT = 60
+    VELOCITY_LIMIT = 61
+    EFFORT_LIMIT = 62
+    POWER_LIMIT = 63
+    TRACKING_LIMIT = 64
+    TEMPERATURE_LIMIT = 65
+    SINGULARITY = 66
+    LIMIT_SWITCH = 67
+    ENERGY_LIMIT = 68
+    STOPPING_PATH = 69
+    # the observer may add stops, never take one away
+    OBSERVER_INVALID = 70
+    STATIC_LOAD_WRONG = 71
+    SPASM = 72
+    SELF_TEST_FAILED = 73
+    # escalation
+    STOP_NOT_OBEYED = 80
+
+
+class RequestKind(IntEnum):
+    """What a client may ask of the core, one outstanding request at a time. Stop is a counter."""
+
+    NONE = 0
+    ENABLE = 1
+    DISABLE = 2
+    RESET = 3
+    MODE = 4
+
+
+class Outcome(IntEnum):
+    """What became of a request."""
+
+    PENDING = 0
+    DONE = 1
+    REFUSED = 2
+
+
+class Verdict(msgspec.Struct, frozen=True, array_like=True):
+    """The judgement of one cycle, or the latched one: how to stop, why, where, by how much."""
+
+    category: StopCategory = StopCategory.NONE
+    cause: Cause = Cause.NONE
+    drive: str = ""
+    """Name of the drive (`right/hip`) or leg that the cause is about; empty if of none."""
+    value: float = 0.0
+    limit: float = 0.0
+    detail: str = ""
+
+
+class ModeRequest(msgspec.Struct, frozen=True, array_like=True):
+    """Arguments of RequestKind.MODE; what a mode does not use stays at its default."""
+
+    mode: Mode = Mode.HOLD
+    cadence_hz: float = 0.0
+    """Strides per second, for GAIT."""
+    amplitude_ratio: float = 0.0
+    """0..1 of the normative gait, for GAIT."""
+    duration_s: float = 0.0
+    """Mandatory for GAIT and EXCITE."""
+    scenario: Name = ""
+    """Name of an excite scenario of the configuration, for EXCITE."""
+    axis: Name = ""
+    """`LEG/AXIS`, for REFERENCE and COMMISSION."""
+    witnessed: bool = False
+    """For COMMISSION: the person who watched saw the axis move as described."""
+
+
+class Request(msgspec.Struct, frozen=True, array_like=True):
+    """One request of a client, an edge by its id."""
+
+    id: Count = 0
+    kind: RequestKind = RequestKind.NONE
+    for_cycle: Count = 0
+    """The newest cycle that the asker had seen; an old one is refused."""
+    mode: ModeRequest = ModeRequest()
+
+
+class Setpoint(msgspec.Struct, frozen=True, array_like=True):
+    """A controller's assist on top of g(q) for one leg, under the lease of its sender."""
+
+    lease: Count = 0
+    seq: Count = 0
+    for_cycle: Count = 0
+    hip_assist_nm: float = 0.0
+    slide_assist_n: float = 0.0
+    leg: Name = ""
+    stiffness_ratio: float = 1.0
+    """0..1 of the configured stiffness of impedance guidance, for GAIT."""
+
+
+class Level(msgspec.Struct, frozen=True, array_like=True):
+    """What the gateway tells the core, whole, every cycle. A foreign boot id voids all but stop."""
+
+    core_boot_id: Name
+    seq: Count
+    for_cycle: Count
+    """The newest record that the gateway had read: the age of this level in the core's cycles."""
+    stop_count: Count
+    """Any increase stops, whatever else is in the datagram."""
+    request: Request = Request()
+    setpoints: Annotated[tuple[Setpoint, ...], Meta(max_length=SETPOINTS_MAX)] = ()
+    """The newest of each leg."""
+    lease: Count = 0
+    """The lease that is held now; 0: nobody holds one."""
+
+
+def clipped(text: str, bytes_max: int = TEXT_BYTES_MAX) -> str:
+    """The text as UTF-8 has it, cut to so many bytes of that between two characters."""
+    if text.isascii():
+        return text[:bytes_max]
+    # What is no text, half of a surrogate pair, has no bytes.
+    return text.encode(errors="replace")[:bytes_max].decode(errors="ignore")
+
+
+class RequestResult(msgspec.Struct, frozen=True, array_like=True):
+    """The newest request that the core has seen, and what it did about it."""
+
+    id: int = 0
+    outcome: Outcome = Outcome.PENDING
+    reason: str = ""
+
+
+class EmergencyRecord(msgspec.Struct, frozen=True, array_like=True):
+    """One EMCY message, as the drive's vendor means it."""
+
+    code: int
+    error_register: int
+    vendor_bytes: str
+    """Hexadecimal."""
+    text: str
+    reaction: str
+    """What the drive does by itself."""
+    alarm: bool
+    """It asks for a stop; else it is a warning."""
+    loses_reference: bool
+    repeated: bool
+    """Its code has come since the drive last said that all errors are gone."""
+
+
+class DriveRecord(msgspec.Struct, frozen=True, array_like=True):
+    """One drive in one cycle, in SI units at the joint; None where nothing is known."""
+
+    name: str
+    """`LEG/AXIS`, for example `right/hip`."""
+    nmt_state: int
+    power_state: int
+    """drives.signals.PowerState."""
+    statusword: int
+    mode_display: int
+    fresh: bool
+    sample_age_cycles: int
+    late_count: int
+    heartbeat_age_ms: float
+    position_si: float | None
+    velocity_si: float | None
+    """From encoder differences, for safety; the observer's estimate is in the leg."""
+    effort_si: float | None
+    """What the drive exerts, from its measured current or torque."""
+    target_effort_si: float
+    """What was sent in this cycle (acts from the next SYNC); 0 unless in torque mode."""
+    referenced: bool
+    hand_switch_closed: bool
+    sto_released: bool
+    temperature_degc: float | None
+    emergency_code: int
+    emergency_text: str
+    emergency_count: int
+    protocol_error_count: int
+    sign_proven: bool = False
+    emergencies: tuple[EmergencyRecord, ...] = ()
+    """The newest ones of this cycle; `emergency_count` counts all."""
+
+
+class AxisStrideRecord(msgspec.Struct, frozen=True, array_like=True):
+    """One axis in one stride, as observer/strides.py has it; pairs are a figure and its sigma."""
+
+    work_positive_j: tuple[float, float]
+    work_negative_j: tuple[float, float]
+    assist_mean_si: tuple[float, float]
+    assist_peak_si: tuple[float, float]
+    power_mean_w: tuple[float, float]
+    power_peak_w: tuple[float, float]
+    share_ratio: tuple[float, float] | None
+    coverage_ratio: float
+
+
+class StrideRecord(msgspec.Struct, frozen=True, array_like=True):
+    """A stride that was completed in this cycle."""
+
+    number: int
+    """Of this leg since the core's start, from 1."""
+    end_mono_ns: int
+    """SYNC of its last sample; the smoother knows it 150 ms later."""
+    duration_s: float
+    sample_count: int
+    hip: AxisStrideRecord
+    slide: AxisStrideRecord
+    work_positive_j: tuple[float, float]
+    work_negative_j: tuple[float, float]
+    share_ratio: tuple[float, float] | None
+    status: int
+    """observer.filter.status.Status bits of all its samples."""
+    baseline: bool
+    """A passive baseline was subtracted."""
+
+
+class LegRecord(msgspec.Struct, frozen=True, array_like=True):
+    """One leg's estimate in one cycle, as `observer/filter/leg_observer.py` gave it."""
+
+    name: str
+    state: tuple[float, ...]
+    """STATE_COUNT values in the order of observer/filter/states.py."""
+    std: tuple[float, ...]
+    covariance: tuple[float, ...]
+    """Lower triangle, row by row: 36 values."""
+    innovation: tuple[float, float]
+    nis: float
+    net: tuple[float, float]
+    """Patient minus friction: what stays observable at standstill; N·m, N."""
+    net_std: tuple[float, float]
+    validity: tuple[int, int]
+    """observer.filter.status.Validity of hip and slide."""
+    status: int
+    """observer.filter.status.Status bits."""
+    measured: tuple[float, float]
+    """Position given to the observer: rad, m; NaN for a missing sample."""
+    effort_used: tuple[float, float]
+    """Torque and force given to the observer, after any artificial disturbance: N·m, N."""
+    reference: tuple[float, float]
+    """Where the mode wants the leg: rad, m; the present pose when it wants nothing."""
+    artificial: tuple[float, float] = (0.0, 0.0)
+    """The artificial disturbance of EXCITE: seen = measured - this."""
+    mean_nis: float = float("nan")
+    """Of the last hundred cycles or so, for two measurements: ideally 2."""
+    drift_correlation: tuple[float, float] = (float("nan"), float("nan"))
+    """Of the patient's effort with the direction of motion; NaN while nobody can tell."""
+    friction_error: tuple[float, float] = (float("nan"), float("nan"))
+    """By how much friction seems higher than its law, if there is no patient: N·m, N."""
+    stride: StrideRecord | None = None
+    gait_phase: float = -1.0
+    """0..1 of this leg's stride, or -1 when no gait plays; legs are half a stride apart."""
+
+
+class BusRecord(msgspec.Struct, frozen=True, array_like=True):
+    """What the CAN controller said and what was counted, since the core's start."""
+
+    condition: str = "active"
+    """drives.canopen.bus_state.BusCondition."""
+    bus_off_count: int = 0
+    passive_count: int = 0
+    warning_count: int = 0
+    restart_count: int = 0
+    no_ack_count: int = 0
+    """Frames that nobody acknowledged."""
+    overflow_count: int = 0
+    """Frames lost in the controller."""
+    foreign_master_count: int = 0
+    """SYNCs of somebody else, and heartbeats under our own number."""
+    stray_count: int = 0
+    """Frames that belong to none of our drives, since bring-up."""
+    load_ratio: float = 0.0
+    """Measured in the last whole second, from all frames sent and heard, with their stuffing."""
+
+
+class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
+    """Everything that one cycle knew, decided and sent."""
+
+    seq: Count
+    """Of records: also counts those written while there is no SYNC."""
+    cycle: Count
+    """Of the 10 ms grid since start."""
+    sync_mono_ns: Count
+    sync_utc_ns: Count
+    dt_s: float
+    """True time since the SYNC before."""
+    mode: Mode
+    verdict: Verdict
+    """Latched: the harshest since the last reset."""
+    events: tuple[str, ...]
+    """What happened in this cycle, each one line; the gateway gives them sequence and time."""
+    request: RequestResult
+    progress: str
+    """One line for people; `stage` says what a program may rely on."""
+    gateway_age_cycles: int
+    stop_count: int
+    gait_phase: float
+    """Of the first leg: 0..1 of the stride, or -1 when no gait plays."""
+    drives: tuple[DriveRecord, ...]
+    legs: tuple[LegRecord, ...]
+    timing: CycleTiming
+    bus_load_ratio: float = 0.0
+    tx_dropped_count: int = 0
+    bus: BusRecord = BusRecord()
+    assist: AssistRecord = AssistRecord()
+    stage: Stage | None = None
+    """Of what the mode plays or prepares; None when there is nothing of the kind."""

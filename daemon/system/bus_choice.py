@@ -1,0 +1,59 @@
+"""Which bus and which clock a configuration means: the one place that knows of simulated time.
+
+`[bus] interface = "simulated"` is the bus of `gaitd sim`, which owns time; `channel` is the path of
+its socket. Every other word is python-can's, with the clock of this computer.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from daemon.config.trainer import SIMULATED
+from daemon.system.clock import Clock, MonotonicClock, SimulatedClock
+from drives.canopen.bus import CanBus
+from drives.canopen.simulated import SimulatedBus
+from simtime.link import SocketLink
+from simtime.wire import Role
+
+
+class BusChoice(NamedTuple):
+    """A bus that can be opened, and the clock that goes with it."""
+
+    open_bus: Callable[[], CanBus | SimulatedBus]
+    """Raises BusError where it cannot be."""
+    clock: Clock
+    is_in_step: Callable[[], bool]
+    """Whether time is simulated now."""
+    say_here: Callable[[], None]
+    """Tells who owns the time that we ask for nothing yet, for a reason."""
+
+
+def choose_bus(
+    interface: str,
+    channel: str,
+    bitrate_bit_per_s: int,
+    *,
+    role: Role,
+    name: str,
+    wall_clock_only: bool = False,
+) -> BusChoice:
+    """What the words of a configuration mean.
+
+    Args:
+        interface: `simulated`, or python-can's.
+        channel: of it.
+        bitrate_bit_per_s: of the bus.
+        role: on a simulated bus, what time is to this program.
+        name: on a simulated bus, of its seat.
+        wall_clock_only: refuse a bus whose time is simulated.
+    """
+    if interface != SIMULATED:
+        return BusChoice(
+            lambda: CanBus.open(interface, channel, bitrate_bit_per_s),
+            MonotonicClock(),
+            lambda: False,
+            lambda: None,
+        )
+    link = SocketLink(Path(channel), role, name, wall_clock_only=wall_clock_only)
+    bus = SimulatedBus(link, f"{SIMULATED}:{channel}")
+    return BusChoice(bus.open, SimulatedClock(link), lambda: link.is_in_step, link.say_here)

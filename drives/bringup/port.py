@@ -1,0 +1,86 @@
+"""What bring-up needs of the world: SDO transfers, frames out, and time that passes in listening.
+
+`configurator.py` implements it over any `Bus`: the real one, or one in memory that moves simulated
+time forward when somebody waits. No call takes longer than one SDO transfer or the wait asked for.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final, Protocol
+
+from drives.canopen.bus import Frame
+from drives.canopen.bus_state import BusMonitor
+from drives.canopen.nmt import SyncProducer
+from drives.signals import NmtState
+
+EMERGENCIES_KEPT: Final = 8
+
+
+@dataclass(slots=True)
+class NodeTraffic:
+    """What one node has said by itself since the port was opened; only grows."""
+
+    boot_up_count: int = 0
+    heartbeat_count: int = 0
+    nmt_state: NmtState = NmtState.UNKNOWN
+    emergencies: deque[bytes] = field(default_factory=lambda: deque[bytes](maxlen=EMERGENCIES_KEPT))
+    """Raw EMCY data, oldest first."""
+    pdo_count: dict[int, int] = field(default_factory=dict[int, int])
+    """TPDOs by identifier."""
+    pdo_data: dict[int, bytes] = field(default_factory=dict[int, bytes])
+    """The newest of each."""
+    sdo_repeat_count: int = 0
+    """SDO replies that had been given already: two nodes answer under one number."""
+
+
+class DrivePort(Protocol):
+    """One side of a bus with drives on it."""
+
+    sync: SyncProducer
+    """The only source of SYNC, in bring-up and after it."""
+    bus_state: BusMonitor
+    foreign_sync_count: int
+    """SYNCs that somebody else has sent since the port was opened."""
+
+    def now_ns(self) -> int:
+        """Monotonic time in ns."""
+        ...
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        """Send at once (NMT, SYNC).
+
+        Raises:
+            BusError: the bus is down, or does not take the frames.
+        """
+        ...
+
+    def wait(self, until_ns: int) -> None:
+        """Listen until then, or until a frame came; either way traffic is up to date.
+
+        Raises:
+            BusError: the bus is down; BusOff: the controller has left it.
+        """
+        ...
+
+    def traffic(self, node_id: int) -> NodeTraffic:
+        """What a node has said so far; ask again after waiting."""
+        ...
+
+    def read(self, node_id: int, index: int, sub: int) -> bytes:
+        """One SDO upload.
+
+        Raises:
+            SdoAborted, SdoTimeout, SdoGarbled: by the drive.
+            BusError: the bus is down.
+        """
+        ...
+
+    def write(self, node_id: int, index: int, sub: int, data: bytes) -> None:
+        """One SDO download.
+
+        Raises:
+            SdoAborted, SdoTimeout, SdoGarbled: by the drive.
+            BusError: the bus is down.
+        """
+        ...

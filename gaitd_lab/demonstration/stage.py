@@ -1,0 +1,378 @@
+"""The stage of an act: a folder of its own, virtual drives and service as processes, its time.
+
+The act is played in simulated time, in which the demonstration has a seat as the core has: time
+passes only while it waits. With `--wall-clock` it is the computer's.
+
+Nothing outlives an act. The processes get SIGTERM in their order, SIGKILL when their time is over,
+and SIGTERM from the kernel should the demonstration itself be killed.
+"""
+
+import contextlib
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+import tomllib
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from daemon.config.robot import leg_parameters
+from daemon.config.settings import Robot
+from daemon.system.clock import PageClock
+from gaitd.remote import Target
+from gaitd_lab.demonstration.script import ActError
+from gaitd_lab.processes import free_ports, memory_folder, tied
+from observer.mechanism.mechanism import gravity
+from sim_drives.time.server import process_state
+from simtime.link import LinkLostError, SocketLink
+from simtime.page import PageWriter, page_path
+from simtime.wire import Role
+
+SERVICE_END_S: Final = 15.0
+"""The service stops both axes before it ends."""
+DRIVES_END_S: Final = 5.0
+TAIL_LINES: Final = 12
+BUS: Final = "bus"
+"""Name of the bus's socket, in the folder of an act."""
+TURN_S: Final = 0.1
+HAND_NAME, SEAT_NAME, CORE_SEAT = "demo", "demo", "core"
+OBEYED_WITHIN_S: Final = 10.0
+ANSWER_SIZE_MAX: Final = 4096
+STOPPED: Final = "T"
+"""State of a process that was stopped by a signal, as proc(5) has it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tempo:
+    """How fast the time of the acts passes."""
+
+    pace: str = "1"
+    """Of simulated time, as `gaitd sim --pace` takes it."""
+    wall_clock: bool = False
+    """The computer's time instead."""
+
+    @property
+    def arguments(self) -> list[str]:
+        """For `gaitd sim`."""
+        return ["--wall-clock"] if self.wall_clock else ["--pace", self.pace]
+
+
+class StageTime:
+    """The time of an act.
+
+    In simulated time it stands still until core and gateway are there, so that an act begins at the
+    same instant for both on each run; then the demonstration takes a seat in step.
+    """
+
+    def __init__(self, channel: Path, begin_ns: int, tempo: Tempo) -> None:
+        """Let it begin no earlier than the act before has ended.
+
+        Args:
+            channel: socket of the act's simulated bus.
+            begin_ns: when the act before has ended.
+            tempo: how fast it passes.
+        """
+        page = PageWriter(page_path(channel))
+        page.begin(max(begin_ns, page.left_ns), time.time_ns() - begin_ns, wall_clock=False)
+        page.leave()
+        self._is_wall_clock = tempo.wall_clock
+        self._page = PageClock(channel)
+        self._hand = SocketLink(channel, Role.HAND, HAND_NAME)
+        self._link = SocketLink(channel, Role.IN_STEP, SEAT_NAME)
+        self._has_begun = False
+        self.began_ns = 0
+        """When core and gateway were there."""
+        self._began_wall_s = 0.0
+
+    def now_ns(self) -> int:
+        """Monotonic time of the core."""
+        return self._page.now_ns()
+
+    def of_utc_ns(self, utc_ns: int) -> int:
+        """The monotonic time of an instant of the core's UTC."""
+        return utc_ns - self._page.utc_ahead_ns()
+
+    @property
+    def speed_ratio(self) -> float | None:
+        """How fast time has passed against the computer's; None before the act begins."""
+        wall_s = time.monotonic() - self._began_wall_s
+        if not self._has_begun or wall_s < 1:
+            return None
+        return (self.now_ns() - self.began_ns) * 1e-9 / wall_s
+
+    def turn(self, *, gateway_is_there: bool) -> None:
+        """Let a turn pass: by the computer's time until the act begins, then in the act's."""
+        try:
+            if self._has_begun or (gateway_is_there and self._core_is_there()):
+                self._pass()
+                return
+        except LinkLostError:
+            pass  # the process that has ended is found by its exit code
+        time.sleep(TURN_S)
+
+    def close(self) -> None:
+        """Time need not wait for us any more."""
+        self._link.close()
+        self._hand.close()
+
+    def _core_is_there(self) -> bool:
+        if self._is_wall_clock:
+            return True
+        self._hand.open()
+        return CORE_SEAT in self._hand.command("seats").split()
+
+    def _pass(self) -> None:
+        self._link.open()
+        if not self._has_begun:
+            if not self._is_wall_clock:
+                self._hand.command("go")
+                self._hand.close()
+            self._has_begun = True
+            self.began_ns, self._began_wall_s = self._link.now_ns(), time.monotonic()
+        self._link.wait(self._link.now_ns() + round(TURN_S * 1e9), for_frame=False)
+        self._link.take()
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """Where everything of one act is."""
+
+    folder: Path
+    config: Path
+    truth: Path
+    control: Path
+    """Socket of the virtual drives: faults and the patient, by command."""
+    target: Target
+    leg: str
+    time: StageTime
+    drives: "Troupe"
+    service: "Troupe"
+
+    def patient(self, programme: str) -> None:
+        """Start one of the patient's programmes; it runs when this returns.
+
+        Raises:
+            ActError: the virtual drives do not answer.
+        """
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+            own = self.folder / "demo.sock"
+            try:
+                sender.bind(str(own))
+                sender.settimeout(OBEYED_WITHIN_S)
+                sender.sendto(f"patient {programme}".encode(), str(self.control))
+                sender.recv(ANSWER_SIZE_MAX)
+            except OSError as error:
+                raise ActError(f"the virtual drives do not answer: {error}") from error
+            finally:
+                own.unlink(missing_ok=True)
+
+    def check(self) -> None:
+        """Both processes live.
+
+        Raises:
+            ActError: one has ended, with the last lines that it said.
+        """
+        for troupe in (self.drives, self.service):
+            troupe.check()
+
+    def stopped(self) -> list[str]:
+        """The processes of the act that a signal has stopped, for people."""
+        return [
+            f"{name} (pid {pid}) is stopped by a signal"
+            for troupe in (self.drives, self.service)
+            for pid, name in troupe.family()
+            if process_state(pid) == STOPPED
+        ]
+
+
+class Troupe:
+    """One process with its output in a file."""
+
+    def __init__(
+        self,
+        name: str,
+        arguments: list[str],
+        log: Path,
+        program: tuple[str, ...] = ("-m", "gaitd"),
+    ) -> None:
+        """Start `python PROGRAM ARGUMENTS` in a session of its own: Ctrl-C reaches us alone."""
+        self._name = name
+        self._log = log
+        with log.open("wb") as output:
+            self._process = subprocess.Popen(
+                tied(*program, *arguments),
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+
+    @property
+    def pid(self) -> int:
+        """Of the process."""
+        return self._process.pid
+
+    def check(self) -> None:
+        """It lives.
+
+        Raises:
+            ActError: it does not.
+        """
+        code = self._process.poll()
+        if code is not None:
+            raise ActError(f"{self._name} ended with {code}; its last words:\n{self.last_words()}")
+
+    def exit_code(self) -> int | None:
+        """None while it lives."""
+        return self._process.poll()
+
+    def signal(self, number: int) -> None:
+        """Send it a signal; after its end this does nothing."""
+        self._process.send_signal(number)
+
+    def family(self) -> list[tuple[int, str]]:
+        """It and its children, by process id, with what they run."""
+        pids = [self.pid]
+        for task in Path(f"/proc/{self.pid}/task").glob("*/children"):
+            with contextlib.suppress(OSError):
+                pids += map(int, task.read_text(encoding="ascii").split())
+        return [(pid, f"gaitd {_part_of(pid)}") for pid in pids]
+
+    def last_words(self) -> str:
+        """The end of its output."""
+        lines = self._log.read_text(encoding="utf-8", errors="replace").splitlines()
+        return "\n".join(f"    {line}" for line in lines[-TAIL_LINES:]) or "    (nothing)"
+
+    def end(self, patience_s: float) -> int:
+        """End it and return its exit code."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGTERM)
+            try:
+                self._process.wait(patience_s)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+        return self._process.returncode
+
+
+def _part_of(pid: int) -> str:
+    """Which part of gaitd a process runs."""
+    with contextlib.suppress(OSError):
+        words = Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8").split("\0")
+        if "--config" in words:
+            return words[words.index("--config") - 1]
+    return "process"
+
+
+@contextlib.contextmanager
+def stage(
+    configs: Path, *, empty: bool, tempo: Tempo | None = None, begin_ns: int = 0
+) -> Generator[Stage]:
+    """Everything of one act, started; ended whatever happens.
+
+    Args:
+        configs: the project's folder of configurations.
+        empty: nobody is in the trainer, and its springs carry it alone.
+        tempo: how fast its time passes; None: as the computer's.
+        begin_ns: its time begins no earlier.
+    """
+    folder = Path(tempfile.mkdtemp(prefix="gaitd-demo-", dir=memory_folder()))
+    with contextlib.ExitStack() as ending:
+        ending.push(_tidy(folder))
+        config, endpoint = write_configs(configs, folder / "configs", empty=empty)
+        truth, control = folder / "truth.csv", folder / "sim.sock"
+        places = ["--config", str(config), "--truth", str(truth), "--control", str(control)]
+        tempo = tempo or Tempo()
+        passing = StageTime(folder / BUS, begin_ns, tempo)
+        ending.callback(passing.close)
+        held = [] if tempo.wall_clock else ["--hold"]
+        arguments = ["sim", *places, *tempo.arguments, *held]
+        drives = Troupe("gaitd sim", arguments, folder / "sim.log")
+        ending.callback(drives.end, DRIVES_END_S)
+        service = Troupe("gaitd run", ["run", "--config", str(config)], folder / "run.log")
+        ending.callback(service.end, SERVICE_END_S)
+        table = tomllib.loads(config.read_text(encoding="utf-8"))
+        target = Target((endpoint,), table["zenoh"]["trainer"])
+        leg = table["leg"][0]["name"]
+        yield Stage(folder, config, truth, control, target, leg, passing, drives, service)
+
+
+def _tidy(folder: Path) -> Callable[..., bool]:
+    """Removes the folder of an act that went well; after trouble it stays, which the error says."""
+
+    def leave(_kind: type[BaseException] | None, error: BaseException | None, _: object) -> bool:
+        if isinstance(error, ActError):
+            error.folder = folder
+        else:
+            shutil.rmtree(folder, ignore_errors=True)
+        return False
+
+    return leave
+
+
+def write_configs(configs: Path, folder: Path, *, empty: bool) -> tuple[Path, str]:
+    """Copy the configurations, with ports that are free and paths of this act.
+
+    Args:
+        configs: the project's folder of configurations.
+        folder: where the copy goes.
+        empty: nobody is in the trainer.
+
+    Returns: the trainer file, and the Zenoh endpoint it listens on.
+    """
+    shutil.copytree(configs, folder)
+    (zenoh_port,) = free_ports(1)
+    endpoint = f"tcp/127.0.0.1:{zenoh_port}"
+    trainer, plant = folder / "demo.toml", folder / "plant.toml"
+    values = {
+        "channel": f'"../{BUS}"',
+        "listen": f'["{endpoint}"]',
+        "runtime": '"../run"',
+        "state": '"../state"',
+    }
+    if empty:
+        balance(folder / "robot_empty.toml", plant)
+        values["robot"] = '"robot_empty.toml"'
+        rewrite(plant, {"robot": '"robot_empty.toml"'})
+    rewrite(trainer, values)
+    return trainer, endpoint
+
+
+def balance(robot_file: Path, plant_file: Path) -> None:
+    """Turn the springs until they carry the machine where the virtual drives start it.
+
+    Springs set for a patient push the empty machine up to its stop, as its file says; whoever runs
+    an experiment on it turns them down first.
+    """
+    text = robot_file.read_text(encoding="utf-8")
+    robot = msgspec.toml.decode(text, type=Robot)
+    start = tomllib.loads(plant_file.read_text(encoding="utf-8"))["start"]
+    pose = np.array((np.radians(start["hip_deg"]), start["slide_m"]))
+    load = gravity(leg_parameters(robot), pose)
+    springs = robot.springs
+    hip_rest_rad = springs.hip_rest_rad + load[0] / springs.hip_stiffness_nm_per_rad
+    slide_rest_m = springs.slide_rest_m + load[1] / springs.slide_stiffness_n_per_m
+    rewrite(
+        robot_file,
+        {"hip_rest_rad": f"{hip_rest_rad:.6f}", "slide_rest_m": f"{slide_rest_m:.6f}"},
+    )
+
+
+def rewrite(file: Path, values: dict[str, str]) -> None:
+    """Give keys that stand once in a TOML file other values; comments stay."""
+    text = file.read_text(encoding="utf-8")
+    for key, value in values.items():
+        text, count = re.subn(
+            rf"^{key}(\s*)=[^#\n]*", lambda _, k=key, v=value: f"{k} = {v}  ", text, flags=re.M
+        )
+        if count != 1:
+            raise ValueError(f"{file.name} has {count} lines with the key {key}, 1 was expected")
+    file.write_text(text, encoding="utf-8")

@@ -1,0 +1,57 @@
+"""What has happened in the sessions, counted."""
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+from gaitd_lab.fuzz.invariants import Violation
+
+
+@dataclass(frozen=True, slots=True)
+class Broken:
+    """A violation with what is needed to see it again."""
+
+    violation: Violation
+    seed: int
+    variant: str
+    session_s: float
+    trace: tuple[str, ...]
+    """The last seconds, oldest first."""
+
+
+@dataclass
+class Tally:
+    """Counts over one session, or all."""
+
+    session_count: int = 0
+    simulated_s: float = 0.0
+    cycle_count: int = 0
+    stolen_count: int = 0
+    modes: Counter[str] = field(default_factory=Counter)
+    """Cycles by mode."""
+    stops: Counter[str] = field(default_factory=Counter)
+    """Latched verdicts by category and cause."""
+    requests: Counter[str] = field(default_factory=Counter)
+    """By kind and outcome."""
+    events: Counter[str] = field(default_factory=Counter)
+    """Everything else that was done, by kind."""
+    faults: Counter[str] = field(default_factory=Counter)
+    setpoints: Counter[str] = field(default_factory=Counter)
+    """Of controllers, by what was wrong with them."""
+    checked: Counter[str] = field(default_factory=Counter)
+    """How often each invariant was looked at."""
+    broken: list[Broken] = field(default_factory=list)
+
+    def add(self, other: "Tally") -> None:
+        """Take another one's counts in."""
+        self.session_count += other.session_count
+        self.simulated_s += other.simulated_s
+        self.cycle_count += other.cycle_count
+        self.stolen_count += other.stolen_count
+        self.modes += other.modes
+        self.stops += other.stops
+        self.requests += other.requests
+        self.events += other.events
+        self.faults += other.faults
+        self.setpoints += other.setpoints
+        self.checked += other.checked
+        self.broken += other.broken

@@ -1,0 +1,174 @@
+"""Process and measurement noise of one step: what is not modelled, and where it acts.
+
+Process noise is given per 10 ms and grows with the root of the true time step. Beyond that:
+
+- A patient who begins to push, or pushes ever harder, is no random walk: the innovations of that
+  axis then lean to one side. While they do, the patient's noise rises with their lean, up to
+  `patient_noise_max_ratio`; the estimate lags less, and its sigma stays honest.
+- After a rejected sample that a push explains, the state is as uncertain as that push is strong.
+- The current that a drive samples is not its mean over the cycle where its own loops change it each
+  millisecond (position mode): that ripple is an effort nobody knows, for one step.
+- A sample that is not taken exactly at its time stamp is uncertain by velocity times jitter.
+
+At rest (gate a(v), eq. (12), near 0) only net = patient - friction is observable. With
+`velocity_gated`, once a joint has rested for longer than a gait's reversal takes:
+- A change of net goes to friction, as in Fig. 5 of the paper: a joint at rest holds by friction
+  what it is loaded with, and a patient who was quiet stays quiet.
+- What nobody can know meanwhile is how a load is shared between the two. That uncertainty lies
+  along (1, 1) of friction and patient. It is kept apart from the filter's covariance (SPLIT), so
+  that noise cannot move the one against the other, and counts in what is reported.
+- When the joint certainly moves again, it goes into the covariance: friction must now follow its
+  law within T1, and the filter can move what it had put to the wrong one within some samples. A
+  joint that really sticks, whose friction was anything up to breakaway, is thus not a patient.
+"""
+
+import math
+from typing import Final
+
+from observer.filter.leg_memory import (
+    GATED,
+    LEAN,
+    MARK,
+    PUSH,
+    QUIET_S,
+    ROOT,
+    SPLIT,
+    Arrays,
+    N,
+    Vector,
+)
+from observer.filter.leg_model import STEP_S, LegModel
+from observer.jit import inline
+from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.linkage import dynamics
+
+LEAN_SHARE: Final = 0.1
+"""Of a new innovation in the mean of whitened ones: some ten samples."""
+LEAN_USUAL: Final = 0.3
+"""White noise leans by 0.23 (one sigma); more counts as a patient that changes."""
+LEAN_SAMPLE_MAX: Final = 6.0
+"""A single innovation counts no more than this many sigma."""
+PUSH_POSITION_SHARE: Final = 1.5
+PUSH_PATIENT_SHARE: Final = 0.5
+"""How uncertain a push makes position and patient: 1 is its own effect within one more cycle. Less
+for the patient avoids overshoot; the velocities' share, 1, does the rest."""
+REST_BEGINS_S: Final = 0.07
+REST_COMPLETE_S: Final = 0.12
+"""A reversal of gait is over by the first; the gate acts in full from the second on."""
+REST_FRICTION_FACTOR: Final = 3.0
+"""On friction's noise at rest, where it follows the load at once."""
+SPLIT_RATIO: Final = 0.4
+"""Standard deviation of friction at rest over its breakaway level: anywhere within it."""
+SPLIT_GROWTH_S: Final = 0.1
+RESTING_PATIENT_RATIO: Final = 0.1
+"""On the patient's uncertainty at the start: what is not known of the split is in SPLIT."""
+MOVED_S: Final = 0.02
+MOVED_SIGMAS: Final = 5.0
+"""A joint moves when it is so long at the gate's edge speed, and so many sigma, off its mark."""
+MARK_S: Final = 0.05
+"""The mark follows with this time constant: creeping at less than half the edge speed is rest."""
+
+
+@inline
+def set_process_noise(
+    model: LegModel,
+    process_std: Vector,
+    measurement_std: Vector,
+    patient_noise_max_ratio: float,
+    ripple: tuple[float, float],
+    velocity_gated: bool,
+    a: Arrays,
+    dt_s: float,
+) -> None:
+    """Write the lower triangular root of this step's process noise to `a.noise`."""
+    scale = math.sqrt(dt_s / STEP_S)
+    for row in range(N):
+        for column in range(row):
+            a.noise[row, column] = 0.0
+        a.noise[row, row] = scale * process_std[row]
+    for axis in range(2):
+        lean = math.fabs(a.memory[LEAN + axis]) / LEAN_USUAL
+        a.noise[6 + axis, 6 + axis] *= min(max(lean, 1.0), patient_noise_max_ratio)
+    pushed = a.memory[GATED] == 1.0
+    if pushed or ripple[0] + ripple[1] > 0.0:
+        d = dynamics(model.leg, a.mean[0], a.mean[1], 0.0, 0.0, 0.0)
+        for axis in range(2):
+            inertia = d.m11 if axis == 0 else d.m22
+            push = a.memory[PUSH + axis] if pushed else 0.0
+            a.noise[axis, axis] += PUSH_POSITION_SHARE * push * dt_s * dt_s
+            a.noise[2 + axis, 2 + axis] = math.hypot(
+                a.noise[2 + axis, 2 + axis] + push * dt_s, ripple[axis] * dt_s / inertia
+            )
+            a.noise[6 + axis, 6 + axis] += PUSH_PATIENT_SHARE * push * inertia
+    if velocity_gated:
+        _gate(model.hip, measurement_std[0], a, 0, dt_s)
+        _gate(model.slide, measurement_std[1], a, 1, dt_s)
+
+
+@inline
+def rest_from_the_start(f: FrictionParameters, memory: Vector, axis: int) -> None:
+    """At the start, at rest, friction holds what it finds, and the split is as unsure as can be."""
+    memory[ROOT + (6 + axis) * (N + 1)] *= RESTING_PATIENT_RATIO
+    memory[SPLIT + axis] = (SPLIT_RATIO * f.stribeck) ** 2
+
+
+@inline
+def _gate(f: FrictionParameters, std: float, a: Arrays, axis: int, dt_s: float) -> None:
+    """Gate the noise of friction and patient of one axis by its time at rest."""
+    friction, patient = 4 + axis, 6 + axis
+    split = 0.0
+    if _moves(f, std, a, axis, dt_s):
+        split = a.memory[SPLIT + axis]
+        a.memory[SPLIT + axis] = a.memory[QUIET_S + axis] = 0.0
+    else:
+        a.memory[QUIET_S + axis] += dt_s
+    rested = (a.memory[QUIET_S + axis] - REST_BEGINS_S) / (REST_COMPLETE_S - REST_BEGINS_S)
+    resting = min(max(rested, 0.0), 1.0)
+    limit = SPLIT_RATIO * f.stribeck
+    room = max(limit * limit - a.memory[SPLIT + axis], 0.0)
+    a.memory[SPLIT + axis] += room * resting * min(dt_s / SPLIT_GROWTH_S, 1.0)
+    of_friction = math.hypot(
+        a.noise[friction, friction] * (1.0 + (REST_FRICTION_FACTOR - 1.0) * resting),
+        a.noise[patient, patient] * resting,
+    )
+    of_patient = a.noise[patient, patient] * (1.0 - resting)
+    # The root of diag(of_friction^2, of_patient^2) + split (1, 1)(1, 1)'
+    first = math.sqrt(of_friction * of_friction + split)
+    a.noise[friction, friction] = first
+    a.noise[patient, friction] = split / first
+    a.noise[patient, patient] = math.hypot(of_patient, math.sqrt(split) * of_friction / first)
+
+
+@inline
+def _moves(f: FrictionParameters, std: float, a: Arrays, axis: int, dt_s: float) -> bool:
+    """Whether the joint has certainly moved on since it was last asked.
+
+    By its samples, not by the estimate: a step of torque that friction holds shows there as
+    velocity for some cycles. A sample must leave a mark that follows slowly.
+    """
+    away = a.measured[axis] - a.memory[MARK + axis]
+    if not math.isfinite(away):
+        return False
+    if math.fabs(away) > max(MOVED_S * f.edge, MOVED_SIGMAS * std):
+        a.memory[MARK + axis] = a.measured[axis]
+        return True
+    a.memory[MARK + axis] += away * min(dt_s / MARK_S, 1.0)
+    return False
+
+
+@inline
+def set_measurement_noise(measurement_std: Vector, sample_jitter_s: float, a: Arrays) -> None:
+    """Write the standard deviations of this step's samples to `a.seen_std`."""
+    for axis in range(2):
+        a.seen_std[axis] = math.hypot(measurement_std[axis], sample_jitter_s * a.mean[2 + axis])
+
+
+@inline
+def note_lean(a: Arrays, state: int, row: int) -> None:
+    """Take the innovation in this row of the measurement into its axis' lean."""
+    variance = 0.0
+    for k in range(row + 1):
+        variance += a.innovation_root[row, k] * a.innovation_root[row, k]
+    sigmas = a.innovation[row] / math.sqrt(variance)
+    sigmas = min(max(sigmas, -LEAN_SAMPLE_MAX), LEAN_SAMPLE_MAX)
+    a.memory[LEAN + state] += LEAN_SHARE * (sigmas - a.memory[LEAN + state])

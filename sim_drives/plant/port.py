@@ -1,0 +1,68 @@
+"""What the protocol side needs of the mechanics behind one leg; `plant.Trainer` is one."""
+
+from typing import NamedTuple, Protocol
+
+from sim_drives.plant.actuation import AxisActuation, AxisFlag, AxisSample
+
+
+class Plant(Protocol):
+    """Two axes with motors and a patient: 0 is the hip, 1 the slide."""
+
+    def set_axis(self, axis: int, actuation: AxisActuation) -> None:
+        """Give one axis its order; the same order again changes nothing."""
+        ...
+
+    def advance(self, to_ns: int) -> int:
+        """Run up to `to_ns`, or to the moment where a flag newly comes up; the time reached."""
+        ...
+
+    def sample(self, axis: int) -> AxisSample:
+        """What the sensors read now; draws noise, so once for each need."""
+        ...
+
+    def flags(self, axis: int) -> AxisFlag:
+        """What is true now."""
+        ...
+
+    def block_rotor(self, axis: int, blocked: bool) -> None:
+        """Jam the joint, or free it."""
+        ...
+
+    def wire(self, axis: int, motor_sense: int, encoder_sense: int) -> None:
+        """Connect motor and encoder: +1 rightly, -1 the wrong way round."""
+        ...
+
+    def offset_current(self, axis: int, offset_a: float) -> None:
+        """Let the current sensor show so much too much, joint sign."""
+        ...
+
+
+class Axis(NamedTuple):
+    """One axis of one plant."""
+
+    plant: Plant
+    number: int
+
+    def order(self, actuation: AxisActuation) -> None:
+        """See `Plant.set_axis`."""
+        self.plant.set_axis(self.number, actuation)
+
+    def sample(self) -> AxisSample:
+        """See `Plant.sample`."""
+        return self.plant.sample(self.number)
+
+    def flags(self) -> AxisFlag:
+        """See `Plant.flags`."""
+        return self.plant.flags(self.number)
+
+    def block(self, *, blocked: bool) -> None:
+        """See `Plant.block_rotor`."""
+        self.plant.block_rotor(self.number, blocked)
+
+    def wire(self, *, motor_sense: int, encoder_sense: int) -> None:
+        """See `Plant.wire`."""
+        self.plant.wire(self.number, motor_sense, encoder_sense)
+
+    def offset_current(self, offset_a: float) -> None:
+        """See `Plant.offset_current`."""
+        self.plant.offset_current(self.number, offset_a)
