@@ -4,7 +4,7 @@ The core writes its notes into a mapped page and calls no fsync. A thread of our
 page a few times a second and calls fsync where it has changed: nothing waits for this
 thread, and it takes nothing from the others, because reading and fsync let go of the interpreter.
 Until then a power cut leaves an older page. That one is never clean either where it matters: a page
-written while drives are enabled says that nobody knows how it ended (`core/latching.py`).
+written while drives are enabled says that nobody knows how it ended (`core/steps/latching.py`).
 """
 
 import logging

@@ -42,7 +42,7 @@ class Station:
         self._thread.start()
 
     def command(self, line: str) -> None:
-        """A fault as in `sim_drives.faults.script`, obeyed by the world's thread before we go on."""
+        """A fault as in `sim_drives.faults.script`, done when this returns."""
         self._commands.put(line)
         self._commands.join()
 
