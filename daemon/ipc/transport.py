@@ -19,8 +19,8 @@ A reader takes seq, copies, and takes seq again: a slot that was overwritten mea
 numbers. The file outlives both processes: it is the black box. Sequence numbers begin at 1.
 
 A core that starts puts the ring of the core before it aside, so that nobody need be there to save
-it: the gateway keeps what is worth keeping of it and removes it (`recorder/black_box.py`). As long as
-nobody has, it stays, and later rings are not put aside: what stopped the machine first is in it.
+it: the gateway keeps what is worth keeping of it and removes it (`recorder/black_box.py`). As long
+as nobody has, it stays, and later rings are not put aside: what stopped the machine first is in it.
 """
 
 import contextlib

@@ -1,11 +1,11 @@
 """The file of the axis notes: read once, written through a mapping.
 
 The file is one page of JSON, filled up with spaces. While the core runs, a write goes to the page
-cache, which outlives this process; the gateway brings it to the disk (`recorder/state_file_sync.py`), and
-`close` does. A power cut before that leaves an older page. An older pose is one that the encoder
-disagrees with: the axis is referenced again. An older page of a time in which drives were enabled
-says that nobody knows how it ended (`latching.py`), and a page that cannot be read says so too:
-nothing is believed that is not so, and no stop is forgotten.
+cache, which outlives this process; the gateway brings it to the disk
+(`recorder/state_file_sync.py`), and `close` does. A power cut before that leaves an older page. An
+older pose is one that the encoder disagrees with: the axis is referenced again. An older page of a
+time in which drives were enabled says that nobody knows how it ended (`latching.py`), and a page
+that cannot be read says so too: nothing is believed that is not so, and no stop is forgotten.
 
 The first write after the page was brought to the disk may have to wait for the file system: 1 ms
 where it is quiet, 100 ms beside somebody who writes much. So while the drives are enabled one thing
