@@ -1,9 +1,9 @@
-"""The gateway: everything that a network can reach, and nothing that can reach the CAN bus.
+"""The gateway: the process that clients reach over the network; it has no access to the CAN bus.
 
-Reading order: `process.py` (the loop), `service.py` (one turn of it), `leg_messages.py` (a leg's
-estimate before all else), `translate.py` (what may be shown), `requests.py` (requests of clients),
-`lease.py`, `setpoints.py` and `steering.py` (which client may command torque), `presence.py` (does
-the core send), `events.py`, `emergencies.py`, `strides.py` and `health.py` (what is made from many
-records), `outlet.py` (where messages go), `reload.py` (SIGHUP), `log.py`. Zenoh itself is in
-`daemon/zenoh_io/`, what is kept on disk in `daemon/recorder/`.
+Reading order: `process.py` (the loop), `service.py` (one turn of it), `leg_messages.py` (estimates,
+published first), `translate.py` (rules of validity), `requests.py` (requests of clients),
+`lease.py`, `setpoints.py` and `steering.py` (which client may command torque), `presence.py` (do
+records of the core arrive), `events.py`, `emergencies.py`, `strides.py` and `health.py` (messages
+made from records), `outlet.py` (interface for publishing), `reload.py` (SIGHUP), `log.py`.
+Zenoh itself is in `daemon/zenoh_io/`; files on disk are in `daemon/recorder/`.
 """

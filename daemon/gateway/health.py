@@ -1,4 +1,4 @@
-"""Many records into one `health`: lateness, work, and what got lost between us and the drives.
+"""Summary of many records in one `health` message: lateness, work, lost samples and records.
 
 A sample is missed when its cycle's window closed without it. It is late when its frame came before
 the next record (the drive's late count rose there), and lost when it did not.
@@ -23,12 +23,12 @@ from daemon.wire.refusals import SetpointRefusal
 LATENESS_BOUND_US: Final = (50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000)
 
 _OPERATIONAL: Final = 0x05
-"""NMT state in which TPDOs come."""
+"""NMT state OPERATIONAL, in which a drive sends TPDOs."""
 
 
 @dataclass(slots=True)
 class _Tally:
-    """Missed samples of one drive."""
+    """Missed, late and lost samples of one drive."""
 
     missed_count: int = 0
     lost_count: int = 0
@@ -45,7 +45,7 @@ class _Tally:
 
 @dataclass(slots=True)
 class Counters:
-    """What the gateway itself lost, since its start."""
+    """What the gateway itself lost, counted since its start."""
 
     record_missed_count: int = 0
     record_skipped_count: int = 0
@@ -59,7 +59,7 @@ class Counters:
 
 @dataclass(slots=True)
 class HealthWindow:
-    """Collects one second of records; the histogram and the tallies live as long as the core."""
+    """Collects one second of records; histogram and tallies are kept as long as the core lives."""
 
     counters: Counters = field(default_factory=Counters)
     _histogram: list[int] = field(default_factory=lambda: [0] * (len(LATENESS_BOUND_US) + 1))
@@ -69,28 +69,28 @@ class HealthWindow:
     _tallies: dict[str, _Tally] = field(default_factory=dict)
 
     def core_started(self) -> None:
-        """Forget the core before."""
+        """Clear what was counted of the previous core."""
         self._histogram = [0] * (len(LATENESS_BOUND_US) + 1)
         self._records.clear()
         self._tallies.clear()
 
     def note(self, record: CycleRecord) -> None:
-        """Take one record."""
+        """Add one record."""
         self._records.append(record)
         self._histogram[bisect_left(LATENESS_BOUND_US, record.timing.lateness_ns / 1e3)] += 1
         for drive in record.drives:
             self._tallies.setdefault(drive.name, _Tally()).note(drive)
 
     def note_wake(self, work_ns: int) -> None:
-        """Take the length of one turn of the gateway's loop."""
+        """Add the duration of one turn of the gateway's loop, in ns."""
         self._wakes_ns.append(work_ns)
 
     def note_estimate(self, work_ns: int) -> None:
-        """Take the time from a wake to the first estimate that is made and not yet put."""
+        """Add the time from a wake-up to the first estimate, made but not yet published, in ns."""
         self._estimates_ns.append(work_ns)
 
     def close(self, stamp: Stamp, seq: int) -> wire.Health:
-        """Say what the second was like, and begin the next."""
+        """Make the message of the last second and begin the next."""
         records, self._records = self._records, []
         wakes_ns, self._wakes_ns = self._wakes_ns, []
         estimates_ns, self._estimates_ns = self._estimates_ns, []
@@ -137,7 +137,7 @@ class HealthWindow:
 
 
 def _refused(counters: Counters, newest: CycleRecord | None) -> dict[str, int]:
-    """Of every reason: a setpoint is refused by the gateway or by the core."""
+    """Refused setpoints by reason: the sum of the gateway's and the core's refusals."""
     by_core = newest.assist.refused_count if newest else ()
     return {
         name_of(reason): counters.setpoint_refused_count.get(reason, 0)
@@ -148,7 +148,7 @@ def _refused(counters: Counters, newest: CycleRecord | None) -> dict[str, int]:
 
 
 def _by_part(newest: CycleRecord | None) -> dict[str, int]:
-    """Of every part; a ring of an older core has none."""
+    """Overruns by part of the cycle; empty parts for a ring of an older core, which has none."""
     counts = newest.timing.overrun_by_part if newest else ()
     return {name_of(part): count for part, count in zip(CyclePart, counts, strict=False)}
 

@@ -1,25 +1,25 @@
-"""Whether the core is heard: the one judgement behind `alive` and `safety.valid`."""
+"""Presence of the core: the one check behind `alive` and `safety.valid`."""
 
 from dataclasses import dataclass
 from typing import Final
 
 SILENCE_NS: Final = 200_000_000
-"""Without a record for longer than this, nothing of the core is valid any more."""
+"""Time without a record after which nothing reported by the core is valid any more."""
 
 
 @dataclass(slots=True)
 class Presence:
-    """Follows the arrival of records."""
+    """Tracks the arrival of records."""
 
     heard: bool = False
     last_ns: int = 0
 
     def hear(self, now_ns: int) -> None:
-        """A record has come."""
+        """Note that a record has arrived."""
         self.heard, self.last_ns = True, now_ns
 
     def falls_silent(self, now_ns: int) -> bool:
-        """Judge; true once for each silence, when it begins."""
+        """Check for silence; true once per silence, when it begins."""
         silent = self.heard and now_ns - self.last_ns > SILENCE_NS
         if silent:
             self.heard = False

@@ -1,8 +1,8 @@
-"""The gateway's process: opens the seam and Zenoh, turns until it is told to end, closes both.
+"""The gateway's process: opens ipc and Zenoh, runs the loop until it must end, closes both.
 
-One thread of ours, beside those that wait for the disk. It sleeps in poll() and is woken by the
-core's datagram, by a query, or after 20 ms without either, so that the core goes on hearing us. The
-watchdog is fed from here alone.
+The loop runs in one thread; other threads of ours only wait for the disk. It sleeps in poll() and
+is woken by the core's datagram, by a query or by a setpoint, and after 20 ms at the latest, so that
+the core keeps receiving the gateway state. Only this loop triggers the watchdog.
 """
 
 import ctypes
@@ -28,23 +28,24 @@ from daemon.zenoh_io.subscribe import SetpointSubscriber
 
 _POLL_MS: Final = LEVEL_PERIOD_NS // 1_000_000
 _REST_MS: Final = 1
-"""Behind the estimates, if nobody asks for anything: where processors are few, Zenoh's thread sends
-them on this one. Without it they came 0.1 ms later on two."""
+"""Pause after publishing estimates, if no client sends a request: on a machine with few processors
+Zenoh's thread needs this one's. Without the pause estimates arrived 0.1 ms later on two processors.
+"""
 _M_ARENA_MAX: Final = -8
-"""mallopt(3)."""
+"""M_ARENA_MAX of mallopt(3)."""
 _TELL_NS: Final = 500_000_000
-"""Between two words to the supervisor."""
+"""Interval between two notifications to systemd."""
 
 
 def share_one_heap() -> None:
-    """Let Zenoh's threads allocate where everybody does; to be called before there are any.
+    """Let all threads allocate from one heap; must be called before Zenoh starts its threads.
 
-    By default glibc gives each of them a heap of its own, eight for each processor. Links come and
-    go in any of them, and each in turn grows to the buffers of one: for hours, memory that was free
-    elsewhere.
+    By default glibc gives each thread a heap of its own, up to eight per processor. Zenoh opens and
+    closes links in any of its threads, so each heap in turn grows to the size of a link's buffers:
+    memory use rises for hours although memory is free in other heaps.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    if mallopt is not None:  # glibc's; others have one heap anyway
+    if mallopt is not None:  # mallopt is glibc's; other C libraries have one heap anyway
         mallopt(_M_ARENA_MAX, 1)
 
 
@@ -59,17 +60,17 @@ def serve(
     notify_address: str | None,
     reload: Reload,
 ) -> None:
-    """Run the gateway until `ended` says so, which is asked at least every 20 ms.
+    """Run the gateway until `ended` returns true; it is called at least every 20 ms.
 
-    Ages of records, leases and setpoints go by `clock`. How long its own work takes, and when the
-    supervisor is told, goes by the computer's.
+    Ages of records, leases and setpoints are measured by `clock`. The gateway's own work and the
+    interval of notifications to systemd are measured by the computer's monotonic clock.
 
     Raises:
         zenoh.ZError: an endpoint cannot be listened on.
         OSError: the runtime directory does not exist or cannot be written.
     """
-    # Order matters at the end: the outlet undeclares, then the session closes (an open one would
-    # hang the process), and only then mailbox and box go, because callbacks may use it until then.
+    # The order of closing matters: the outlet undeclares, then the session closes (an open one
+    # would hang the process), and only then mailbox and box, because callbacks use them until then.
     with (
         closing(Notifier(notify_address)) as supervisor,
         closing(GatewaySeam(runtime)) as seam,
@@ -113,6 +114,6 @@ def serve(
 
 
 def _freeze() -> None:
-    """What is built by now stays: looking through it again costs a subscriber milliseconds."""
+    """Exclude all objects built so far from garbage collection: scanning them would cost ms."""
     gc.collect()
     gc.freeze()

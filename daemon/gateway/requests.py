@@ -1,22 +1,22 @@
-"""Requests of clients: one outstanding at a time, and stops, which never wait for anything.
+"""Requests of clients: one outstanding at a time, and stops, which never wait.
 
     acquire release            the gateway answers at once: `lease.py`
     status config schema       the gateway answers at once
     stop                       counts up at once; answered when a record shows the count
     enable disable reset mode  one of them is outstanding; a second one is refused as busy
 
-What may become of an outstanding request:
+Ends of an outstanding request:
 
     a record shows its outcome           done or refused, with the core's reason
-    the core has another boot id         refused: the new core knows nothing of it
-    the core falls silent, or the time   pending: nobody knows what became of it; the request
-    is over                              leaves the level, so a core that wakes up late is not
-                                         asked any more
+    the core has another boot id         refused: the new core does not know the request
+    no records arrive, or the time       pending: the outcome is unknown; the request is removed
+    is over                              from the gateway state, so a core that resumes late
+                                         does not receive it
 
-Stop counts: the level carries `stop_count`, any increase stops. The count never falls. A gateway
-that has just started sends no level before it knows the core's count and goes on from there: a
-smaller one would hide the next stop, a larger one would be a stop. Only a stop that is asked of it
-before that goes out at once, and once more above the core's count when that is known.
+Stop counts: the gateway state carries `stop_count`; any increase stops. The count never falls. A
+gateway that has just started sends no state before it knows the core's count and goes on from
+there: a smaller one would hide the next stop, a larger one would be a stop. Only a stop that is
+requested before that is sent at once, and again above the core's count when that is known.
 """
 
 from dataclasses import dataclass, field
@@ -40,7 +40,7 @@ from daemon.ipc.record import (
 
 
 class Route(Enum):
-    """Who answers a query to control/NAME."""
+    """Where a query to control/NAME is answered."""
 
     LEASE = "lease"
     GATEWAY = "gateway"
@@ -73,7 +73,7 @@ ASKS: Final[dict[str, type[wire.Ask]]] = {
     "acquire": wire.AcquireAsk,
     "release": wire.ReleaseAsk,
 }
-"""Payloads that say more than who asks."""
+"""Payload types of queries that carry more than the client's name."""
 
 _DECODERS: Final = {
     kind: Decoder(msgspec.json.Decoder(kind).decode) for kind in (wire.Ask, *ASKS.values())
@@ -85,10 +85,10 @@ PATIENCE_NS: Final[dict[RequestKind, int]] = {
     RequestKind.RESET: 5_000_000_000,
     RequestKind.MODE: 5_000_000_000,
 }
-"""Below the 10 s after which Zenoh gives up a query by default."""
+"""Time limits for an answer, below the 10 s after which Zenoh gives up a query by default."""
 
 QUERY_SIZE_MAX: Final = 4096
-"""Bytes of a query's payload."""
+"""Maximum size of a query's payload in bytes."""
 
 STOP_PATIENCE_NS: Final = 500_000_000
 
@@ -108,15 +108,15 @@ class Answer(NamedTuple):
     outcome: Outcome
     reason: str
     by_core: bool = False
-    """The core decided so, and says so in its own events."""
+    """True if the core decided the outcome and reports it in its own events."""
 
 
 class BadPayloadError(Exception):
-    """A query's payload is not what its name takes: says what is wrong with it."""
+    """The payload of a query is not valid for its name; the message gives the reason."""
 
 
 def read_ask(name: str, payload: bytes) -> wire.Ask:
-    """Decode the payload of a query to control/NAME, strictly; nothing means `{}`.
+    """Decode the payload of a query to control/NAME strictly; an empty payload means `{}`.
 
     Raises:
         BadPayloadError: no JSON, an unknown or missing field, a value out of range.
@@ -164,11 +164,11 @@ class _Outstanding:
 
 @dataclass(slots=True)
 class Desk:
-    """Keeps the level, and the queries that wait for an answer. Knows no Zenoh and no clock."""
+    """Keeps the gateway state and the queries that wait for an answer; uses no Zenoh, no clock."""
 
     first_level_seq: int = 0
-    """Levels count up from here. The core takes what is newer only: a later gateway must begin
-    higher than this one ended, as the time in ns does."""
+    """First sequence number of the gateway state. The core accepts only rising numbers, so a later
+    gateway must begin higher than this one ended; the time in ns does."""
 
     _level_seq: int = 0
     _boot_id: str = ""
@@ -180,7 +180,7 @@ class Desk:
     _stops: list[_Stop] = field(default_factory=list)
 
     def hear(self, core_boot_id: str, record: CycleRecord) -> list[Answer]:
-        """Take what a record says about stops and requests."""
+        """Update stops and requests from a record, and return the answers that are due."""
         answers = self._meet(core_boot_id, record) if core_boot_id != self._boot_id else []
         self._heard = True
         self._cycle = record.cycle
@@ -189,12 +189,12 @@ class Desk:
         return answers + self._stops_seen(record) + self._outcome(record)
 
     def lose_core(self) -> list[Answer]:
-        """No records arrive any more."""
+        """Answer the outstanding request after the core's records have stopped."""
         self._heard = False
         return self._drop(Outcome.PENDING, f"{SILENT}; {UNKNOWN_FATE}")
 
     def ask(self, ticket: int, name: str, ask: wire.Ask, now_ns: int) -> Answer | None:
-        """Take a request for the core; None while its answer is outstanding."""
+        """Accept a request for the core; returns None while its answer is outstanding."""
         if not self._heard:
             return Answer(ticket, Outcome.REFUSED, SILENT)
         if self._outstanding:
@@ -209,17 +209,17 @@ class Desk:
         return None
 
     def stop(self, ticket: int, now_ns: int) -> None:
-        """Stop, whatever else is going on; the next level says so."""
+        """Count a stop, whatever else is outstanding; the next gateway state carries it."""
         self._stop_count += 1
         self._stops.append(_Stop(ticket, self._stop_count, now_ns + STOP_PATIENCE_NS))
 
     def withdraw(self, ticket: int) -> None:
-        """Do not ask the core any more for whom nobody answers; a stop is never taken back."""
+        """Remove the request of a query that has failed; stops are never removed."""
         if self._outstanding and self._outstanding.ticket == ticket:
             self._outstanding = None
 
     def tick(self, now_ns: int) -> list[Answer]:
-        """Answer what has waited too long."""
+        """Answer requests and stops whose time limit is over."""
         late = [stop for stop in self._stops if now_ns >= stop.deadline_ns]
         self._stops = [stop for stop in self._stops if now_ns < stop.deadline_ns]
         answers = [Answer(stop.ticket, Outcome.PENDING, STOP_UNCONFIRMED) for stop in late]
@@ -228,11 +228,11 @@ class Desk:
         return answers
 
     def level(self, setpoints: tuple[Setpoint, ...] = (), lease: int = 0) -> Level | None:
-        """The next level for the core; None as long as there is nothing that may be said.
+        """The next gateway state; None before a core is known, unless a stop is requested.
 
         Args:
             setpoints: the newest of each leg.
-            lease: under which they came; 0: nobody holds one.
+            lease: the lease that is held; 0: none.
         """
         if not self._boot_id and not self._stops:
             return None
@@ -248,7 +248,7 @@ class Desk:
         )
 
     def _meet(self, core_boot_id: str, record: CycleRecord) -> list[Answer]:
-        """Another core than before, or the first one."""
+        """Take over the counts of the first core or of a restarted one."""
         self._boot_id = core_boot_id
         self._request_id = record.request.id
         if self._stops:

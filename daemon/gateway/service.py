@@ -1,9 +1,9 @@
-"""One turn of the gateway: records in, messages out; queries in, level out.
+"""One turn of the gateway's loop: records in, messages out; queries in, gateway state out.
 
-In the order of time: read the records that are new, and put the estimates of the young ones, before
-anything else is looked at (`hurry`). Then (`turn`) publish what else is in them; say their events;
-judge the core's silence; take setpoints; take queries; answer what has an answer; send the level;
-say what is said once a second. Nothing in it waits, and it is told the time.
+The order within a turn: first read the new records and publish the estimates of the young ones
+(`hurry`). Then (`turn`) publish the records' other messages and their events; check for the core's
+silence; take setpoints; take queries; answer what has an answer; send the gateway state; publish
+the messages that are due once a second. Nothing here blocks, and the time is an argument.
 """
 
 import logging
@@ -54,14 +54,14 @@ class Inquiry(Protocol):
 
 
 class Waiting(NamedTuple):
-    """A query whose answer is outstanding, and who asked."""
+    """A query whose answer is outstanding, and the name of its client."""
 
     inquiry: Inquiry
     client: str
 
 
 class Gateway:
-    """Everything between the seam and the outlet."""
+    """The gateway between the IPC channel and the outlet."""
 
     def __init__(
         self,
@@ -95,9 +95,9 @@ class Gateway:
         self._second_due_ns = clock.now_ns() + SECOND_NS
 
     def hurry(self, now_ns: int) -> bool:
-        """New records in, their estimates out: all else of a turn can wait for a millisecond.
+        """Publish the estimates of new records; the rest of a turn can wait for a millisecond.
 
-        Returns: whether there were any.
+        Returns: whether there were new records.
         """
         records, header = self._records(), self._seam.header
         if not records or header is None:
@@ -107,12 +107,12 @@ class Gateway:
         return True
 
     def turn(self, now_ns: int, inquiries: Sequence[Inquiry], batch: Batch = NOTHING) -> None:
-        """One turn of the loop, behind `hurry`."""
+        """One turn of the loop, after `hurry`."""
         records, self._fresh = self._fresh, []
         self._hear(records, now_ns)
         self.tell([events.unread(text) for text in self._seam.take_notices()])
         self._steer(self.steering.take(batch, now_ns))
-        # A stop does not wait for those who asked before.
+        # A stop is handled before all other queries.
         for inquiry in sorted(inquiries, key=lambda one: one.name != "stop"):
             self._alone(inquiry, lambda one=inquiry: self._take(one, now_ns))
         self._settle(self._desk.tick(now_ns))
@@ -132,18 +132,18 @@ class Gateway:
             self.health.counters.gateway_state_dropped_count += 1
 
     def tell(self, said: Sequence[events.Happening]) -> None:
-        """Say what others than the core have to tell."""
+        """Publish events that do not come from the core."""
         if said:
             self._say(said, self._clock.utc_ns())
 
     @property
     def status(self) -> str:
-        """One human line for the supervisor."""
+        """One line for systemd's status."""
         record = self._newest if self._presence.heard else None
         return f"core {name_of(record.mode)}" if record else "no records from a core"
 
     def close(self) -> None:
-        """Answer whoever still waits."""
+        """Answer the queries that still wait."""
         for ticket in tuple(self._waiting):
             answer = requests.Answer(ticket, Outcome.PENDING, "the gateway ends")
             self._settle([answer])
@@ -154,7 +154,7 @@ class Gateway:
         try:
             records = self._seam.records()
         except RingError as error:
-            # Said once: the file stays what it is until another core writes it.
+            # Logged once: the file stays as it is until another core writes it.
             if str(error) != self._ring_trouble:
                 self._ring_trouble = str(error)
                 self._log.error("%s", error)
@@ -175,7 +175,7 @@ class Gateway:
                 self._hear_one(record)
             if back:
                 self._say([events.CORE_BACK], self._clock.utc_ns())
-            # The newest record has all that became of stops and of the one request.
+            # The newest record holds the outcomes of all stops and of the one request.
             self._settle(self._desk.hear(self._boot_id, records[-1]))
             self._steer(self.steering.hear(records[-1], now_ns))
             self._say_drives(now_ns)
@@ -185,7 +185,7 @@ class Gateway:
         self._outlet.show_alive(self._presence.heard)
 
     def _meet(self, header: RingHeader) -> None:
-        """A core that we have not heard before."""
+        """Reset what belongs to the previous core: a record of a new core has arrived."""
         self._boot_id = header.core_boot_id
         self._newest = None
         self._steer(self.steering.meet(header.leg_names))
@@ -225,7 +225,7 @@ class Gateway:
         record = self._newest if self._presence.heard else None
         holder = self.steering.leases.holder
         said = (record.mode, record.stage, record.verdict, holder) if record else ()
-        # Shares its second with `health`, which sets the next one after this.
+        # Published in the same turn as `health`, which sets the next due time after this.
         if said == self._safety_said and now_ns < self._second_due_ns:
             return
         self._safety_said = said
@@ -254,7 +254,7 @@ class Gateway:
     # --- requests -----------------------------------------------------------------------------
 
     def _alone(self, inquiry: Inquiry, act: Callable[[], None], *, answers: bool = True) -> None:
-        """Do something for one query: an exception in it is a bug of ours, and ends that query."""
+        """Run an action for one query; an exception in it is our bug and ends only that query."""
         try:
             act()
         except Exception as bug:  # noqa: BLE001 - told, and the other queries are served on
@@ -278,12 +278,12 @@ class Gateway:
             return
         self._ticket += 1
         if route is requests.Route.STOP:
-            # Before anything that could fail.
+            # Counted first, before anything that could fail.
             self._desk.stop(self._ticket, now_ns)
         try:
             ask = requests.read_ask(inquiry.name, inquiry.payload)
         except requests.BadPayloadError as error:
-            # A stop is a stop, whatever was sent along with it.
+            # A stop takes effect whatever its payload is.
             if route is not requests.Route.STOP:
                 self._reject(inquiry, str(error))
                 return
@@ -308,7 +308,7 @@ class Gateway:
                 self._waiting.pop(ticket).inquiry.answer(self._information(name))
 
     def _lease(self, ask: wire.Ask, now_ns: int) -> None:
-        """Give the lease or take it back; its number goes only to who asked."""
+        """Grant, renew or end the lease; its number is sent only to the client of the query."""
         inquiry, client = self._waiting.pop(self._ticket)
         mode = self._newest.mode if self._newest and self._presence.heard else None
         told = self.steering.decide(ask, mode, now_ns)
@@ -320,7 +320,7 @@ class Gateway:
             self._steer([said])
 
     def _settle(self, answers: Sequence[requests.Answer]) -> None:
-        """Send answers, and say as events what became of requests."""
+        """Send answers, and publish the outcomes of requests as events."""
         for answer in answers:
             waiting = self._waiting.pop(answer.ticket, None)
             # A query that has failed does not wait any more.
@@ -344,7 +344,7 @@ class Gateway:
     def _reply(self, name: str, outcome: Outcome, reason: str) -> wire.Reply:
         record = self._newest if self._presence.heard else None
         return wire.Reply(
-            # Names that strangers think of are not counted one by one.
+            # Unknown names share one counter, so that clients cannot create counters at will.
             **self._head(wire.CONTROL, name if name in requests.ROUTES else ""),
             request=name,
             outcome=name_of(outcome),
@@ -394,5 +394,5 @@ class Gateway:
 
 
 def _next_due(due_ns: int, period_ns: int, now_ns: int) -> int:
-    """On the grid of `due_ns` as long as it is kept, else a period from now: no bursts."""
+    """The next due time, on the grid of `due_ns`; after a delay a period from now, so no bursts."""
     return due_ns + period_ns if due_ns + period_ns > now_ns else now_ns + period_ns

@@ -1,10 +1,10 @@
-"""Bytes from outside into structs: the one place that decodes, and it refuses instead of raising.
+"""Decoding of bytes from outside into structs: one class, with one exception for all failures.
 
-Levels, setpoints, queries, rings and recordings, the state file and the configuration come from
-another process, a network or a disk. What a library raises for bytes that are not what they should
-be is not its own error alone: text that is no UTF-8 is a UnicodeDecodeError, nesting without end a
-RecursionError, an integer of thousands of digits a ValueError. Whoever decodes elsewhere forgets
-one of them, and the process ends by bytes.
+Gateway states, setpoints, queries, rings and recordings, the state file and the configuration come
+from another process, a network or a disk. For invalid bytes a library raises more than its own
+error: text that is not UTF-8 is a UnicodeDecodeError, nesting without end a RecursionError, an
+integer of thousands of digits a ValueError. An exception that is not caught would end the process,
+so all decoding is done here.
 """
 
 from collections.abc import Callable
@@ -16,31 +16,31 @@ T = TypeVar("T")
 
 INTEGER_MAX: Final = 2**63 - 1
 Count = Annotated[int, Meta(ge=0, le=INTEGER_MAX)]
-"""What counts or is a time in ns: msgpack has room for it, and it is a date."""
+"""A count or a time in ns, limited to what msgpack and dates can represent."""
 Name = Annotated[str, Meta(max_length=64)]
-"""Of a leg, an axis, a scenario, a core."""
+"""Name of a leg, an axis, a scenario or a core."""
 
 _FAILURES: Final = (ValueError, RecursionError, OverflowError)
 """Errors of msgspec, tomllib and UTF-8 are ValueErrors, as are those of integers in text."""
 
 
 class RefusedError(Exception):
-    """Bytes are not what they should be: says why; the library's own error is its cause."""
+    """The bytes are invalid; the message gives the reason, the library's own error is the cause."""
 
 
 class Decoder(Generic[T]):
     """Decodes one kind of bytes, and counts what it has refused."""
 
     def __init__(self, decode: Callable[[bytes], T]) -> None:
-        """`decode` is the library's: a bug of ours in it would look like bad bytes."""
+        """`decode` must be the library's function: a bug in our code would look like invalid bytes."""
         self._decode = decode
         self.refused_count = 0
 
     def decode(self, data: bytes) -> T:
-        """The struct.
+        """Decode the bytes into a struct.
 
         Raises:
-            RefusedError: the bytes are no such struct.
+            RefusedError: the bytes are not a valid struct of this kind.
         """
         try:
             return self._decode(data)

@@ -1,9 +1,9 @@
-"""What crosses the seam between core and gateway: records out, levels in, and the words for both.
+"""Records of the core and the gateway state: the structs exchanged over ipc, with their enums.
 
-The core fills one `CycleRecord` in each cycle: everything that the cycle knew, decided and sent.
-The gateway, the black box, replay and the golden tests read the same record. `Level` is what the
-gateway sends to the core, whole, once a cycle. Encodings are msgspec msgpack arrays: adding a
-field at the end of a struct, with a default, keeps old recordings readable.
+The core fills one `CycleRecord` in each cycle: everything that the cycle measured, decided and
+sent. The gateway, the black box, replay and the golden tests read the same record. `Level` is the
+gateway state: the gateway sends it to the core, whole, once a cycle. Encodings are msgspec msgpack
+arrays: adding a field at the end of a struct, with a default, keeps old recordings readable.
 
 `_si` means SI units at the joint: rad, rad/s, N·m for the hip; m, m/s, N for the slide.
 """
@@ -19,14 +19,15 @@ from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.decoding import Count, Name
 
 STATE_COUNT: Final = 8
-"""Of the observer: two positions, two velocities, two frictions, two disturbances."""
+"""States of the observer: two positions, two velocities, two frictions, two disturbances."""
 SETPOINTS_MAX: Final = 8
 TEXT_BYTES_MAX: Final = 400
-"""Of a reason, a detail, a line of progress: a record has a slot of fixed size."""
+"""Maximum size of a reason, a detail or a line of progress: the slot of a record has a fixed
+size."""
 
 
 class Mode(IntEnum):
-    """The service's modes. Everything from HOLD on drives the legs."""
+    """Modes of the service. From HOLD on the drives move or hold the legs."""
 
     OFF = 0
     BRINGING_UP = 1
@@ -42,20 +43,20 @@ class Mode(IntEnum):
     COMMISSION = 15
     """The sign of one axis is being proven; the others have no power."""
     HAND_GUIDING = 16
-    """Hand guiding: no stiffness, the drives carry the load and slow whoever moves the leg."""
+    """Hand guiding: no stiffness; the drives carry the load and damp the motion."""
     SELF_TEST = 17
-    """Each axis in turn moves a little and back: signs, load and friction of the day."""
+    """Each axis in turn moves a little and back: checks signs, load and friction for the day."""
 
     @property
     def active(self) -> bool:
-        """Whether the drives are enabled on purpose in this mode."""
+        """True if the drives are enabled on purpose in this mode."""
         return self >= Mode.HOLD
 
 
 class Stage(IntEnum):
-    """How far an exercise is, the same words for each: gait, excitation, self-test, homing, ...
+    """Progress of an exercise, the same for all: gait, excitation, self-test, homing, ...
 
-    A stage may be left out, none comes back.
+    A stage may be left out; the order never reverses.
     """
 
     PREPARING = 1
@@ -63,20 +64,21 @@ class Stage(IntEnum):
     ANNOUNCING = 2
     """Nothing moves yet; the person in the machine is warned."""
     APPROACHING = 3
-    """The leg is led to the pose in which the exercise begins."""
+    """The leg is moved to the pose in which the exercise begins."""
     PLAYING = 4
-    """What was asked for: strides, a scenario, hand guiding, a test, the search for home."""
+    """The requested exercise runs: strides, a scenario, hand guiding, a test, the search for
+    home."""
     ENDING = 5
-    """The leg comes to the pose, or to the rest, in which the exercise ends."""
+    """The leg comes to the pose, or to rest, in which the exercise ends."""
     OVER = 6
 
 
 class StopCategory(IntEnum):
-    """How to stop, milder first."""
+    """Way of stopping, in rising severity."""
 
     NONE = 0
     S2 = 1
-    """Assist fades, brake and hold position with the drives enabled."""
+    """Assist fades; brake and hold position with the drives enabled."""
     S1 = 2
     """Quick stop of both axes, held in quick stop active (or brake, then off)."""
     S0 = 3
@@ -84,18 +86,18 @@ class StopCategory(IntEnum):
 
 
 class Cause(IntEnum):
-    """Why the machine stopped or does not start. `daemon/wire/causes.py` holds text and remedy."""
+    """Cause of a stop or of a refused start. `daemon/wire/causes.py` holds text and remedy."""
 
     NONE = 0
-    # somebody asked
+    # requested
     STOP_REQUESTED = 1
     SHUTDOWN = 2
-    # the gateway and ourselves
+    # the gateway and the core
     GATEWAY_SILENT = 10
     CYCLE_OVERRUN = 11
     COMMAND_NOT_FINITE = 12
     LAST_END_UNKNOWN = 13
-    # the patient's and the bystander's means
+    # the emergency means of the patient and of a person nearby
     HAND_SWITCH_OPEN = 20
     STO_ACTIVE = 21
     # a drive and its bus
@@ -114,7 +116,7 @@ class Cause(IntEnum):
     TRANSMIT_QUEUE_FULL = 42
     DRIVE_POWERED = 43
     UNEXPECTED_ENABLE = 44
-    # what the drive reports of the joint
+    # a drive's report about the joint
     ENCODER_FROZEN = 50
     ENCODER_JUMP = 51
     UNREFERENCED = 52
@@ -131,7 +133,7 @@ class Cause(IntEnum):
     LIMIT_SWITCH = 67
     ENERGY_LIMIT = 68
     STOPPING_PATH = 69
-    # the observer may add stops, never take one away
+    # the observer may add stops, never remove one
     OBSERVER_INVALID = 70
     STATIC_LOAD_WRONG = 71
     SPASM = 72
@@ -141,7 +143,7 @@ class Cause(IntEnum):
 
 
 class RequestKind(IntEnum):
-    """What a client may ask of the core, one outstanding request at a time. Stop is a counter."""
+    """Request of a client to the core, one outstanding at a time. A stop is a counter instead."""
 
     NONE = 0
     ENABLE = 1
@@ -151,7 +153,7 @@ class RequestKind(IntEnum):
 
 
 class Outcome(IntEnum):
-    """What became of a request."""
+    """Outcome of a request."""
 
     PENDING = 0
     DONE = 1
@@ -159,19 +161,19 @@ class Outcome(IntEnum):
 
 
 class Verdict(msgspec.Struct, frozen=True, array_like=True):
-    """The judgement of one cycle, or the latched one: how to stop, why, where, by how much."""
+    """The verdict of a cycle, or the latched one: stop category, cause, drive, value and limit."""
 
     category: StopCategory = StopCategory.NONE
     cause: Cause = Cause.NONE
     drive: str = ""
-    """Name of the drive (`right/hip`) or leg that the cause is about; empty if of none."""
+    """Name of the drive (`right/hip`) or leg of the cause; empty if none."""
     value: float = 0.0
     limit: float = 0.0
     detail: str = ""
 
 
 class ModeRequest(msgspec.Struct, frozen=True, array_like=True):
-    """Arguments of RequestKind.MODE; what a mode does not use stays at its default."""
+    """Arguments of RequestKind.MODE; arguments that a mode does not use keep their defaults."""
 
     mode: Mode = Mode.HOLD
     cadence_hz: float = 0.0
@@ -185,16 +187,16 @@ class ModeRequest(msgspec.Struct, frozen=True, array_like=True):
     axis: Name = ""
     """`LEG/AXIS`, for REFERENCE and COMMISSION."""
     witnessed: bool = False
-    """For COMMISSION: the person who watched saw the axis move as described."""
+    """For COMMISSION: the operator confirms that the axis moved as described."""
 
 
 class Request(msgspec.Struct, frozen=True, array_like=True):
-    """One request of a client, an edge by its id."""
+    """One request of a client; a new id makes it a new request."""
 
     id: Count = 0
     kind: RequestKind = RequestKind.NONE
     for_cycle: Count = 0
-    """The newest cycle that the asker had seen; an old one is refused."""
+    """The newest cycle known to the client; a request for an old cycle is refused."""
     mode: ModeRequest = ModeRequest()
 
 
@@ -212,31 +214,32 @@ class Setpoint(msgspec.Struct, frozen=True, array_like=True):
 
 
 class Level(msgspec.Struct, frozen=True, array_like=True):
-    """What the gateway tells the core, whole, every cycle. A foreign boot id voids all but stop."""
+    """The gateway state, sent whole every cycle. A wrong boot id voids everything but the stop."""
 
     core_boot_id: Name
     seq: Count
     for_cycle: Count
-    """The newest record that the gateway had read: the age of this level in the core's cycles."""
+    """The newest record that the gateway had read: gives the age of this state in the core's
+    cycles."""
     stop_count: Count
     """Any increase stops, whatever else is in the datagram."""
     request: Request = Request()
     setpoints: Annotated[tuple[Setpoint, ...], Meta(max_length=SETPOINTS_MAX)] = ()
-    """The newest of each leg."""
+    """The newest setpoint of each leg."""
     lease: Count = 0
-    """The lease that is held now; 0: nobody holds one."""
+    """Number of the lease that is held now; 0: none."""
 
 
 def clipped(text: str, bytes_max: int = TEXT_BYTES_MAX) -> str:
-    """The text as UTF-8 has it, cut to so many bytes of that between two characters."""
+    """The text cut to so many bytes of UTF-8, between two characters."""
     if text.isascii():
         return text[:bytes_max]
-    # What is no text, half of a surrogate pair, has no bytes.
+    # Half of a surrogate pair has no UTF-8 bytes; it is replaced.
     return text.encode(errors="replace")[:bytes_max].decode(errors="ignore")
 
 
 class RequestResult(msgspec.Struct, frozen=True, array_like=True):
-    """The newest request that the core has seen, and what it did about it."""
+    """The newest request that the core has received, and its outcome."""
 
     id: int = 0
     outcome: Outcome = Outcome.PENDING
@@ -244,7 +247,7 @@ class RequestResult(msgspec.Struct, frozen=True, array_like=True):
 
 
 class EmergencyRecord(msgspec.Struct, frozen=True, array_like=True):
-    """One EMCY message, as the drive's vendor means it."""
+    """One EMCY message, with its meaning by the drive's vendor."""
 
     code: int
     error_register: int
@@ -252,16 +255,16 @@ class EmergencyRecord(msgspec.Struct, frozen=True, array_like=True):
     """Hexadecimal."""
     text: str
     reaction: str
-    """What the drive does by itself."""
+    """The drive's own reaction."""
     alarm: bool
-    """It asks for a stop; else it is a warning."""
+    """True: the message calls for a stop; false: it is a warning."""
     loses_reference: bool
     repeated: bool
-    """Its code has come since the drive last said that all errors are gone."""
+    """The same code has been received since the drive last reported no error."""
 
 
 class DriveRecord(msgspec.Struct, frozen=True, array_like=True):
-    """One drive in one cycle, in SI units at the joint; None where nothing is known."""
+    """One drive in one cycle, in SI units at the joint; None where the value is unknown."""
 
     name: str
     """`LEG/AXIS`, for example `right/hip`."""
@@ -278,9 +281,9 @@ class DriveRecord(msgspec.Struct, frozen=True, array_like=True):
     velocity_si: float | None
     """From encoder differences, for safety; the observer's estimate is in the leg."""
     effort_si: float | None
-    """What the drive exerts, from its measured current or torque."""
+    """Effort of the drive, from its measured current or torque."""
     target_effort_si: float
-    """What was sent in this cycle (acts from the next SYNC); 0 unless in torque mode."""
+    """Effort sent in this cycle (acts from the next SYNC); 0 unless in torque mode."""
     referenced: bool
     hand_switch_closed: bool
     sto_released: bool
@@ -295,7 +298,7 @@ class DriveRecord(msgspec.Struct, frozen=True, array_like=True):
 
 
 class AxisStrideRecord(msgspec.Struct, frozen=True, array_like=True):
-    """One axis in one stride, as observer/strides.py has it; pairs are a figure and its sigma."""
+    """One axis in one stride, from observer/strides.py; pairs are a value and its std."""
 
     work_positive_j: tuple[float, float]
     work_negative_j: tuple[float, float]
@@ -311,9 +314,9 @@ class StrideRecord(msgspec.Struct, frozen=True, array_like=True):
     """A stride that was completed in this cycle."""
 
     number: int
-    """Of this leg since the core's start, from 1."""
+    """Number of this leg's stride since the core's start, from 1."""
     end_mono_ns: int
-    """SYNC of its last sample; the smoother knows it 150 ms later."""
+    """SYNC of its last sample; the stride is reported 150 ms later, because of smoothing."""
     duration_s: float
     sample_count: int
     hip: AxisStrideRecord
@@ -324,7 +327,7 @@ class StrideRecord(msgspec.Struct, frozen=True, array_like=True):
     status: int
     """observer.filter.status.Status bits of all its samples."""
     baseline: bool
-    """A passive baseline was subtracted."""
+    """True if a passive baseline was subtracted."""
 
 
 class LegRecord(msgspec.Struct, frozen=True, array_like=True):
@@ -339,7 +342,7 @@ class LegRecord(msgspec.Struct, frozen=True, array_like=True):
     innovation: tuple[float, float]
     nis: float
     net: tuple[float, float]
-    """Patient minus friction: what stays observable at standstill; N·m, N."""
+    """Patient minus friction, which stays observable at standstill; N·m, N."""
     net_std: tuple[float, float]
     validity: tuple[int, int]
     """observer.filter.status.Validity of hip and slide."""
@@ -350,22 +353,22 @@ class LegRecord(msgspec.Struct, frozen=True, array_like=True):
     effort_used: tuple[float, float]
     """Torque and force given to the observer, after any artificial disturbance: N·m, N."""
     reference: tuple[float, float]
-    """Where the mode wants the leg: rad, m; the present pose when it wants nothing."""
+    """Reference position of the mode: rad, m; the present pose when the mode has no reference."""
     artificial: tuple[float, float] = (0.0, 0.0)
-    """The artificial disturbance of EXCITE: seen = measured - this."""
+    """The artificial disturbance of EXCITE: used = measured - this."""
     mean_nis: float = float("nan")
-    """Of the last hundred cycles or so, for two measurements: ideally 2."""
+    """Mean NIS of the last hundred cycles or so, for two measurements: ideally 2."""
     drift_correlation: tuple[float, float] = (float("nan"), float("nan"))
-    """Of the patient's effort with the direction of motion; NaN while nobody can tell."""
+    """Correlation of the patient's effort with the direction of motion; NaN while unknown."""
     friction_error: tuple[float, float] = (float("nan"), float("nan"))
-    """By how much friction seems higher than its law, if there is no patient: N·m, N."""
+    """Estimated excess of friction over its law, if there is no patient: N·m, N."""
     stride: StrideRecord | None = None
     gait_phase: float = -1.0
-    """0..1 of this leg's stride, or -1 when no gait plays; legs are half a stride apart."""
+    """0..1 of this leg's stride, or -1 when no gait runs; legs are half a stride apart."""
 
 
 class BusRecord(msgspec.Struct, frozen=True, array_like=True):
-    """What the CAN controller said and what was counted, since the core's start."""
+    """State of the CAN controller, and counts since the core's start."""
 
     condition: str = "active"
     """drives.canopen.bus_state.BusCondition."""
@@ -374,40 +377,40 @@ class BusRecord(msgspec.Struct, frozen=True, array_like=True):
     warning_count: int = 0
     restart_count: int = 0
     no_ack_count: int = 0
-    """Frames that nobody acknowledged."""
+    """Frames without an acknowledgement from any node."""
     overflow_count: int = 0
     """Frames lost in the controller."""
     foreign_master_count: int = 0
-    """SYNCs of somebody else, and heartbeats under our own number."""
+    """SYNCs of another node, and heartbeats with our own node id."""
     stray_count: int = 0
     """Frames that belong to none of our drives, since bring-up."""
     load_ratio: float = 0.0
-    """Measured in the last whole second, from all frames sent and heard, with their stuffing."""
+    """Bus load in the last whole second, from all frames sent and received, with bit stuffing."""
 
 
 class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
-    """Everything that one cycle knew, decided and sent."""
+    """Everything that one cycle measured, decided and sent."""
 
     seq: Count
-    """Of records: also counts those written while there is no SYNC."""
+    """Number of the record: also counts records written while there is no SYNC."""
     cycle: Count
-    """Of the 10 ms grid since start."""
+    """Number of the cycle on the 10 ms grid since start."""
     sync_mono_ns: Count
     sync_utc_ns: Count
     dt_s: float
-    """True time since the SYNC before."""
+    """Measured time since the previous SYNC."""
     mode: Mode
     verdict: Verdict
-    """Latched: the harshest since the last reset."""
+    """Latched: the most severe since the last reset."""
     events: tuple[str, ...]
-    """What happened in this cycle, each one line; the gateway gives them sequence and time."""
+    """Events of this cycle, one line each; the gateway adds sequence number and time."""
     request: RequestResult
     progress: str
-    """One line for people; `stage` says what a program may rely on."""
+    """One line for the operator; programs read `stage` instead."""
     gateway_age_cycles: int
     stop_count: int
     gait_phase: float
-    """Of the first leg: 0..1 of the stride, or -1 when no gait plays."""
+    """Phase of the first leg: 0..1 of the stride, or -1 when no gait runs."""
     drives: tuple[DriveRecord, ...]
     legs: tuple[LegRecord, ...]
     timing: CycleTiming
@@ -416,4 +419,4 @@ class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
     bus: BusRecord = BusRecord()
     assist: AssistRecord = AssistRecord()
     stage: Stage | None = None
-    """Of what the mode plays or prepares; None when there is nothing of the kind."""
+    """Stage of the mode's exercise; None when there is none."""

@@ -1,8 +1,8 @@
 """Files of the black box: some seconds of a ring around a stop, in the ring's own format.
 
 Such a file has the header of the ring that it was cut from, with `RingHeader.kept` filled in, and
-as many slots as its records span, each as large as its largest record needs. So whoever reads a
-ring reads it. Names sort by time and say what it is about::
+as many slots as its records span, each as large as its largest record needs. So every reader of
+rings can read it. Names sort by time and contain the cause::
 
     20261121T111703.250Z_hand_switch_open_1a2b3c4d_12345.ring
     UTC of the stop      cause            boot id  record of the stop
@@ -22,17 +22,17 @@ import msgspec
 from daemon.ipc.transport import HEADER_SIZE, MAGIC, Kept, RingError, RingHeader, RingReader
 
 FOLDER: Final = "blackbox"
-"""In the state directory."""
+"""Folder in the state directory."""
 SUFFIX: Final = ".ring"
 DAMAGED_SUFFIX: Final = ".damaged"
-"""Of a file that could not be read when the gateway started: left for who can mend it."""
+"""Suffix of a file that could not be read when the gateway started; it is left for repair."""
 PART_SUFFIX: Final = ".part"
-"""Of a file that is being written; one that is found at a start is of no use."""
+"""Suffix of a file that is being written; one that is found at a start is useless."""
 
 CORE_SILENT: Final = "core_silent"
-"""Records stopped coming while the gateway watched: killed, hanging, or ended in good order."""
+"""Records stopped arriving while the gateway ran: the core was killed, hung, or ended normally."""
 CORE_ENDED: Final = "core_ended"
-"""A ring was found whose core is gone, and nobody had watched its end."""
+"""A ring was found whose core has ended, while no gateway was running."""
 
 _PREFIX: Final = struct.Struct("<8sIII")
 _SLOT: Final = struct.Struct("<QI")
@@ -41,16 +41,16 @@ _BOOT_ID_LENGTH: Final = 8
 
 
 class KeptFile(NamedTuple):
-    """What the gateway remembers of one file in the folder, so not its whole header."""
+    """The part of a file's header that the gateway keeps in memory for each file of the folder."""
 
     path: Path
     size: int
     core_boot_id: str = ""
     period_ns: int = 0
     kept: Kept | None = None
-    """What it was kept for; None: it is none of ours, the ring of a core, or damaged."""
+    """Why the file was kept; None: it is another file, the ring of a core, or damaged."""
     trouble: str = ""
-    """Why it cannot be read."""
+    """Why the file cannot be read."""
 
     @classmethod
     def of(cls, path: Path, size: int, header: RingHeader) -> Self:
@@ -59,25 +59,25 @@ class KeptFile(NamedTuple):
 
 
 class Cutting:
-    """Records that are taken out of a ring, in msgpack, until they are in a file.
+    """Records copied out of a ring, in msgpack, until they are written into a file.
 
-    They lie one behind the other in a mapping that goes back to the system whole. A window has some
-    thousands of them: as objects of their own, stop after stop, they would leave a process' memory
-    in shreds.
+    They are stored in one memory mapping, which is returned to the system as a whole. A window has
+    some thousands of records: as single objects they would fragment the process's memory, stop
+    after stop.
     """
 
     def __init__(self, room_bytes: int) -> None:
-        """Room for some records; what is not used costs nothing."""
+        """Reserve memory for records; unused pages cost nothing."""
         size = max(room_bytes, mmap.PAGESIZE)
         self._map = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
         self._ends = array("Q")
-        """Where each record ends, from the first one on; one that is missing is empty."""
+        """End offset of each record, from the first one on; a missing record has no bytes."""
         self.first_seq = 0
         """0: there is none."""
         self.longest_bytes = 0
 
     def add(self, seq: int, data: bytes) -> None:
-        """Take one more; their numbers rise, and what is left out stays a gap."""
+        """Add a record; numbers must rise, and numbers left out stay gaps."""
         self.first_seq = self.first_seq or seq
         begin = self._ends[-1] if self._ends else 0
         gap = seq - self.first_seq - len(self._ends)
@@ -89,11 +89,11 @@ class Cutting:
 
     @property
     def last_seq(self) -> int:
-        """The last record."""
+        """Number of the last record."""
         return self.first_seq + len(self._ends) - 1
 
     def __len__(self) -> int:
-        """How many records it spans, gaps among them."""
+        """Number of records spanned, gaps included."""
         return len(self._ends)
 
     def raw(self, seq: int) -> bytes:
@@ -103,19 +103,19 @@ class Cutting:
         return self._map[begin : self._ends[number]]
 
     def close(self) -> None:
-        """Give the memory back."""
+        """Release the memory."""
         self._map.close()
 
 
 def trimmed(header: RingHeader, cutting: Cutting) -> Iterator[bytes]:
-    """A ring of exactly these records, piece by piece: head, and slot after slot.
+    """A ring of exactly these records, piece by piece: header, and slot after slot.
 
     Args:
-        header: what to say at its head.
+        header: header of the new ring.
         cutting: at least one record; gaps stay gaps.
 
     Raises:
-        ValueError: our own bug: no record, or a header that does not fit.
+        ValueError: a bug of ours: no record, or a header that does not fit.
     """
     text, count, first_seq = msgspec.msgpack.encode(header), len(cutting), cutting.first_seq
     if not count or _PREFIX.size + len(text) > HEADER_SIZE:
@@ -130,17 +130,17 @@ def trimmed(header: RingHeader, cutting: Cutting) -> Iterator[bytes]:
 
 
 def name_of(core_boot_id: str, kept: Kept) -> str:
-    """The name of a file: by time, cause, core and record."""
+    """The name of a file: made from time, cause, core and record."""
     at = datetime.fromtimestamp(kept.stop_utc_ns // 1_000_000 / 1e3, UTC)
     stamp = f"{at:%Y%m%dT%H%M%S}.{at.microsecond // 1000:03d}Z"
     return f"{stamp}_{kept.cause}_{core_boot_id[:_BOOT_ID_LENGTH]}_{kept.stop_seq}{SUFFIX}"
 
 
 def kept_file(path: Path) -> KeptFile:
-    """Look at the head of one file; one that cannot be read says why.
+    """Read the header of one file; `trouble` says why it cannot be read.
 
     Raises:
-        OSError: it is not there.
+        OSError: the file does not exist.
     """
     size = path.stat().st_size
     try:

@@ -1,12 +1,12 @@
-"""The file of the core's notes, as far as both processes know it: its name and its size.
+"""Name and size of the core's state file, which are all that both processes know of it.
 
-The core writes it through a mapping (`core/runtime/state_file.py`); the gateway brings it to the
+The core writes it through a mapping (`core/runtime/state_file.py`); the gateway syncs it to the
 disk (`recorder/state_file_sync.py`).
 """
 
 from typing import Final
 
 NAME: Final = "axes.json"
-"""In the state directory."""
+"""File name in the state directory."""
 SIZE: Final = 8192
-"""Bytes; what the notes leave over is filled with spaces."""
+"""Size in bytes; the unused rest is filled with spaces."""

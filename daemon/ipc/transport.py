@@ -1,8 +1,7 @@
-"""The seam between core and gateway: a ring of records in a file, and two datagram sockets.
+"""The IPC channel between core and gateway: a ring of records in a file, and two datagram sockets.
 
-Out of the core: every `CycleRecord` goes into the next slot of a ring in a memory-mapped file (on
-a tmpfs), and eight bytes over AF_UNIX wake the gateway. Into the core: one `Level` per datagram.
-
+From the core: every `CycleRecord` goes into the next slot of a ring in a memory-mapped file (on
+a tmpfs), and eight bytes over AF_UNIX wake the gateway. To the core: one `Level` per datagram.
 Layout of the ring file, little endian::
 
     0     8  magic b"GAITDRB1"
@@ -15,12 +14,12 @@ Layout of the ring file, little endian::
           8  4  length
           12 -  record as msgpack
 
-A reader takes seq, copies, and takes seq again: a slot that was overwritten meanwhile shows in the
-numbers. The file outlives both processes: it is the black box. Sequence numbers begin at 1.
+A reader reads seq, copies, and reads seq again: if the slot was overwritten meanwhile the numbers
+differ. The file outlives both processes: it is the black box. Sequence numbers begin at 1.
 
-A core that starts puts the ring of the core before it aside, so that nobody need be there to save
-it: the gateway keeps what is worth keeping of it and removes it (`recorder/black_box.py`). As long
-as nobody has, it stays, and later rings are not put aside: what stopped the machine first is in it.
+A core that starts renames the previous core's ring, so that it survives without a running gateway.
+The gateway later copies what must be kept of it and removes it (`recorder/black_box.py`). Until
+then it stays and later rings are not renamed: it holds what stopped the machine first.
 """
 
 import contextlib
@@ -41,7 +40,7 @@ from daemon.ipc.record import CycleRecord, Level
 MAGIC: Final = b"GAITDRB1"
 HEADER_SIZE: Final = 16384
 SLOT_SIZE: Final = 6656
-"""Of the largest record: two legs, all events and emergencies that one may hold."""
+"""Size of a slot in bytes: for the largest record, with two legs and all events and emergencies."""
 SLOT_COUNT: Final = 3000
 """30 s of 10 ms."""
 
@@ -50,22 +49,22 @@ _SLOT: Final = struct.Struct("<QI")
 _SEQ: Final = struct.Struct("<Q")
 
 _OVERWRITTEN_SOON: Final = 100
-"""The oldest slots of a full ring are not worth beginning with: the core is about to reuse them."""
+"""The oldest slots of a full ring are skipped, because the core is about to overwrite them."""
 
 RING_NAME: Final = "records.ring"
 ASIDE_NAME: Final = "records.aside"
-"""The ring of a core before this one, until the gateway has looked at it."""
+"""The previous core's ring, until the gateway has processed it."""
 GATEWAY_SOCKET_NAME: Final = "gateway.sock"
 CORE_SOCKET_NAME: Final = "core.sock"
 LEVEL_SIZE_MAX: Final = 8192
 DRAIN_COUNT_MAX: Final = 128
-"""Datagrams that one drain takes, of some hundred that a socket's queue may hold: who sends without
-end must not hold the cycle. The rest is read by the next ones, a stop among it too."""
+"""Datagrams read by one drain, of some hundred that a socket's queue may hold: an endless sender
+must not delay the cycle. The next drains read the rest, a stop among it too."""
 _SOCKET_MODE: Final = 0o660
 
 
 class RingError(Exception):
-    """A file is not a ring that we can read: names the file and what is wrong with it."""
+    """A file is not a readable ring; the message names the file and the fault."""
 
 
 class Kept(msgspec.Struct, frozen=True):
@@ -76,18 +75,18 @@ class Kept(msgspec.Struct, frozen=True):
     drive: str
     detail: str
     stop_seq: Count
-    """The record with which it stopped."""
+    """Number of the record of the stop."""
     stop_utc_ns: Count
     first_seq: Count
     last_seq: Count
     active: bool
     """The drives were enabled on purpose in some of these records."""
     also: tuple[str, ...] = ()
-    """What else stopped within these records, in their order."""
+    """Further causes of stops within these records, in their order."""
 
 
 class RingHeader(msgspec.Struct, frozen=True):
-    """What does not change while a core lives, written once at the head of the ring."""
+    """Constant data of a core's run, written once at the head of the ring."""
 
     core_boot_id: str
     start_utc_ns: Count
@@ -96,18 +95,18 @@ class RingHeader(msgspec.Struct, frozen=True):
     drive_names: tuple[str, ...]
     leg_names: Annotated[tuple[str, ...], Meta(min_length=1)]
     config_hashes: dict[str, str]
-    """SHA-256 of each configuration file, by the name it was read under."""
+    """SHA-256 of each configuration file, by the path it was read from."""
     version: str
     robot: dict[str, object]
-    """robot.toml as it was read, so that a recording explains itself."""
+    """robot.toml as it was read, so that a recording is complete."""
     limits: dict[str, object]
     """limits.toml as it was read."""
     kept: Kept | None = None
-    """Of a file of the black box; None in the ring of a core."""
+    """Set in a file of the black box; None in the ring of a core."""
 
 
 class RingWriter:
-    """The core's end. `write` costs a few microseconds, never blocks and never raises."""
+    """The core's end of the ring. `write` takes a few microseconds, never blocks, never raises."""
 
     def __init__(self, path: Path, header: RingHeader) -> None:
         """Create the file anew and map it.
@@ -123,7 +122,8 @@ class RingWriter:
         try:
             with temporary.open("wb") as file:
                 file.write(_PREFIX.pack(MAGIC, SLOT_SIZE, SLOT_COUNT, len(text)) + text)
-                # All of it now: a hole that finds the disk full later kills who writes into it.
+                # Allocate all blocks now: writing to a hole on a full disk would kill the core
+                # later.
                 os.posix_fallocate(file.fileno(), 0, size)
         except OSError:
             temporary.unlink(missing_ok=True)
@@ -137,13 +137,13 @@ class RingWriter:
         temporary.replace(path)
         self._encoder = msgspec.msgpack.Encoder()
         self.shortened_count = 0
-        """Records that had no room, or no bytes, and were written without their words."""
+        """Records that were too large or could not be encoded, and were written without texts."""
 
     def write(self, record: CycleRecord) -> None:
         """Put a record into its slot, sequence number last.
 
-        Words are worth less than the cycle that they tell of: where the record does not fit with
-        them, it is written without.
+        A record that does not fit is written without its texts, emergencies and strides: the rest
+        of the cycle matters more.
         """
         data = self._encoded(record)
         if data is None:
@@ -157,7 +157,7 @@ class RingWriter:
         _SEQ.pack_into(self._map, offset, record.seq)
 
     def _encoded(self, record: CycleRecord) -> bytes | None:
-        """None: it has no room, or holds what msgpack has no bytes for."""
+        """The record in msgpack; None if it is too large or cannot be encoded."""
         try:
             data = self._encoder.encode(record)
         except (ValueError, OverflowError):
@@ -170,7 +170,7 @@ class RingWriter:
 
 
 def wordless(record: CycleRecord) -> CycleRecord:
-    """The record without all that has no fixed size: words, emergencies, strides."""
+    """The record without everything of variable size: texts, emergencies, strides."""
     return replace(
         record,
         verdict=replace(record.verdict, detail=""),
@@ -183,7 +183,7 @@ def wordless(record: CycleRecord) -> CycleRecord:
 
 
 class RingReader:
-    """Any reader's end, the gateway live or replay: `slot_count` slots of `slot_size` bytes."""
+    """A reader of a ring, live or from a file: `slot_count` slots of `slot_size` bytes."""
 
     def __init__(self, path: Path) -> None:
         """Open and check the file.
@@ -226,7 +226,7 @@ class RingReader:
         return None if data is None else self.record(seq, data)
 
     def record(self, seq: int, data: bytes) -> CycleRecord | None:
-        """What `raw` has given as a record; None, and counted, if it is damaged."""
+        """Decode the bytes that `raw` returned; None, and counted, if the record is damaged."""
         try:
             record = self._decoder.decode(data)
         except RefusedError:
@@ -237,7 +237,7 @@ class RingReader:
         return record
 
     def raw(self, seq: int) -> bytes | None:
-        """The record as it stands in the ring, in msgpack; nothing of it where it is damaged."""
+        """The record's msgpack bytes; None if it is not there, empty if its length is damaged."""
         offset = HEADER_SIZE + (seq % self.slot_count) * self.slot_size
         found, length = _SLOT.unpack_from(self._map, offset)
         if found != seq:
@@ -250,17 +250,17 @@ class RingReader:
         return data
 
     def oldest_seq(self, newest: int) -> int:
-        """The lowest number that can still be there beside the newest; it need not be."""
+        """The lowest number that can still be in the ring besides the newest."""
         return max(newest - self.slot_count + 1, 1)
 
     def since(self, seq: int) -> list[CycleRecord]:
-        """All records after `seq` that are there and can be read, oldest first."""
+        """All readable records after `seq`, oldest first."""
         seqs = sorted(self._seq_at(slot) for slot in range(self.slot_count))
         found = (self.read(number) for number in seqs if number > seq)
         return [record for record in found if record is not None]
 
     def close(self) -> None:
-        """Unmap."""
+        """Unmap the file."""
         self._map.close()
 
     def _seq_at(self, slot: int) -> int:
@@ -270,18 +270,18 @@ class RingReader:
 
 
 class RareNotice:
-    """What goes wrong again and again is told at the first time and at each tenfold of it."""
+    """Limits reports of a repeated fault: due at the first time and at each tenfold count."""
 
     def __init__(self, what: str) -> None:
         self._what = what
         self._told_count = 0
 
     def due(self, count: int, why: str = "") -> list[str]:
-        """What to tell, if it is time.
+        """The line to report, if one is due.
 
         Args:
-            count: of all times so far; less than before: somebody counts anew.
-            why: of the newest.
+            count: of all times so far; a lower count than before means that counting began anew.
+            why: reason of the newest fault.
         """
         self._told_count = min(self._told_count, count)
         if count <= 10 * self._told_count:
@@ -295,8 +295,8 @@ def _bound_socket(path: Path) -> socket.socket:
     bound = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
     bound.setblocking(False)
     bound.bind(str(path))
-    # Both halves are of one group. What else they make is written by its maker alone (UMask= of the
-    # units), but a datagram needs the right to write.
+    # Core and gateway are of one group. Their other files are written by their creator alone
+    # (UMask= of the units), but sending a datagram needs the right to write.
     path.chmod(_SOCKET_MODE)
     return bound
 
@@ -304,8 +304,8 @@ def _bound_socket(path: Path) -> socket.socket:
 class Datagrams:
     """One end of the two AF_UNIX datagram sockets; sending never blocks and never raises.
 
-    A peer that is not there, or whose queue is full, is the peer's matter: its silence is judged
-    by age (the core by the age of the level, the gateway by the age of the record).
+    A peer that is missing, or whose queue is full, is not an error here: silence is detected by
+    age (in the core by the age of the gateway state, in the gateway by the age of the record).
     """
 
     def __init__(self, own: Path, peer: Path) -> None:
@@ -316,12 +316,12 @@ class Datagrams:
         """
         self._socket = _bound_socket(own)
         self.crowded_count = 0
-        """Drains that may have left something."""
+        """Drains that may have left datagrams in the queue."""
         self._own = own
         self._peer = str(peer)
 
     def fileno(self) -> int:
-        """For poll()."""
+        """File descriptor for poll()."""
         return self._socket.fileno()
 
     def send(self, data: bytes) -> bool:
@@ -348,7 +348,7 @@ class Datagrams:
 
 
 class CoreSeam:
-    """The core's two hands on the seam: records out, levels in."""
+    """The core's end of the IPC channel: records out, gateway states in."""
 
     def __init__(self, runtime: Path, header: RingHeader) -> None:
         """Create ring and socket in the runtime directory."""
@@ -356,27 +356,27 @@ class CoreSeam:
         self._datagrams = Datagrams(runtime / CORE_SOCKET_NAME, runtime / GATEWAY_SOCKET_NAME)
         self._decoder = Decoder(msgspec.msgpack.Decoder(Level).decode)
         self._refusal = ""
-        """Why the newest datagram that was no level was none."""
+        """Why the newest refused datagram was not a valid gateway state."""
         self._refused = RareNotice("datagrams to the core refused")
         self._shortened = RareNotice("records had no room for their words")
         self._crowded = RareNotice("more datagrams for the core than a cycle reads")
 
     @property
     def refused_count(self) -> int:
-        """Datagrams that were no level: counted, and otherwise as if they had not come."""
+        """Datagrams that were not a valid gateway state; they are counted and ignored."""
         return self._decoder.refused_count
 
     def fileno(self) -> int:
-        """For poll(): readable when the gateway has sent a level."""
+        """File descriptor for poll(): readable when the gateway has sent its state."""
         return self._datagrams.fileno()
 
     def publish(self, record: CycleRecord) -> bool:
-        """Write a record and wake the gateway; false if none was there to be woken."""
+        """Write a record and wake the gateway; False if no gateway was there."""
         self._ring.write(record)
         return self._datagrams.send(_SEQ.pack(record.seq))
 
     def levels(self) -> list[Level]:
-        """The levels that wait, oldest first: stop counts are read over all of them."""
+        """The gateway states that wait, oldest first; stop counts must be read from all of them."""
         levels: list[Level] = []
         for data in self._datagrams.drain():
             try:
@@ -386,7 +386,7 @@ class CoreSeam:
         return levels
 
     def take_notices(self) -> list[str]:
-        """What people should know of this seam and have not been told yet."""
+        """New lines about faults of the channel, for the operator."""
         return [
             *self._refused.due(self.refused_count, self._refusal),
             *self._shortened.due(self._ring.shortened_count),
@@ -394,13 +394,13 @@ class CoreSeam:
         ]
 
     def close(self) -> None:
-        """Leave; the ring file stays for who wants to know."""
+        """Close the channel; the ring file stays."""
         self._ring.close()
         self._datagrams.close()
 
 
 class GatewaySeam:
-    """The gateway's two hands on the seam; the core may come, go and come again."""
+    """The gateway's end of the IPC channel; the core may end and start again."""
 
     def __init__(self, runtime: Path) -> None:
         """Bind the wake socket; the ring is opened when there is one."""
@@ -410,8 +410,8 @@ class GatewaySeam:
         self._ring: RingReader | None = None
         self._seq = 0
         self._damaged = RareNotice("records of the core cannot be read")
-        # A ring that was there before us is history; one that appears later is read from its start.
-        # What cannot be read is said by `records`, as long as no core replaces it.
+        # Records of a ring that existed before this gateway are not read; a later ring is read from
+        # its start. A file that cannot be read is reported by `records` until a core replaces it.
         with contextlib.suppress(RingError):
             self._follow()
         if self._ring is not None:
@@ -419,29 +419,29 @@ class GatewaySeam:
 
     @property
     def header(self) -> RingHeader | None:
-        """Of the ring that is open now, None before the first core."""
+        """Header of the ring that is open now, None before the first core."""
         return self._ring.header if self._ring else None
 
     @property
     def ring(self) -> RingReader | None:
-        """The ring that is open now. Who holds it can read it after a new core's has come, too."""
+        """The ring that is open now; holders can still read it after a new core's ring appears."""
         return self._ring
 
     def fileno(self) -> int:
-        """For poll(): readable when the core has written."""
+        """File descriptor for poll(): readable when the core has written."""
         return self._datagrams.fileno()
 
     def records(self) -> list[CycleRecord]:
-        """All records since the last call, oldest first. Follows the core into a new ring.
+        """All records since the last call, oldest first; opens the ring of a new core.
 
         Raises:
-            RingError: the file is there but is no ring of ours.
+            RingError: the file exists but is not a valid ring.
         """
         woken = [_SEQ.unpack(data)[0] for data in self._datagrams.drain() if len(data) == _SEQ.size]
         known = self._ring
         found = self._forward(known) if known and woken else []
-        # The last wake is of the last record: so it came from the core that we know, and the file
-        # need not be looked for. A sample waits here for its subscriber.
+        # If the last wake-up is that of the last record, it came from the known core, and the file
+        # need not be checked. This saves time, because a subscriber waits for the sample.
         if found and woken[-1] == self._seq:
             return found
         self._follow()
@@ -449,9 +449,9 @@ class GatewaySeam:
             return []
         if self._ring is not known:
             found = self._forward(self._ring)
-        # Wakes are few in the socket's queue, and may be those of a core before this one: they
-        # only say that there is something; what there is stands in the ring. A record that is not
-        # there although a later one is will not come any more.
+        # The socket's queue is short, and its wake-ups may be those of a previous core: they only
+        # tell that there is something to read. A record that is missing although a later one is
+        # there will not come.
         if not found and max(woken) > self._seq:
             newest = self._ring.newest_seq()
             self._seq = max(newest - SLOT_COUNT + _OVERWRITTEN_SOON, self._seq)
@@ -470,17 +470,17 @@ class GatewaySeam:
         return found
 
     def take_notices(self) -> list[str]:
-        """What people should know of this seam and have not been told yet."""
+        """New lines about faults of the channel, for the operator."""
         if self._ring is None:
             return []
         return self._damaged.due(self._ring.damaged_count, "damaged, or of another gaitd")
 
     def send(self, level: Level) -> bool:
-        """Send a level to the core; False if no core took it."""
+        """Send the gateway state to the core; False if no core took it."""
         return self._datagrams.send(self._encoder.encode(level))
 
     def close(self) -> None:
-        """Leave."""
+        """Close the ring and the sockets."""
         if self._ring:
             self._ring.close()
         self._datagrams.close()
@@ -492,6 +492,6 @@ class GatewaySeam:
         except FileNotFoundError:
             return
         if self._ring is None or self._ring.inode != inode:
-            # The one before is unmapped when nobody holds it any more.
+            # The previous ring is unmapped when its last holder releases it.
             self._ring = RingReader(self._path)
             self._seq = 0

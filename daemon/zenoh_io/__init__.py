@@ -1,5 +1,5 @@
-"""Zenoh: the only code of the service that touches it.
+"""Zenoh input and output: the only code of the service that uses the Zenoh library.
 
-Reading order: `endpoints.py` (where to listen), `access.py` (who may say what), `session.py` (how a
+Reading order: `endpoints.py` (where to listen), `access.py` (access rights), `session.py` (how a
 session is opened), `publish.py` (messages out, queries in), `subscribe.py` (setpoints in).
 """

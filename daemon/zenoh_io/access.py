@@ -1,17 +1,17 @@
-"""Who may say what to whom over the gateway's Zenoh session: one table.
+"""Access rights of clients on the gateway's Zenoh session, as one table.
 
-`RIGHTS` is read row by row; what no row allows is denied, and what would pass through the gateway
-from one client to another has no row at all. Zenoh judges each message of each link by it
-(`access_control` of its configuration), before anything of ours sees it. So a client can be
-neither gateway nor controller for another one: it cannot publish what the gateway tells, answer in
-its place, hold its token, or hear setpoints and with them the number of the lease.
+Each row of `RIGHTS` allows some messages; what no row allows is denied, and no row lets a message
+pass through the gateway from one client to another. Zenoh checks each message of each link against
+the table (`access_control` of its configuration) before our code receives it. So no client can
+act as gateway or controller for another one: it cannot publish the gateway's messages, answer in
+its place, hold its token, or receive setpoints and with them the number of the lease.
 
 Rules:
-1. Everybody may stop. A role that is added gets every row that says EVERYBODY.
-2. A subscription is only a question: it may be as wide as it likes. What leaves decides what is
-   heard. A query is not: a wide one would be several requests in one.
-3. A key that comes in has no pattern in common with a key that leaves.
-4. Links without a certificate cannot be told apart: all of them are EVERYBODY.
+1. Every client may stop. A new role gets every row for EVERYBODY.
+2. A subscription may have any key expression, because only messages that leave are restricted. A
+   query may not: a wide key expression would be several requests in one.
+3. No key of an incoming message matches a key of an outgoing one.
+4. Links without a certificate cannot be distinguished: all of them have the role EVERYBODY.
 """
 
 from enum import Enum
@@ -22,20 +22,20 @@ from daemon.gateway.requests import ROUTES, Route
 
 
 class Role(Enum):
-    """The clients that Zenoh can tell apart."""
+    """Roles of clients that Zenoh can distinguish."""
 
     EVERYBODY = "everybody"
 
 
 class Flow(Enum):
-    """Which way, as the gateway sees it; in Zenoh's words."""
+    """Direction of a message, from the gateway's side, in Zenoh's terms."""
 
     IN = "ingress"
     OUT = "egress"
 
 
 class Message(Enum):
-    """What kind of message, in Zenoh's words. A deletion has no row: no client needs one."""
+    """Kind of a message, in Zenoh's terms. Deletions have no row: no client needs them."""
 
     PUT = "put"
     SUBSCRIBER = "declare_subscriber"
@@ -48,25 +48,25 @@ class Message(Enum):
 
 
 class Right(NamedTuple):
-    """These roles may exchange these messages with the gateway on these keys."""
+    """Permission for roles to exchange messages with the gateway on some keys."""
 
     name: str
     roles: frozenset[Role]
     flow: Flow
     messages: frozenset[Message]
     keys: tuple[str, ...]
-    """Below gaitd/TRAINER/; ANY_KEY is every key there is."""
+    """Keys below gaitd/TRAINER/; ANY_KEY matches every key."""
 
 
 ANY_KEY: Final = "**"
 HISTORY: Final = f"{wire.EVENTS}/@adv/**"
-"""Where Zenoh's advanced publisher keeps events for late joiners, and says that it does."""
+"""Keys on which Zenoh's advanced publisher offers events to late joiners."""
 TOLD: Final = (
     *(f"*/{name}" for name in ("estimate", "activity", "friction", "stride")),
     "drives/*/*",
     *(wire.SAFETY, wire.EVENTS, HISTORY, wire.HEALTH),
 )
-"""What the gateway publishes."""
+"""Keys that the gateway publishes on."""
 SETPOINTS: Final = (f"*/{wire.SETPOINT}",)
 EVERYBODY: Final = frozenset(Role)
 
@@ -99,7 +99,7 @@ RIGHTS: Final = (
 
 
 def access_control(trainer: str) -> dict[str, Any]:
-    """The table in the words of Zenoh's configuration."""
+    """The table in the form of Zenoh's configuration."""
     return {
         "enabled": True,
         "default_permission": "deny",
@@ -115,7 +115,7 @@ def access_control(trainer: str) -> dict[str, Any]:
             }
             for right in RIGHTS
         ],
-        # A subject without attributes is every link.
+        # A subject without attributes matches every link.
         "subjects": [{"id": role.value} for role in Role],
         "policies": [
             {

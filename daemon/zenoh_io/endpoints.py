@@ -1,7 +1,7 @@
-"""Zenoh endpoints as text: which of them a program on another machine could reach.
+"""Check of Zenoh endpoints: which of them a program on another machine could reach.
 
-The service listens on loopback or on a Unix socket, unless `zenoh.listen_beyond_loopback` says
-that somebody decided otherwise. Their form is checked by `config/settings.py`.
+The service listens on loopback or on a Unix socket, unless `zenoh.listen_beyond_loopback` allows
+more. The form of an endpoint is checked by `config/settings.py`.
 """
 
 import ipaddress
@@ -22,12 +22,12 @@ _EVERYWHERE: Final = {"0.0.0.0": "127.0.0.1", "[::]": "[::1]"}
 
 
 def is_local(endpoint: str) -> bool:
-    """Whether only programs on this machine can reach it."""
+    """True if only programs on this machine can reach the endpoint."""
     return endpoint.startswith(f"{UNIX_SOCKET}/") or _is_loopback(_host_and_port(endpoint)[0])
 
 
 def refused(listen: Sequence[str], *, beyond_loopback: bool) -> tuple[int, str] | None:
-    """The first endpoint that may not be listened on: its index and itself. None: all may."""
+    """The first endpoint that is not allowed, with its index; None if all are allowed."""
     for index, endpoint in enumerate(listen):
         if not (beyond_loopback or is_local(endpoint)):
             return index, endpoint
@@ -35,10 +35,10 @@ def refused(listen: Sequence[str], *, beyond_loopback: bool) -> tuple[int, str] 
 
 
 def check(file: TrainerFile) -> TrainerFile:
-    """The same file, if what it listens on is allowed.
+    """Return the same file if all of its endpoints are allowed.
 
     Raises:
-        ConfigError: somebody on another machine could reach an endpoint, and nobody decided so.
+        ConfigError: an endpoint is reachable from other machines, and the file does not allow it.
     """
     zenoh = file.trainer.zenoh
     bad = refused(zenoh.listen, beyond_loopback=zenoh.listen_beyond_loopback)
@@ -48,7 +48,7 @@ def check(file: TrainerFile) -> TrainerFile:
 
 
 def to_connect(endpoint: str) -> str:
-    """Where a client on the same machine connects to reach what listens on `endpoint`."""
+    """The endpoint for a client on the same machine, for a server that listens on `endpoint`."""
     host, port = _host_and_port(endpoint)
     if endpoint.startswith(f"{UNIX_SOCKET}/") or host not in _EVERYWHERE:
         return endpoint
@@ -56,7 +56,7 @@ def to_connect(endpoint: str) -> str:
 
 
 def _host_and_port(endpoint: str) -> tuple[str, str]:
-    """Without the metadata (`?`) and settings (`#`) that Zenoh allows after the port."""
+    """Host and port without the metadata (`?`) and settings (`#`) that may follow the port."""
     address = endpoint.partition("/")[2].partition("?")[0].partition("#")[0]
     host, _, port = address.rpartition(":")
     return host, port

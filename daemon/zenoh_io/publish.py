@@ -1,7 +1,7 @@
-"""What leaves and enters over Zenoh: publishers, the token `alive`, and queries to control/*.
+"""Publishers, the token `alive`, and queries to control/* on Zenoh.
 
-Nothing here blocks: publishers drop, and a query's callback, which runs in a thread of Zenoh, only
-puts the query into a mailbox that wakes the loop.
+Nothing here blocks: publishers drop messages, and the callback of a query, which runs in a thread
+of Zenoh, only puts the query into a mailbox that wakes the loop.
 """
 
 import contextlib
@@ -24,10 +24,10 @@ from daemon.gateway.events import HISTORY_COUNT
 from daemon.gateway.requests import QUERY_SIZE_MAX
 
 WAITING_COUNT_MAX: Final = 64
-"""Queries that may wait for the loop; a stop always may."""
+"""Queries that may wait for the loop; a stop is always accepted."""
 
 EVENT_HEARTBEAT_S: Final = 1.0
-"""How often the number of the newest event is said, so that a subscriber notices a lost one."""
+"""Interval at which the newest event's number is published, so that subscribers notice a loss."""
 
 
 class ZenohInquiry:
@@ -37,11 +37,11 @@ class ZenohInquiry:
         self._query = query
         self._key = str(query.key_expr)
         self.name = self._key.rpartition("/")[2]
-        # One byte too many is enough to be refused, and bounds what a stranger can make us keep.
+        # One byte more than allowed is enough to refuse it, and bounds the memory used.
         self.payload = query.payload.to_bytes()[: QUERY_SIZE_MAX + 1] if query.payload else b""
 
     def answer(self, message: msgspec.Struct, *, failed: bool = False) -> None:
-        """Send the only reply and finish the query; a client that has gone is nobody's fault."""
+        """Send the only reply and finish the query; ignores errors, as the client may be gone."""
         data, encoding = msgspec.json.encode(message), wire.encoding(type(message))
         with contextlib.suppress(zenoh.ZError):
             if failed:
@@ -52,7 +52,7 @@ class ZenohInquiry:
 
 
 class Mailbox:
-    """Queries on their way from Zenoh's threads to the loop."""
+    """Queue of queries from Zenoh's threads to the loop."""
 
     def __init__(self) -> None:
         self._queue: queue.SimpleQueue[ZenohInquiry] = queue.SimpleQueue()
@@ -60,11 +60,11 @@ class Mailbox:
         self.dropped_count = 0
 
     def fileno(self) -> int:
-        """For poll(): readable while something waits."""
+        """File descriptor for poll(): readable while a query waits."""
         return self._fd
 
     def put(self, query: zenoh.Query) -> None:
-        """Called in a thread of Zenoh."""
+        """Add a query; called in a thread of Zenoh."""
         inquiry = ZenohInquiry(query)
         if self._queue.qsize() >= WAITING_COUNT_MAX and inquiry.name != "stop":
             self.dropped_count += 1
@@ -74,26 +74,26 @@ class Mailbox:
         os.eventfd_write(self._fd, 1)
 
     def drain(self) -> list[ZenohInquiry]:
-        """All that wait now, oldest first; what comes meanwhile wakes the loop again."""
+        """Queries that wait now, oldest first; later ones wake the loop again."""
         with contextlib.suppress(BlockingIOError):
             os.eventfd_read(self._fd)
         return [self._queue.get_nowait() for _ in range(self._queue.qsize())]
 
     def close(self) -> None:
-        """Leave; no callback may run any more."""
+        """Close the file descriptor; no callback may run any more."""
         os.close(self._fd)
 
 
 class Quality(NamedTuple):
-    """How Zenoh treats what is put on a key."""
+    """Zenoh's quality of service for the messages of a key."""
 
     priority: Priority = Priority.DATA
     express: bool = False
-    """Not kept back to leave together with what is put next."""
+    """Sent at once, not batched with the next messages."""
 
 
 ESTIMATE: Final = Quality(Priority.REAL_TIME, express=True)
-"""A controller waits for it. A queue of its own, that nothing else can fill."""
+"""Real-time priority, because a controller waits for it; Zenoh has a queue of its own for it."""
 SAFETY: Final = Quality(Priority.INTERACTIVE_HIGH)
 OTHER: Final = Quality()
 
@@ -101,7 +101,7 @@ OTHER: Final = Quality()
 def declare(
     session: zenoh.Session, key: str, message: type[msgspec.Struct], quality: Quality
 ) -> zenoh.Publisher:
-    """A publisher of messages of this type, that drops rather than waits."""
+    """Declare a publisher of messages of this type that drops messages rather than waits."""
     return session.declare_publisher(
         key,
         encoding=wire.encoding(message),
@@ -151,7 +151,7 @@ class ZenohOutlet:
         self._events.put(msgspec.json.encode(event))
 
     def show_alive(self, alive: bool) -> None:
-        """Hold the liveliness token, or let it go."""
+        """Hold the liveliness token while `alive` is true, else release it."""
         if alive and self._token is None:
             key = wire.key(self._trainer, wire.ALIVE)
             self._token = self._session.liveliness().declare_token(key)
@@ -160,7 +160,7 @@ class ZenohOutlet:
             self._token = None
 
     def close(self) -> None:
-        """Undeclare everything; the session is the caller's."""
+        """Undeclare everything; the session remains open."""
         self.show_alive(False)
         self._queryable.undeclare()
         self._events.undeclare()

@@ -1,4 +1,4 @@
-"""Opens the gateway's Zenoh session; each setting with the trouble that it prevents.
+"""Opens the gateway's Zenoh session, with the reason for each setting.
 
 Measured with eclipse-zenoh 1.10: by default a peer scouts by multicast and listens on all
 interfaces, notices a hung peer after 10 s, and a put may wait for a slow subscriber.
@@ -13,7 +13,7 @@ import zenoh
 from daemon.zenoh_io.access import access_control
 
 LEASE_MS: Final = 1000
-"""A peer that hangs is dropped after this; a subscriber sees a hung gateway as fast."""
+"""Time after which a hung peer is dropped; a subscriber notices a hung gateway as fast."""
 
 
 def session_settings(listen: Sequence[str], trainer: str) -> dict[str, Any]:
@@ -21,13 +21,13 @@ def session_settings(listen: Sequence[str], trainer: str) -> dict[str, Any]:
     return {
         "mode": "peer",
         "listen/endpoints": list(listen),
-        # A port that is in use is the operator's matter, to be said at start.
+        # A port that is in use is reported to the operator at the start.
         "listen/exit_on_failure": True,
         "connect/endpoints": [],
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "adminspace/enabled": False,
-        # Without it any client publishes, answers and hears setpoints as well as we do.
+        # Without it any client could publish, answer and receive setpoints as the gateway does.
         "access_control": access_control(trainer),
         "timestamping/enabled": True,
         "transport/link/tx/lease": LEASE_MS,
@@ -40,11 +40,11 @@ def session_settings(listen: Sequence[str], trainer: str) -> dict[str, Any]:
 
 
 def open_session(listen: Sequence[str], trainer: str) -> zenoh.Session:
-    """Open the session; must be closed explicitly, or the process hangs at exit.
+    """Open the session; it must be closed explicitly, or the process hangs at exit.
 
     Args:
         listen: its endpoints.
-        trainer: TRAINER of the only keys that it lets anything through for.
+        trainer: TRAINER of the only keys that are allowed.
 
     Raises:
         zenoh.ZError: an endpoint cannot be listened on: in use, no such address, no directory.

@@ -1,4 +1,4 @@
-"""What enters over Zenoh without an answer: setpoints, put into a box by Zenoh's threads."""
+"""Subscriber for setpoints: Zenoh's threads put them into a box that the loop drains."""
 
 import zenoh
 
@@ -6,11 +6,11 @@ from daemon import wire
 from daemon.gateway.setpoints import SETPOINT_SIZE_MAX, SetpointBox
 
 TOO_LARGE = b" " * (SETPOINT_SIZE_MAX + 1)
-"""Stands for a payload that nobody keeps, because of its size."""
+"""Placeholder for a payload that is too large to keep."""
 
 
 class SetpointSubscriber:
-    """Hears LEG/setpoint of one trainer, whatever LEG is."""
+    """Receives LEG/setpoint of one trainer, for any LEG."""
 
     def __init__(self, session: zenoh.Session, trainer: str, box: SetpointBox) -> None:
         self._box = box
@@ -19,12 +19,12 @@ class SetpointSubscriber:
         )
 
     def _hear(self, sample: zenoh.Sample) -> None:
-        """Called in a thread of Zenoh."""
+        """Put one message into the box; called in a thread of Zenoh."""
         payload = sample.payload
         small = len(payload) <= SETPOINT_SIZE_MAX
         leg = str(sample.key_expr).rsplit("/", 2)[-2]
         self._box.put(leg, payload.to_bytes() if small else TOO_LARGE)
 
     def close(self) -> None:
-        """Undeclare; the box is the caller's."""
+        """Undeclare the subscriber; the box remains open."""
         self._subscriber.undeclare()
