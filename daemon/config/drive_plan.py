@@ -1,4 +1,4 @@
-"""limits.toml and the cycle in the terms of the drives: what bring-up writes into them."""
+"""Converts limits.toml and cycle settings into the values that bring-up writes into the drives."""
 
 import math
 
@@ -33,7 +33,7 @@ def drive_limits(limits: Limits) -> tuple[DriveLimits, DriveLimits]:
 
 
 def cycle_settings(cycle: Cycle) -> CycleSettings:
-    """What bring-up writes of the grid and of silence."""
+    """Cycle and timeouts that bring-up writes into the drives."""
     return CycleSettings(
         period_ms=cycle.period_ms,
         master_node_id=cycle.master_node_id,

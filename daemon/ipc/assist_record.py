@@ -17,7 +17,7 @@ class LegAssistRecord(msgspec.Struct, frozen=True, array_like=True):
 
 
 class AssistRecord(msgspec.Struct, frozen=True, array_like=True):
-    """Setpoints and assist in one cycle, without the lease number; counts since the core's start."""
+    """Setpoints and assist in one cycle, without the lease number; counts since core start."""
 
     legs: tuple[LegAssistRecord, ...] = ()
     """In the order of `CycleRecord.legs`."""

@@ -32,7 +32,7 @@ class Decoder(Generic[T]):
     """Decodes one kind of bytes, and counts what it has refused."""
 
     def __init__(self, decode: Callable[[bytes], T]) -> None:
-        """`decode` must be the library's function: a bug in our code would look like invalid bytes."""
+        """`decode` must be the library's function: a bug of ours would look like invalid bytes."""
         self._decode = decode
         self.refused_count = 0
 

@@ -22,8 +22,7 @@ STATE_COUNT: Final = 8
 """States of the observer: two positions, two velocities, two frictions, two disturbances."""
 SETPOINTS_MAX: Final = 8
 TEXT_BYTES_MAX: Final = 400
-"""Maximum size of a reason, a detail or a line of progress: the slot of a record has a fixed
-size."""
+"""Maximum size of a reason, a detail or a line of progress: a slot has a fixed size."""
 
 
 class Mode(IntEnum):
@@ -66,8 +65,7 @@ class Stage(IntEnum):
     APPROACHING = 3
     """The leg is moved to the pose in which the exercise begins."""
     PLAYING = 4
-    """The requested exercise runs: strides, a scenario, hand guiding, a test, the search for
-    home."""
+    """The requested exercise runs: strides, a scenario, hand guiding, a test, homing."""
     ENDING = 5
     """The leg comes to the pose, or to rest, in which the exercise ends."""
     OVER = 6
@@ -219,8 +217,7 @@ class Level(msgspec.Struct, frozen=True, array_like=True):
     core_boot_id: Name
     seq: Count
     for_cycle: Count
-    """The newest record that the gateway had read: gives the age of this state in the core's
-    cycles."""
+    """The newest record that the gateway had read: gives the age of this state in cycles."""
     stop_count: Count
     """Any increase stops, whatever else is in the datagram."""
     request: Request = Request()

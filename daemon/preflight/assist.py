@@ -1,4 +1,4 @@
-"""What a controller may do, compared with what ends it and with the axis that it acts on."""
+"""Checks of assist and lease: limits, fade and timeouts must fit each other and the axis."""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""What one drive's files mean at its joint, and where each number comes from.
+"""Meaning of each drive's settings at its joint, and the objects behind each number.
 
 For `gaitd check`. The EDS is read here and nowhere else in the service: bring-up asks the drive.
 """
@@ -27,11 +27,11 @@ _UNLIMITED = {
     "following_error": "the drive has no 6065h: it does not watch its following error",
     "interpolation_time": "the drive has no 60C2h: how it interpolates in CSP is its own matter",
 }
-"""What a missing optional object means, by its key in the profile."""
+"""Consequence of a missing optional object, by its key in the profile."""
 
 
 class TorqueMeaning(msgspec.Struct, frozen=True):
-    """What one count of a torque object is."""
+    """Meaning of one count of a torque object."""
 
     object: str
     bits: int
@@ -39,9 +39,9 @@ class TorqueMeaning(msgspec.Struct, frozen=True):
     unit: str
     factor: float
     base: str
-    """What the unit refers to, with the objects that hold it."""
+    """Reference value of the unit, with the objects that hold it."""
     effort_per_count_si: float
-    """At the joint, without the sign of the axis."""
+    """Effort at the joint, without the sign of the axis."""
 
 
 class BaseMeaning(msgspec.Struct, frozen=True):
@@ -61,16 +61,16 @@ class AxisMeaning(msgspec.Struct, frozen=True):
     verified_on_hardware: bool
     provenance: str
     rotary: bool
-    """rad and N m; otherwise m and N. `_si` is in these units."""
+    """True: rad and N m; false: m and N. `_si` is in these units."""
     position_per_count: float
     effort_per_permille: float
-    """Of 6071h, or of its own unit."""
+    """Effort per permille of 6071h, or per count of the drive's own unit."""
     effort_per_ma: float
-    """Of motor current."""
+    """Effort per mA of motor current."""
     effort_limit_si: float
-    """Of limits.toml, written into the drive."""
+    """The limit of limits.toml, written into the drive."""
     effort_nominal_si: float
-    """At the motor's nominal current: what it can do for long."""
+    """At the motor's nominal current: the effort that it can give continuously."""
     effort_drive_limit_si: float
     """At the drive's current limit."""
     torque_source: TorqueMeaning
@@ -85,30 +85,30 @@ class AxisMeaning(msgspec.Struct, frozen=True):
     lead_m: float | None
     axis_sign: int
     option_codes: tuple[str, ...]
-    """What the drive does by itself, in words."""
+    """Reactions of the drive that it makes by itself, in words."""
     speed_limit_si_per_s: float
     speed_limit_raw: int | None
     """None where it is not written."""
     position_limits_si: tuple[float, float]
     position_limits_counts: tuple[int, int]
     quick_stop_s: float
-    """From the speed limit to rest on the ramp."""
+    """Time on the ramp from the speed limit to rest."""
     brake: bool
     silence_detection_ms: int
-    """After which the drive stops by itself, without us: the sooner of the two below."""
+    """Silence after which the drive stops by itself: the shorter of the two below."""
     heartbeat_detection_ms: int | None
-    """1016h:01; None where the drive watches no heartbeat."""
+    """1016h:01; None where the drive monitors no heartbeat."""
     rpdo_timeout_ms: int | None
     """1400h:05; None where the drive has none."""
     temperature: str | None
-    """The object; None where the limit is not watched."""
+    """The object of the temperature; None where the limit is not monitored."""
     warnings: tuple[str, ...]
     objections: tuple[str, ...]
-    """What the EDS says that the drive does not have."""
+    """Objects that bring-up needs and the drive lacks according to its EDS."""
 
 
 def axis_meanings(settings: Settings) -> tuple[AxisMeaning, ...]:
-    """All drives, each leg's hip before its slide.
+    """The meaning of all drives' settings, each leg's hip before its slide.
 
     Raises:
         ConfigError: an EDS cannot be read.
@@ -120,7 +120,7 @@ def axis_meanings(settings: Settings) -> tuple[AxisMeaning, ...]:
 
 
 def refuse_axes(settings: Settings, axes: tuple[AxisMeaning, ...]) -> None:
-    """Refuse a drive whose EDS has not what bring-up will ask of it.
+    """Refuse a drive whose EDS lacks an object that bring-up needs.
 
     Raises:
         ConfigError: the first objection, and how many there are.
@@ -229,8 +229,8 @@ _TORQUE_MODE = {
         "in that mode only gaitd keeps the position",
     ),
 }
-"""Objects, and what it means that nobody knows whether they bind in torque mode, or that they do
-not; by the keys of [torque_mode] and [optional_objects]."""
+"""Objects and warnings, by the keys of [torque_mode] and [optional_objects]: first if it is unknown
+whether the object acts in torque mode, then if it does not."""
 
 
 def _torque_mode(drive: DriveDescription) -> Iterator[str]:

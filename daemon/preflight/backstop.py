@@ -1,6 +1,6 @@
-"""The limits that the drives themselves hold: which object, which value, from which key.
+"""Table of the limits that the drives themselves hold: object, value, and configuration key.
 
-`rows` reads them off the very steps of bring-up, so the table cannot say what is not done. Each
+`rows` derives them from the steps of bring-up, so the table cannot differ from what is done. Each
 step that writes is either a row here or belongs to communication and mapping (COMMUNICATION), which
 `tests/drive_backstop/test_table.py` checks; `page` is docs/backstop.md.
 """
@@ -18,7 +18,7 @@ from drives.cia402.torque import ObjectRef
 
 
 class Source(NamedTuple):
-    """What an object bounds, and where its value comes from."""
+    """The quantity that an object bounds, and the configuration key of its value."""
 
     bounds: str
     key: str
@@ -37,7 +37,7 @@ class Row:
 
     @property
     def place(self) -> str:
-        """`6065h:00`."""
+        """Index and subindex, for example `6065h:00`."""
         return f"{self.index:04X}h:{self.sub:02X}"
 
 
@@ -45,7 +45,7 @@ WRITES: Final = frozenset({StepKind.WRITE, StepKind.RANGE})
 COMMUNICATION: Final = frozenset(
     {0x1007, 0x1017, 0x1019, *range(0x1400, 0x1A10), 0x6060, 0x6071, 0x607A}
 )
-"""PDOs, SYNC, heartbeats, targets that are seeded: no limits, but for 1400h:05."""
+"""Objects of PDOs, SYNC, heartbeats and initial targets: no limits, except 1400h:05."""
 RPDO_TIMEOUT_SUB: Final = 5
 _POSITION: Final = Source(
     "software position limits", "[hip] position_min_deg, _max_deg; [slide] position_min_m, _max_m"
@@ -73,7 +73,7 @@ SOURCES: Final[Mapping[int, Source]] = {
     0x60B2: Source("no torque beside the target", _PROFILE),
     0x60C2: Source("the time to a new target position", "[cycle] period_ms"),
 }
-"""By index; the torque limit's is the profile's."""
+"""Sources by index; the index of the torque limit is in the profile."""
 _RPDO_TIMEOUT: Final = Source("silence of our commands, in ms", "[cycle] rpdo_timeout_ms")
 
 
@@ -93,7 +93,7 @@ def rows(settings: Settings, drive: DriveDescription, axis: int) -> tuple[Row, .
 
 
 def source_of(step: Step, torque_limit: ObjectRef) -> Source | None:
-    """Where the value of a step comes from; None where it is no limit."""
+    """The source of the value that a step writes; None where it is no limit."""
     if step.kind not in WRITES:
         return None
     if (step.index, step.sub) == (torque_limit.index, torque_limit.sub):
@@ -113,7 +113,7 @@ def _rows(step: Step, torque_limit: ObjectRef) -> Iterator[Row]:
 
 
 def page(makes: Mapping[str, Settings]) -> str:
-    """docs/backstop.md: for each make the limits of both drives."""
+    """The text of docs/backstop.md: for each make the limits of both drives."""
     parts = [_HEAD]
     for make, settings in makes.items():
         leg = settings.legs[0]
@@ -135,7 +135,7 @@ def _shown(row: Row) -> str:
 
 
 def _lacks(drive: DriveDescription) -> str:
-    """What this make does not hold by itself, or nobody knows."""
+    """Limits that this make does not hold by itself, or that are not documented."""
     has, profile = drive.profile.optional_objects, drive.profile
     missing = [
         words

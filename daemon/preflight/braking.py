@@ -1,7 +1,7 @@
-"""Whether each drive has the torque for the quick-stop ramp that is written into it.
+"""Check that each drive has the torque for the quick-stop ramp that is written into it.
 
-A ramp that the torque cannot give is none: the drive lags behind it, and every sweep that believed
-in it was too good. Rules of the computation, for `gaitd check`:
+With too little torque the drive lags behind its ramp, and every sweep that relies on the ramp is
+too optimistic. Rules of the computation, for `gaitd check`:
 
 1. Required is M(q) a + c(q, q') + g(q) of the row of the axis, and the patient of [stop] against
    it, where one is configured. Friction and dampers would help; they are not counted.
@@ -10,8 +10,8 @@ in it was too good. Rules of the computation, for `gaitd check`:
    has come to rest, or never moved, stands. Both ends of a ramp count: at its speed, and at rest.
 3. Available is the torque limit as it is written into that drive, in its own whole numbers.
 
-A homing or a sign test has a lower limit in the drive; at its speed a ramp is over in a few
-milliseconds either way, and it is no matter of this table.
+A homing or a sign test has a lower limit in the drive; at its speed a ramp ends within a few
+milliseconds either way, so this check leaves it out.
 """
 
 import math
@@ -34,11 +34,11 @@ from drives.cia402.units import DriveLimits, expected_base, raw_limits
 from observer.mechanism.mechanism import LegParameters, dynamics
 
 PHASES: Final = 120
-"""Of the stride."""
+"""Number of poses over the stride."""
 ROUNDS: Final = 20
-"""Until what one axis leaves to the other has settled."""
+"""Iterations until the effort left to the other axis has settled."""
 _FULL: Final = 1.0
-"""With Coriolis."""
+"""Full Coriolis terms."""
 _KEYS: Final = (
     "hip.quick_stop_deceleration_rad_per_s2",
     "slide.quick_stop_deceleration_m_per_s2",
@@ -46,35 +46,35 @@ _KEYS: Final = (
 
 
 class BrakingMeaning(msgspec.Struct, frozen=True):
-    """What the quick-stop ramp of one axis asks of its drive; rad and N m, or m and N."""
+    """Effort that the quick-stop ramp of one axis requires; rad and N m, or m and N."""
 
     name: str
     rotary: bool
     deceleration_si_per_s2: float
     required_si: float
-    """The most, with the patient against it, beside what can be given of the other axis's ramp."""
+    """The largest, with the patient's effort, while the other axis brakes as hard as it can."""
     patient_si: float
     limit_si: float
     """The torque limit that is in the drive."""
     hip_deg: float
     slide_m: float
-    """Where the most is required."""
+    """Pose at which the required effort is largest."""
     deceleration_max_si_per_s2: float
-    """What the torque limit can give, beside the other axis; 0 or less: none."""
+    """Deceleration that the torque limit can give, beside the other axis; 0 or less: none."""
 
     @property
     def is_given(self) -> bool:
-        """The torque limit suffices."""
+        """True if the torque limit suffices."""
         return self.deceleration_si_per_s2 <= self.deceleration_max_si_per_s2
 
 
 class _Braking(NamedTuple):
-    """One axis as it brakes at one pose: what its row of (6) asks, positive in that direction."""
+    """One axis braking at one pose: terms of its row of (6), positive in the braking direction."""
 
     pose: Pair
     inertia_si: float
     coupling_si: float
-    """Inertia beside the other axis's deceleration; 0 where that one stands."""
+    """Inertia that couples the other axis's deceleration; 0 where that axis stands."""
     bias_si: float
 
     def required(self, own: float, other: float) -> float:
@@ -85,7 +85,7 @@ class _Braking(NamedTuple):
 
 
 def braking_meanings(settings: Settings) -> tuple[BrakingMeaning, ...]:
-    """All axes, each leg's hip before its slide."""
+    """The braking check of all axes, each leg's hip before its slide."""
     parameters, gait = leg_parameters(settings.robot), settings.trainer.gait
     limits = settings.limits
     motions = workspace.gait_motions(parameters, gait, gait.cadence_max_hz, PHASES)
@@ -111,7 +111,7 @@ def refuse_braking(settings: Settings, meanings: tuple[BrakingMeaning, ...]) -> 
 
 
 def _speeds(velocity: Pair, led: Pair) -> Iterator[Pair]:
-    """Of the stride, or one axis of it at rest; and led by hand, each axis either way."""
+    """Speeds of the stride, or with one axis at rest; and of hand guiding, each axis either way."""
     yield from product((velocity[0], 0.0), (velocity[1], 0.0))
     yield from product((led[0], 0.0, -led[0]), (led[1], 0.0, -led[1]))
 
@@ -159,7 +159,8 @@ def _meanings(
 def _largest(brakings: tuple[list[_Braking], list[_Braking]], rooms: Pair, written: Pair) -> Pair:
     """The largest decelerations up to those written that both drives can give together.
 
-    An axis whose own is given is told how far it could be raised beside the other's.
+    For an axis whose written deceleration is possible, the result is the largest beside the
+    other's.
     """
 
     def beside(axis: int, other: float) -> float:
@@ -175,7 +176,7 @@ def _largest(brakings: tuple[list[_Braking], list[_Braking]], rooms: Pair, writt
 
 
 def _rounded_down(deceleration: float) -> float:
-    """To hundredths, so that what is told passes."""
+    """Rounded down to hundredths, so that the reported value passes the check."""
     return math.floor(100.0 * deceleration) / 100.0
 
 
@@ -186,7 +187,7 @@ def _patient(settings: Settings) -> Pair:
 
 
 def _effort_limit_si(drive: DriveDescription, limits: DriveLimits) -> float:
-    """At the joint, of what is written into the drive."""
+    """Effort at the joint for the torque limit that is written into the drive."""
     count = count_nm(drive.profile.torque_limit, expected_base(drive)) * effort_per_motor_nm(drive)
     return raw_limits(limits, drive).torque_raw * count
 

@@ -1,8 +1,8 @@
-"""What drives do by themselves, compared with what could hold the joint then.
+"""Checks the drives' own reactions against the brakes of their axes.
 
 A drive whose quick stop (605Ah 0 to 4) or whose answer to a silent master (6007h = 2) leaves the
 axis without torque needs a brake. The hip carries the leg: it is refused without one. The slide
-runs on a rail between springs: it must hold after a quick stop, which the service asks for, and may
+runs on a rail between springs: it must hold after a quick stop, which the service commands, and may
 coast when there is no service any more; `gaitd check` warns.
 """
 

@@ -1,8 +1,8 @@
-"""What no file can say alone: the files of one configuration compared with each other.
+"""Checks of the files of one configuration against each other.
 
-Each check is one function that returns, or raises `ConfigError` with the file and key that a person
-should change. `CHECKS` is the order: first what stands in one file, then what depends on more.
-What needs the mechanism in motion is in `motion.py`, what drives do by themselves in
+Each check is one function that returns, or raises `ConfigError` with the file and key that the
+operator should change. `CHECKS` is the order: first rules within one file, then rules over several.
+Rules that need the mechanism in motion are in `motion.py`, rules about the drives' own reactions in
 `drives.py`.
 """
 
@@ -30,10 +30,10 @@ from observer.mechanism.friction import smallest_stribeck
 from observer.mechanism.mechanism import smallest_inertia
 
 MASTER_HEARTBEATS_MISSED: Final = 3
-"""A drive must not stop before this many of our heartbeats have failed to come."""
+"""A drive must not stop before this many of the master's heartbeats have failed to arrive."""
 DRIVE_HEARTBEATS_MISSED: Final = 2
 STANDSTILL_COUNTS: Final = 2
-"""Standing still must be told from this many counts per cycle, or encoder noise is motion."""
+"""The standstill speed must exceed this many counts per cycle, or encoder noise is motion."""
 SOCKETCAN_NAME: Final = r"[^/\s]{1,15}"
 INTERFACE_NAME: Final = r"[a-z0-9_-]+"
 
@@ -46,11 +46,11 @@ _AT_LEAST_S1: Final = {
     Cause.CYCLE_OVERRUN: "holding by the core needs a core that is in time",
     Cause.TRANSMIT_QUEUE_FULL: "holding by the core needs frames that leave",
 }
-"""S2 is the core holding through the drives: no answer to these."""
+"""Causes for which S2 is not allowed, because in S2 the core holds through the drives."""
 
 
 class _Axis(NamedTuple):
-    """How the keys of an axis are spelt."""
+    """Spelling of the keys of an axis."""
 
     name: str
     position_unit: str
@@ -78,10 +78,10 @@ _AXES: Final = (
 
 
 def check_together(settings: Settings) -> None:
-    """All checks, in order.
+    """Run all checks, in order.
 
     Raises:
-        ConfigError: the first thing that does not fit.
+        ConfigError: the first check that fails.
     """
     for check in (*CHECKS, *ASSIST_CHECKS, *DRIVE_CHECKS, *MOTION_CHECKS):
         check(settings)

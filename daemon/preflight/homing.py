@@ -1,8 +1,8 @@
-"""Homing compared with the mechanism of the empty machine, for `gaitd check`.
+"""Check of homing against the mechanism of the empty machine, for `gaitd check`.
 
-A drive that feels for a mechanical stop takes for one whatever needs its current: the weight and
-the springs of a pose on the way would make a home that is not there. So what it may use must exceed
-the load at home and the friction.
+A drive that homes on a mechanical stop detects it by its current. If the weight and the springs of
+a pose on the way need as much, the home is wrong. So the allowed effort must exceed the load at
+home and the friction.
 """
 
 from daemon.config.bundle import LegDrives, Settings
@@ -17,13 +17,13 @@ from observer.mechanism.mechanism import LegParameters, WorkspaceError
 
 
 def refuse_homing(settings: Settings) -> None:
-    """Refuse a homing that does not have the effort to get home.
+    """Refuse a homing whose effort does not suffice to reach home.
 
     Raises:
         ConfigError: naming the axis file and the key.
     """
     if settings.robot.patient is not None:
-        return  # nobody is homed then
+        return  # no homing with a patient
     leg = leg_parameters(settings.robot)
     for drives in settings.legs:
         for axis in range(2):
@@ -50,7 +50,7 @@ def _check_axis(settings: Settings, leg: LegParameters, drives: LegDrives, axis:
 
 
 def _efforts(homing: Homing, drive: DriveDescription) -> list[tuple[str, float, float]]:
-    """Key, value, and the effort at the joint that it allows."""
+    """Keys of a homing, their values, and the effort at the joint that each allows."""
     efforts = [("effort_max_si", homing.effort_max_si, homing.effort_max_si)]
     if homing.stop_current_a is not None:
         constant = drive.axis.motor.torque_constant_nm_per_a

@@ -1,8 +1,8 @@
-"""All files of one configuration into one frozen `Settings`, or the first thing that is wrong.
+"""Reads all files of one configuration into one frozen `Settings`, or raises the first fault.
 
 The trainer file names the others; their paths are relative to the file that names them. Each is
 read once, hashed, decoded strictly (`strict.py`), and then all are compared with each other
-(`files.py`). Whoever must not import the drives (the gateway) reads the trainer file alone, with
+(`files.py`). The gateway, which must not import the drives, reads the trainer file alone, with
 `trainer.load_trainer`.
 """
 
@@ -35,10 +35,10 @@ def load(path: Path) -> Settings:
 
 
 def read_all(path: Path) -> Settings:
-    """The files of a trainer file, each valid in itself, not yet compared with each other.
+    """Read the files of a trainer file, each valid in itself, not yet compared with each other.
 
     Raises:
-        ConfigError: a file cannot be read, or says something that cannot be.
+        ConfigError: a file cannot be read, or one of its values is not allowed.
     """
     file = load_trainer(path)
     reader = _Reader({str(path): file.sha256})
@@ -60,7 +60,7 @@ class _Reader:
         self._documents: dict[Path, Document] = {}
 
     def document(self, named_in: Path, key: str, name: str) -> Document:
-        """The file that `named_in` calls `name`; a missing one is that file's matter."""
+        """The file that `named_in` refers to; a missing one is reported as an error of `named_in`."""
         path = _existing(named_in, key, name)
         if path not in self._documents:
             self._documents[path] = read_toml(path)
@@ -68,7 +68,7 @@ class _Reader:
         return self._documents[path]
 
     def hashed(self, named_in: Path, key: str, name: str) -> Path:
-        """A file that somebody else reads, at bring-up."""
+        """Hash a file that is parsed elsewhere, and return its path."""
         path = _existing(named_in, key, name)
         self.hashes[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest()
         return path

@@ -1,7 +1,7 @@
-"""Gait, scenarios and limits compared with the mechanism: what needs the leg in motion.
+"""Checks of gait, scenarios and limits against the mechanism in motion.
 
-Checks as in `files.py`, in the order of MOTION_CHECKS. The sweeps with an axis that coasts take
-longer and are `report.py`'s.
+Checks as in `files.py`, in the order of MOTION_CHECKS. The sweeps with a coasting axis take longer
+and are in `report.py`.
 """
 
 import math
@@ -51,7 +51,7 @@ def soft_box(limits: Limits) -> Box:
 
 
 def decelerations(limits: Limits) -> Pair:
-    """Of the quick stop, rad/s^2 and m/s^2."""
+    """Decelerations of the quick stop, rad/s^2 and m/s^2."""
     return (
         limits.hip.quick_stop_deceleration_rad_per_s2,
         limits.slide.quick_stop_deceleration_m_per_s2,
@@ -59,7 +59,7 @@ def decelerations(limits: Limits) -> Pair:
 
 
 def mean_pose(settings: Settings, leg: LegParameters) -> Pair:
-    """The gait's mean pose, about which excitations play: rad, m."""
+    """The gait's mean pose, about which excitations run: rad, m."""
     return joints_of_angles(leg, gait_angles(gait_shape(settings.trainer.gait), 0.0, 0.0))
 
 
@@ -200,7 +200,7 @@ def _scenarios_have_the_effort(settings: Settings) -> None:
 
 
 def _peak_effort(parts: tuple[Sinusoid, ...], axis: str) -> float:
-    """Sum of the amplitudes that act at the same time, at most."""
+    """Largest sum of the amplitudes that act at the same time."""
     own = [part for part in parts if part.axis == axis]
     times = sorted({part.start_s for part in own} | {part.end_s for part in own})
     return max(

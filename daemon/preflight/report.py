@@ -1,7 +1,7 @@
-"""What the numbers of a configuration mean at the joint: the report of `gaitd check`.
+"""The report of `gaitd check`: the meaning of a configuration's numbers at the joint.
 
-`examine` computes it, without a bus; `refuse` raises where a drive's EDS has not what bring-up
-needs (`axes.py`), or where a swept stop of the gait leaves the workspace.
+`examine` computes it, without a bus; `refuse` raises where a drive's EDS lacks what bring-up needs
+(`axes.py`), or where a swept stop of the gait leaves the workspace.
 """
 
 import math
@@ -30,7 +30,7 @@ LOOPBACK: Final = ("tcp/127.", "tcp/[::1]", "tcp/localhost:", "unixsock-stream/"
 
 
 class Report(msgspec.Struct, frozen=True):
-    """Everything that `gaitd check` says, for people and as JSON."""
+    """The contents of the report of `gaitd check`, for text and JSON."""
 
     file: str
     legs: tuple[str, ...]
@@ -54,11 +54,11 @@ class StopMeaning(msgspec.Struct, frozen=True):
     title: str
     category: str
     fixed: bool
-    """By the design; no file can choose it."""
+    """Fixed by the design; no file can choose it."""
 
 
 class SweepMeaning(msgspec.Struct, frozen=True):
-    """Where one kind of stop takes the leg, over a stride at the highest cadence."""
+    """Extent of the leg's motion in one kind of stop, over a stride at the highest cadence."""
 
     kind: str
     hip_deg: tuple[float, float]
@@ -71,7 +71,7 @@ class SweepMeaning(msgspec.Struct, frozen=True):
 
 
 class DriftMeaning(msgspec.Struct, frozen=True):
-    """The leg with both drives off, released at rest: the worst over the gait's poses."""
+    """Motion of the leg with both drives off, from rest: the worst over the gait's poses."""
 
     hip_moved_deg: float
     hip_speed_rad_per_s: float
@@ -85,7 +85,7 @@ class DriftMeaning(msgspec.Struct, frozen=True):
 
 
 class BusMeaning(msgspec.Struct, frozen=True):
-    """The bus at worst."""
+    """Load of the CAN bus in the worst case."""
 
     interface: str
     channel: str
@@ -120,13 +120,13 @@ def examine(settings: Settings) -> Report:
 
 
 def refuse(settings: Settings, report: Report) -> None:
-    """Refuse what the data sheet denies, ramps without torque, stops that leave the workspace.
+    """Refuse unsupported objects, ramps without torque, and stops that leave the workspace.
 
     Raises:
         ConfigError: naming the object, or the kind of stop and how far it goes.
     """
     refuse_axes(settings, report.axes)
-    refuse_braking(settings, report.braking)  # the sweeps below believe in the ramps
+    refuse_braking(settings, report.braking)  # first, because the sweeps below rely on the ramps
     stop_ratio = settings.limits.singularity.stop_ratio
     for sweep in report.sweeps:
         if not sweep.stays_inside:

@@ -1,21 +1,22 @@
 """How far a leg runs when the core dies at the worst moment: pure functions of the settings.
 
-The drives do not know that nobody is there until 1016h (or 1400h:05) has run out. Until then each
-goes on with the last torque that it was told, at most its own torque limit; then both make the
-quick stop of 6007h. Rules of the computation:
+The drives do not detect the core's silence before 1016h (or 1400h:05) has run out. Until then each
+continues with its last torque command, at most its own torque limit; then both make the quick stop
+of 6007h. Rules of the computation:
 
 1. Each drive pushes with all that its torque limit leaves, either way, for its own detection time
-   and RESPONSE_S; a drive that watches its speed (6080h) pushes no faster than that.
+   and RESPONSE_S; a drive that limits its speed (6080h) pushes no faster than that.
 2. Then it brakes along its ramp (6085h) as well as its torque limit lets it: the effort that the
-   ramp asks of row (6) of the mechanism, with the other axis in motion, is cut off at the limit.
+   ramp requires by row (6) of the mechanism, with the other axis in motion, is cut off at the
+   limit.
 3. The other axis does the same, both ways. Each axis starts from rest or at its highest allowed
    speed the way that it pushes, at each of the gait's poses: sixteen runs for each pose.
 4. A run ends where both are at rest, or where the mechanism does: at the leg stretched so far that
-   the service would have stopped. What lies beyond is the machine's own end stops, not the drives'.
+   the service would have stopped. Beyond that the machine's own end stops act, not the drives.
 
-How far is measured from where the core died, to the farthest place, in the joint's own coordinate.
-What a position limit in the drives (607Dh) takes away from it is not counted: not every make keeps
-one in torque mode (docs/backstop.md).
+The distance is measured from the pose at which the core died to the farthest one, in the joint's
+own coordinate. Position limits in the drives (607Dh), which would shorten it, are not counted: not
+every make keeps one in torque mode (docs/backstop.md).
 """
 
 import math
@@ -31,46 +32,47 @@ from observer.mechanism.friction import FrictionParameters, friction_after
 from observer.mechanism.mechanism import Dynamics, LegParameters, dynamics, singularity_ratio
 
 RESPONSE_S: Final = 0.02
-"""From the end of the silence to braking torque: the drive's own scan, and a velocity loop that has
-first to undo the torque that it found."""
+"""Time from the end of the silence to braking torque: the drive's own scan, and a velocity loop
+that first has to remove the torque in force."""
 STEP_S: Final = 0.004
 RUN_S: Final = 2.0
-"""A ramp that has not ended by then was never one: the torque limit is below the load."""
+"""Duration of a run; a ramp that has not ended by then cannot: the torque limit is below the
+load."""
 RUN_STEPS: Final = round(RUN_S / STEP_S)
 _FULL: Final = 1.0
-"""With Coriolis."""
+"""Full Coriolis terms."""
 
 
 class AxisRunaway(NamedTuple):
-    """What one drive does by itself, at the joint."""
+    """Behaviour of one drive without commands, at the joint."""
 
     effort_max_si: float
     """The torque limit that is in the drive."""
     velocity_max_si: float
     """The highest speed that is allowed, where a run may start."""
     drive_velocity_max_si: float
-    """The speed that the drive itself keeps to; infinity where it keeps to none."""
+    """The drive's own speed limit; infinity if it has none."""
     deceleration_si_per_s2: float
     detection_s: float
-    """The longest silence that it lets pass."""
+    """The longest silence before the drive reacts."""
 
 
 class Runaway(NamedTuple):
-    """The worst of one axis; rad or m."""
+    """The worst run of one axis; rad or m."""
 
     start_si: float
-    """Where it began."""
+    """Position at the start."""
     until_noticed_si: float
-    """How far it had come when the drive began to brake."""
+    """Distance until the drive began to brake."""
     distance_si: float
-    """How far it had come at the farthest."""
+    """Distance to the farthest position."""
     speed_max_si: float
     ends_stretched: bool
-    """Not the ramp but the stretched leg ended it."""
+    """The run ended at the stretched leg, before the ramp did."""
 
 
 class Run(NamedTuple):
-    """How far both axes came in one run."""
+    """Distances and speeds of both axes in one run."""
 
     until_noticed: Pair
     distance: Pair
@@ -85,7 +87,7 @@ def worst_runaways(
     axes: tuple[AxisRunaway, AxisRunaway],
     stop_ratio: float,
 ) -> tuple[Runaway, Runaway]:
-    """The farthest of each axis over poses, directions and starts.
+    """The farthest run of each axis over poses, directions and starts.
 
     Args:
         leg: the mechanism, with the patient's leg.
@@ -194,7 +196,7 @@ def _ramp(axis: AxisRunaway, before: float, time_s: float, velocity_si: float) -
 
 @inline
 def _wanted(axis: AxisRunaway, push_si: float, ramp: float, velocity_si: float) -> float:
-    """The acceleration that a drive would like to have; NaN where it only pushes."""
+    """The acceleration that a drive's control loop demands; NaN where it only pushes."""
     if not math.isnan(ramp):
         return (ramp - velocity_si) / STEP_S
     limited = push_si * velocity_si > 0 and abs(velocity_si) >= axis.drive_velocity_max_si
@@ -203,13 +205,13 @@ def _wanted(axis: AxisRunaway, push_si: float, ramp: float, velocity_si: float) 
 
 @inline
 def _at_rest(axis: AxisRunaway, ramp: float, velocity_si: float) -> bool:
-    """Its ramp has ended, and it holds."""
+    """True if the ramp has ended and the axis holds."""
     return ramp == 0.0 and abs(velocity_si) < axis.deceleration_si_per_s2 * STEP_S
 
 
 @inline
 def _aims(d: Dynamics, bias: Pair, push: Pair, wanted: Pair) -> Pair:
-    """Accelerations as wanted; of an axis that only pushes, what follows from the other's."""
+    """Accelerations as demanded; that of an axis that only pushes follows from the other's."""
     hip, slide = wanted
     if math.isnan(hip) and math.isnan(slide):
         return _solve(d, bias, push)

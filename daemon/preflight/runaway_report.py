@@ -1,7 +1,7 @@
-"""What a dead core can do until the drives stop by themselves, against max_runaway.
+"""Compares how far a leg runs after the core has died with max_runaway of limits.toml.
 
-For `gaitd check`. How far a leg runs is computed by `runaway.py`; here it is compared with
-limits.toml, and a set that runs too far is refused by its torque limit, the key to turn first.
+For `gaitd check`. The distance is computed by `runaway.py`. A configuration that exceeds
+max_runaway is refused by its torque limit, the key to change first.
 """
 
 import math
@@ -22,9 +22,9 @@ from drives.cia402.profile import DriveDescription, Keeps
 from drives.cia402.units import DriveLimits
 
 POSES: Final = 24
-"""Of the stride, at which the core may die."""
+"""Number of poses over the stride at which the core may die."""
 SEARCH_STEPS: Final = 64
-"""To find the torque that would be allowed, in parts of the one that is not."""
+"""Steps of the search for an allowed torque limit, as fractions of the refused one."""
 _MS: Final = 1e-3
 
 
@@ -34,25 +34,25 @@ class RunawayMeaning(msgspec.Struct, frozen=True):
     name: str
     rotary: bool
     detection_ms: int
-    """The longest silence that its drive lets pass."""
+    """The longest silence before its drive reacts."""
     keeps_speed: bool
-    """The drive itself holds 6080h; otherwise nothing but its torque bounds the speed."""
+    """The drive itself holds 6080h; otherwise only its torque bounds the speed."""
     until_noticed_si: float
     distance_si: float
     speed_max_si: float
     from_si: float
     ends_stretched: bool
-    """The stretched leg ended it, and not the ramp."""
+    """The run ended at the stretched leg, before the ramp did."""
     max_runaway_si: float
 
     @property
     def is_too_far(self) -> bool:
-        """It is farther than limits.toml allows."""
+        """True if the distance is larger than limits.toml allows."""
         return self.distance_si > self.max_runaway_si
 
 
 def detection_ms(drive: DriveDescription, cycle: Cycle) -> int:
-    """The longest silence of ours that a drive lets pass: 1016h:01, or 1400h:05 if it is sooner."""
+    """The longest silence before a drive reacts: 1016h:01, or 1400h:05 if that is shorter."""
     profile = drive.profile
     watches = (
         (cycle.drive_detection_ms, profile.heartbeat.consumer_entries > 0),
@@ -62,18 +62,18 @@ def detection_ms(drive: DriveDescription, cycle: Cycle) -> int:
 
 
 def keeps_speed(drive: DriveDescription) -> bool:
-    """6080h is written, and not known to be without effect in cyclic torque."""
+    """True if 6080h is written, and not known to be without effect in cyclic torque."""
     written = drive.profile.optional_objects.speed_limit
     return written and drive.profile.torque_mode.speed_limit is not Keeps.NOT_KEPT
 
 
 def runaway_meanings(settings: Settings) -> tuple[RunawayMeaning, ...]:
-    """All axes, each leg's hip before its slide."""
+    """The runaway of all axes, each leg's hip before its slide."""
     return tuple(meaning for leg in settings.legs for meaning in _meanings(settings, leg))
 
 
 def refuse_runaways(settings: Settings, meanings: tuple[RunawayMeaning, ...]) -> None:
-    """Refuse a torque limit with which a dead core goes farther than max_runaway.
+    """Refuse a torque limit with which the leg goes farther than max_runaway after the core died.
 
     Raises:
         ConfigError: naming the torque limit, how far it goes, and what would be allowed.
@@ -123,7 +123,7 @@ def _axes(settings: Settings, leg: LegDrives) -> tuple[AxisRunaway, AxisRunaway]
 
 
 def axis_runaway(drive: DriveDescription, limits: DriveLimits, cycle: Cycle) -> AxisRunaway:
-    """What one drive does without its master."""
+    """Behaviour of one drive without its master."""
     own_limit_si = limits.velocity_max_si if keeps_speed(drive) else math.inf
     return AxisRunaway(
         effort_max_si=limits.effort_max_si,
@@ -146,7 +146,7 @@ def _torque_limit(settings: Settings, axis: int) -> tuple[str, float]:
 
 
 def _allowed(settings: Settings, leg: LegDrives, axis: int, found: RunawayMeaning) -> str:
-    """What would be allowed, in words, and why this is not."""
+    """The allowed torque limit in words, and why the present one is refused."""
     unit = "N m" if axis == 0 else "N"
     most = _largest_effort(settings, leg, axis)
     far, limit, key = (

@@ -1,7 +1,7 @@
-"""Where the leg goes when it is stopped or left without power: pure functions of the settings.
+"""Paths of the leg when it is stopped or left without power: pure functions of the settings.
 
 The workspace is not a box: whether a hip angle is reachable depends on the slide's position. So a
-stop is followed along its path in both coordinates. Three kinds are swept over the stride of the
+stop is computed along its path in both coordinates. Three kinds are swept over the stride of the
 gait at the highest cadence: both axes on their quick-stop ramps, and each axis coasting (its drive
 without voltage) while the other ramps down. `drift` leaves both axes without power, from rest.
 
@@ -31,7 +31,7 @@ Pair = tuple[float, float]
 Vector = NDArray[np.float64]
 
 REACTION_S: Final = 0.03
-"""Fault frame to the ramp's begin in both drives: 20 ms and a window."""
+"""From the fault frame to the begin of the ramp in both drives: 20 ms and a window."""
 RAMP_STEP_S: Final = 0.005
 COAST_STEP_S: Final = 0.005
 """Half a cycle: with eq. (11) solved exponentially this is the filter's own, stable step."""
@@ -42,11 +42,11 @@ DRIFT_STEPS: Final = round(DRIFT_S / COAST_STEP_S)
 PHASES: Final = 60
 _PHASE_STEP: Final = 1e-4
 _FULL: Final = 1.0
-"""With Coriolis."""
+"""Full Coriolis terms."""
 
 
 class Motion(NamedTuple):
-    """One instant of a leg: rad, m, rad/s, m/s."""
+    """Position and velocity of a leg at one instant: rad, m, rad/s, m/s."""
 
     position: Pair
     velocity: Pair
@@ -59,14 +59,14 @@ class Box(NamedTuple):
     high: Pair
 
     def holds(self, position: Pair) -> bool:
-        """Whether a pose is inside."""
+        """True if a pose is inside."""
         return all(
             low <= at <= high for low, at, high in zip(self.low, position, self.high, strict=True)
         )
 
 
 class Extent(NamedTuple):
-    """What a set of poses covers."""
+    """Extent of a set of poses."""
 
     low: Pair
     high: Pair
@@ -74,12 +74,12 @@ class Extent(NamedTuple):
     """|sin| of the angle between shank and shoe; 0 where a pose does not exist."""
 
     def inside(self, box: Box) -> bool:
-        """Whether all of it lies inside the box."""
+        """True if the whole extent lies inside the box."""
         return box.holds(self.low) and box.holds(self.high)
 
 
 class StopKind(Enum):
-    """Who brakes."""
+    """Kind of stop: which axes brake."""
 
     BOTH_RAMP = "both axes on their ramps"
     HIP_COASTS = "hip coasting, slide on its ramp"
@@ -96,13 +96,13 @@ class Sweep(NamedTuple):
 
 
 class Drift(NamedTuple):
-    """Without power, from rest at one pose."""
+    """Motion without power, from rest at one pose."""
 
     start: Pair
     end: Pair
     speed_max: Pair
     reached_limit: bool
-    """A position limit, or the end of what the mechanism can reach, stopped it."""
+    """A position limit, or the end of the mechanism's reach, stopped it."""
 
 
 def gait_motions(
@@ -128,12 +128,12 @@ def gait_motions(
 
 
 def extent_of(leg: LegParameters, positions: Iterable[Pair]) -> Extent:
-    """Box and smallest singularity ratio over poses."""
+    """Bounding box and smallest singularity ratio of poses."""
     return _extent(leg, np.array(list(positions)))
 
 
 def ramp_path(motion: Motion, decelerations: Pair) -> Iterator[Pair]:
-    """Poses while both axes ramp down, each for itself, to rest."""
+    """Poses while both axes ramp down to rest, each on its own ramp."""
     starts = tuple(zip(*motion, decelerations, strict=True))
     steps = math.ceil(_stop_time_s(motion, decelerations) / RAMP_STEP_S)
     for index in range(steps + 1):
@@ -142,7 +142,7 @@ def ramp_path(motion: Motion, decelerations: Pair) -> Iterator[Pair]:
 
 
 def sweep_ramps(leg: LegParameters, motions: Iterable[Motion], decelerations: Pair) -> Sweep:
-    """Both axes on their ramps, from each of the motions."""
+    """Sweep of both axes on their ramps, from each of the motions."""
     poses = [pose for motion in motions for pose in ramp_path(motion, decelerations)]
     return Sweep(StopKind.BOTH_RAMP, extent_of(leg, poses), (0.0, 0.0))
 
@@ -155,7 +155,7 @@ def sweep_coasting(
     box: Box,
     axis: int,
 ) -> Sweep:
-    """One axis (0 hip, 1 slide) coasting while the other ramps down, from each of the motions."""
+    """Sweep of one axis (0 hip, 1 slide) coasting while the other ramps down, from each motion."""
     poses: list[Vector] = []
     end_speed = 0.0
     for motion in motions:
@@ -177,7 +177,7 @@ def coasting_path(
     decelerations: Pair,
     axis: int,
 ) -> Iterator[Motion]:
-    """Motion of a leg whose one axis coasts; ends after COAST_S or where no pose exists."""
+    """Motion of a leg with one coasting axis; ends after COAST_S or where no pose exists."""
     for hip, slide, hip_speed, slide_speed in _coasting(
         leg, friction, *motion, decelerations, axis
     ).tolist():
@@ -185,7 +185,7 @@ def coasting_path(
 
 
 def drift(leg: LegParameters, frictions: Frictions, start: Pair, box: Box) -> Drift:
-    """Both axes without power, from rest: eq. (23) without drives and patient."""
+    """Motion of both axes without power, from rest: eq. (23) without drives and patient."""
     end, fastest, reached_limit = _drift(leg, *frictions, start, box)
     return Drift(start, end, fastest, reached_limit)
 
@@ -197,7 +197,7 @@ def _stop_time_s(motion: Motion, decelerations: Pair) -> float:
 
 @inline
 def _on_ramp(start: float, speed: float, deceleration: float, time_s: float) -> Pair:
-    """Position and velocity of one axis: straight on for the reaction, then down the ramp."""
+    """Position and velocity of one axis: constant speed for the reaction time, then the ramp."""
     if time_s <= REACTION_S:
         return start + speed * time_s, speed
     braking_s = min(time_s - REACTION_S, abs(speed) / deceleration)
@@ -251,7 +251,7 @@ def _drift(
     start: Pair,
     box: Box,
 ) -> tuple[Pair, Pair, bool]:
-    """Where it ends, how fast it was, and whether a limit stopped it."""
+    """Final position, highest speeds, and whether a limit stopped the motion."""
     hip, slide = start
     v_hip = v_slide = f_hip = f_slide = fast_hip = fast_slide = 0.0
     for _ in range(DRIFT_STEPS):
@@ -272,7 +272,7 @@ def _drift(
 
 
 def _extent(leg: LegParameters, poses: Vector) -> Extent:
-    """Of rows of hip and slide."""
+    """Extent of rows of hip and slide."""
     (hip_low, slide_low), (hip_high, slide_high) = poses.min(0).tolist(), poses.max(0).tolist()
     return Extent((hip_low, slide_low), (hip_high, slide_high), _least_ratio(leg, poses))
 

@@ -1,10 +1,12 @@
-"""The lines of the request log, each with the SHA-256 of the line before: pure, no file is touched.
+"""The hash chain of the request log: each line holds the SHA-256 of the line before it.
+
+All functions here are pure; no file is touched.
 
 A line is one JSON object. Its `n` counts up by one. Its `before` is the SHA-256 of the line before
-it, byte for byte without the newline; the first line that ever was has 64 zeros. Its `own`, at its
-end, is the SHA-256 of the line without that field. So a line that was changed, removed, added or
-moved shows. What does not show is that the newest lines were cut off, or that somebody computed all
-hashes from some line on anew: against that, note the hash of the last line elsewhere.
+it, byte for byte without the newline; the first line of all has 64 zeros. Its `own`, at its end, is
+the SHA-256 of the line without that field. So a changed, removed, added or moved line is detected.
+Not detected is that the newest lines were cut off, or that all hashes were computed anew from some
+line on: against that, note the hash of the last line elsewhere.
 
 A power cut may leave the last line torn. The next gateway ends it with a newline and goes on with a
 line of the kind `repaired`, whose `before` is the hash of the torn line as it is.
@@ -19,7 +21,7 @@ import msgspec
 from daemon.ipc.decoding import INTEGER_MAX, Decoder, RefusedError
 
 ANYTHING: Final[Decoder[Any]] = Decoder(msgspec.json.decode)
-"""JSON of no known form."""
+"""Decoder of JSON of any form."""
 BEGINNING: Final = "0" * 64
 """`before` of the first line of all."""
 REPAIRED: Final = "repaired"
@@ -30,29 +32,29 @@ _OWN_LENGTH: Final = len(_OWN % (b"0" * 64))
 
 
 class Place(NamedTuple):
-    """Where a chain has got to: what the next line needs to know."""
+    """End of a chain: number and hash of its newest line, which the next line needs."""
 
     n: int = 0
-    """Of the newest line; 0: there is none."""
+    """Number of the newest line; 0: there is none."""
     head: str = BEGINNING
     """SHA-256 of the newest line."""
 
 
 class Break(NamedTuple):
-    """Where a chain does not hold."""
+    """A line at which a chain is broken."""
 
     line: int
-    """Counted over everything that was checked, from 1."""
+    """Number of the line over everything that was checked, from 1."""
     reason: str
 
 
 class Check(NamedTuple):
-    """What a look at a chain has found."""
+    """Result of checking a chain."""
 
     line_count: int
     torn_count: int
     first_n: int
-    """More than 1: older lines were removed with their file, or by somebody."""
+    """More than 1: older lines have been removed, with their file or otherwise."""
     place: Place
     breaks: tuple[Break, ...]
 
@@ -63,7 +65,7 @@ def hash_of(line: bytes) -> str:
 
 
 def sealed(place: Place, fields: dict[str, Any]) -> tuple[bytes, Place]:
-    """The next line, without its newline, and where the chain is then."""
+    """The next line, without its newline, and the end of the chain after it."""
     n = place.n + 1
     body = msgspec.json.encode({"n": n, "before": place.head, **fields})
     line = body[:-1] + _OWN % hash_of(body).encode()
@@ -71,7 +73,7 @@ def sealed(place: Place, fields: dict[str, Any]) -> tuple[bytes, Place]:
 
 
 def fields_of(line: bytes) -> dict[str, Any] | None:
-    """What a line says; None if it is none of ours."""
+    """The fields of a line; None if it is not a line of the log."""
     try:
         found = ANYTHING.decode(line)
     except RefusedError:
@@ -84,7 +86,7 @@ def fields_of(line: bytes) -> dict[str, Any] | None:
 
 
 def check(lines: Iterable[bytes]) -> Check:
-    """Follow a chain from its oldest line that there is; lines without their newlines."""
+    """Check a chain from its oldest existing line; lines without their newlines."""
     count = torn_count = first_n = 0
     head: str | None = None
     n = 0
@@ -93,7 +95,7 @@ def check(lines: Iterable[bytes]) -> Check:
     for count, line in enumerate(lines, 1):
         fields = fields_of(line)
         if fields is None:
-            # Allowed if it is torn, which the next line has to say.
+            # Allowed if it is torn, which the next line has to state.
             if torn:
                 breaks.append(Break(count, "two lines after each other cannot be read"))
             torn, torn_count, head = True, torn_count + 1, hash_of(line)
@@ -108,7 +110,7 @@ def check(lines: Iterable[bytes]) -> Check:
 
 
 def _changed(line: bytes) -> bool:
-    """Whether a line is not the one that was written."""
+    """True if a line differs from the one that was written."""
     body = line[:-_OWN_LENGTH] + b"}"
     return line[-_OWN_LENGTH:] != _OWN % hash_of(body).encode()
 
@@ -122,7 +124,7 @@ def _wrong(fields: dict[str, Any], head: str | None, n: int, torn: bool) -> str:
         return "it is the first line of all, and names one before it" if begins else ""
     if fields["before"] != head:
         return "the line before it is not the one that it was written after"
-    # After a torn line nobody knows whether that had taken a number.
+    # It is unknown whether a torn line had taken a number.
     if fields["n"] != n + 1 and not torn:
         return f"it is number {fields['n']} and follows number {n}"
     return ""

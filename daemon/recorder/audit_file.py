@@ -1,11 +1,11 @@
-"""The file of the request log: lines are added to it, and it is never changed.
+"""The file of the request log: lines are appended and never changed.
 
-Lines wait in memory until the disk's thread has written them and called fsync, all that wait
-together. What a full disk did not take is tried again with the next lines, from the byte on that is
-missing. Only when too much waits are lines lost, before they become part of the chain.
+Lines wait in memory until the disk's thread has written them and called fsync, all waiting lines
+together. Bytes that a full disk did not take are tried again with the next lines. Lines are lost
+only when too many wait, before they become part of the chain.
 
-When a file is large enough it gets a number (`requests.000001.jsonl`) and a new one begins; the
-chain goes on. The oldest files are removed.
+When a file is large enough it is renamed with a number (`requests.000001.jsonl`) and a new one
+begins; the chain goes on. The oldest files are removed.
 """
 
 import os
@@ -29,7 +29,7 @@ _NUMBERED: Final = re.compile(r"requests\.(\d{6,9})\.jsonl", re.ASCII)
 
 
 def numbered(folder: Path) -> list[Path]:
-    """Files that are full, oldest first; what somebody else has put there is none of them."""
+    """The files that are full, oldest first; files with other names are ignored."""
     ours = (path for path in folder.glob("requests.*.jsonl") if _NUMBERED.fullmatch(path.name))
     return sorted(ours, key=_number_of)
 
@@ -45,7 +45,7 @@ def files_of(folder: Path) -> list[Path]:
 
 
 def lines_of(folder: Path) -> list[tuple[Path, int, bytes]]:
-    """All lines of a log with file and number in it, from 1; the last one may be torn.
+    """All lines of a log with file and line number, from 1; the last line may be torn.
 
     Raises:
         OSError: a file cannot be read.
@@ -59,19 +59,19 @@ def lines_of(folder: Path) -> list[tuple[Path, int, bytes]]:
 
 
 class End(NamedTuple):
-    """How a log ends."""
+    """End of a log: its last line and the place in the chain."""
 
     place: Place
     byte_count: int = 0
-    """Of its last line."""
+    """Size of its last line."""
     torn: bool = False
-    """Its last line is not whole, or no line of ours."""
+    """Its last line is incomplete, or not a line of the log."""
     ended: bool = True
-    """There is a newline after it."""
+    """A newline follows its last line."""
 
 
 class RequestFile:
-    """`add` is called in the loop, `flush` in the thread of the disk."""
+    """The log's files. `add` is called in the loop, `flush` in the disk's thread."""
 
     def __init__(
         self, folder: Path, bytes_max: int = FILE_BYTES_MAX, files_max: int = FILES_MAX
@@ -80,11 +80,11 @@ class RequestFile:
         self._bytes_max, self._files_max = bytes_max, files_max
         self._waiting: deque[bytes] = deque()
         self._rest = b""
-        """Of lines that have been taken from those that wait, and are not all in the file."""
+        """Lines taken from those that wait, whose bytes are not all in the file yet."""
         self._file = -1
 
     def end(self) -> End:
-        """How the log ends now.
+        """The current end of the log.
 
         Raises:
             OSError: it cannot be read.
@@ -93,24 +93,24 @@ class RequestFile:
         return end_of(_tail(files[-1])) if files else End(Place())
 
     def add(self, line: bytes) -> None:
-        """Have a line written; it must not be refused any more, as it is part of the chain."""
+        """Add a line to those that wait; it cannot be refused, because it is part of the chain."""
         self._waiting.append(line)
 
     @property
     def has_room(self) -> bool:
-        """Whether another line may wait."""
+        """True if another line may wait."""
         return len(self._waiting) < LINES_WAITING_MAX
 
     @property
     def waits(self) -> bool:
-        """Whether there is something to flush."""
+        """True if there is something to flush."""
         return bool(self._waiting or self._rest)
 
     def flush(self) -> None:
-        """Write what waits, and bring it to the disk.
+        """Write the lines that wait, and sync them to the disk.
 
         Raises:
-            OSError: the disk is full, cannot be written, or fails; nothing is lost by that.
+            OSError: the disk is full, cannot be written, or fails; no line is lost by that.
         """
         while self.waits:
             if not self._rest:
@@ -122,13 +122,13 @@ class RequestFile:
             os.fsync(self._file)
 
     def close(self) -> None:
-        """Let go of the file; only when no flush runs any more."""
+        """Close the file; only when no flush runs any more."""
         if self._file >= 0:
             os.close(self._file)
             self._file = -1
 
     def _open(self) -> None:
-        """Open the file, a new one if it is full or somebody has moved it."""
+        """Open the file; a new one if it is full or has been moved away."""
         if self._file >= 0:
             now = os.fstat(self._file)
             if now.st_nlink and now.st_size < self._bytes_max:
@@ -160,7 +160,7 @@ def _tail(path: Path) -> bytes:
 
 
 def end_of(tail: bytes) -> End:
-    """How a log ends, from its last bytes."""
+    """The end of a log, from its last bytes."""
     if not tail:
         return End(Place())
     ended = tail.endswith(b"\n")

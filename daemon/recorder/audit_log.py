@@ -1,25 +1,25 @@
-"""Who asked for what, what became of it, and what the machine did then: one line for each.
+"""The request log: each request with its outcome, and the machine's modes and verdicts.
 
-Every query to control/* that asks for something is noted with its client, payload, outcome and
-reason; `status`, `config` and `schema` ask for nothing. Kinds of lines (fields: docs/black_box.md):
+Every query to control/* that requests an action is logged with its client, payload, outcome and
+reason; `status`, `config` and `schema` only read. Kinds of lines (fields: docs/black_box.md):
 
     start, end           of a gateway
     repaired             the line before was torn by a power cut, and is left as it is
-    core                 a core was met, or fell silent
-    mode, verdict        what the machine did, and judged
+    core                 a core was found, or its records stopped
+    mode, verdict        changes of mode and verdict
     asked                a query that has no answer at the end of the turn in which it came
     answered             its answer, by `ticket`; or query and answer in one line
-    summed               what came so often that single lines would only fill the disk
+    summed               a count of lines that were too frequent to be written singly
     lost                 lines that a slow disk had no room for
 
-Limits. Of refusals, stops and queries without an answer yet LINES_PER_MINUTE each are written out
-in a minute; the rest is counted by name, client and outcome and said in one line after it, so that
-nobody can push what has been out of the log with a flood. What the core was asked to do and has
-decided is never summed up: there is one such request at a time. A renewed lease is no news.
+Limits. Refusals, stops and queries without an answer yet get LINES_PER_MINUTE lines each in a
+minute; the rest is counted by name, client and outcome and written as one line after it, so that a
+flood of queries cannot displace older lines. Requests to the core and its decisions are never
+summed up: there is one such request at a time. The renewal of a lease is not logged.
 
-A line is written and brought to the disk by another thread, within milliseconds where the disk is
-well: nothing waits for it, least of all a stop. A power cut loses at most what came in the last
-second. The number of a lease is its holder's secret, and not in here.
+A line is written and synced by another thread, usually within milliseconds: nothing waits for it,
+least of all a stop. A power cut loses at most the lines of the last second. The number of a lease
+is its holder's secret and never in the log.
 """
 
 import contextlib
@@ -45,7 +45,7 @@ LINES_PER_MINUTE: Final = 20
 MINUTE_NS: Final = 60_000_000_000
 RETRY_NS: Final = 1_000_000_000
 SUMMED_MAX: Final = 20
-"""Different ones in a minute; what is beyond is counted as of others."""
+"""Different sums in a minute; further ones are counted as "others"."""
 NAME_LENGTH_MAX: Final = 64
 WHAT: Final = "request log"
 DONE: Final = "done"
@@ -55,7 +55,7 @@ SECRET: Final = "..."
 
 
 class Inquiry(Protocol):
-    """A query to control/NAME that waits for its only answer; as the service knows it."""
+    """A query to control/NAME that waits for its only answer, as in the service."""
 
     name: str
     payload: bytes
@@ -67,7 +67,7 @@ class Inquiry(Protocol):
 
 @dataclass(slots=True, eq=False)
 class Noted:
-    """A query on its way to the service, and its answer on the way back."""
+    """A query with its log entry; forwards the answer and logs it."""
 
     inquiry: Inquiry
     log: "RequestLog"
@@ -76,28 +76,28 @@ class Noted:
     payload: bytes
     said: dict[str, Any]
     looked_at: bool = False
-    """A turn has ended without an answer to it."""
+    """True if a turn has ended without an answer to it."""
     written: bool = False
-    """There is a line of it already."""
+    """True if a line of it is in the log."""
 
     @property
     def renews(self) -> bool:
-        """It names a lease that its client holds already."""
+        """True if the payload names a lease that the client holds already."""
         payload = self.said["payload"]
         return isinstance(payload, dict) and "lease" in payload
 
     def answer(self, message: msgspec.Struct, *, failed: bool = False) -> None:
-        """As of `Inquiry`: the answer first, then the line."""
+        """As `Inquiry.answer`."""
         self.inquiry.answer(message, failed=failed)
         if isinstance(message, wire.Reply):
             self.log.answered(self, message)
 
 
 class RequestLog:
-    """Makes the lines. Is told what happens, and the time; never waits and never raises."""
+    """Makes the lines of the log; never waits and never raises. The time is an argument."""
 
     def __init__(self, file: RequestFile, disk: Disk, utc_ns: int, version: str) -> None:
-        """Go on where the log ends."""
+        """Continue at the end of the existing log."""
         self._file, self._disk, self._utc_ns = file, disk, utc_ns
         self._place = Place()
         self._boot_id, self._cycle = "", 0
@@ -127,15 +127,15 @@ class RequestLog:
         unread = {"unread": trouble} if trouble else {}
         self._write("start", version=version, **unread)
 
-    # --- what is told ---------------------------------------------------------------------------
+    # --- events to log --------------------------------------------------------------------------
 
     def watch(self, inquiries: Sequence[Inquiry], utc_ns: int) -> list[Inquiry]:
-        """The same queries for the service, and a look at them for us."""
+        """Wrap queries on their way to the service, so that their answers are logged."""
         self._utc_ns = utc_ns
         return [self._watched(inquiry) for inquiry in inquiries]
 
     def answered(self, noted: Noted, reply: wire.Reply) -> None:
-        """A query got its answer."""
+        """Log the answer to a query."""
         self._open.pop(noted.ticket, None)
         if noted.name == "acquire" and noted.renews and reply.outcome == DONE:
             return
@@ -150,13 +150,13 @@ class RequestLog:
         self._write("answered", ticket=noted.ticket, **known, **payload, **told)
 
     def core(self, boot_id: str, heard: bool) -> None:
-        """A core was met, fell silent, or is heard again."""
+        """Log that a core was found, or that its records stopped or arrive again."""
         if boot_id != self._boot_id:
             self._boot_id, self._newest = boot_id, None
         self._write("core", heard=heard)
 
     def record(self, glance: Glance) -> None:
-        """What has changed since the record before."""
+        """Log the changes of mode and verdict since the record before."""
         before, self._newest, self._cycle = self._newest, glance, glance.cycle
         if before is None or before.mode != glance.mode:
             self._write("mode", mode=name_of(glance.mode))
@@ -167,7 +167,7 @@ class RequestLog:
             self._write("verdict", **what, detail=now.detail)
 
     def turn(self, now_ns: int, utc_ns: int) -> None:
-        """The end of a turn: what has no answer yet is noted; once a minute what was summed up."""
+        """End a turn: log unanswered queries, write the sums once a minute, start a flush."""
         self._utc_ns = utc_ns
         for noted in self._open.values():
             if noted.looked_at:
@@ -189,7 +189,7 @@ class RequestLog:
                 self._flushing, self._flush_failed = False, True
 
     def close(self) -> None:
-        """The last line; what is still open stays unanswered."""
+        """Write the last line; queries that are still open stay unanswered."""
         self._sum_up()
         self._write("end")
         self._disk.ask(WHAT, self._flush)
@@ -197,7 +197,7 @@ class RequestLog:
     # --- lines ----------------------------------------------------------------------------------
 
     def _flush(self) -> None:
-        """In the thread of the disk. What fails is tried again after a second."""
+        """Flush in the disk's thread. A failure is tried again after a second."""
         self._flushing = False
         failed = True
         try:
@@ -216,7 +216,7 @@ class RequestLog:
         return noted
 
     def _affordable(self, kind: str, noted: Noted, outcome: str) -> bool:
-        """Whether this one still gets a line in this minute; else it is counted."""
+        """True if this entry still gets a line in this minute; otherwise it is counted."""
         self._budget[kind] += 1
         if self._budget[kind] <= LINES_PER_MINUTE:
             return True
@@ -247,7 +247,7 @@ class RequestLog:
 
 
 def _said(payload: bytes) -> dict[str, Any]:
-    """Client and payload of a query: as JSON if it is a flat object of ours, else as text."""
+    """Client and payload of a query: as JSON if it is a flat object, else as text."""
     found: Any = None
     with contextlib.suppress(RefusedError):
         found = ANYTHING.decode(payload or b"{}")
@@ -260,7 +260,7 @@ def _said(payload: bytes) -> dict[str, Any]:
 
 
 def _is_plain(value: object) -> bool:
-    """What every reader of JSON has exactly, and no deeper than one level."""
+    """True for a value that every JSON reader represents exactly; containers are excluded."""
     if isinstance(value, int):
         return abs(value) < 2**63
     return value is None or isinstance(value, str | float)

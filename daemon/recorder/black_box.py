@@ -1,19 +1,19 @@
-"""The black box: around each stop, the records of some seconds go from the ring to the disk.
+"""The black box: around each stop, some seconds of records are copied from the ring to the disk.
 
 A stop is
 
-    a verdict newly latched, or another one in its place
-    records that cease while we watch (`core_silent`): killed, hanging, or ended in good order
+    a newly latched verdict, or another one in its place
+    records that stop while the gateway runs (`core_silent`): killed, hanging, or ended normally
     the end of a ring that is found without its core (`core_ended`)
 
-and each is kept with BEFORE_NS before it and AFTER_NS after it. What stops within the seconds after
-another stop goes into the same file, as long as that spans no more than SPAN_NS. Nothing is kept
-twice: a record that is in a file is known by its core and its number.
+and each is kept with BEFORE_NS before it and AFTER_NS after it. Further stops in the seconds after
+a stop go into the same file, as long as that spans no more than SPAN_NS. Nothing is kept twice: a
+record in a file is identified by its core and its number.
 
-Rings are followed here from their oldest record on, whatever the rest of the gateway has seen. So
-a gateway that was away finds the stops of that time, and one that starts after both processes died
-finds the ring that nobody kept: where it was, or put aside by the core that has started since
-(`seam.ASIDE_NAME`), which is removed when all of it that matters is on the disk.
+Rings are read here from their oldest record on, whatever the rest of the gateway has read. So a
+gateway that was not running finds the stops of that time. One that starts after both processes died
+finds the ring of that core: at its place, or renamed by the core that has started since
+(`seam.ASIDE_NAME`); that file is removed when everything to keep is on the disk.
 
 Nothing here waits or raises: each turn reads a bounded number of records, and the disk has a thread
 of its own. The core is never touched. Time is an argument.
@@ -37,11 +37,11 @@ from daemon.recorder.ring_follower import Glance, Stop, Trail, glance_of
 BEFORE_NS: Final = 15_000_000_000
 AFTER_NS: Final = 5_000_000_000
 SPAN_NS: Final = 25_000_000_000
-"""Of the 30 s that a ring holds: the rest is time to copy it."""
+"""Maximum span of a file. A ring holds 30 s: the rest is time to copy it."""
 LATE_NS: Final = 1_000_000_000
-"""After this, records that should follow a stop are not waited for any more."""
+"""Time after which records that should follow a stop are not waited for any more."""
 PIECE_COUNT: Final = 100
-"""Records that are looked at, or copied, in one turn: below a millisecond."""
+"""Records that are read, or copied, in one turn: this takes less than a millisecond."""
 ALSO_MAX: Final = 16
 HANDED_MAX: Final = 64
 WHAT: Final = "black box"
@@ -49,35 +49,35 @@ WHAT: Final = "black box"
 
 @dataclass(slots=True, eq=False)
 class Window:
-    """Records that are to be kept, and those of them that have been copied."""
+    """Records to be kept around a stop, and those of them that have been copied."""
 
     trail: Trail
     stop: Stop
     first: int
     last: int
     due_ns: int
-    """Then it is copied, whatever has come."""
+    """Time at which it is copied, even if records are missing."""
     also: list[str] = field(default_factory=list)
     active: bool = False
-    """The drives were enabled on purpose in one of these."""
+    """The drives were enabled on purpose in one of these records."""
     copied: Cutting | None = None
     """None as long as nothing is copied."""
     next_seq: int = 0
-    """To be copied next."""
+    """Number of the record to copy next."""
 
     def takes(self, trail: Trail, stop: Stop, last: int) -> bool:
-        """Whether another stop, with the records until `last`, belongs into the same file."""
+        """True if another stop, with the records until `last`, fits into the same file."""
         span = SPAN_NS // trail.ring.header.period_ns
         same = trail.boot_id == self.trail.boot_id and self.first <= stop.seq <= self.last
         return same and self.copied is None and last - self.first <= span
 
     def copy(self, count: int) -> bool:
-        """Copy some more records; true when all are."""
+        """Copy up to `count` more records; true when all are copied."""
         if self.copied is None:
-            # What has not come until now does not belong to it any more.
+            # Records that have not arrived until now do not belong to it any more.
             self.next_seq, self.last = self.first, min(self.last, self.trail.newest)
             ring = self.trail.ring
-            # Whatever the window: there are never more records than the ring has slots.
+            # A window never has more records than the ring has slots.
             room_count = min(self.last - self.first + 1, ring.slot_count)
             self.copied = Cutting(room_count * ring.slot_size)
         end = min(self.next_seq + count, self.last + 1)
@@ -91,7 +91,7 @@ class Window:
         return end > self.last
 
     def kept(self, copied: Cutting) -> Kept:
-        """What the file of these records says of itself."""
+        """The description of these records for the file's header."""
         stop = self.stop
         return Kept(
             cause=stop.cause,
@@ -107,32 +107,32 @@ class Window:
 
 
 class Listener(Protocol):
-    """Who is told what the present core does; `request_log.RequestLog`."""
+    """Receiver of the present core's records; `request_log.RequestLog`."""
 
     def core(self, boot_id: str, heard: bool) -> None:
-        """A core was met, fell silent, or is heard again."""
+        """A core was found, or its records stopped or arrive again."""
         ...
 
     def record(self, glance: Glance) -> None:
-        """A record that has just come."""
+        """A new record has arrived."""
         ...
 
 
 class BlackBox:
-    """Follows the rings, finds the stops, hands their records to the disk."""
+    """Reads the rings, finds the stops, gives their records to the disk."""
 
     def __init__(self, runtime: Path, shelf: Shelf, disk: Disk, listener: Listener) -> None:
         self._aside = runtime / ASIDE_NAME
         self._shelf, self._disk, self._listener = shelf, disk, listener
         self._trail: Trail | None = None
         self._gone: list[Trail] = []
-        """Rings of cores before the present one, as long as there is something to do with them."""
+        """Rings of previous cores, as long as there is something to do with them."""
         self._windows: list[Window] = []
         self._heard_ns: int | None = None
-        """When the newest record came; None: silent."""
+        """Time of the newest record's arrival; None: no records arrive."""
         self._told_heard = False
         self._handed: deque[tuple[str, int, int]] = deque(maxlen=HANDED_MAX)
-        """Core, first and last record of what went to the disk, which may not be on it yet."""
+        """Core, first and last record of what was given to the disk and may not be written yet."""
         self._unkept: set[str] = set()
         """Cores of which a file could not be written."""
         self._begun = False
@@ -140,7 +140,7 @@ class BlackBox:
         self._kept: queue.SimpleQueue[str] = queue.SimpleQueue()
 
     def turn(self, ring: RingReader | None, now_ns: int) -> None:
-        """Take what is new in the ring of the present core, and go on with what is to be kept."""
+        """Process new records of the present core's ring, and continue copying."""
         if not self._begun:
             self._begun = True
             self._find_aside()
@@ -152,16 +152,16 @@ class BlackBox:
         self._copy(now_ns, PIECE_COUNT)
 
     def news(self) -> list[str]:
-        """Names of files that have come to the disk since the last call."""
+        """Names of files written to the disk since the last call."""
         return [self._kept.get_nowait() for _ in range(self._kept.qsize())]
 
     def damaged(self) -> list[str]:
-        """What cannot be kept because it cannot be read, since the last call."""
+        """Descriptions of data that could not be read, since the last call."""
         damaged, self._damaged = self._damaged, []
         return damaged
 
     def close(self, now_ns: int) -> None:
-        """Keep what is waited for as it is now, all at once: there is no other turn."""
+        """Copy all open windows at once as they are now: no further turn follows."""
         for trail in (*self._gone, self._trail):
             if trail is not None:
                 for _, stop in trail.advance(SLOT_COUNT):
@@ -175,7 +175,7 @@ class BlackBox:
     # --- rings --------------------------------------------------------------------------------
 
     def _meet(self, ring: RingReader) -> None:
-        """The ring of another core than before, or the first one."""
+        """Switch to the ring of a new core."""
         before, self._trail = self._trail, Trail.of(ring)
         self._heard_ns, self._told_heard = None, False
         if before is not None:
@@ -184,7 +184,7 @@ class BlackBox:
             self._find_aside()
 
     def _find_aside(self) -> None:
-        """The ring that the present core has put aside, which may be one that we follow already."""
+        """Find the ring that the present core has renamed; it may be one that is already open."""
         known = {trail.boot_id: trail for trail in self._gone}
         try:
             ring = RingReader(self._aside)
@@ -192,7 +192,7 @@ class BlackBox:
             return
         except (OSError, RingError) as error:
             self._damaged.append(f"the ring that the core before left cannot be read: {error}")
-            # None that anybody could read: it would only be in the way of the next one.
+            # Removed, because an unreadable file would block the next ring.
             self._remove(self._aside)
             return
         trail = known.get(ring.header.core_boot_id)
@@ -215,7 +215,7 @@ class BlackBox:
         if not trail.live:
             self._finish(trail, now_ns)
         elif self._heard_ns is not None and now_ns - self._heard_ns > SILENCE_NS:
-            # Before it is called silent: have we only missed more than a whole ring?
+            # Check first that not more than a whole ring of records was missed.
             trail.newest = max(trail.newest, trail.ring.newest_seq())
             if trail.caught_up:
                 self._heard_ns, self._told_heard = None, False
@@ -223,7 +223,7 @@ class BlackBox:
                 self._ended(trail, now_ns)
 
     def _hear(self, trail: Trail, glance: Glance) -> None:
-        """A record that has just come; those that were there before us are history."""
+        """Pass on a record that has just arrived; older ones are not passed on."""
         trail.grown = True
         if not self._told_heard:
             self._told_heard = True
@@ -231,7 +231,7 @@ class BlackBox:
         self._listener.record(glance)
 
     def _finish(self, trail: Trail, now_ns: int) -> None:
-        """All of a ring without a core has been seen."""
+        """Close a ring without a core after all of it has been read."""
         self._ended(trail, now_ns)
         if any(window.trail is trail for window in self._windows):
             return
@@ -240,7 +240,7 @@ class BlackBox:
             self._remove(trail.aside, trail.boot_id)
 
     def _remove(self, path: Path, boot_id: str = "") -> None:
-        """When all of it is on the disk, and only then: else the next gateway tries once more."""
+        """Remove the file once all of its records to keep are on the disk, and only then."""
 
         def remove() -> None:
             if boot_id not in self._unkept:
@@ -256,12 +256,12 @@ class BlackBox:
             return
         self._stopped(trail, stop, now_ns)
         if not trail.grown:
-            # Nobody has ever been heard from it: there is nothing to wait for.
+            # No record arrived from it while we ran: there is nothing to wait for.
             for window in (one for one in self._windows if one.trail is trail):
                 window.due_ns = now_ns
 
     def _stopped(self, trail: Trail, stop: Stop, now_ns: int) -> None:
-        """Keep it, in a file of its own or in one that still grows; unless it is kept already."""
+        """Keep a stop, in its own file or in a window still open, unless it is kept already."""
         period_ns = trail.ring.header.period_ns
         last, due_ns = stop.seq + AFTER_NS // period_ns, now_ns + AFTER_NS + LATE_NS
         for window in self._windows:
@@ -274,14 +274,14 @@ class BlackBox:
             self._windows.append(Window(trail, stop, first, last, due_ns))
 
     def _covered(self, boot_id: str, seq: int) -> bool:
-        """Whether this record is on the disk, or on its way."""
+        """True if this record is on the disk, or about to be written."""
         on_its_way = any(
             boot_id == handed and first <= seq <= last for handed, first, last in self._handed
         )
         return on_its_way or self._shelf.covers(boot_id, seq)
 
     def _copy(self, now_ns: int, count: int) -> None:
-        """Go on with the oldest window whose records are all there, or will not come any more."""
+        """Copy the oldest window whose records are all there, or will not arrive any more."""
         for window in self._windows:
             trail = window.trail
             whole = trail.seq >= window.last or (not trail.live and trail.caught_up)

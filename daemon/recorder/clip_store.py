@@ -1,9 +1,9 @@
-"""The folder of the black box: what is in it, how a file gets into it, and which one goes.
+"""The folder of the black box: adds files atomically and removes the least valuable ones.
 
-A file appears whole or not at all: it is written under another name, brought to the disk, renamed.
-When there are too many, or they are too large together, those go first in which the drives were
-never enabled, and of these the oldest; the newest file never goes. A file that cannot be read is
-set aside under another name when the gateway starts, and told; nothing waits for who mends it.
+A file appears whole or not at all: it is written under another name, synced to the disk, renamed.
+When there are too many files, or they are too large together, files in which the drives were never
+enabled are removed first, and of these the oldest; the newest file is never removed. A file that
+cannot be read is renamed when the gateway starts, and reported.
 """
 
 import os
@@ -30,25 +30,25 @@ CHUNK_BYTES: Final = 64 * 1024
 
 
 class Shelf:
-    """What the gateway knows of the folder. `keep` runs in the thread of the disk."""
+    """The gateway's list of the folder's files. `keep` runs in the disk's thread."""
 
     def __init__(
         self, folder: Path, files_max: int = FILES_MAX, bytes_max: int = BYTES_MAX
     ) -> None:
-        """Look what is there; a folder that is not there yet is made by the first file."""
+        """List the existing files; a missing folder is made with the first file."""
         self.folder = folder
         self._files_max, self._bytes_max = files_max, bytes_max
         self._files: tuple[KeptFile, ...] = ()
         self.trouble = ""
         self.damaged: list[str] = []
-        """What was found that cannot be read, and what became of it."""
+        """Files that cannot be read, and whether they were renamed."""
         try:
             self._files = tuple(map(self._looked_at, kept_files(folder)))
         except OSError as error:
             self.trouble = f"{folder}: {error.strerror}"
 
     def _looked_at(self, file: KeptFile) -> KeptFile:
-        """The file, set aside if it cannot be read and has not been before."""
+        """The file, renamed if it cannot be read and has not been renamed before."""
         path = file.path
         if not file.trouble or path.suffix == DAMAGED_SUFFIX:
             return file
@@ -63,7 +63,7 @@ class Shelf:
         return file._replace(path=aside)
 
     def covers(self, core_boot_id: str, seq: int) -> bool:
-        """Whether some file holds this record."""
+        """True if some file holds this record."""
         return any(
             file.core_boot_id == core_boot_id and kept.first_seq <= seq <= kept.last_seq
             for file in self._files
@@ -71,7 +71,7 @@ class Shelf:
         )
 
     def keep(self, header: RingHeader, kept: Kept, cutting: Cutting) -> Path:
-        """Put a file on the shelf, and make room.
+        """Write a file into the folder, and remove files beyond the limits.
 
         Raises:
             OSError: the disk is full, cannot be written, or fails.
@@ -101,7 +101,7 @@ class Shelf:
 
 
 def surplus(files: Sequence[KeptFile], files_max: int, bytes_max: int) -> list[KeptFile]:
-    """Which files have to go so that the others fit; the last of `files` is the newest."""
+    """The files to remove so that the others fit; the last of `files` is the newest."""
     count, size = len(files), sum(file.size for file in files)
     gone: list[KeptFile] = []
     for file in sorted(files[:-1], key=_worth):
@@ -118,7 +118,7 @@ def _worth(file: KeptFile) -> tuple[bool, str]:
 
 
 def _write(path: Path, pieces: Iterable[bytes]) -> int:
-    """Write and sync; how many bytes. Never so much at once that the loop notices."""
+    """Write and sync a file in small chunks, so that the loop is not delayed; returns its size."""
     # Records of a patient: for the service's user and group only.
     file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o640)
     try:
@@ -136,7 +136,7 @@ def _write(path: Path, pieces: Iterable[bytes]) -> int:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Bring a new name to the disk."""
+    """Sync a new name to the disk."""
     opened = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         os.fsync(opened)

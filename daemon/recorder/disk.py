@@ -1,9 +1,9 @@
-"""The one thread that waits for a disk, so that the gateway's loop never does.
+"""The thread that waits for the disk, so that the gateway's loop never does.
 
-Jobs are done one after the other, in the order in which they were asked for. A job that fails is
-counted and said, once until it has worked again; it is never tried again by itself, and whatever it
-raises the next one is done (`worker.py`). The queue is bounded: a disk that hangs costs what comes
-after it, not the memory.
+Jobs run one after the other, in the order of their requests. A failed job is counted and reported,
+once until one of its kind works again; it is never retried automatically, and whatever it raises
+the next job runs (`worker.py`). The queue is bounded: a disk that hangs loses the jobs after it,
+but uses no more memory.
 """
 
 import queue
@@ -15,11 +15,11 @@ from daemon.recorder.worker import Worker
 
 JOBS_MAX: Final = 64
 END_PATIENCE_S: Final = 3.0
-"""How long an ending gateway waits for its disk."""
+"""Time that an ending gateway waits for its disk."""
 
 
 class Trouble(NamedTuple):
-    """What cannot be written and why; an empty reason: it works again."""
+    """A write error and its reason; an empty reason: writing works again."""
 
     what: str
     reason: str
@@ -31,7 +31,7 @@ class _Job(NamedTuple):
 
 
 class Disk:
-    """A thread and its queue."""
+    """A thread and its queue of jobs."""
 
     def __init__(self) -> None:
         """Start the thread."""
@@ -43,10 +43,10 @@ class Disk:
         self._worker = Worker("disk", self._work, self._ended)
 
     def ask(self, what: str, run: Callable[[], None]) -> bool:
-        """Have something done; False if so much waits already that it is given up.
+        """Queue a job; False if the queue is full and the job is dropped.
 
         Args:
-            what: names it to a person, and is the same for all jobs of a kind.
+            what: name of the kind of job, for reports; the same for all jobs of a kind.
             run: is called in the thread; of its exceptions only OSError is expected, and none
                 ends the thread.
         """
@@ -58,17 +58,17 @@ class Disk:
         return True
 
     def troubles(self) -> list[Trouble]:
-        """What there is to say since the last call."""
+        """Errors and recoveries since the last call."""
         return [self._said.get_nowait() for _ in range(self._said.qsize())]
 
     def settle(self) -> None:
-        """Wait until all that was asked for is done; for tests: a disk may hang."""
+        """Wait until all queued jobs are done; for tests only, because a disk may hang."""
         done = threading.Event()
         self._jobs.put(_Job("settle", done.set))
         done.wait()
 
     def close(self) -> None:
-        """Do what is left, for a bounded time."""
+        """Finish the queued jobs, for a bounded time."""
         try:
             self._jobs.put(None, timeout=END_PATIENCE_S)
         except queue.Full:

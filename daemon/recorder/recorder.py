@@ -1,7 +1,7 @@
-"""What is kept on the disk of what happens: black box and request log, as the loop uses them.
+"""The recorder: black box and request log, as the gateway's loop uses them.
 
-It looks at the ring by itself and at queries on their way to the service and back, so the service
-knows nothing of it; what there is to tell people it gives back as events.
+It reads the ring by itself and wraps the queries on their way to the service, so the service does
+not depend on it; its reports are returned as events.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ class Keeper:
     """Black box and request log of one state directory, and the thread that writes both."""
 
     def __init__(self, state: Path, runtime: Path, clock: AgeClock, version: str) -> None:
-        """Look what is there; a directory that cannot be used is an event, and no error."""
+        """Open the state directory; one that cannot be used is reported as an event, not raised."""
         self._clock = clock
         self._disk = Disk()
         shelf = Shelf(state / FOLDER)
@@ -44,11 +44,11 @@ class Keeper:
         return self._disk.failed_count + self._log.lost_count
 
     def watch(self, inquiries: Sequence[Inquiry]) -> list[Inquiry]:
-        """Queries on their way to the service."""
+        """Wrap queries on their way to the service, so that they are logged."""
         return self._log.watch(inquiries, self._clock.utc_ns())
 
     def turn(self, ring: RingReader | None, now_ns: int) -> list[Happening]:
-        """The end of a turn of the loop: what there is to tell."""
+        """Do the recorder's part of a turn of the loop, and return its events."""
         self._box.turn(ring, now_ns)
         self._log.turn(now_ns, self._clock.utc_ns())
         troubles, self._troubles = [*self._troubles, *self._disk.troubles()], []
@@ -60,7 +60,7 @@ class Keeper:
         ]
 
     def close(self) -> None:
-        """Keep what is waited for, and let the disk finish, for a bounded time."""
+        """Keep what is still open, and finish writing, for a bounded time."""
         self._box.close(self._clock.now_ns())
         self._log.close()
         self._disk.close()

@@ -1,6 +1,6 @@
-"""A ring that is followed record by record, for as little as it takes to find a stop in it.
+"""Reads a ring record by record, decoding only what is needed to find a stop.
 
-A stop is a verdict newly latched, or another one in its place; and the end of the records.
+A stop is a newly latched verdict, or another one in its place; and the end of the records.
 """
 
 import contextlib
@@ -19,7 +19,7 @@ from daemon.wire.fields import name_of
 
 
 class Glance(msgspec.Struct, frozen=True, array_like=True):
-    """The first fields of a `CycleRecord`: all that is needed to find a stop."""
+    """The first fields of a `CycleRecord`, which suffice to find a stop."""
 
     seq: Count
     cycle: Count
@@ -45,47 +45,47 @@ class Stop(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class Trail:
-    """A ring that is being followed, record by record."""
+    """Position of the reader in a ring, and the state of that ring."""
 
     ring: RingReader
     newest: int
     """The highest number that is known to have been written."""
     seq: int
-    """The last one that was looked at."""
+    """Number of the last record that was read."""
     last: Glance | None = None
     grown: bool = False
-    """Records have come since all that there were had been looked at."""
+    """Records have arrived after all existing ones had been read."""
     ended_seq: int = 0
-    """The last record, if it has been judged to be that."""
+    """Number of the last record, once it is known to be the last."""
     aside: Path | None = None
-    """To be removed when there is nothing left to keep of it."""
+    """File to be removed when there is nothing left to keep of it."""
     live: bool = True
 
     @classmethod
     def of(cls, ring: RingReader, *, live: bool = True) -> "Trail":
-        """From the oldest record on."""
+        """Start at the oldest record."""
         newest = ring.newest_seq()
         return cls(ring, newest, ring.oldest_seq(newest) - 1, live=live)
 
     @property
     def boot_id(self) -> str:
-        """Of its core."""
+        """Boot id of its core."""
         return self.ring.header.core_boot_id
 
     @property
     def caught_up(self) -> bool:
-        """Whether all that is known to have been written was looked at."""
+        """True if all records known to have been written were read."""
         return self.seq >= self.newest
 
     def advance(self, count: int) -> Iterator[tuple[Glance, Stop | None]]:
-        """Look at some more records; with each the stop that it is, if it is one."""
+        """Read up to `count` more records; yields each with its stop, or None."""
         for _ in range(count):
             data = self.ring.raw(self.seq + 1)
             if data is None and self.caught_up:
                 return
             self.seq += 1
             self.newest = max(self.newest, self.seq)
-            # A record that is gone, or of a version before us, tells nothing.
+            # A record that is gone, or of another version, is skipped.
             with contextlib.suppress(RefusedError):
                 if data is not None:
                     now = glance_of(data)
@@ -94,7 +94,7 @@ class Trail:
     def _look(self, now: Glance) -> Stop | None:
         before, self.last = self.last, now
         verdict = now.verdict
-        # What was latched before the first record that we have is none of the ring's.
+        # A verdict latched before the first available record is not a stop in this ring.
         if before is None or verdict.category is StopCategory.NONE:
             return None
         if identity(before.verdict) == identity(verdict):
@@ -103,7 +103,7 @@ class Trail:
         return Stop(cause, verdict.drive, detail, now.seq, now.sync_utc_ns)
 
     def end(self) -> Stop | None:
-        """Its last record as a stop, once; None if it has none."""
+        """The last record as a stop, once; None if there is none."""
         last = self.last
         if last is None or last.seq == self.ended_seq:
             return None
@@ -112,5 +112,5 @@ class Trail:
 
 
 def identity(verdict: Verdict) -> tuple[object, ...]:
-    """What makes a verdict another one; its figures do not."""
+    """The fields that distinguish verdicts; value and limit do not."""
     return verdict.category, verdict.cause, verdict.drive

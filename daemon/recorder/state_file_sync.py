@@ -1,10 +1,11 @@
-"""Brings the core's notes to the disk, so that a latched stop survives a power cut.
+"""Syncs the core's state file to the disk, so that a latched stop survives a power cut.
 
-The core writes its notes into a mapped page and calls no fsync. A thread of ours here looks at the
-page a few times a second and calls fsync where it has changed: nothing waits for this
-thread, and it takes nothing from the others, because reading and fsync let go of the interpreter.
-Until then a power cut leaves an older page. That one is never clean either where it matters: a page
-written while drives are enabled says that nobody knows how it ended (`core/steps/latching.py`).
+The core writes its state into a mapped page and calls no fsync. A thread of the gateway reads the
+page a few times a second and calls fsync when it has changed: nothing waits for this thread, and it
+does not block the others, because reading and fsync release the interpreter lock.
+
+Until then a power cut leaves an older page. That page is safe, too: a page written while drives are
+enabled states that the end of the run is unknown (`core/steps/latching.py`).
 """
 
 import logging
@@ -20,10 +21,10 @@ PERIOD_S: Final = 0.2
 
 
 class NotesDisk:
-    """A thread that keeps one file as it is in memory on the disk, too."""
+    """A thread that syncs one file to the disk whenever it has changed."""
 
     def __init__(self, path: Path) -> None:
-        """Begin to look; a file that is not there yet is waited for."""
+        """Start the thread; a file that does not exist yet is waited for."""
         self._path = path
         self._kept = b""
         self._trouble = ""
@@ -32,7 +33,7 @@ class NotesDisk:
         self._worker = Worker("notes", self._work, self._ended)
 
     def look(self) -> bool:
-        """Look once; whether there was something to bring to the disk.
+        """Check the file once and sync it; true if it had changed.
 
         Raises:
             OSError: the file cannot be read, or the disk fails.
@@ -42,14 +43,14 @@ class NotesDisk:
             page = os.read(file, SIZE)
             if page == self._kept:
                 return False
-            os.fsync(file)  # of all that is dirty in it, also through the mapping of the core
+            os.fsync(file)  # of all its dirty pages, also through the mapping of the core
             self._kept = page
         finally:
             os.close(file)
         return True
 
     def close(self) -> None:
-        """Look for the last time, and end."""
+        """Sync for the last time, and end the thread."""
         self._over.set()
         self._worker.join()
 
@@ -70,7 +71,7 @@ class NotesDisk:
         return not self._over.is_set()
 
     def _tell(self, why: str) -> None:
-        """Said once: a power cut may now lose a stop that is latched."""
+        """Log a failure once: a power cut may now lose a latched stop."""
         if why != self._trouble:
             self._trouble = why
             self._log.error("the notes of the core are not on the disk: %s", why)

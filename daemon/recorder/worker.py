@@ -1,8 +1,8 @@
-"""A thread that waits for a disk, so that the gateway's loop never does, and that does not end.
+"""A thread that waits for a disk, so that the gateway's loop never does, and that restarts itself.
 
-An exception in it is a bug of ours or something that nobody thought of, such as a file of another
-program in our folder. Without a word the black box, the request log or the core's notes would not
-be kept any more from then on. It is told, logged, and the thread begins anew.
+An exception in it is a bug of ours or an unforeseen case, such as a file of another program in our
+folder. If the thread ended silently, the black box, the request log or the core's state file would
+not be kept from then on. So the exception is reported and logged, and the thread begins anew.
 """
 
 import logging
@@ -19,11 +19,11 @@ class Worker:
         Args:
             name: of the thread.
             work: runs in it, and again when it has ended by an exception.
-            ended: told why, in the thread; whether to begin anew.
+            ended: called in the thread with the reason; returns whether to begin anew.
         """
         self._name, self._work, self._ended = name, work, ended
         self._log = logging.getLogger("gaitd.gateway")
-        # One that hangs in a system call must not keep the process from ending.
+        # A daemon thread: a hanging system call must not keep the process from ending.
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 

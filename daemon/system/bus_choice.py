@@ -1,7 +1,7 @@
-"""Which bus and which clock a configuration means: the one place that knows of simulated time.
+"""Choice of bus and clock from the configuration: the one place that knows of simulated time.
 
-`[bus] interface = "simulated"` is the bus of `gaitd sim`, which owns time; `channel` is the path of
-its socket. Every other word is python-can's, with the clock of this computer.
+`[bus] interface = "simulated"` is the bus of `gaitd sim`, which controls time; `channel` is the
+path of its socket. Every other interface is one of python-can, with the clock of this computer.
 """
 
 from collections.abc import Callable
@@ -20,12 +20,12 @@ class BusChoice(NamedTuple):
     """A bus that can be opened, and the clock that goes with it."""
 
     open_bus: Callable[[], CanBus | SimulatedBus]
-    """Raises BusError where it cannot be."""
+    """Opens the bus; raises BusError if that fails."""
     clock: Clock
     is_in_step: Callable[[], bool]
-    """Whether time is simulated now."""
+    """True if time is simulated now."""
     say_here: Callable[[], None]
-    """Tells who owns the time that we ask for nothing yet, for a reason."""
+    """Tells the time server that this program is alive although it requests no time yet."""
 
 
 def choose_bus(
@@ -37,14 +37,14 @@ def choose_bus(
     name: str,
     wall_clock_only: bool = False,
 ) -> BusChoice:
-    """What the words of a configuration mean.
+    """Choose bus and clock for the values of a configuration.
 
     Args:
-        interface: `simulated`, or python-can's.
-        channel: of it.
+        interface: `simulated`, or one of python-can.
+        channel: channel of the interface.
         bitrate_bit_per_s: of the bus.
-        role: on a simulated bus, what time is to this program.
-        name: on a simulated bus, of its seat.
+        role: on a simulated bus, the role of this program in simulated time.
+        name: on a simulated bus, name of this program's seat.
         wall_clock_only: refuse a bus whose time is simulated.
     """
     if interface != SIMULATED:

@@ -1,6 +1,6 @@
-"""The clocks of the service. Everything else is handed the time as an argument.
+"""The clocks of the service; all other code receives the time as an argument.
 
-Monotonic time orders and measures; UTC is for records only and never enters a decision.
+Monotonic time orders and measures; UTC is for records only and is never used in a decision.
 """
 
 import contextlib
@@ -13,7 +13,7 @@ from simtime.page import PageError, SimulatedTime, page_path
 
 
 class Clock(Protocol):
-    """What the loops of core and gateway need of time."""
+    """Clock for the loops of core and gateway."""
 
     def now_ns(self) -> int:
         """Monotonic time in ns."""
@@ -24,7 +24,7 @@ class Clock(Protocol):
         ...
 
     def sleep_until(self, deadline_ns: int) -> None:
-        """Return at the absolute monotonic time, at once if it is over."""
+        """Sleep until an absolute monotonic time; return at once if it has passed."""
         ...
 
 
@@ -32,7 +32,7 @@ PAGE_RETRY_NS: Final = 100_000_000
 
 
 class MonotonicClock:
-    """The machine's clocks."""
+    """The computer's clocks."""
 
     def now_ns(self) -> int:
         """Monotonic time in ns."""
@@ -43,14 +43,14 @@ class MonotonicClock:
         return time.time_ns()
 
     def sleep_until(self, deadline_ns: int) -> None:
-        """Return at the absolute monotonic time, at once if it is over."""
+        """Sleep until an absolute monotonic time; return at once if it has passed."""
         remaining_ns = deadline_ns - time.monotonic_ns()
         if remaining_ns > 0:
             time.sleep(remaining_ns * 1e-9)
 
 
 class AgeClock(Protocol):
-    """What judges ages, and waits for nothing: simulated time where the bus is simulated."""
+    """Clock for ages, without sleeping; simulated time where the bus is simulated."""
 
     def now_ns(self) -> int:
         """Monotonic time in ns."""
@@ -62,7 +62,7 @@ class AgeClock(Protocol):
 
 
 class SimulatedClock:
-    """Simulated time over a link: sleeping lets it pass (`simtime`)."""
+    """Simulated time over a link; sleeping lets simulated time pass (`simtime`)."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -76,7 +76,7 @@ class SimulatedClock:
         return self._link.utc_ns()
 
     def sleep_until(self, deadline_ns: int) -> None:
-        """Let time pass; without a server it is the computer's, and the bus says it is lost."""
+        """Let time pass; without a server sleep by the computer's clock, as the bus is lost."""
         with contextlib.suppress(LinkLostError):
             self._link.wait(deadline_ns, for_frame=False)
             return
@@ -84,13 +84,13 @@ class SimulatedClock:
 
 
 class PageClock:
-    """Simulated time for a process that is no seat: read from the time page of the server.
+    """Simulated time for a process without a seat, read from the time page of the server.
 
     Without a server it is the computer's time. It never goes back.
     """
 
     def __init__(self, socket_path: Path) -> None:
-        """Name the server's socket; its page is opened once it is there."""
+        """Set the server's socket; its page is opened once it exists."""
         self._path = page_path(socket_path)
         self._page: SimulatedTime | None = None
         self._retry_ns = 0
@@ -108,7 +108,7 @@ class PageClock:
         return page.utc_ns() if page else time.time_ns()
 
     def utc_ahead_ns(self) -> int:
-        """Simulated UTC less simulated time."""
+        """Simulated UTC minus simulated time, in ns."""
         page = self._existing()
         return page.utc_ahead_ns() if page else time.time_ns() - time.monotonic_ns()
 

@@ -1,11 +1,11 @@
-"""Lines with fields for systemd's journal, by its native protocol: one datagram, which never waits.
+"""Writes lines with fields to systemd's journal by its native protocol, without ever blocking.
 
     journalctl -t gaitd-core GAITD_CAUSE=drive_silent -o json
 
-A field is `NAME=value` and a line break; a value with line breaks is the name alone, then its
-length as 64 bits little-endian, then the value (systemd.io, "Native Journal Protocol"). Libraries
-for it send on a socket that waits while the journal is busy, which the 10 ms cycle must not; here
-a line that finds no room is dropped and counted, and the next one that leaves says how many.
+An entry is one datagram. A field is `NAME=value` and a line break; a value with line breaks is the
+name alone, then its length as 64 bits little-endian, then the value (systemd.io, "Native Journal
+Protocol"). Libraries for it block while the journal is busy, which the 10 ms cycle must not; here
+an entry that finds no room is dropped and counted, and the next one carries the count.
 
 Fields of ours (docs/running.md): GAITD_EVENT, GAITD_MODE, GAITD_CAUSE, GAITD_DRIVE, GAITD_CYCLE.
 """
@@ -18,11 +18,11 @@ from typing import Final
 
 SOCKET: Final = Path("/run/systemd/journal/socket")
 LENGTH_MAX: Final = 64 * 1024
-"""Bytes of one value. What is longer is cut: a datagram of the journal has room for this."""
+"""Maximum size of one value in bytes, which fits a datagram of the journal; the rest is cut off."""
 
 
 def is_journal(journal_stream: str | None, file_descriptor: int) -> bool:
-    """Whether what is written there ends in the journal: JOURNAL_STREAM names device and inode."""
+    """True if this descriptor leads to the journal: JOURNAL_STREAM names its device and inode."""
     device, _, inode = (journal_stream or "").partition(":")
     try:
         status = os.fstat(file_descriptor)
@@ -32,7 +32,7 @@ def is_journal(journal_stream: str | None, file_descriptor: int) -> bool:
 
 
 def encoded(fields: Mapping[str, str]) -> bytes:
-    """All fields of one entry as the journal takes them."""
+    """All fields of one entry in the journal's native format."""
     return b"".join(_field(name, value) for name, value in fields.items())
 
 
@@ -44,12 +44,12 @@ def _field(name: str, value: str) -> bytes:
 
 
 class Journal:
-    """Where lines with fields go; without a journal nowhere."""
+    """Writer of journal entries; without a journal it does nothing."""
 
     def __init__(self, identifier: str, path: Path | None) -> None:
-        """`identifier` is SYSLOG_IDENTIFIER; `path` that of the socket, None where there is none.
+        """`identifier` is SYSLOG_IDENTIFIER; `path` is the socket's, None if there is no journal.
 
-        The address goes with each line, so that a journal that is started anew gets the next one.
+        The address is sent with each line, so that a restarted journal gets the next one.
         """
         self._identifier = identifier
         self._path = str(path) if path is not None else None
@@ -57,18 +57,18 @@ class Journal:
         self._socket.setblocking(False)
         self._untold_count = 0
         self.dropped_count = 0
-        """Lines that the journal had no room for, or was not there for."""
+        """Lines that the journal had no room for, or was not running for."""
 
     @property
     def is_open(self) -> bool:
-        """Whether there is a journal to write to."""
+        """True if there is a journal to write to."""
         return self._path is not None
 
     def tell(self, text: str, priority: int, fields: Mapping[str, str]) -> None:
-        """Put in a line; never waits.
+        """Write one entry; never waits.
 
         Args:
-            text: for people.
+            text: the message.
             priority: of syslog(3): 3 error, 4 warning, 5 notice, 6 informational.
             fields: by their names in the journal: capital letters, digits and underscores.
         """

@@ -1,10 +1,10 @@
-"""A directory of the service, made, and held by one process of each kind alone.
+"""Lock of a service directory: creates it and lets only one process of each kind use it.
 
-The lock is the kernel's (flock(2)): it ends with its holder, however that ends, so nothing that a
-`kill -9` leaves behind has to be cleared away. The file says who holds it, for people.
+The lock is the kernel's (flock(2)): it ends with its process, however that ends, so a `kill -9`
+leaves nothing to clean up. The lock file contains the pid of its holder.
 
 Two cores on one runtime directory would take each other's socket and ring; two on one state
-directory would write each other's axis notes.
+directory would overwrite each other's state file.
 """
 
 import contextlib
@@ -18,13 +18,13 @@ from typing import BinaryIO, Final
 from daemon.config.strict import ConfigError
 
 _HELD: Final = (errno.EAGAIN, errno.EACCES)
-"""What flock(2) says of a lock that somebody else has; the second one on some file systems."""
+"""Error numbers of flock(2) for a lock held by another process; the second on some file systems."""
 _PID_LENGTH_MAX: Final = 20
 
 
 @contextlib.contextmanager
 def hold(config: Path, key: str, directory: Path, part: str) -> Generator[None]:
-    """Make the directory, and keep every other process of this kind out of it.
+    """Create the directory, and keep every other process of this kind out of it.
 
     Args:
         config: the trainer file.
@@ -33,7 +33,7 @@ def hold(config: Path, key: str, directory: Path, part: str) -> Generator[None]:
         part: `core` or `gateway`; the lock is `PART.lock`.
 
     Raises:
-        ConfigError: the directory cannot be made or written, or another one holds it.
+        ConfigError: the directory cannot be made or written, or another process holds it.
     """
     path = directory / f"{part}.lock"
     with directory_errors(config, key, directory):
@@ -51,10 +51,10 @@ def hold(config: Path, key: str, directory: Path, part: str) -> Generator[None]:
 
 @contextlib.contextmanager
 def directory_errors(config: Path, key: str, directory: Path) -> Generator[None]:
-    """What the system says about a directory of the service is the operator's matter.
+    """Convert errors of the system about a service directory into configuration errors.
 
     Raises:
-        ConfigError: in place of an OSError, with what the system said.
+        ConfigError: in place of an OSError, with the system's message.
     """
     try:
         yield

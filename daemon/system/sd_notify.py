@@ -1,14 +1,14 @@
-"""Tell systemd how we are (sd_notify(3)): READY=1, WATCHDOG=1, STATUS=, STOPPING=1.
+"""Notifications to systemd (sd_notify(3)): READY=1, WATCHDOG=1, STATUS=, STOPPING=1.
 
 Twenty lines instead of a library: the protocol is one datagram, and the send must never block or
-raise in the 10 ms loop. Without a supervisor nothing is sent.
+raise in the 10 ms loop. Without systemd nothing is sent.
 """
 
 import socket
 
 
 class Notifier:
-    """One datagram socket to the supervisor named by NOTIFY_SOCKET."""
+    """Datagram socket to systemd's address in NOTIFY_SOCKET."""
 
     def __init__(self, address: str | None) -> None:
         """`address` is the value of NOTIFY_SOCKET: a path, `@name` for the abstract namespace."""
@@ -17,7 +17,7 @@ class Notifier:
         self._socket.setblocking(False)
 
     def send(self, *lines: str) -> bool:
-        """Send `KEY=value` lines; false if the supervisor had no room for them just now."""
+        """Send `KEY=value` lines; False if systemd could not take them."""
         if self._address:
             try:
                 said = "\n".join(line.replace("\n", " ") for line in lines)

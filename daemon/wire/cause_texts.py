@@ -1,7 +1,7 @@
-"""Each cause of a stop in words: what it is, whose matter, and what a layman does about it.
+"""Texts for each cause of a stop: title, responsible party, and instructions for a layperson.
 
-What to do has three parts: first (with somebody strapped in, before anything else), then (how it
-goes on), and what to do if it comes back. Plain words, commands as they are typed.
+The instructions have three parts: first (with a person strapped in, before anything else), then
+(how to continue), and what to do if it comes back. Plain words, commands as they are typed.
 """
 
 from enum import Enum
@@ -11,7 +11,7 @@ from daemon.ipc.record import Cause
 
 
 class Blame(Enum):
-    """Whose matter a cause is."""
+    """The party responsible for a cause."""
 
     PERSON = "person"
     OPERATOR = "operator"
@@ -21,20 +21,20 @@ class Blame(Enum):
 
 
 class CauseText(NamedTuple):
-    """What a person reads who is no engineer, with somebody strapped in."""
+    """Text for a reader who is no engineer, with a person strapped in."""
 
     title: str
     blame: Blame
     first: str
     """At once, before anything else."""
     then: str
-    """How it goes on."""
+    """How to continue."""
     again: str
     """If it comes back."""
 
     @property
     def remedy(self) -> str:
-        """All three in one line."""
+        """All three parts in one line."""
         return f"first: {self.first}; then: {self.then}; if it comes back: {self.again}"
 
 

@@ -1,9 +1,8 @@
-"""Each cause of a stop: its category where the design fixes one; its words are in `cause_texts.py`.
+"""Stop categories of causes, where the design fixes them; the texts are in `cause_texts.py`.
 
-The stop category of a cause is not here: `limits.toml` gives it, except where the design fixes it
-(`FIXED_CATEGORY`). Doubtful feedback of an axis is S0 for that axis and S1 for the other, because
-an axis must never be asked to hold by an encoder that cannot be trusted; the table holds the
-category for the axis of the cause, `OTHER_AXES_CATEGORY` that of the rest.
+All other categories are given by `limits.toml`. Doubtful feedback of an axis is S0 for that axis
+and S1 for the other, because an axis must never hold by an encoder that cannot be trusted; the
+table holds the category for the axis of the cause, `OTHER_AXES_CATEGORY` that of the rest.
 """
 
 from typing import Final
@@ -39,7 +38,7 @@ FIXED_CATEGORY: Final[dict[Cause, StopCategory]] = {
     Cause.LAST_END_UNKNOWN: StopCategory.S1,
     Cause.STOP_NOT_OBEYED: StopCategory.S0,
 }
-"""Fixed by the design: a file cannot choose them."""
+"""Categories fixed by the design: a file cannot choose them."""
 
 DOUBTFUL_FEEDBACK: Final = frozenset(
     {Cause.ENCODER_FROZEN, Cause.ENCODER_JUMP, Cause.UNREFERENCED, Cause.SIGN_WRONG}
@@ -64,4 +63,4 @@ CHOSEN_CATEGORY: Final = tuple(
         Cause.SELF_TEST_FAILED,
     }
 )
-"""`limits.toml` must give each of these a category; the rest is fixed or never stops a motion."""
+"""Causes whose category `limits.toml` must give; the rest is fixed or never stops a motion."""

@@ -1,8 +1,8 @@
-"""The words of the wire contract: enums as names, and the types and heads that messages share.
+"""Shared fields of the wire contract: enums as names, and the types and heads of messages.
 
-`status` and `validity` are the observer's words; they are defined here once more, because a reader
-of Zenoh knows nothing of the observer (a test compares the two). Everything here has a description
-that ends up in the JSON Schemas of `messages.py`.
+`status` and `validity` are enums of the observer; they are defined here once more, because a client
+does not import the observer (a test compares the two). The descriptions here are part of the JSON
+Schemas of `messages.py`.
 """
 
 from enum import Enum, IntEnum, IntFlag
@@ -15,7 +15,7 @@ from daemon.ipc.record import Cause, Mode, Outcome, Stage, StopCategory
 
 
 class StatusBit(IntFlag):
-    """What the observer says about its estimate, `status` in each message that holds one."""
+    """Status bits of the observer's estimate: `status` in each message that holds an estimate."""
 
     VALID = 1 << 0
     WARM_UP = 1 << 1
@@ -35,13 +35,13 @@ class StatusBit(IntFlag):
 
 
 class Validity(IntEnum):
-    """How much of one axis' estimate may be shown."""
+    """Validity of one axis' estimate."""
 
     OK = 0
     SPLIT_UNOBSERVABLE = 1
-    """At rest only patient minus friction is observable: both null, the net value given."""
+    """At rest only patient minus friction is observable: both are null, the net value is given."""
     BAD = 2
-    """Nothing may be shown: all null."""
+    """All values of the axis are null."""
 
 
 POWER_STATES: Final = (
@@ -68,12 +68,12 @@ NMT_STATES: Final = {
 
 
 def name_of(member: Enum) -> str:
-    """The name of a mode, cause, outcome or status bit as it stands on the wire."""
+    """The name of a mode, cause, outcome or status bit on the wire."""
     return member.name.lower()
 
 
 def printable(text: str) -> str:
-    """The text with line breaks and control characters as escapes, for a line that people read."""
+    """The text with line breaks and control characters as escapes, for one line of output."""
     return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
 
 
@@ -171,7 +171,7 @@ Phase = Annotated[
 
 
 class Stated(msgspec.Struct, frozen=True, kw_only=True):
-    """Head of what is also said while there is no record of the core: then three are null."""
+    """Head of messages that are also sent without a record of the core, with three fields null."""
 
     seq: Annotated[int, Meta(description="Counts the messages of this key; a gap is a loss.")]
     core_boot_id: Annotated[str | None, Meta(description="Another one: the core has restarted.")]
@@ -182,7 +182,7 @@ class Stated(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Sampled(Stated, frozen=True, kw_only=True):
-    """Head of what is made from one record of the core."""
+    """Head of messages made from one record of the core."""
 
     core_boot_id: Annotated[str, Meta(description="Another one: the core has restarted.")]
     cycle: Annotated[int, Meta(description="Cycle of the 10 ms grid since core start.")]
@@ -192,7 +192,7 @@ class Sampled(Stated, frozen=True, kw_only=True):
 
 
 class Estimated(Sampled, frozen=True, kw_only=True):
-    """Head of what holds an estimate of one leg."""
+    """Head of messages that hold an estimate of one leg."""
 
     leg: Annotated[str, Meta(description="right or left")]
     mode: ModeName

@@ -1,4 +1,4 @@
-"""What is said of the service itself once a second; part of the wire contract (`messages.py`)."""
+"""The message on the service itself, published once a second; part of the wire contract."""
 
 from typing import Annotated
 
@@ -22,7 +22,7 @@ class DriveHealth(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BusHealth(msgspec.Struct, frozen=True, kw_only=True):
-    """The CAN controller and who else is on the bus; counts since the core's start."""
+    """The CAN controller and other nodes on the bus; counts since the core's start."""
 
     condition: Annotated[
         str,
@@ -47,7 +47,7 @@ class BusHealth(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Health(Stated, frozen=True, kw_only=True):
-    """How the service itself is, once a second."""
+    """State of the service itself, once a second."""
 
     lateness_bound_us: Annotated[
         tuple[int, ...],

@@ -1,6 +1,6 @@
-"""What is said of one leg: every cycle for a controller, a display, of friction; and each stride.
+"""Messages about one leg: estimate, activity and friction in every cycle, and each stride.
 
-Part of the wire contract; `daemon/wire/messages.py` holds the rest and names them all. Conventions
+Part of the wire contract; `daemon/wire/messages.py` holds the rest and lists them all. Conventions
 are those of `daemon/wire/fields.py`: every number with its standard deviation, null for what is not
 valid.
 """
@@ -37,7 +37,7 @@ DriftCorrelation = Annotated[
 
 
 class Estimate(Estimated, frozen=True, kw_only=True):
-    """Everything that the observer knows of one leg, every cycle, for a controller."""
+    """The observer's complete estimate of one leg, every cycle, for a controller."""
 
     hip_angle_rad: HipAngle
     hip_angle_rad_std: Std
@@ -116,7 +116,7 @@ class Estimate(Estimated, frozen=True, kw_only=True):
 
 
 class Activity(Estimated, frozen=True, kw_only=True):
-    """What the patient does with one leg, every cycle, for a display."""
+    """The patient's activity in one leg, every cycle, for a display."""
 
     hip_patient_nm: HipPatient
     hip_patient_nm_std: Std
@@ -168,10 +168,11 @@ Coverage = Annotated[
 
 
 class Stride(Sampled, frozen=True, kw_only=True):
-    """What the patient did with one leg in one stride, when it is over: estimated activity.
+    """The patient's estimated activity in one leg over one stride, published at its end.
 
-    From the estimate smoothed over 150 ms. Muscle force, passive tissue, and what the model of leg
-    and friction has wrong are all in it; `baseline_subtracted` takes a passive run's part away.
+    Computed from the estimate smoothed over 150 ms. It contains muscle force, passive tissue, and
+    the errors of the models of leg and friction; `baseline_subtracted`: a passive run's part is
+    removed.
     """
 
     leg: Annotated[str, Meta(description="right or left")]

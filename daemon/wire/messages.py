@@ -4,14 +4,14 @@ A message is JSON (UTF-8) on a key below `gaitd/TRAINER/`, with the encoding
 `application/json;gaitd.NAME.v2`. The rules for all of them:
 
 1. A number that is not valid is `null`, never 0 and never NaN. Silence of more than 200 ms means
-   the same for everything that the key says.
+   the same for all values of the key.
 2. Names of fields end in their unit; `_std` is the standard deviation of the field before it.
 3. Modes, stages, causes and states are lower-case names, stop categories `S0` to `S2`.
-4. A later version may add fields and names: a reader ignores what it does not know. What comes in
-   (`control/*`, `setpoint`) is read strictly: an unknown field is refused.
+4. A later version may add fields and names: a reader ignores what it does not know. Incoming
+   messages (`control/*`, `setpoint`) are read strictly: an unknown field is refused.
 
-Reading order: `fields.py` (names, types, heads), `leg_messages.py` (what is said of a leg in every
-cycle), `health_messages.py` (how the service is), then the other messages out, requests in, keys
+Reading order: `fields.py` (names, types, heads), `leg_messages.py` (messages about a leg in every
+cycle), `health_messages.py` (state of the service), then the other messages out, requests in, keys
 and schemas.
 """
 
@@ -37,13 +37,13 @@ from daemon.wire.health_messages import Health
 from daemon.wire.leg_messages import Activity, Estimate, Friction, Stride
 
 EXACT_MAX: Final = 2**53 - 1
-"""Up to here every JSON reader has whole numbers exactly."""
+"""Up to here every JSON reader represents integers exactly."""
 
 ONE_LINE: Final = (
     r"^(?![\s\S]*[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069])"
 )
-"""What a client says of itself stands in events, logs and on terminals: no line breaks, no control
-characters, nothing that changes the direction of writing."""
+"""Pattern for text from clients, which appears in events, logs and on terminals: no line breaks, no
+control characters, no characters that change the direction of writing."""
 
 # --- messages out ----------------------------------------------------------------------------
 
@@ -101,7 +101,7 @@ class DriveState(Sampled, frozen=True, kw_only=True):
 
 
 class Judgement(msgspec.Struct, frozen=True, kw_only=True):
-    """How the machine was told to stop, why, and what to do about it; latched until reset."""
+    """The verdict: stop category, cause, and what to do about it; latched until reset."""
 
     category: CategoryName
     cause: CauseName
@@ -114,7 +114,7 @@ class Judgement(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Safety(Stated, frozen=True, kw_only=True):
-    """Whether and how the machine is safe: on change, and once a second."""
+    """Safety state of the machine: published on change, and once a second."""
 
     valid: Annotated[
         bool, Meta(description="False: no records from the core; all that follows is null.")
@@ -137,7 +137,7 @@ class Safety(Stated, frozen=True, kw_only=True):
 
 
 class Event(Stated, frozen=True, kw_only=True):
-    """Something happened. A bounded history reaches late joiners (AdvancedSubscriber)."""
+    """One event. A bounded history reaches late joiners (AdvancedSubscriber)."""
 
     id: Annotated[str, Meta(description="BOOT-RECORD-INDEX; an event that is said twice has one.")]
     time_ns: Annotated[int, Meta(description="UTC in ns since 1970.")]
@@ -150,7 +150,7 @@ class Event(Stated, frozen=True, kw_only=True):
 
 
 class Reply(Stated, frozen=True, kw_only=True):
-    """Answer to acquire, release, enable, disable, stop, reset, mode, and to what is no request."""
+    """Answer to acquire, release, enable, disable, stop, reset, mode, and to unknown requests."""
 
     request: Annotated[str, Meta(description="NAME of control/NAME.")]
     outcome: OutcomeName
@@ -165,7 +165,7 @@ class Reply(Stated, frozen=True, kw_only=True):
 
 
 class Status(Stated, frozen=True, kw_only=True):
-    """Answer to status: all that a person asks first."""
+    """Answer to status: the present state of the machine and the newest events."""
 
     version: Annotated[str | None, Meta(description="Of the core.")]
     safety: Annotated[Safety, Meta(description="As published now.")]
@@ -175,7 +175,7 @@ class Status(Stated, frozen=True, kw_only=True):
 
 
 class Configuration(Stated, frozen=True, kw_only=True):
-    """Answer to config: what the service runs with."""
+    """Answer to config: the configuration of the service."""
 
     version: Annotated[str | None, Meta(description="Of the core.")]
     trainer: Annotated[str, Meta(description="TRAINER in the keys.")]
@@ -200,11 +200,11 @@ class Schemas(Stated, frozen=True, kw_only=True):
 
 
 SOMEBODY: Final = "somebody"
-"""Who did not say who."""
+"""Client name of a request that gives none."""
 
 
 class Ask(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Payload of a query to control/*; an empty payload says the same as `{}`."""
+    """Payload of a query to control/*; an empty payload means `{}`."""
 
     client: Annotated[
         str,
@@ -217,7 +217,7 @@ class Ask(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
 
 class AcquireAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Payload of a query to control/acquire; `client` must say who will hold the lease."""
+    """Payload of a query to control/acquire; `client` must name the holder of the lease."""
 
     lease: Annotated[
         Annotated[int, Meta(ge=1, le=EXACT_MAX)] | None,
@@ -323,7 +323,7 @@ def key(trainer: str, *parts: str) -> str:
 
 
 def schema_name(kind: type[msgspec.Struct]) -> str:
-    """`gaitd.NAME.v2`, the schema in the encoding of a message."""
+    """Name of a message's schema in its encoding: `gaitd.NAME.v2`."""
     return f"gaitd.{NAME_OF[kind]}.v2"
 
 

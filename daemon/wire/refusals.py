@@ -1,7 +1,7 @@
-"""Why a setpoint is refused: one table for the gateway and the core, who both refuse and count.
+"""Reasons for refusing a setpoint: one table for gateway and core, which both refuse and count.
 
 A refused setpoint changes nothing: the one before it stays in force until it is stale. Each reason
-is counted on `health`; the first of each under a lease is an event.
+is counted in `health`; the first of each under a lease is an event.
 """
 
 from enum import IntEnum
@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 
 class SetpointRefusal(IntEnum):
-    """What is wrong with a setpoint; counts by reason stand in this order."""
+    """Reason for refusing a setpoint; lists of counts are in this order."""
 
     NONE = 0
     TOO_LARGE = 1
@@ -29,7 +29,7 @@ class SetpointRefusal(IntEnum):
 
 
 class RefusalText(NamedTuple):
-    """What an integrator reads."""
+    """Meaning and remedy of a refusal, for the developer of a client."""
 
     meaning: str
     remedy: str
@@ -89,4 +89,4 @@ REFUSAL_TEXT: Final[dict[SetpointRefusal, RefusalText]] = {
         "send at most one setpoint for each estimate",
     ),
 }
-"""Of every reason."""
+"""Texts by reason."""
