@@ -31,12 +31,12 @@ class HipLimits(Table, frozen=True):
     torque_deviation_max_nm: Annotated[float, Meta(gt=0, le=30)]
     """Between the torque sent in torque mode and the torque that the drive measures."""
     load_deviation_max_nm: Annotated[float, Meta(gt=0, le=60)]
-    """Of the drive's torque from what motion, load and friction require, mean over a stride."""
+    """Drive's torque minus what motion, load and friction require, mean over a stride."""
     sign_mismatch_torque_min_nm: Annotated[float, Meta(gt=0, le=60)]
     """Torque beyond the load, against the joint's acceleration, that indicates a wrong sign."""
     tracking_max_deg: Annotated[float, Meta(gt=0, le=45)]
     following_error_deg: Annotated[float, Meta(gt=0, le=45)]
-    """Of the drive's position loop; written into the drive (6065h)."""
+    """Limit of the drive's position loop; written into the drive (6065h)."""
     temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
     quick_stop_deceleration_rad_per_s2: Annotated[float, Meta(gt=0, le=200)]
     """Written into the drive (6085h), and used for stopping paths."""
@@ -49,7 +49,7 @@ class HipLimits(Table, frozen=True):
     """Maximum of a controller's setpoint, on top of g(q) and guidance; a larger one is refused."""
     assist_rate_max_nm_per_s: Annotated[float, Meta(gt=0, le=2000)]
     assist_power_max_w: Annotated[float, Meta(gt=0, le=250)]
-    """Of the assist alone, along the motion."""
+    """Power of the assist alone, along the motion."""
 
 
 class SlideLimits(Table, frozen=True):

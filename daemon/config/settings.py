@@ -1,7 +1,7 @@
 """Tables of the configuration files: one struct per table, the range beside the name.
 
 Unknown keys, missing keys and values out of range are refused. Nothing physical and nothing that
-safety depends on has a default. `load.py` reads the files into one frozen `Settings`.
+safety depends on has a default. `preflight/load.py` reads the files into one `Settings`.
 """
 
 from typing import Annotated, Literal
@@ -185,7 +185,7 @@ class Cycle(Table, frozen=True):
     realtime_priority: Annotated[int, Meta(ge=0, le=90)]
     """SCHED_FIFO priority of the core where the machine allows it; 0 requests none."""
     realtime_cpus: tuple[Annotated[int, Meta(ge=0, le=1023)], ...] = ()
-    """Processors that the cycle may run on; empty: no restriction by gaitd."""
+    """Processors that the cycle may run on; empty: those that the system gives the process."""
     sync_counter: Annotated[int, Meta(ge=0, le=240)] = 0
     """1019h: SYNC counts from 1 to this, 2 at least; 0: SYNC without counter."""
     sync_window_ms: Annotated[float, Meta(ge=0, le=10)] = 0.0

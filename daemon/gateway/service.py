@@ -257,7 +257,7 @@ class Gateway:
         """Run an action for one query; an exception in it is our bug and ends only that query."""
         try:
             act()
-        except Exception as bug:  # noqa: BLE001 - told, and the other queries are served on
+        except Exception as bug:  # noqa: BLE001 - reported; other queries are still served
             what = f"{type(bug).__name__}: {bug}"
             self._log.exception("control/%r has failed", inquiry.name)
             self._failed_count += 1

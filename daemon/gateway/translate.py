@@ -186,7 +186,7 @@ def friction(view: View, seq: int) -> wire.Friction:
 def drive_state(
     drive: DriveRecord, stamp: Stamp, seq: int, emergencies: tuple[wire.Emergency, ...] = ()
 ) -> wire.DriveState:
-    """The message drives/NAME; inputs and states are null before the drive's first statusword."""
+    """The message drives/NAME; inputs and statusword are null before the first statusword."""
     heard = power_state_name(drive.power_state) != "unknown"
     return wire.DriveState(
         **head(stamp, seq),
@@ -276,7 +276,7 @@ def safety(
 
 @lru_cache(maxsize=len(Validity) ** 2)
 def _shown(validity: tuple[Validity, Validity]) -> tuple[bool, ...]:
-    """For each of the eight states, whether it may be published."""
+    """The states that may be published, as a flag for each of the eight."""
     return tuple(
         validity[index % 2] is Validity.OK
         or (validity[index % 2] is Validity.SPLIT_UNOBSERVABLE and index < _FIRST_SPLIT_INDEX)

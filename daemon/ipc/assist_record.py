@@ -9,7 +9,7 @@ class LegAssistRecord(msgspec.Struct, frozen=True, array_like=True):
     seq: int
     """`seq` of the newest accepted setpoint under the current lease; -1: none."""
     wanted: tuple[float, float]
-    """Assist of the newest setpoint, also after it has become stale: N·m, N."""
+    """Assist of the setpoint that is followed, or was until it became stale: N·m, N."""
     assist: tuple[float, float]
     """Assist in force, inside limit, rate and power: N·m, N."""
     stiffness_ratio: float

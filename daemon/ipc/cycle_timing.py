@@ -33,6 +33,6 @@ class CycleTiming(msgspec.Struct, frozen=True, array_like=True):
     """From SYNC to the last TPDO's arrival at this machine, by the kernel's timestamp; 0 if unknown
     (no answer, a bus without timestamps, the wall clock was set meanwhile)."""
     publish_ns: int = 0
-    """Of the previous cycle: its record into the ring, state file, systemd."""
+    """Duration in the previous cycle: record into the ring, state file, systemd."""
     overrun_by_part: tuple[int, ...] = (0,) * len(CyclePart)
     """`overrun_count` by the part that exceeded its time the most."""

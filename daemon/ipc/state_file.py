@@ -1,4 +1,4 @@
-"""Name and size of the core's state file, which are all that both processes know of it.
+"""Name and size of the core's state file, shared by core and gateway.
 
 The core writes it through a mapping (`core/runtime/state_file.py`); the gateway syncs it to the
 disk (`recorder/state_file_sync.py`).

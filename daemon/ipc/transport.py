@@ -450,7 +450,7 @@ class GatewaySeam:
         if self._ring is not known:
             found = self._forward(self._ring)
         # The socket's queue is short, and its wake-ups may be those of a previous core: they only
-        # tell that there is something to read. A record that is missing although a later one is
+        # show that there is something to read. A record that is missing although a later one is
         # there will not come.
         if not found and max(woken) > self._seq:
             newest = self._ring.newest_seq()

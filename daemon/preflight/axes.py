@@ -1,6 +1,6 @@
 """Meaning of each drive's settings at its joint, and the objects behind each number.
 
-For `gaitd check`. The EDS is read here and nowhere else in the service: bring-up asks the drive.
+For `gaitd check`. The EDS is read here and nowhere else in the service: bring-up reads the drive.
 """
 
 import math
@@ -64,7 +64,7 @@ class AxisMeaning(msgspec.Struct, frozen=True):
     """True: rad and N m; false: m and N. `_si` is in these units."""
     position_per_count: float
     effort_per_permille: float
-    """Effort per permille of 6071h, or per count of the drive's own unit."""
+    """Effort per permille of 6071h, or per step of the drive's own unit."""
     effort_per_ma: float
     """Effort per mA of motor current."""
     effort_limit_si: float
@@ -78,7 +78,7 @@ class AxisMeaning(msgspec.Struct, frozen=True):
     torque_sampling: str
     torque_limit: TorqueMeaning
     torque_limit_raw: int
-    """As it is written, in the drive's unit."""
+    """The limit as it is written, in the drive's unit."""
     target_torque: TorqueMeaning
     torque_bases: tuple[BaseMeaning, ...]
     gear_ratio: float

@@ -31,7 +31,7 @@ class Row:
     index: int
     sub: int
     value: int
-    """As it is written and read back."""
+    """The value as it is written and read back."""
     bounds: str
     key: str
 

@@ -52,7 +52,7 @@ class BrakingMeaning(msgspec.Struct, frozen=True):
     rotary: bool
     deceleration_si_per_s2: float
     required_si: float
-    """The largest, with the patient's effort, while the other axis brakes as hard as it can."""
+    """The largest, with the patient's effort, while the other axis brakes as its torque allows."""
     patient_si: float
     limit_si: float
     """The torque limit that is in the drive."""

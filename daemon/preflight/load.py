@@ -60,7 +60,7 @@ class _Reader:
         self._documents: dict[Path, Document] = {}
 
     def document(self, named_in: Path, key: str, name: str) -> Document:
-        """The file that `named_in` refers to; a missing one is reported as an error of `named_in`."""
+        """The file that `named_in` refers to; if missing, the error is reported for `named_in`."""
         path = _existing(named_in, key, name)
         if path not in self._documents:
             self._documents[path] = read_toml(path)

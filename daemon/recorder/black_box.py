@@ -13,7 +13,7 @@ record in a file is identified by its core and its number.
 Rings are read here from their oldest record on, whatever the rest of the gateway has read. So a
 gateway that was not running finds the stops of that time. One that starts after both processes died
 finds the ring of that core: at its place, or renamed by the core that has started since
-(`seam.ASIDE_NAME`); that file is removed when everything to keep is on the disk.
+(`transport.ASIDE_NAME`); that file is removed when everything to keep is on the disk.
 
 Nothing here waits or raises: each turn reads a bounded number of records, and the disk has a thread
 of its own. The core is never touched. Time is an argument.
@@ -107,7 +107,7 @@ class Window:
 
 
 class Listener(Protocol):
-    """Receiver of the present core's records; `request_log.RequestLog`."""
+    """Receiver of the present core's records; `audit_log.RequestLog`."""
 
     def core(self, boot_id: str, heard: bool) -> None:
         """A core was found, or its records stopped or arrive again."""

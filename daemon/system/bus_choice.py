@@ -1,4 +1,4 @@
-"""Choice of bus and clock from the configuration: the one place that knows of simulated time.
+"""Choice of bus and clock from the configuration: the one place that handles simulated time.
 
 `[bus] interface = "simulated"` is the bus of `gaitd sim`, which controls time; `channel` is the
 path of its socket. Every other interface is one of python-can, with the clock of this computer.
@@ -25,7 +25,7 @@ class BusChoice(NamedTuple):
     is_in_step: Callable[[], bool]
     """True if time is simulated now."""
     say_here: Callable[[], None]
-    """Tells the time server that this program is alive although it requests no time yet."""
+    """Notifies the time server that this program is alive although it requests no time yet."""
 
 
 def choose_bus(

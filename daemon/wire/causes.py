@@ -2,7 +2,7 @@
 
 All other categories are given by `limits.toml`. Doubtful feedback of an axis is S0 for that axis
 and S1 for the other, because an axis must never hold by an encoder that cannot be trusted; the
-table holds the category for the axis of the cause, `OTHER_AXES_CATEGORY` that of the rest.
+table `FIXED_CATEGORY` holds the category for the axis of the cause.
 """
 
 from typing import Final

@@ -8,7 +8,7 @@ its place, hold its token, or receive setpoints and with them the number of the 
 
 Rules:
 1. Every client may stop. A new role gets every row for EVERYBODY.
-2. A subscription may have any key expression, because only messages that leave are restricted. A
+2. A subscription may have any key expression, because only outgoing messages are restricted. A
    query may not: a wide key expression would be several requests in one.
 3. No key of an incoming message matches a key of an outgoing one.
 4. Links without a certificate cannot be distinguished: all of them have the role EVERYBODY.
