@@ -15,7 +15,7 @@ Ends of an outstanding request:
 
 Stop counts: the gateway state carries `stop_count`; any increase stops. The count never falls. A
 gateway that has just started sends no state before it has read the core's count and continues
-from there: a smaller one would hide the next stop, a larger one would be a stop. Only a stop that is
+from there: a smaller one would hide the next stop, a larger one would be a stop. Only a stop
 requested before that is sent at once, and again above the core's count when that is known.
 """
 

@@ -35,7 +35,7 @@ class Worker:
         while True:
             try:
                 self._work()
-            except Exception as bug:  # noqa: BLE001 - reported and logged; the thread goes on
+            except Exception as bug:  # noqa: BLE001 - reported and logged; restarted if wanted
                 what = f"unexpected {type(bug).__name__}: {bug}"
                 self._log.exception("thread %s has ended by a bug", self._name)
                 if self._ended(what):
