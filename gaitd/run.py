@@ -29,7 +29,7 @@ def command(
 
 
 class _Supervisor:
-    """Starts core and gateway; ends with the core, with its exit code, and restarts a dead gateway.
+    """Ends with the core, with its exit code; restarts a gateway that has ended.
 
     While the gateway is away the core stops the machine and holds it. The gateway's return enables
     no drive again.
