@@ -2,7 +2,7 @@
 
 Its model is either plain Python, as its users write it, or one compiled call for each sigma point.
 Spread (n + kappa = 3), noise and substeps are the observer's. The integrator is RK4, because with
-the other one FilterPy's covariance stops being positive definite after a few steps.
+the semi-implicit one FilterPy's covariance stops being positive definite after a few steps.
 """
 
 import cmath

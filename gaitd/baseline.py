@@ -1,4 +1,4 @@
-"""`gaitd baseline`: passive torque and force of a relaxed patient, recorded once."""
+"""`gaitd baseline`: estimated torque and force of a passive patient, recorded once."""
 
 import sys
 from pathlib import Path

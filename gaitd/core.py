@@ -21,7 +21,7 @@ def command(
 ) -> None:
     """Run the core alone; `gaitd run` starts it together with the gateway."""
     # Set before numpy and scipy are loaded. Each would start threads, and the real-time thread
-    # could wait for one of these, which have no priority. The largest matrix here is 8 by 24.
+    # could wait for one without priority. The largest matrix here is 8 by 24.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     from daemon.config.strict import ConfigError
     from daemon.config.trainer import SIMULATED

@@ -1,4 +1,4 @@
-"""`gaitd doctor`: what this machine supports of gaitd's needs, with a remedy for each lack."""
+"""`gaitd doctor`: whether this machine meets gaitd's needs, with a remedy for each lack."""
 
 import json as json_text
 from typing import Annotated, Final

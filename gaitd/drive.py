@@ -1,4 +1,4 @@
-"""`gaitd drive NAME dump|compare|store|restore`: service one drive's object dictionary.
+"""`gaitd drive NAME dump|compare|store|restore`: one drive's objects and stored parameters.
 
 dump and compare only read, one object at a time and paced, and may run beside a service. store and
 restore are refused while another master or SDO client uses the bus, or while the drive has power.

@@ -1,4 +1,4 @@
-"""`gaitd drive NAME store` and `restore`: only on request, and only with no other bus master."""
+"""`gaitd drive NAME store` and `restore`: only on request, with no other master or SDO client."""
 
 import sys
 from typing import TYPE_CHECKING, Final

@@ -10,7 +10,7 @@ class Grade(Enum):
 
     GOOD = "good"
     LIMITED = "limited"
-    """Works with the stated limit: fine for a desk, not with a patient in the machine."""
+    """Works with the stated limit: fine for a desk, not with a person in the machine."""
     MISSING = "missing"
     """Features that need it do not work here; all others do."""
     BROKEN = "broken"

@@ -169,7 +169,7 @@ def _moves(mode: Mode) -> bool:
 
 
 def _refusals() -> Iterator[tuple[str, ...]]:
-    """Refusals that differ from the reply to the same request with nothing wrong."""
+    """Refusals by the guard: with nothing wrong, and those that one wrong thing adds or changes."""
     for name, (kind, wanted) in ASKS.items():
         event = event_of(kind, wanted)
         for mode in (mode for mode in Mode if (mode, event) in TRANSITIONS):

@@ -108,7 +108,7 @@ def ask(target: Target, name: str, payload: dict[str, Any]) -> Answer:
         replies = session.get(selector, payload=json.dumps(payload), timeout=ANSWER_TIMEOUT_S)
         for reply in replies:
             sample = reply.ok or reply.err
-            # Zenoh reports its own timeout as an error reply, without an encoding of ours.
+            # Zenoh reports its own timeout as an error reply that is not encoded as JSON.
             if sample is not None and str(sample.encoding).startswith("application/json"):
                 return Answer(sample.payload.to_string())
     finally:

@@ -1,4 +1,4 @@
-"""`gaitd replay`: run the observer over a recorded file, faster than real time."""
+"""`gaitd replay`: run the observer over a recorded file, as fast as possible."""
 
 import io
 import math

@@ -152,7 +152,7 @@ class _Part:
         self._machine: Machine | None = None
 
     def warm_up(self) -> None:
-        """Compile the plant's numerical code, before any clock runs."""
+        """Compile the plant's code with a separate virtual machine, before the run begins."""
         from gaitd_lab.virtual_machine import virtual_machine
 
         if self._with_drives:

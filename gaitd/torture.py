@@ -22,8 +22,8 @@ def command(
     """Fuzz the service in lock-step until the time is over, or an invariant is broken.
 
     No part of the service runs in real time. Each session has the seed after the one before, and
-    with it other drives, another guidance, or an empty machine. Exit code 0 only if no invariant
-    was broken; otherwise the last seconds and the command that repeats them are printed.
+    with it another make of drives, another guidance, or an empty machine. Exit code 0 only if no
+    invariant was broken; otherwise the last seconds and the command that repeats them are printed.
     """
     from daemon.config.strict import ConfigError
     from gaitd.places import configs_folder

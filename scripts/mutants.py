@@ -32,7 +32,7 @@ from typing import NamedTuple
 PROJECT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(PROJECT), str(PROJECT / "scripts")]
 sys.dont_write_bytecode = False
-sys.pycache_prefix = str(PROJECT / ".venv" / "pycache")  # each process would compile the tests anew
+sys.pycache_prefix = str(PROJECT / ".venv" / "pycache")  # otherwise each process compiles the tests
 SURVIVORS = PROJECT / ".venv" / "mutants.json"
 """Survivors of the last run. `--again` tests only these, while the mutated files stay the same."""
 EQUIVALENTS = PROJECT / "docs" / "mutants.md"
