@@ -1,4 +1,4 @@
-"""`gaitd bench`: the project's benchmarks, as ratios in one run, each beside its budget."""
+"""`gaitd bench`: the project's benchmarks, as ratios in one run, each with its budget."""
 
 import importlib.util
 import json as json_text
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from benchmarks.observer_step import StepTimes
 
 PLAIN_WIDTH = 120
-"""Of tables that go to a file."""
+"""Columns of tables that are written to a file."""
 
 
 def command(
@@ -28,7 +28,7 @@ def command(
         list[str] | None, typer.Option(help="one of the benchmarks, by name; may be repeated")
     ] = None,
 ) -> None:
-    """Measure step and growth, parts of a cycle, SYNC, replay, start, delivery, and a peer.
+    """Run the benchmarks: observer step, scaling, cycle, SYNC lateness, replay, service, peers.
 
     Names: observer_step, scaling, cycle, lateness, lateness_under_load,
     replay, service, peers.
@@ -59,7 +59,7 @@ def command(
 def _measures(
     configs: Path, seconds: float
 ) -> "dict[str, Callable[[], tuple[object, Table | list[Table] | str]]]":
-    """What is measured, in the order of the output: the result, and its table."""
+    """Benchmarks by name in the order of the output; each returns its result and its table."""
     return {
         "observer_step": lambda: _steps(configs),
         "scaling": lambda: _scaling(configs),
@@ -73,7 +73,7 @@ def _measures(
 
 
 def _steps(configs: Path) -> "tuple[tuple[StepTimes, ...] | str, Table | str]":
-    """By `benchmarks/` of the repository; a word where it is not."""
+    """Measure the observer's step with `benchmarks/`; a text if that folder is not installed."""
     from gaitd_lab.benchmark import tables
 
     title = "the observer's step, against hand-written C and FilterPy"
@@ -126,7 +126,7 @@ def _service(configs: Path, seconds: float) -> "tuple[object, list[Table]]":
 
 
 def _peers(configs: Path, seconds: float) -> "tuple[object, list[Table] | str]":
-    """By `benchmarks/` of the repository; a word where it is not."""
+    """Measure other CANopen masters with `benchmarks/`; a text if that folder is not installed."""
     from gaitd_lab.benchmark.peers import EMERGENCY_COUNT, PEER, ROUND_COUNT, measure
 
     title = "masters of the same virtual drives"

@@ -19,9 +19,9 @@ def command(
         ),
     ] = False,
 ) -> None:
-    """The core alone; `gaitd run` starts it together with the gateway."""
-    # Before numpy and scipy are loaded: each would start threads, and the real-time thread could
-    # come to wait for one that has no priority. Our largest matrix is 8 by 24.
+    """Run the core alone; `gaitd run` starts it together with the gateway."""
+    # Set before numpy and scipy are loaded. Each would start threads, and the real-time thread
+    # could wait for one without priority. The largest matrix here is 8 by 24.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     from daemon.config.strict import ConfigError
     from daemon.config.trainer import SIMULATED

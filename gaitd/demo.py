@@ -1,6 +1,6 @@
 """`gaitd demo`: virtual drives, service and a scripted patient; a live view; the errors at the end.
 
-What is played, shown and judged is in `gaitd_lab/demonstration/`.
+`gaitd_lab/demonstration/` holds the scenes, the view and the checks of the errors.
 """
 
 import signal
@@ -41,7 +41,7 @@ def command(
         bool, typer.Option("--wall-clock", help="by the computer's clock: shows its lateness")
     ] = False,
 ) -> None:
-    """Play gait without and with the patient, then the paper's experiment; judge the errors."""
+    """Play gait without and with the patient, then the paper's experiment; check the errors."""
     from gaitd.places import configs_folder
     from gaitd_lab.demonstration.performance import Performance
     from gaitd_lab.demonstration.picture import draw
@@ -77,7 +77,7 @@ def _refuse(pace: str, *, wall_clock: bool) -> None:
 
 
 def _interrupt(_signal: int, _frame: FrameType | None) -> None:
-    """SIGTERM ends a demonstration as Ctrl-C does: orderly."""
+    """Handle SIGTERM like Ctrl-C, so that the demonstration shuts down in order."""
     raise KeyboardInterrupt
 
 
@@ -90,7 +90,7 @@ def _watch(configs: Path, plan: "Plan", tempo: "Tempo") -> "Results":
     with Live(screen=True, auto_refresh=False) as live:
 
         class Pictures:
-            """The live view, redrawn a few times a second."""
+            """Live view, redrawn at most once per `DRAWN_EVERY_S`."""
 
             drawn_s = 0.0
 
@@ -100,13 +100,13 @@ def _watch(configs: Path, plan: "Plan", tempo: "Tempo") -> "Results":
                     live.update(picture(moment, *live.console.size), refresh=True)
 
             def scene(self, scene: "Scene") -> None:
-                """The next picture shows it."""
+                """Do nothing: the next picture shows the scene."""
 
         return Performance(configs, plan, Pictures(), tempo).play()
 
 
 class _Lines:
-    """Plain lines: the scenes, and about one line a second of what is seen."""
+    """Plain output: each scene's title, and about one line per second of the current values."""
 
     def __init__(self) -> None:
         self._said_s = 0.0

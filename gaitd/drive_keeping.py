@@ -1,4 +1,4 @@
-"""`gaitd drive NAME store` and `restore`: on request only, of a drive that nobody works with."""
+"""`gaitd drive NAME store` and `restore`: only on request, with no other master or SDO client."""
 
 import sys
 from typing import TYPE_CHECKING, Final
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from gaitd.drive import Options
 
 RECHECK_NS: Final = 300_000_000
-"""After the question was answered: a person takes a minute, and a service may have started."""
+"""Time to listen again after the operator has confirmed: a service may have started meanwhile."""
 
 WHAT: Final = {
     Keeping.STORE: "overwrites what it has stored with what it holds now (1010h:01)",
@@ -48,12 +48,12 @@ def keep(
     witness: "Witness",
     master_node_id: int,
 ) -> int:
-    """Check, ask, check again, do it.
+    """Check bus and drive, ask for confirmation, check both again, then store or restore.
 
     Returns: the exit code.
 
     Raises:
-        ConfigError: there is nobody to ask, and no --yes.
+        ConfigError: there is no terminal for the confirmation, and no --yes.
         BringUpRefused, DriveSilent, BusError: as `drives/service/parameters.py`.
     """
     keeping, port = Keeping[action], Configurator(bus, clock)

@@ -1,4 +1,4 @@
-"""`gaitd drive NAME dump` and `compare`: what a drive holds, and where it should hold another."""
+"""`gaitd drive NAME dump` and `compare`: read one drive's objects, or compare them."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -37,10 +37,10 @@ EDS_DEFAULT: Final = "EDS default"
 
 
 def refuse_company(plan: "DrivePlan", witness: Witness) -> None:
-    """Two SDO clients at one drive break each other's transfers.
+    """Refuse to read beside another SDO client: both would break each other's transfers.
 
     Raises:
-        DriveSilent: somebody else reads or writes its objects now.
+        DriveSilent: another client reads or writes the drive's objects now.
     """
     name, node_id = plan.description.name, plan.description.node_id
     if witness.node(node_id).foreign_request_count:
@@ -49,7 +49,7 @@ def refuse_company(plan: "DrivePlan", witness: Witness) -> None:
 
 
 def dump(plan: "DrivePlan", options: "Options", bus: "Bus", clock: "Clock") -> int:
-    """Read all that can be read; print it, or write it to a file.
+    """Read all readable objects; print them, or write them to a file.
 
     Returns: the exit code.
     """
@@ -73,7 +73,7 @@ def dump(plan: "DrivePlan", options: "Options", bus: "Bus", clock: "Clock") -> i
 
 
 def compare(plan: "DrivePlan", options: "Options", bus: "Bus", clock: "Clock") -> int:
-    """Read what is to be compared and print where it differs.
+    """Read the objects to be compared and print those that differ.
 
     Returns: the exit code.
     """
@@ -123,7 +123,7 @@ def _values(
 
 @contextmanager
 def _operators_file() -> Generator[None]:
-    """A file that cannot be used is the operator's matter.
+    """Convert an unusable file into a configuration error, since the operator named the file.
 
     Raises:
         ConfigError: in place of DescriptionError.
@@ -150,7 +150,7 @@ def _write(
         raise ConfigError("command line", "--output", path, allowed) from error
 
 
-# --- words ----------------------------------------------------------------------------------------
+# --- text -----------------------------------------------------------------------------------------
 
 
 def _title(plan: "DrivePlan") -> str:

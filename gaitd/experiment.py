@@ -18,11 +18,11 @@ SCENARIO: Final = "paper"
 DELAY: Final = "delay"
 SHORTEST_S: Final = 1.0
 PLAIN_WIDTH: Final = 120
-"""Of a table that goes to a file."""
+"""Columns of a table that is written to a file."""
 
 
 class Law(Enum):
-    """Friction of the plant: `paper`, as the observer has it, or one that it does not know."""
+    """Friction law of the plant: `paper`, as the observer models it, or another one."""
 
     PAPER = "paper"
     PAPER_STICKING = "paper_sticking"
@@ -74,7 +74,7 @@ def command(
 
 
 def _experiment(stage: "Stage", seconds: float, output: Path) -> str:
-    """Play, print, draw; what went wrong, or nothing."""
+    """Play the scenario, print and draw its results; return the trouble, or an empty text."""
     with _progress() as told:
         played = stage.play(SCENARIO, seconds, told("the paper's scenario", seconds))
         delays = _delays(stage, played.run, told)
@@ -94,7 +94,7 @@ def _experiment(stage: "Stage", seconds: float, output: Path) -> str:
 
 
 def _delays(stage: "Stage", run: "Run", told: "Told") -> "tuple[Delay, Delay] | str":
-    """Measured from the scenario for it, if the trainer file has one; else why not."""
+    """Measure the delays in the delay scenario, or in `run` if there is none; else why not."""
     from analysis.delay import measure
     from analysis.recording import Recording, RecordingError
     from gaitd_lab.excitation import NotPlayedError
@@ -182,7 +182,7 @@ Told = Callable[[str, float], Callable[[float], None]]
 
 @contextmanager
 def _progress() -> Generator[Told]:
-    """One bar for each scenario, in simulated seconds; only on a terminal."""
+    """Progress bar for each scenario, in simulated seconds, shown only on a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 

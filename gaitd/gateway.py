@@ -1,4 +1,4 @@
-"""`gaitd gateway`: the half of the service that a network can reach."""
+"""`gaitd gateway`: the process of the service that serves the network."""
 
 import os
 import signal
@@ -18,7 +18,7 @@ EXIT_CONFIGURATION: Final = 2
 def command(
     config: Annotated[Path, typer.Option("--config", help="Trainer file.", dir_okay=False)],
 ) -> None:
-    """Zenoh, events and requests of the service; ends with SIGTERM, exit code 0."""
+    """Run Zenoh, events and requests of the service until SIGTERM; exit code 0."""
     from contextlib import closing
 
     import zenoh
@@ -72,7 +72,7 @@ def command(
 
 
 class _Ending:
-    """Whether SIGTERM or SIGINT has come."""
+    """Flag that SIGTERM or SIGINT sets."""
 
     def __init__(self) -> None:
         self._asked = False

@@ -1,4 +1,4 @@
-"""`gaitd matrix`: every fault in every mode on both axes, in lock-step, judged and written down."""
+"""`gaitd matrix`: every fault in every mode on both axes, in lock-step, checked and documented."""
 
 import os
 import sys
@@ -28,7 +28,7 @@ def command(
     jobs: Annotated[int, typer.Option(min=1, help="processes at the same time")] = JOBS_MAX,
     json: Annotated[bool, typer.Option("--json", help="every cell as one JSON object")] = False,
 ) -> None:
-    """Play the cells and judge them. Exit 0 only if each of them keeps every law, else 1."""
+    """Run the cells of the fault matrix. Exit code 0 only if each keeps every law, else 1."""
     from gaitd.places import configs_folder
     from gaitd_lab.fault_matrix.judgement import broken
     from gaitd_lab.fault_matrix.page import command as again
@@ -54,7 +54,7 @@ def command(
 
 
 SHOWN_MAX = 200
-"""More cells than these are for a page."""
+"""Largest number of cells printed; more cells need a page (--output)."""
 
 
 def _check_names(faults: list[str], modes: list[str], axis: str) -> None:
@@ -75,7 +75,7 @@ def _check_names(faults: list[str], modes: list[str], axis: str) -> None:
 
 
 def _played(trainer: Path, wanted: "list[Cell]", seed: int, jobs: int) -> "list[Found]":
-    """All cells in the order asked for; on a terminal with its progress."""
+    """Run the cells and return them in the order of `wanted`, with progress on stderr."""
     from rich.console import Console
     from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
 

@@ -25,7 +25,7 @@ def command(
     trainer: TrainerOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Choose what the enabled leg does: hold, gait (announced 3 s ahead), excite, hand_guiding."""
+    """Choose the enabled leg's mode: hold, gait (announced 3 s ahead), excite, hand_guiding."""
     payload: dict[str, Any] = {
         "mode": name,
         "cadence_hz": cadence,

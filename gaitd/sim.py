@@ -1,7 +1,7 @@
 """`gaitd sim`: the virtual drives of a configuration on its bus.
 
-On a simulated bus it owns time (`sim_drives/time/server.py`). On any other, and with
-`--wall-clock`, the drives go by the computer's clock (`sim_drives/time/wall_clock.py`).
+On a simulated bus this process provides the time (`sim_drives/time/server.py`). On any other bus,
+and with `--wall-clock`, the drives use the computer's clock (`sim_drives/time/wall_clock.py`).
 """
 
 import contextlib
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from sim_drives.world import EmptyWorld, World
 
 FIFO_PRIORITY = 40
-"""A drive's firmware is real-time, too; below the service's core, and only where it is granted."""
+"""SCHED_FIFO where permitted, as a drive's firmware is real-time, too; below the service's core."""
 WARM_UP_NS = 20_000_000
 NS_PER_S = 1_000_000_000
 BUS_LOST = 4
@@ -73,7 +73,7 @@ def command(
         ),
     ] = None,
 ) -> None:
-    """The virtual drives of that configuration, until SIGTERM or Ctrl-C."""
+    """Run the virtual drives of a configuration until SIGTERM or Ctrl-C."""
     from daemon.config.trainer import SIMULATED, load_trainer
 
     trainer = load_trainer(config)
@@ -108,7 +108,7 @@ def command(
 
 
 class _End:
-    """Whether it is over: by signal, or by the time of the virtual drives."""
+    """End condition: SIGTERM, SIGINT, or a duration in the time of the virtual drives."""
 
     def __init__(self) -> None:
         self._asked = False
@@ -118,7 +118,7 @@ class _End:
         signal.signal(signal.SIGINT, self._ask)
 
     def at(self, running: "TimeServer | RealTime", duration_s: float | None) -> None:
-        """End by itself after so long, from now."""
+        """End the run `duration_s` seconds from now; never for None."""
         self._running = running
         if duration_s is not None:
             self._end_ns = running.now_ns + round(duration_s * NS_PER_S)
@@ -134,7 +134,7 @@ class _End:
 
 
 class _Part:
-    """The machine of a configuration, built when the first time of its clock is known."""
+    """Virtual machine of a configuration, built once the first time of its clock is known."""
 
     def __init__(
         self,
@@ -152,7 +152,7 @@ class _Part:
         self._machine: Machine | None = None
 
     def warm_up(self) -> None:
-        """Compile what the plant computes with, on no clock."""
+        """Compile the plant's code with a separate virtual machine, before the run begins."""
         from gaitd_lab.virtual_machine import virtual_machine
 
         if self._with_drives:
@@ -160,7 +160,7 @@ class _Part:
         gc.freeze()
 
     def build(self, start_ns: int) -> "World | EmptyWorld":
-        """Switch the machine on."""
+        """Switch the virtual machine on; without drives, return an empty world."""
         from gaitd_lab.virtual_machine import virtual_machine
         from sim_drives.world import EmptyWorld
 
@@ -177,14 +177,14 @@ class _Part:
 
     @property
     def on_silence(self) -> Callable[[int], None] | None:
-        """Notes the truth while no SYNC comes, where that is wanted."""
+        """Function that logs the true state while no SYNC arrives; None if not wanted."""
         return self._machine.note_truth if self._machine and self._with_truth else None
 
     def obey(self, line: str) -> str:
-        """A command to the virtual drives.
+        """Run a command for the virtual drives and return its reply.
 
         Raises:
-            FaultCommandError: it makes no sense, or there are none.
+            FaultCommandError: the command is invalid, or there are no virtual drives.
         """
         from sim_drives.faults.script import FaultCommandError
 
@@ -220,7 +220,7 @@ def _refuse_foreign(
 
 
 def _missing(trainer: "TrainerFile", names: list[str], *, no_drives: bool) -> frozenset[str]:
-    """The drives that others stand in for, checked."""
+    """Drives that the virtual machine leaves out, checked against the plant's drives."""
     from daemon.config.strict import ConfigError
     from gaitd_lab.virtual_machine import load_plant
 
@@ -237,7 +237,7 @@ def _missing(trainer: "TrainerFile", names: list[str], *, no_drives: bool) -> fr
 def _truth_logs(
     trainer: "TrainerFile", truth: Path | None, ending: contextlib.ExitStack
 ) -> "dict[str, TruthLog]":
-    """One file for each leg; with two legs, `_right` and `_left` become part of the name."""
+    """One log file for each leg; with two legs, `_right` and `_left` become part of the name."""
     from daemon.config.strict import ConfigError
     from gaitd_lab.virtual_machine import load_plant
     from sim_drives.plant.truth import TruthLog
@@ -277,7 +277,7 @@ def _simulated(
     with _channel_errors(part.trainer):
         served = ending.enter_context(bus_server(channel))
         page = PageWriter(page_path(channel))
-    # At a whole second, so that cycles fall on the same instants of the world on each run.
+    # Start at a whole second, so that cycles fall on the same instants of the world in each run.
     world = part.build(-(-max(now_ns(), page.left_ns) // NS_PER_S) * NS_PER_S)
     server = TimeServer(
         world,

@@ -1,4 +1,4 @@
-"""`gaitd soak`: an hour of gait by the real processes, with faults drawn from a seed."""
+"""`gaitd soak`: an hour of gait with the real processes, and faults drawn from a seed."""
 
 import sys
 from pathlib import Path
@@ -25,10 +25,10 @@ def command(
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="print one JSON object")] = False,
 ) -> None:
-    """Virtual drives, core and gateway in simulated time, with faults, until the time is over.
+    """Run virtual drives, core and gateway in simulated time, with faults, until the time is over.
 
-    Exit code 0 only if every stop is explained, nothing ended by itself, the machine always walked
-    again, and memory kept to its budget.
+    Exit code 0 only if every stop was expected and none was missing, no process ended by itself,
+    gait resumed after every stop, and memory kept to its budget.
     """
     import json as json_text
 
@@ -61,7 +61,7 @@ def command(
 
 
 class _progress:  # noqa: N801 - used as a function
-    """A bar on a terminal; elsewhere a line a minute, both on stderr."""
+    """A progress bar on a terminal, else a line a minute; both on stderr."""
 
     def __init__(self, total_s: float) -> None:
         from rich.console import Console
