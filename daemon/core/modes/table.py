@@ -7,7 +7,8 @@ Rules:
    REFERENCE and COMMISSION in READY, which need the empty machine. Enabling, resetting a fault and
    enabling again are three requests. A restart, a drive's reboot or a cause that has disappeared
    never enables a drive.
-3. A stop has no guard: every mode in which a leg is moved has a row for it.
+3. A stop has no guard: every mode has a row for it, except where no drive is enabled or a stop is
+   already under way.
 4. A stop with a verdict ends in FAULT and stays there until RESET, also across a restart; DISABLE
    ends in READY.
 5. TORQUE needs a lease that is held, and drives in torque mode. A lease that lapses, or setpoints
