@@ -4,8 +4,8 @@ There is no stiffness: the drives carry g(q) at the present pose and damp the mo
 small up to the speed at which a hand leads a leg, and larger beyond it. In the margins before the
 ends of the range the larger damping begins at lower speeds, and a spring leads back in, as it does
 before the stretched pose. None of these efforts steps. Friction holds a leg that is let go. Above
-its own speed limit the machine stops, and also when the hand switch opens, as in any mode. Hand
-guiding begins once the drives are in torque mode and ends after its time: then the leg is held
+the speed limit of this mode the machine stops, and also when the hand switch opens, as in any mode.
+Hand guiding begins once the drives are in torque mode and ends after its time: then the leg is held
 where it is.
 """
 

@@ -68,7 +68,7 @@ class Wishes:
         signal.signal(signal.SIGHUP, self._ask_reload)
 
     def wait(self) -> None:
-        """From now on a request to end no longer exits at once, because drives may move."""
+        """Stop exiting at once on a request to end, because drives may move from now on."""
         self._waits = True
 
     def end(self) -> bool:

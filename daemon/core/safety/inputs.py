@@ -53,7 +53,7 @@ class AxisSituation:
     stride_drift_si: float
     """Mean effort residual over the last stride; 0 while no whole stride is known."""
     stopping_end_si: float
-    """Where the axis comes to rest if it brakes now."""
+    """Position at which the axis comes to rest if it brakes now."""
     spasm_cycles: int
     """Duration of a spasm, in which the patient works against the motion; 0: none."""
     spasm_rise_si: float

@@ -77,7 +77,7 @@ def axis_named(core: Core, name: str) -> Axis | None:
     return next((axis for axis in core.axes if axis.name == name), None)
 
 
-# --- asked for ------------------------------------------------------------------------------------
+# --- request --------------------------------------------------------------------------------------
 
 
 def refusal(core: Core, wanted: ModeRequest) -> str:
@@ -138,7 +138,7 @@ def bring_up_anew(core: Core) -> None:
     """Drop the drives, so that the loop brings them up again with the limits needed next."""
     core.drives = None
     enter(core, Event.BRING_UP_ANEW)
-    latching.clear(core)  # only out of READY, where nothing is latched
+    latching.clear(core)  # called only in READY, where no verdict is latched
 
 
 # --- time -----------------------------------------------------------------------------------------
