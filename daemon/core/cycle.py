@@ -50,7 +50,7 @@ from observer.mechanism.mechanism import ratio_and_load
 def step(
     core: Core, frames: Sequence[Frame], levels: Sequence[Level], tick: Tick
 ) -> tuple[list[Frame], CycleRecord]:
-    """One cycle with the drives: everything between the TPDOs of a SYNC and the RPDOs after it."""
+    """Run one cycle with drives: from the TPDOs of a SYNC to the RPDOs that follow them."""
     drives = core.drives
     if drives is None:
         raise RuntimeError("a cycle needs drives that have been brought up")
@@ -70,10 +70,10 @@ def step(
 
 
 def rest(core: Core, levels: Sequence[Level], tick: Tick) -> CycleRecord:
-    """One cycle without drives: nothing to sense and nothing to send, but heard and told."""
+    """Run one cycle without drives: gateway states are read and a record is written."""
     for axis in core.axes:
         if axis.feedback is not None:
-            # Told once, in the cycle that heard it; the drive itself is not asked any more.
+            # Each EMCY is recorded once, in its own cycle; no new sample replaces this one.
             axis.feedback = replace(axis.feedback, news=())
     orders = inputs.hear(core, levels, tick.cycle)
     controllers.hear(core, tick.cycle)
@@ -84,10 +84,10 @@ def rest(core: Core, levels: Sequence[Level], tick: Tick) -> CycleRecord:
 
 
 def react(core: Core, frames: Sequence[Frame], tick: Tick) -> list[Frame]:
-    """Between two windows: what came is fed, and an alarm is answered at once by all drives.
+    """Process frames between two windows and stop all drives at once if one sent an alarm.
 
-    Only what makes the stop harsher is answered: a drive may answer our frame with its next EMCY
-    (8220h after its own reset), and the two of us would go on without end.
+    Frames are sent only if the stop of an axis became harsher. Otherwise a drive that answers each
+    frame with another EMCY (8220h after its own reset) would cause an endless exchange.
     """
     drives = core.drives
     if drives is None or not drives.feed_between(frames, tick.sync_ns):
@@ -108,7 +108,7 @@ def react(core: Core, frames: Sequence[Frame], tick: Tick) -> list[Frame]:
 
 
 def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
-    """What each joint does, and whether its drive is where it should be."""
+    """Update the joints from the drive samples, and check their references and drive states."""
     for axis, feedback in zip(core.axes, feedbacks, strict=True):
         _tell_overdue(core, axis, feedback)
         axis.feedback = feedback
@@ -117,7 +117,7 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
         if lost and axis.referenced:
             axis.referenced, axis.unreferenced_why = False, lost
             core.events.append(f"{axis.name}: not referenced any more, {lost}")
-        # A drive that is not heard may have lost its power, and with it its home.
+        # A silent drive may have lost its power, and with it its home position.
         silent = feedback.sample_age_cycles > core.config.thresholds.sample_age_max_cycles
         axis.homed = axis.homed and axis.referenced and not silent
         _count_readiness(core, axis, feedback)
@@ -137,13 +137,13 @@ def _tell_overdue(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
 
 
 def _measured(core: Core, axis: Axis, feedback: DriveFeedback, tick: Tick) -> joints.Joint:
-    # Once home is found positions count from another origin: no motion leads there.
+    # Homing moves the origin of the position: that step must not count as motion.
     before = joints.Joint() if commissioning.finds_home(core, axis, feedback) else axis.joint
     return joints.measure(before, feedback, axis.scaling, tick.sync_ns)
 
 
 def _reference_lost(core: Core, axis: Axis, feedback: DriveFeedback) -> str:
-    """Why the axis does not know its position any more; empty while it does."""
+    """The reason why the position of an axis is no longer valid; empty while it is valid."""
     if feedback.rebooted:
         return "its drive has rebooted"
     if feedback.reference_lost:
@@ -175,11 +175,11 @@ def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
 _OFF = frozenset(
     {PowerState.NOT_READY_TO_SWITCH_ON, PowerState.SWITCH_ON_DISABLED, PowerState.FAULT}
 )
-"""No single controlword leads from here to power, so none of ours that is still on its way does."""
+"""States from which no single controlword enables power, so a delayed controlword cannot either."""
 
 
 def _place(leg: Leg) -> None:
-    """Where the mechanism is by the raw encoders: load that holds it, distance to singularity."""
+    """Compute holding load, singularity ratio and tracking error of a leg from raw encoders."""
     hip, slide = leg.axes
     if not all(axis.joint.known and axis.referenced for axis in leg.axes):
         leg.singularity_ratio = 1.0
@@ -198,7 +198,7 @@ def _place(leg: Leg) -> None:
 
 
 def observe(core: Core, tick: Tick) -> None:
-    """Feed each leg's observer with this cycle's samples; what did not come is NaN."""
+    """Feed each leg's observer with this cycle's samples; a missing sample is NaN."""
     for leg in core.legs:
         hip, slide = leg.axes
         leg.artificial = leg_plan.artificial(leg)
@@ -232,7 +232,10 @@ def observe(core: Core, tick: Tick) -> None:
 
 
 def _start_observer(leg: Leg) -> bool:
-    """Begin at the measured pose; a pose that no leg can have is refused, and enabling with it."""
+    """Start the observer at the measured pose; False if that pose is impossible.
+
+    Without an observer the drives cannot be enabled.
+    """
     try:
         leg.observer.reset(leg.measured)
     except PoseError:
@@ -246,7 +249,7 @@ def _sampled_si(axis: Axis) -> float:
 
 
 def judge(core: Core, orders: inputs.Orders, tick: Tick) -> tuple[Verdict, ...]:
-    """Gather what safety looks at, and let it judge; the harshest verdict first."""
+    """Collect the safety inputs and run the safety checks; the harshest verdict is first."""
     drives = core.drives
     service = ServiceSituation(
         stop_requested=orders.stop,

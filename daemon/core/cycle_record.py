@@ -1,4 +1,4 @@
-"""The record of one cycle from the state of the core; nothing is computed here that decides."""
+"""Build the record of one cycle from the core's state; nothing here affects control."""
 
 from collections.abc import Callable
 
@@ -28,11 +28,14 @@ NAN = float("nan")
 NS_PER_MS = 1_000_000
 EVENTS_MAX = 8
 EVENT_LENGTH_MAX = 160
-"""In bytes. A record has a slot of fixed size; what is left over goes with the next one."""
+"""Maximum length of an event in bytes.
+
+A record has a slot of fixed size; events beyond `EVENTS_MAX` are put into the next record.
+"""
 
 
 def record(core: Core, tick: Tick) -> CycleRecord:
-    """Everything that this cycle knew, decided and sent; takes events with it."""
+    """Build the record of this cycle; recorded events are removed from the core's list."""
     core.seq += 1
     events = tuple(clipped(event, EVENT_LENGTH_MAX) for event in core.events[:EVENTS_MAX])
     core.events = core.events[EVENTS_MAX:]
@@ -87,7 +90,7 @@ def _phase(leg: Leg) -> float:
 
 
 def _drive(axis: Axis, age_max_cycles: int) -> DriveRecord:
-    """What is known of a drive; a sample that is too old is no longer knowledge."""
+    """The record of one drive; values of a sample that is too old are left out."""
     feedback, joint = axis.feedback, axis.joint
     if feedback is None:
         return _unseen(axis.name)
@@ -134,7 +137,7 @@ def _emergency(emergency: Emergency, repeated: bool) -> EmergencyRecord:
 
 
 def _unseen(name: str) -> DriveRecord:
-    """A drive of which nothing has been seen since its bring-up, or that has had none."""
+    """The record of a drive without any sample since bring-up, or without a bring-up."""
     return DriveRecord(
         name=name,
         nmt_state=NmtState.UNKNOWN,

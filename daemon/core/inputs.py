@@ -1,13 +1,15 @@
-"""What the gateway asks for: read from all waiting levels, the stop counts first of all.
+"""Gateway states received in a cycle are reduced to a stop, a request and setpoints.
 
 Rules:
-1. A stop counts from anybody: any level that says a higher count than is known stops.
-2. The rest counts from a level of this core's own gateway that is newer than all before, by `seq`,
-   and answers a cycle that has been. So a datagram that arrives again asks for nothing again.
-3. A level's age counts from the cycle that it answers, not from its arrival.
-4. A request is new if its id is higher than that of every request before.
-5. What is known of the count follows a newer level down, too: a gateway that counts lower stops
-   with its next one. An older level, or that of another core, only ever raises it.
+1. Every received gateway state can stop: a stop count above the known one is a stop.
+2. All other fields are used only from a gateway state that is addressed to this core
+   (`core_boot_id`), has a higher `seq` than all before, and refers to a cycle that has started.
+   A datagram that is received twice therefore has no effect the second time.
+3. The age of a gateway state is counted from the cycle it refers to, not from its arrival.
+4. A request is new if its id is higher than the id of every earlier request.
+5. The known stop count is also lowered by a newer gateway state, so that the next stop of a
+   gateway that counts lower has an effect. An older gateway state, or one for another core, can
+   only raise it.
 """
 
 from collections.abc import Sequence
@@ -18,22 +20,22 @@ from daemon.ipc.record import Level, Request
 
 
 class Orders(NamedTuple):
-    """What this cycle was asked to do."""
+    """The stop and the new request that this cycle received."""
 
     stop: bool = False
     request: Request | None = None
-    """New in this cycle, not judged yet."""
+    """New in this cycle and not checked yet."""
 
 
 NO_ORDERS = Orders()
 
 
 def hear(core: Core, levels: Sequence[Level], cycle: int) -> Orders:
-    """Take in all levels that waited, oldest first."""
+    """Read all waiting gateway states, oldest first, and update the core's command inputs."""
     stop = False
     newest: Level | None = None
     for level in levels:
-        # The first level of all only tells where the count is: nothing is moving yet.
+        # The first gateway state only initialises the count: nothing is moving yet.
         known = core.stop_count
         more = known is None or level.stop_count > known
         stop = stop or (more and known is not None)

@@ -1,16 +1,16 @@
-"""What is kept across restarts: where each axis was left, whose sign is proven, which stop latches.
+"""Persistent state: last pose of each axis, proven signs, daily test, and a latched stop.
 
 Pure: `state_file.py` reads and writes the file. Rules:
 
-1.  The pose is noted while nothing is driven: at rest, referenced, with a sample of this cycle. So
-    what is stored is the last orderly stop, and where the leg was moved to by hand afterwards.
-2.  An absolute encoder is believed if it agrees with that pose, within the tolerance of the
-    trainer file. Without a stored pose the trainer file says whether it is believed.
-3.  A file that cannot be read is no file that is missing: nothing is believed then.
-4.  A proof of a sign is of one drive and one transmission: another serial number, node, gear or
-    sign makes it void.
-5.  A stop that was latched when the core ended is latched in the next one (`latching.py`), and so
-    is "nobody knows" where the file cannot be read.
+1.  The pose is stored while no drive is enabled: at rest, referenced, with a sample of this cycle.
+    The stored pose is that of the last orderly stop, or where the leg was moved by hand afterwards.
+2.  An absolute encoder is accepted if it agrees with that pose, within the tolerance of the
+    trainer file. Without a stored pose a setting of the trainer file decides.
+3.  An unreadable file is not treated as a missing file: no encoder is accepted then.
+4.  A proof of a sign is valid for one drive and one transmission: another serial number, node,
+    gear or sign makes it void.
+5.  A stop that was latched when the core ended is latched in the next one (`latching.py`). If the
+    file cannot be read, LAST_END_UNKNOWN is latched.
 """
 
 from typing import Final, NamedTuple
@@ -22,11 +22,11 @@ from daemon.ipc.decoding import Count
 
 FORMAT: Final = "gaitd.axes.v1"
 POSE_STEP_SI: Final = 1e-4
-"""Encoder noise is not worth a new note."""
+"""Smallest change of a stored pose, rad or m; smaller ones are encoder noise."""
 
 
 class Wiring(NamedTuple):
-    """What the proof of an axis's sign is about."""
+    """The drive settings of an axis for which a sign proof is valid."""
 
     node_id: int
     sign: int
@@ -36,7 +36,7 @@ class Wiring(NamedTuple):
 
 
 class SignProof(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Somebody saw this axis move the way it should, and so did its encoder."""
+    """Proof of an axis's sign: encoder and operator have confirmed the direction of motion."""
 
     node_id: Count
     serial_number: Count
@@ -50,7 +50,7 @@ class SignProof(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class AxisNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One axis; SI units at the joint."""
+    """Persistent state of one axis; SI units at the joint."""
 
     position_si: float | None = None
     noted_utc_ns: Count = 0
@@ -58,29 +58,29 @@ class AxisNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class InputsNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """When the inputs of one drive were last seen in each state, UTC; 0: never."""
+    """Times at which the inputs of one drive were last seen in each state, UTC; 0: never."""
 
     hand_switch_open_utc_ns: Count = 0
     hand_switch_closed_utc_ns: Count = 0
     sto_active_utc_ns: Count = 0
     sto_released_utc_ns: Count = 0
     serial_number: Count = 0
-    """Of the drive; 0: it has none."""
+    """Serial number of the drive; 0: it has none."""
 
 
 class AxisTestNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a self-test found of one axis; SI units at the joint."""
+    """Findings of a self-test for one axis; SI units at the joint."""
 
     friction_si: float
     friction_ratio: float
     load_error_si: float
     moved_si: float
     serial_number: Count = 0
-    """Of the drive; 0: it has none."""
+    """Serial number of the drive; 0: it has none."""
 
 
 class SelfTestNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The newest self-test, of the whole machine."""
+    """Result of the newest self-test of the whole machine."""
 
     utc_ns: Count
     passed: bool
@@ -89,38 +89,38 @@ class SelfTestNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class LatchedNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A verdict that only a reset takes away; category and cause by name."""
+    """A verdict that only a reset removes; category and cause by name."""
 
     category: str
     cause: str
     drive: str = ""
     value: float | None = None
-    """None: none, or not finite."""
+    """None: there is no value, or it is not finite."""
     limit: float | None = None
     detail: str = ""
     utc_ns: Count = 0
-    """When it was noted first."""
+    """Time at which the verdict was first stored."""
 
 
 class Notes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """All axes by name."""
+    """The whole persistent state, as stored in the state file; axes by name."""
 
     axes: dict[str, AxisNote] = {}
     format: str = FORMAT
     damaged: bool = False
-    """The file was there once and could not be read: what it does not hold is lost, not new."""
+    """The file existed and could not be read: missing entries are lost, not new."""
     latched: LatchedNote | None = None
     inputs: dict[str, InputsNote] = {}
     self_test: SelfTestNote | None = None
     utc_newest_ns: Count = 0
-    """A time that has been: whoever reads an earlier one has a clock that went back."""
+    """Latest UTC time read: a clock that shows an earlier time was set back."""
 
     def of(self, name: str) -> AxisNote:
-        """What is noted of an axis."""
+        """The stored state of one axis; an empty note if there is none."""
         return self.axes.get(name, AxisNote())
 
     def noted(self, name: str, note: AxisNote) -> "Notes":
-        """The same with another note of one axis."""
+        """A copy with another note for one axis."""
         return replace(self, axes={**self.axes, name: note})
 
 
@@ -128,18 +128,18 @@ UNREADABLE: Final = Notes(
     damaged=True,
     latched=LatchedNote("S1", "LAST_END_UNKNOWN", detail="the notes of that run cannot be read"),
 )
-"""Notes of which nothing is known, not even whether a stop was latched."""
+"""State after an unreadable file: a stop may have been latched, so LAST_END_UNKNOWN is."""
 
 
 class PoseRules(NamedTuple):
-    """[reference] of the trainer file, for one axis."""
+    """Settings of [reference] in the trainer file, for one axis."""
 
     tolerance_si: float
     believed_without_pose: bool
 
 
 def disagreement(notes: Notes, name: str, position_si: float, rules: PoseRules) -> str:
-    """Why an absolute encoder is not believed; empty if it is (rules 2 and 3)."""
+    """The reason why an absolute encoder is not accepted; empty if it is (rules 2 and 3)."""
     stored_si = notes.of(name).position_si
     if stored_si is None and notes.damaged:
         return "the stored pose cannot be read"
@@ -151,7 +151,7 @@ def disagreement(notes: Notes, name: str, position_si: float, rules: PoseRules) 
 
 
 def proven(notes: Notes, name: str, wiring: Wiring, serial_number: int) -> bool:
-    """Whether the sign of this axis, as it is wired and described now, has been proven (rule 4)."""
+    """True if the sign of this axis is proven for its present drive and wiring (rule 4)."""
     proof = notes.of(name).proof
     if proof is None:
         return False
@@ -169,7 +169,7 @@ def proven(notes: Notes, name: str, wiring: Wiring, serial_number: int) -> bool:
 def prove(
     wiring: Wiring, serial_number: int, moved_si: tuple[float, float], utc_ns: int
 ) -> SignProof:
-    """The proof of an axis that has moved forth and back as it was pushed."""
+    """The sign proof of an axis that moved forth and back in the direction of its torque."""
     return SignProof(
         **wiring._asdict(),
         serial_number=serial_number,
@@ -180,7 +180,7 @@ def prove(
 
 
 def with_pose(notes: Notes, name: str, position_si: float, utc_ns: int) -> Notes:
-    """The notes with an axis where it rests now; the same ones if it has not moved."""
+    """A copy with the present pose of an axis; the same object if the axis has not moved."""
     note = notes.of(name)
     stored_si = note.position_si
     if stored_si is not None and abs(stored_si - position_si) <= POSE_STEP_SI:
@@ -189,5 +189,5 @@ def with_pose(notes: Notes, name: str, position_si: float, utc_ns: int) -> Notes
 
 
 def with_proof(notes: Notes, name: str, proof: SignProof) -> Notes:
-    """The notes with the proof of an axis's sign."""
+    """A copy with the proof of an axis's sign."""
     return notes.noted(name, replace(notes.of(name), proof=proof))

@@ -1,22 +1,23 @@
-"""The modes of the service as a table, and the guards in front of its rows.
+"""The modes of the service as a table of transitions, and the guards of requests.
 
 Rules:
-1. A transition is a row of `TRANSITIONS`; what has no row is impossible, and a request for it is
+1. A transition is a row of `TRANSITIONS`; without a row it is impossible, and a request for it is
    refused with the mode's name.
-2. Nothing is enabled but by the request ENABLE in READY, and one axis at a time by the requests
-   REFERENCE and COMMISSION there, which need the empty machine. Enabling, resetting a fault and
-   enabling again are three requests. A restart, a drive's reboot or a cause that went away enables
-   nothing.
-3. A stop needs no permission and no valid state: every mode has a row for it, or nothing moves.
+2. Drives are enabled only by the request ENABLE in READY, and one axis at a time by the requests
+   REFERENCE and COMMISSION in READY, which need the empty machine. Enabling, resetting a fault and
+   enabling again are three requests. A restart, a drive's reboot or a cause that has disappeared
+   never enables a drive.
+3. A stop has no guard: every mode has a row for it, except where no drive is enabled or a stop is
+   already under way.
 4. A stop with a verdict ends in FAULT and stays there until RESET, also across a restart; DISABLE
    ends in READY.
-5. TORQUE needs a lease that somebody holds, and drives that go by torque. A lease that lapses, or
-   setpoints that grow stale, end it in HOLD; a gait only while assist or a stiffness scale is in
-   force. No verdict is latched by that: the drives are well.
-6. Whether a leg rests is known from a sample of the cycle that asks. ENABLE needs one of every
-   axis, RESET one of every axis whose drive is not lost: the next bring-up judges that one.
-7. Where a test of the day is required, ENABLE waits until hand switch and STO have been seen to
-   act, and nothing but HAND_GUIDING and SELF_TEST moves a leg before a self-test was passed.
+5. TORQUE needs a lease that is held, and drives in torque mode. A lease that lapses, or setpoints
+   that become stale, end it in HOLD; they end a gait only while assist or a stiffness scale is in
+   force. This latches no verdict, because the drives are healthy.
+6. Standstill of a leg is known from a sample of the cycle of the request. ENABLE needs a sample of
+   every axis, RESET one of every axis whose drive is not lost: the next bring-up checks that drive.
+7. Where a daily test is required, ENABLE is refused until hand switch and STO have been seen in
+   both states, and only HAND_GUIDING and SELF_TEST may move a leg before a self-test has passed.
 """
 
 from collections.abc import Iterable, Mapping
@@ -27,13 +28,13 @@ from daemon.ipc.record import Mode, ModeRequest, RequestKind
 
 
 class Event(Enum):
-    """What may change the mode."""
+    """Events that may change the mode."""
 
     BRING_UP_BEGUN = "bring-up begun"
     BRING_UP_DONE = "bring-up done"
     STILL_LATCHED = "latched before this start"
     DRIVES_LOST = "drives lost"
-    """A drive went away, or the bus did, while nothing was enabled."""
+    """A drive or the bus was lost while no drive was enabled."""
     DRIVE_FAULTY = "drive faulty"
     ENABLE = "enable"
     DISABLE = "disable"
@@ -49,7 +50,7 @@ class Event(Enum):
     BRING_UP_ANEW = "other limits for the drives"
     EXERCISE_OVER = "exercise over"
     LEASE_LAPSED = "assist lapsed"
-    """The lease of the assist in force has ended, or its setpoints have grown stale."""
+    """The lease of the assist in force has ended, or its setpoints are stale."""
     STOP = "stop"
     AT_REST_WELL = "at rest, as asked"
     AT_REST_STOPPED = "at rest, by a verdict"
@@ -128,14 +129,14 @@ _EVENT_OF_MODE = {
 
 
 class IllegalTransitionError(Exception):
-    """Our own bug: the core tried a transition that has no row."""
+    """The core tried a transition that has no row: a programming error."""
 
 
 def next_mode(mode: Mode, event: Event) -> Mode:
-    """The row of the table.
+    """The mode after an event, from the table.
 
     Raises:
-        IllegalTransitionError: there is none.
+        IllegalTransitionError: the table has no such row.
     """
     try:
         return TRANSITIONS[mode, event]
@@ -144,7 +145,7 @@ def next_mode(mode: Mode, event: Event) -> Mode:
 
 
 def event_of(kind: RequestKind, wanted: ModeRequest) -> Event | None:
-    """The event that a request asks for; None for a request that names no mode one can ask for."""
+    """The event of a request; None if its mode cannot be requested."""
     if kind == RequestKind.MODE:
         return _EVENT_OF_MODE.get(wanted.mode)
     return _EVENT_OF_KIND.get(kind)
@@ -152,7 +153,7 @@ def event_of(kind: RequestKind, wanted: ModeRequest) -> Event | None:
 
 @dataclass(frozen=True, slots=True)
 class Circumstances:
-    """What the guards look at, gathered by the cycle."""
+    """Inputs of the guards, collected in the cycle of the request."""
 
     mode: Mode
     gateway_alive: bool
@@ -160,36 +161,34 @@ class Circumstances:
     hand_switch_closed: bool
     sto_released: bool
     unreferenced: tuple[str, ...]
-    """Names of the axes that do not know their position."""
+    """Names of the axes without a valid position, with the reason."""
     outside: tuple[str, ...]
-    """Names of the axes outside their range, or of the leg near its singularity."""
+    """Names of the axes outside their range, and of the legs near their singularity."""
     drives_powered: bool
     """All drives are enabled and their static load has been compared."""
     cadence_max_hz: float
     scenarios: Mapping[str, float]
     """Excite scenarios by name, with their longest duration in s."""
     artificial: frozenset[str]
-    """Those scenarios with an artificial disturbance."""
+    """Names of the scenarios with an artificial disturbance."""
     patient_configured: bool
     guidance: str
     unproven: tuple[str, ...] = ()
     """Names of the axes whose sign must be proven and is not."""
     lease_held: bool = False
-    """The gateway says that a controller holds the lease."""
+    """A controller holds the lease, according to the gateway."""
     inputs_unseen: tuple[str, ...] = ()
-    """What of hand switch and STO must have been seen to act today, and has not been."""
+    """The states of hand switch and STO still to be observed in the daily test, where required."""
     self_test_due: str = ""
-    """Why no leg may be moved before a self-test; empty if it may."""
+    """The reason why a self-test must come before any motion; empty if none is due."""
     unsampled: tuple[str, ...] = ()
-    """Names of the axes of which no complete sample came in this cycle: whether they rest, nobody
-    knows."""
+    """Names of the axes without a complete sample in this cycle: their standstill is unknown."""
     lost: frozenset[str] = frozenset()
-    """Names of the axes whose drive is silent, or was told NMT stop: the next bring-up judges
-    them."""
+    """Names of the axes whose drive is silent or got NMT stop: the next bring-up checks them."""
 
 
 def refusal(kind: RequestKind, wanted: ModeRequest, now: Circumstances) -> str:
-    """Why a request is refused; empty if it may go ahead."""
+    """The reason why a request is refused; empty if it is allowed."""
     event = event_of(kind, wanted)
     if event is None:
         return f"{wanted.mode.name.lower()} is not a mode that can be asked for"
@@ -220,7 +219,10 @@ _FROM_HOLD = frozenset(
     {Event.TO_GAIT, Event.TO_TORQUE, Event.TO_EXCITE, Event.TO_HAND_GUIDING, Event.TO_SELF_TEST}
 )
 _TESTED = frozenset({Event.TO_GAIT, Event.TO_TORQUE, Event.TO_EXCITE})
-"""They move a leg. HAND_GUIDING does not wait for a test: somebody may have to get out."""
+"""Events that need a passed self-test because they move a leg.
+
+HAND_GUIDING does not need one: the patient may have to get out.
+"""
 
 
 def _refuse_enable(now: Circumstances) -> str:
@@ -289,9 +291,9 @@ def _refuse_gait(wanted: ModeRequest, now: Circumstances) -> str:
 
 
 CADENCE_MIN_HZ = 0.02
-"""A gait ends with a whole stride, and nobody waits longer than 50 s for one."""
+"""Lowest cadence: a gait ends with a whole stride, which must not take longer than 50 s."""
 DURATION_MAX_S = 3600.0
-"""One request plays an hour at most."""
+"""Longest gait of one request, s."""
 
 
 def _refuse_excite(wanted: ModeRequest, now: Circumstances) -> str:

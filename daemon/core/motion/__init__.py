@@ -1,6 +1,6 @@
-"""Where a leg is wanted over time. Pure: each plan is a value that is advanced by a cycle.
+"""Reference motion of a leg over time. Pure: each plan is a value that is advanced by a cycle.
 
-Reading order: `leg_plan.py` (the plan of one leg as the core sees it), `trajectory.py` (brake,
+Reading order: `leg_plan.py` (the plan of one leg in the core's state), `trajectory.py` (brake,
 hold, gait, excitation), `hand_guiding.py`, `self_test.py`, `single_axis.py` (homing and sign
-test), `assist.py` (what a controller's setpoints may add).
+test), `assist.py` (assist from a controller's setpoints).
 """

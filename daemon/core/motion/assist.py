@@ -1,17 +1,17 @@
-"""What a controller may do to one leg: which setpoints count, and what of them is in force.
+"""Assist of a controller for one leg: which setpoints are accepted, and the assist in force.
 
 Rules:
-1. A setpoint counts if it is of the lease that the newest level names, newer than the last one
-   that counted, answers a cycle that is not long past, is finite and inside its limits, and if the
-   mode takes it. What does not count is refused with a reason, once, and changes nothing.
-2. Modes that take no assist take a neutral setpoint, which asks for nothing: so a controller can
-   show that it lives before its mode begins.
-3. Assist in force follows what is wanted inside limit, rate and power (`bounds.bound_assist`).
-4. Without a setpoint that counts and is fresh, in a mode that takes it, assist fades to nothing
-   within `stop.assist_fade_ms`, whatever it was, and stiffness is full again as soon. The leg is
-   then braked from where it is (`plans.hold_from`): nothing pulls it back to a reference.
-5. Assist lapses when what is in force has lost its lease or has grown stale; mode TORQUE lapses
-   also when nothing has come to begin with. The age counts in our own cycles, from `for_cycle`.
+1. A setpoint is accepted if it belongs to the lease of the newest gateway state, is newer than the
+   last accepted one, refers to a recent cycle, is finite and inside its limits, and if the mode
+   takes assist. Any other setpoint is refused with a reason, once, and changes nothing.
+2. Modes without assist accept a neutral setpoint, which has no effect: so a controller can show
+   that it is alive before its mode begins.
+3. Assist in force follows the setpoint within limit, rate and power (`bounds.bound_assist`).
+4. Without an accepted and fresh setpoint, in a mode with assist, assist fades to zero within
+   `stop.assist_fade_ms` from any value, and stiffness returns to full in the same time. The leg is
+   then braked from where it is (`leg_plan.hold_from`): it is not pulled back to a reference.
+5. Assist lapses when the setpoint in force has lost its lease or is stale; mode TORQUE lapses also
+   when no first setpoint is received. The age is counted in cycles of the core, from `for_cycle`.
 
 Pairs are hip and slide: N·m and N.
 """
@@ -33,21 +33,21 @@ FULL_STIFFNESS = 1.0
 
 
 class AssistRules(NamedTuple):
-    """From limits.toml, [assist] and [stop]."""
+    """Settings of [assist] and [stop] in limits.toml."""
 
     age_max_cycles: int
     start_cycles: int
-    """Mode TORQUE waits so long for its first setpoint."""
+    """Time for which mode TORQUE waits for its first setpoint."""
     fade_cycles: int
     stiffness_step_ratio: float
-    """Per cycle."""
+    """Largest change of the stiffness share per cycle."""
 
 
 class Desk(NamedTuple):
-    """What a setpoint is judged by in this cycle."""
+    """State of the core in this cycle against which a setpoint is checked."""
 
     lease: int
-    """That is held by the newest level; 0: none."""
+    """The lease held according to the newest gateway state; 0: none."""
     cycle: int
     mode: Mode
     by_position: bool
@@ -56,22 +56,25 @@ class Desk(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class LegAssist:
-    """What a controller has asked of one leg, and what of it is in force."""
+    """The newest setpoint of a controller for one leg, and the assist in force."""
 
     lease: int = 0
-    """That `seq` and `accepted` belong to."""
+    """The lease that `seq` and `accepted` belong to."""
     seq: int = -1
-    """Of the newest setpoint that counted."""
+    """`seq` of the newest accepted setpoint."""
     judged: tuple[int, int, int] | None = None
-    """Lease, seq and for_cycle of the newest that was judged; it comes again with every level."""
+    """Lease, seq and for_cycle of the newest checked setpoint.
+
+    Every gateway state repeats the setpoint; it is checked once.
+    """
     accepted: Setpoint | None = None
-    """What is wanted, as long as it is fresh."""
+    """The newest accepted setpoint, followed as long as it is fresh."""
     effort_si: Pair = (0.0, 0.0)
-    """In force."""
+    """Assist in force."""
     fade_si: Pair | None = None
-    """By so much it falls in each cycle while it fades."""
+    """Decrease of assist per cycle while it fades; None while it does not fade."""
     stiffness_ratio: float = FULL_STIFFNESS
-    """In force."""
+    """Stiffness share in force."""
 
 
 def judge(
@@ -81,14 +84,14 @@ def judge(
     desk: Desk,
     rules: AssistRules,
 ) -> SetpointRefusal:
-    """Whether a setpoint counts; NONE if it does.
+    """Check a setpoint; NONE if it is accepted, else the reason to refuse it.
 
     Args:
         setpoint: as the gateway forwards it.
-        last_seq: of the last one of this leg and lease that counted; -1: none has.
-        limits: of hip and slide.
-        desk: what is so in this cycle.
-        rules: of limits.toml.
+        last_seq: `seq` of the last accepted one of this leg and lease; -1: there is none.
+        limits: limits of hip and slide.
+        desk: state of the core in this cycle.
+        rules: settings of limits.toml.
     """
     return _by_sender(setpoint, last_seq, desk, rules) or _by_content(setpoint, limits, desk)
 
@@ -126,22 +129,22 @@ def _by_content(
 
 
 def is_fresh(setpoint: Setpoint, cycle: int, rules: AssistRules) -> bool:
-    """Whether the cycle that it answers is not too long ago."""
+    """True if the setpoint refers to a recent enough cycle."""
     return cycle - setpoint.for_cycle <= rules.age_max_cycles
 
 
 def is_neutral(setpoint: Setpoint) -> bool:
-    """Whether it asks for nothing: no assist, full stiffness."""
+    """True if the setpoint has no effect: no assist, full stiffness."""
     return wanted_si(setpoint) == (0.0, 0.0) and setpoint.stiffness_ratio == FULL_STIFFNESS
 
 
 def wanted_si(setpoint: Setpoint) -> Pair:
-    """Its assist of hip and slide."""
+    """The assist of a setpoint for hip and slide: N·m, N."""
     return setpoint.hip_assist_nm, setpoint.slide_assist_n
 
 
 def is_in_force(assist: LegAssist) -> bool:
-    """Whether a controller moves the leg or has it guided less; not what still fades after it."""
+    """True if a controller adds assist or reduces stiffness; False while assist only fades."""
     asked = assist.accepted is not None and not is_neutral(assist.accepted)
     left = assist.effort_si != (0.0, 0.0) or assist.stiffness_ratio != FULL_STIFFNESS
     return asked or (left and assist.fade_si is None)
@@ -155,18 +158,18 @@ def advance(
     rules: AssistRules,
     dt_s: float,
 ) -> LegAssist | None:
-    """One cycle on.
+    """Advance the assist in force by one cycle.
 
     Args:
-        assist: of the cycle before.
-        wanted: the setpoint that counts, is fresh and taken by the mode; None: fade.
-        limits: of hip and slide.
-        velocity_si: of the joints, from raw encoders: rad/s, m/s.
-        rules: of limits.toml.
+        assist: assist of the previous cycle.
+        wanted: the accepted and fresh setpoint in a mode with assist; None: fade.
+        limits: limits of hip and slide.
+        velocity_si: joint speeds from raw encoders: rad/s, m/s.
+        rules: settings of limits.toml.
         dt_s: nominal time between two commands.
 
     Returns:
-        What is in force now; None if a number is not finite: then the machine stops.
+        The assist in force now; None if a number is not finite: then the machine stops.
     """
     if wanted is None:
         return _faded(assist, rules)
@@ -186,7 +189,7 @@ def advance(
 
 
 def _faded(assist: LegAssist, rules: AssistRules) -> LegAssist:
-    """Assist a cycle closer to nothing, where it is within the time of the fade."""
+    """Assist after one cycle of the fade, which ends at zero within `fade_cycles`."""
     hip_si, slide_si = assist.effort_si
     fade_si = assist.fade_si or (abs(hip_si) / rules.fade_cycles, abs(slide_si) / rules.fade_cycles)
     effort_si = (_shrunk(hip_si, fade_si[0]), _shrunk(slide_si, fade_si[1]))
@@ -195,7 +198,7 @@ def _faded(assist: LegAssist, rules: AssistRules) -> LegAssist:
 
 
 def _shrunk(effort_si: float, step_si: float) -> float:
-    # What rounding leaves after the last step is less than a step, and gone as well.
+    # A remainder from rounding after the last step is set to zero.
     left_si = abs(effort_si) - step_si
     return math.copysign(left_si, effort_si) if left_si > NEGLIGIBLE_RATIO * step_si else 0.0
 

@@ -1,12 +1,12 @@
-"""Hand guiding, mode HAND_GUIDING: how a person who is strapped in gets out after a stop.
+"""Hand guiding, mode HAND_GUIDING: the leg can be moved by hand, to get a patient out.
 
-No stiffness: the drives carry g(q), as it is where the leg is, and slow whoever moves it. Damping
-is small up to a slow speed, which is that of a hand leading a leg, and grows beyond it. In the
-margins before the ends of the range the damping grows from ever slower a speed on, and a spring
-leads back in, as it does before the stretched pose. Nothing of it steps. Friction holds a leg
-that is let go. Over its own speed limit the machine stops, and so it does when the hand switch
-opens, as in any mode. It begins once the drives are in torque mode, and it is over after its time:
-then the leg is held where it is.
+There is no stiffness: the drives carry g(q) at the present pose and damp the motion. Damping is
+small up to the speed at which a hand leads a leg, and larger beyond it. In the margins before the
+ends of the range the larger damping begins at lower speeds, and a spring leads back in, as it does
+before the stretched pose. None of these efforts steps. Friction holds a leg that is let go. Above
+the speed limit of this mode the machine stops, and also when the hand switch opens, as in any mode.
+Hand guiding begins once the drives are in torque mode and ends after its time: then the leg is held
+where it is.
 """
 
 import math
@@ -22,27 +22,27 @@ from daemon.ipc.record import Stage
 from observer.mechanism.mechanism import LegParameters, singularity_ratio
 
 STRETCHED_MARGIN_RATIO: Final = 2.0
-"""The margin before the stretched pose begins at this many times the ratio that stops."""
+"""Start of the margin before the stretched pose, as a multiple of the ratio that stops."""
 GRADIENT_STEP: Final = 1e-3
-"""rad, m"""
+"""Step of the numerical gradient, rad or m."""
 
 
 class Guiding(NamedTuple):
-    """What slows one axis: N·m, rad/s or N, m/s."""
+    """Damping and spring of one axis: N·m, rad/s or N, m/s."""
 
     damping_si: float
     slow_si_per_s: float
     damping_beyond_si: float
     edge_si: float
-    """Leads back in at a hard limit."""
+    """Spring effort at a hard limit that leads back in."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReleasePlay:
-    """One leg in the hands of a person."""
+    """The hand-guiding plan of one leg."""
 
     start: Pair
-    """Held here until the drives are in torque mode."""
+    """Pose held until the drives are in torque mode."""
     leg: LegParameters
     guiding: tuple[Guiding, Guiding]
     stretched_stop_ratio: float
@@ -53,7 +53,7 @@ class ReleasePlay:
 
 
 def guiding_of(rules: HandGuiding) -> tuple[Guiding, Guiding]:
-    """[hand_guiding] of the trainer file, for hip and slide."""
+    """Settings of [hand_guiding] in the trainer file, for hip and slide."""
     return (
         Guiding(
             rules.hip_damping_nm_s_per_rad,
@@ -71,7 +71,7 @@ def guiding_of(rules: HandGuiding) -> tuple[Guiding, Guiding]:
 
 
 def advance_release(play: ReleasePlay, dt_s: float, *, ready: bool) -> ReleasePlay:
-    """One cycle on; `ready`: both drives are in torque mode."""
+    """Advance the plan by one cycle; `ready`: both drives are in torque mode."""
     play = replace(play, elapsed_s=play.elapsed_s + dt_s)
     if play.elapsed_s >= play.duration_s:
         return replace(play, stage=Stage.OVER, elapsed_s=0.0)
@@ -83,13 +83,13 @@ def advance_release(play: ReleasePlay, dt_s: float, *, ready: bool) -> ReleasePl
 def release_reference(
     play: ReleasePlay, position: Pair, velocity: Pair, limits: tuple[AxisLimits, AxisLimits]
 ) -> Reference:
-    """Held at first; then nowhere, with what slows the leg on top of g(q).
+    """Reference of hand guiding: the start pose at first, then damping and springs only.
 
     Args:
         play: the plan.
-        position: by the raw encoders, rad and m.
-        velocity: by encoder differences, rad/s and m/s.
-        limits: of both axes.
+        position: from the raw encoders, rad and m.
+        velocity: from encoder differences, rad/s and m/s.
+        limits: limits of both axes.
     """
     if play.stage == Stage.PREPARING:
         return Reference(play.start, (0.0, 0.0), (0.0, 0.0), guided=True)
@@ -102,7 +102,7 @@ def release_reference(
 
 
 def slowing(guiding: Guiding, position_si: float, velocity_si: float, limits: AxisLimits) -> float:
-    """What slows one axis, N·m or N: against the motion, and nothing at rest."""
+    """Damping effort of one axis against its motion, N·m or N; 0 at rest."""
     slow_si = guiding.slow_si_per_s * (1 - _depth(position_si, velocity_si, limits))
     beyond_si = max(abs(velocity_si) - slow_si, 0.0)
     against_si = guiding.damping_si * abs(velocity_si) + guiding.damping_beyond_si * beyond_si
@@ -110,7 +110,7 @@ def slowing(guiding: Guiding, position_si: float, velocity_si: float, limits: Ax
 
 
 def _depth(position_si: float, velocity_si: float, limits: AxisLimits) -> float:
-    """How deep in the margin it moves towards: 0 before it, 1 at the hard limit."""
+    """Depth in the margin ahead of the motion: 0 before it, 1 at the hard limit."""
     room_si = (
         limits.position_max_si - position_si
         if velocity_si > 0
@@ -120,14 +120,14 @@ def _depth(position_si: float, velocity_si: float, limits: AxisLimits) -> float:
 
 
 def leading_in(guiding: Guiding, position_si: float, limits: AxisLimits) -> float:
-    """A spring over the soft margins of one axis, N·m or N: nothing outside of them."""
+    """Spring effort in the soft margins of one axis, N·m or N; 0 outside of them."""
     below_si = max(limits.position_min_si + limits.soft_margin_si - position_si, 0.0)
     above_si = max(position_si - limits.position_max_si + limits.soft_margin_si, 0.0)
     return guiding.edge_si * (below_si - above_si) / limits.soft_margin_si
 
 
 def bending(play: ReleasePlay, position: Pair) -> Pair:
-    """What leads away from the stretched pose: along the gradient of its distance; N·m, N."""
+    """Efforts away from the stretched pose, along the gradient of its distance; N·m, N."""
     stop_ratio = play.stretched_stop_ratio
     width = stop_ratio * (STRETCHED_MARGIN_RATIO - 1)
     depth = (stop_ratio + width - _stretched(play.leg, position)) / width

@@ -1,4 +1,4 @@
-"""The plan of one leg as the core sees it: where it is, where it is wanted, how it brakes."""
+"""Plan of one leg in the core's state: measured pose, reference, and braking."""
 
 from daemon.core.motion import trajectory
 from daemon.core.motion.hand_guiding import ReleasePlay, release_reference
@@ -9,7 +9,7 @@ from daemon.ipc.record import Stage
 
 
 def reference_of(core: Core, leg: Leg) -> trajectory.Reference | None:
-    """Where the leg's plan wants it in this cycle; None without a plan."""
+    """The reference of the leg's plan in this cycle; None without a plan."""
     plan = leg.plan
     if isinstance(plan, Hold):
         return trajectory.hold_reference(plan)
@@ -28,28 +28,28 @@ def reference_of(core: Core, leg: Leg) -> trajectory.Reference | None:
 
 
 def measured(leg: Leg) -> tuple[float, float]:
-    """Hip angle in rad and slide position in m by the raw encoders."""
+    """Hip angle in rad and slide position in m from the raw encoders."""
     hip, slide = leg.axes
     return hip.joint.position_si, slide.joint.position_si
 
 
 def speeds(leg: Leg) -> tuple[float, float]:
-    """Of hip and slide by the raw encoders: rad/s, m/s."""
+    """Hip speed in rad/s and slide speed in m/s from the raw encoders."""
     hip, slide = leg.axes
     return hip.joint.velocity_si, slide.joint.velocity_si
 
 
 def present(leg: Leg) -> tuple[float, float]:
-    """Where guidance is now, so that the next plan begins without a step."""
+    """The present reference if guided, else the measured pose: the next plan starts here."""
     if leg.reference is not None and leg.reference.guided:
         return leg.reference.position
     return measured(leg)
 
 
 def hold_from(leg: Leg) -> Hold:
-    """Brake from where guidance is, or from where the leg is if little or nothing guides it.
+    """Brake from the reference if fully guided, else from where the leg is.
 
-    What was guided softly may be far from its reference, and full stiffness is not to fetch it.
+    A softly guided leg may be far from its reference; full stiffness must not pull it there.
     """
     fully = leg.stiffness_ratio * leg.spasm_ratio == 1.0
     if leg.reference is not None and leg.reference.guided and fully:
@@ -58,7 +58,7 @@ def hold_from(leg: Leg) -> Hold:
 
 
 def brake(leg: Leg) -> Hold:
-    """Brake from where the leg is: a stop does not first catch up with a reference."""
+    """Brake from where the leg is, so that a stop does not first move to a reference."""
     return hold_at(leg, measured(leg), speeds(leg))
 
 
@@ -79,6 +79,6 @@ def artificial(leg: Leg) -> tuple[float, float]:
 
 
 def is_artificial(leg: Leg) -> bool:
-    """Whether the scenario that plays has an artificial disturbance, now or later."""
+    """True if the playing scenario has an artificial disturbance, now or later."""
     plan = leg.plan
     return isinstance(plan, ExcitePlay) and bool(plan.artificial) and plan.stage == Stage.PLAYING

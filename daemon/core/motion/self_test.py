@@ -1,19 +1,19 @@
-"""The active part of the self-test, mode SELF_TEST: each axis in turn a little forth and back.
+"""Active part of the self-test, mode SELF_TEST: each axis in turn moves a little forth and back.
 
-Guided by the impedance of hold and what friction should need, at a constant speed that is beyond
+The axis is guided by the impedance of hold plus the expected friction, at a constant speed beyond
 friction's peak. Over the second half of each way the effort exerted, less g(q), is averaged:
 
     forth    + friction + load error           back    - friction + load error
 
-so half the difference is friction, half the sum is what the load differs from the configured leg.
-Nothing else acts: the speed is constant, and the patient lies relaxed. Found is
+so half the difference is friction, and half the sum is the load error relative to the configured
+leg. No other effort acts: the speed is constant, and the patient lies relaxed. The test checks
 
     sign        the joint has moved as its reference, and its effort acts along the motion
     load        within the tolerance of the trainer file
     friction    within the two ratios of what robot.toml has for that speed
 
 Way and direction are chosen before: the first direction whose whole way lies inside the range, its
-margins and away from the singularity. What this finds is noted with its time (`daily_test.py`).
+margins and away from the singularity. The findings are stored with their time (`daily_test.py`).
 """
 
 import math
@@ -27,18 +27,18 @@ from daemon.core.motion.trajectory import Pair, Reference
 from daemon.ipc.record import Stage
 
 RAMP_S: Final = 0.2
-"""From rest to the speed of the motion, and back."""
+"""Time from rest to the speed of the motion, and back."""
 REST_S: Final = 0.3
-"""At both ends of the way."""
+"""Rest at both ends of the way."""
 BEGIN_MAX_S: Final = 20.0
-"""A leg that somebody keeps moving is not tested."""
+"""Longest wait for torque mode; a leg that is kept moving is not tested."""
 MOVED_RATIO_MIN: Final = 0.4
 MOVED_RATIO_MAX: Final = 1.5
-"""Of the way of the reference: a spring and a damper lag, and friction keeps some of it."""
+"""Allowed motion as a share of the reference way: impedance lags, and friction keeps a part."""
 
 
 class Phase(Enum):
-    """What an axis does while it is its turn."""
+    """Phase of the motion of one axis."""
 
     REST = "at rest"
     FORTH = "forth"
@@ -48,33 +48,33 @@ class Phase(Enum):
 
 
 class Way(NamedTuple):
-    """How one axis is moved, and what is expected of it; rad and N·m, or m and N."""
+    """Test motion of one axis and its expected efforts; rad and N·m, or m and N."""
 
     name: str
-    """`right/hip`."""
+    """Name of the axis, for example `right/hip`."""
     distance_si: float
-    """Signed: the direction in which there is room."""
+    """Signed distance, in the direction in which there is room."""
     speed_si_per_s: float
     friction_si: float
-    """Of robot.toml at that speed."""
+    """Friction from robot.toml at that speed."""
     load_tolerance_si: float
 
 
 class Sums(NamedTuple):
-    """What one axis showed."""
+    """Sums of excess effort and motion of one axis, measured during its test."""
 
     forth_si: float = 0.0
     forth_count: int = 0
     back_si: float = 0.0
     back_count: int = 0
     start_si: float = 0.0
-    """Position before it began."""
+    """Position before the motion."""
     moved_forth_si: float = 0.0
     moved_back_si: float = 0.0
 
 
 class Seen(NamedTuple):
-    """One axis in one cycle."""
+    """Measured values of one axis in one cycle."""
 
     fresh: bool
     position_si: float
@@ -83,7 +83,7 @@ class Seen(NamedTuple):
 
 
 class Finding(NamedTuple):
-    """The result for one axis."""
+    """The self-test result of one axis."""
 
     name: str
     friction_si: float
@@ -91,34 +91,34 @@ class Finding(NamedTuple):
     load_error_si: float
     moved_si: float
     fault: str = ""
-    """What is not as configured; empty if all is."""
+    """Deviation from the configuration; empty if there is none."""
     value: float = 0.0
     limit: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class SelfTestPlay:
-    """The test of one leg."""
+    """The self-test plan of one leg."""
 
     start: Pair
     ways: tuple[Way, Way]
     ratios: Pair
-    """Friction may be this part of the configured one, least and most."""
+    """Lowest and highest allowed friction as a share of the configured one."""
     wait_s: float
-    """Until the legs before have been tested."""
+    """Time until the legs before this one have been tested."""
     stage: Stage = Stage.PREPARING
     elapsed_s: float = 0.0
-    """In the stage."""
+    """Time in the stage."""
     sums: tuple[Sums, Sums] = (Sums(), Sums())
 
 
 def duration_s(way: Way) -> float:
-    """Of one axis, rests and all."""
+    """Duration of the test of one axis, including rests."""
     return 2 * (REST_S + _way_s(way))
 
 
 def total_s(ways: Sequence[Way]) -> float:
-    """Of one leg: its axes one after the other."""
+    """Duration of the test of one leg: its axes one after the other."""
     return sum(duration_s(way) for way in ways)
 
 
@@ -129,7 +129,7 @@ def _way_s(way: Way) -> float:
 def advance_self_test(
     play: SelfTestPlay, dt_s: float, seen: tuple[Seen, Seen], *, ready: bool
 ) -> SelfTestPlay:
-    """One cycle on; `ready`: the drives are in torque mode."""
+    """Advance the test by one cycle; `ready`: the drives are in torque mode."""
     if play.stage == Stage.OVER:
         return play
     play = replace(play, elapsed_s=play.elapsed_s + dt_s)
@@ -146,14 +146,14 @@ def advance_self_test(
 
 
 def progress(play: SelfTestPlay) -> str:
-    """Which axis does what: `right/hip forth`."""
+    """Text with the axis under test and its phase, for example `right/hip forth`."""
     phases = [_turn(play, index)[0] for index in range(2)]
     index = 0 if phases[0] is not Phase.DONE else 1
     return f"{play.ways[index].name} {phases[index].value}"
 
 
 def _turn(play: SelfTestPlay, index: int) -> tuple[Phase, bool]:
-    """What an axis does now, and whether its effort counts."""
+    """The phase of an axis, and whether its effort is averaged now."""
     way = play.ways[index]
     since_s = play.elapsed_s - (duration_s(play.ways[0]) if index else 0.0)
     way_s = _way_s(way)
@@ -192,10 +192,10 @@ def _looked(sums: Sums, seen: Seen, phase: Phase, counts: bool) -> Sums:
 
 
 def self_test_reference(play: SelfTestPlay) -> Reference:
-    """Where the leg is wanted: one axis on its way, the other where it began."""
+    """Reference of the leg: one axis on its way, the other where it began."""
     moved = [_moved(play, index, play.elapsed_s) for index in range(2)]
     position = play.start[0] + moved[0][0], play.start[1] + moved[1][0]
-    # The spring of hold alone would lag by what friction needs, twice at each turn.
+    # Feedforward of friction: with the spring alone the leg would lag, twice as far at each turn.
     hip_nm, slide_n = (
         way.friction_si * one[1] / way.speed_si_per_s
         for way, one in zip(play.ways, moved, strict=True)
@@ -215,7 +215,7 @@ def _moved(play: SelfTestPlay, index: int, elapsed_s: float) -> Pair:
 
 
 def _ramped(way: Way, since_s: float) -> Pair:
-    """On the way for so long: speed rises and falls linearly, so effort never steps."""
+    """Distance and speed after a time on the way; speed ramps linearly, so effort never steps."""
     way_s, speed_si = _way_s(way), math.copysign(way.speed_si_per_s, way.distance_si)
     if since_s <= 0.0:
         return 0.0, 0.0
@@ -230,7 +230,7 @@ def _ramped(way: Way, since_s: float) -> Pair:
 
 
 def findings(play: SelfTestPlay) -> tuple[Finding, Finding]:
-    """What the test of one leg has found."""
+    """The results of the test of one leg, for hip and slide."""
     hip, slide = (
         _finding(way, sums, play.ratios) for way, sums in zip(play.ways, play.sums, strict=True)
     )
@@ -255,7 +255,7 @@ def _finding(way: Way, sums: Sums, ratios: Pair) -> Finding:
 
 
 def _fault(way: Way, sums: Sums, found: Finding, ratios: Pair) -> tuple[str, float, float]:
-    """What is not as configured, its value and the limit; the gravest first."""
+    """The gravest deviation from the configuration, its value and its limit."""
     for word, moved_si, wanted_si in (
         ("forth", sums.moved_forth_si, way.distance_si),
         ("back", sums.moved_back_si, -way.distance_si),
@@ -275,7 +275,7 @@ def _fault(way: Way, sums: Sums, found: Finding, ratios: Pair) -> tuple[str, flo
 
 
 def said(found: Finding) -> str:
-    """One line with the numbers of an axis."""
+    """One line of text with the results of an axis."""
     unit = "N·m" if found.name.endswith("hip") else "N"
     numbers = (
         f"friction {found.friction_si:.3g} {unit} ({found.friction_ratio:.2f} of the configured), "
@@ -285,15 +285,15 @@ def said(found: Finding) -> str:
 
 
 def distances(rules: SelfTest) -> Pair:
-    """How far hip and slide are moved: rad, m."""
+    """Test distances of hip and slide: rad, m."""
     return math.radians(rules.hip_motion_deg), rules.slide_motion_m
 
 
 def speeds(rules: SelfTest) -> Pair:
-    """How fast hip and slide are moved: rad/s, m/s."""
+    """Test speeds of hip and slide: rad/s, m/s."""
     return rules.hip_speed_rad_per_s, rules.slide_speed_m_per_s
 
 
 def load_tolerances(rules: SelfTest) -> Pair:
-    """N·m, N."""
+    """Tolerances of the load error of hip and slide: N·m, N."""
     return rules.hip_load_tolerance_nm, rules.slide_load_tolerance_n

@@ -1,16 +1,16 @@
-"""One axis at a time, before anything else may be enabled: homing it, and proving its sign.
+"""Homing and sign test of a single axis, with all other axes without power.
 
-For either the drives are brought up anew with a torque limit of its own in the drive, then this one
+For both the drives are brought up anew with a special torque limit in the drive, then this one
 axis is enabled, and afterwards all drives are brought up with their usual limits. The other axes
 stay without power. Both are for the empty machine.
 
-**Homing** is the drive's own (mode 6); the core starts it, watches its bits, its time and its
-limits, and believes the position when the drive says that home is attained and reached.
+**Homing** is the drive's own (mode 6); the core starts it, monitors its bits, its time and its
+limits, and accepts the position when the drive shows that home is attained and reached.
 
-**Proving a sign**: torque rises slowly in the joint's positive direction until the joint has moved
-a little or the bound is reached, falls to nothing, and the same in the other direction. An axis
-that moves against its torque would run away from any hold. What no number can tell, whether
-positive is up or down, the person who watches confirms: only both together are a proof.
+**Sign test**: torque rises slowly in the joint's positive direction until the joint has moved a
+little or the bound is reached, and falls to zero; then the same in the other direction. An axis
+that moves against its torque would run away from any hold. Whether positive is up or down cannot be
+measured: the operator confirms it. The proof needs both.
 
     homing       enabling -> searching -> done, or failed
     sign test    enabling -> forth -> resting -> back -> ending -> done, or failed
@@ -27,7 +27,7 @@ from drives.signals import HomingState
 
 
 class PreparationStep(Enum):
-    """How far a preparation is; the value is what a person reads."""
+    """Step of a homing or sign test; the value is the text for the operator."""
 
     WAITING = "the drives get their limits for it"
     ENABLING = "enabling"
@@ -51,22 +51,22 @@ STAGE_OF: Final = {
     PreparationStep.DONE: Stage.OVER,
     PreparationStep.FAILED: Stage.OVER,
 }
-"""What each step is for a program that follows the record."""
+"""The stage in the record for each step."""
 
 HOME_FOUND: Final = frozenset({HomingState.ATTAINED, HomingState.DONE})
 OVER: Final = frozenset({PreparationStep.DONE, PreparationStep.FAILED})
 
 HOMING_BEGIN_CYCLES: Final = 20
-"""Until the drive must show that it has begun."""
+"""Time within which the drive must show that homing has begun."""
 REST_CYCLES: Final = 30
-"""At rest for so long between two pushes."""
+"""Time at rest between two pushes."""
 REST_MAX_CYCLES: Final = 300
 HELD_CYCLES: Final = 50
-"""The largest push lasts so long before the joint counts as not moved."""
+"""Duration of the largest push before the joint counts as not moved."""
 
 
 class PushRules(NamedTuple):
-    """[commissioning] of the trainer file, for one axis; SI units at the joint."""
+    """Settings of [commissioning] in the trainer file, for one axis; SI units at the joint."""
 
     effort_max_si: float
     effort_rate_si_per_s: float
@@ -74,19 +74,19 @@ class PushRules(NamedTuple):
 
 
 class HomingRules(NamedTuple):
-    """[homing] of an axis file, in the terms of the core."""
+    """Settings of [homing] in an axis file, in SI units and cycles."""
 
     effort_max_si: float
     speed_max_si_per_s: float
-    """Faster is no search."""
+    """Speed limit during homing."""
     timeout_cycles: int
 
 
 class Seen(NamedTuple):
-    """What a preparation looks at in one cycle."""
+    """Inputs of a homing or sign test in one cycle."""
 
     ready: bool
-    """Enabled, and in the mode that is wanted."""
+    """The drive is enabled and in the requested mode."""
     homing: HomingState
     position_si: float
     at_rest: bool
@@ -94,35 +94,35 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Homing:
-    """The homing of one axis."""
+    """State of the homing of one axis."""
 
     axis: str
     asked_cycle: int
     rules: HomingRules
     step: PreparationStep = PreparationStep.WAITING
     cycles: int = 0
-    """In this step."""
+    """Cycles in this step."""
     found: HomingState | None = None
-    """ATTAINED or DONE, whichever has been shown last: with either, positions may count anew."""
+    """ATTAINED or DONE, as last shown: with each of them the position origin may change."""
     begun: bool = False
-    """What the drive shows of home is of this homing."""
+    """The homing state shown by the drive belongs to this homing, not to an earlier one."""
     why: str = ""
-    """It failed."""
+    """Reason of a failure."""
 
     @property
     def effort_si(self) -> float:
-        """The core asks for none: the drive's own loops move the axis."""
+        """Always 0: the drive's own loops move the axis."""
         return 0.0
 
     @property
     def searching(self) -> bool:
-        """Whether the drive is to home."""
+        """True while the drive is to search home."""
         return self.step is PreparationStep.SEARCHING
 
 
 @dataclass(frozen=True, slots=True)
 class SignTest:
-    """Two pushes of one axis, and what they moved."""
+    """State of the sign test of one axis: two pushes and the measured motion."""
 
     axis: str
     asked_cycle: int
@@ -141,7 +141,7 @@ class SignTest:
 
     @property
     def searching(self) -> bool:
-        """No homing."""
+        """Always False: a sign test is no homing."""
         return False
 
 
@@ -149,12 +149,12 @@ Preparation = Homing | SignTest
 
 
 def begin(preparation: Preparation) -> Preparation:
-    """The drives have their limits: enable the axis."""
+    """Begin with enabling the axis; the drives have been brought up with the special limits."""
     return replace(preparation, step=PreparationStep.ENABLING, cycles=0)
 
 
 def advance(preparation: Preparation, seen: Seen) -> Preparation:
-    """One cycle on."""
+    """Advance a homing or sign test by one cycle."""
     if isinstance(preparation, Homing):
         return _advance_homing(replace(preparation, cycles=preparation.cycles + 1), seen)
     return _advance_test(replace(preparation, cycles=preparation.cycles + 1), seen)
@@ -165,7 +165,7 @@ def advance(preparation: Preparation, seen: Seen) -> Preparation:
 
 def _advance_homing(run: Homing, seen: Seen) -> Preparation:
     if run.step is PreparationStep.ENABLING and seen.ready:
-        # A home of earlier times may still be shown: then only what follows motion is news.
+        # The drive may still show an earlier home: then only a state after motion counts.
         begun = seen.homing in {HomingState.NOT_STARTED, HomingState.IN_PROGRESS}
         return replace(run, step=PreparationStep.SEARCHING, cycles=0, begun=begun)
     if run.step is not PreparationStep.SEARCHING:
@@ -262,7 +262,7 @@ def _rested(test: SignTest, seen: Seen) -> Preparation:
 
 
 def _judge(test: SignTest) -> Preparation:
-    """At least one push moved the joint its way, and none the other way."""
+    """Done if at least one push moved the joint along its torque, and none against it."""
     along = (test.moved_forth_si, -test.moved_back_si)
     motion_si = test.rules.motion_si
     if min(along) <= -motion_si:
@@ -274,7 +274,7 @@ def _judge(test: SignTest) -> Preparation:
 
 
 def evidence(test: SignTest) -> str:
-    """What the two pushes did, in words; SI units at the joint."""
+    """Text with the efforts and motions of the two pushes; SI units at the joint."""
     return (
         f"pushed forth with {test.effort_forth_si:+.3g} it moved {test.moved_forth_si:+.3g},"
         f" back with {test.effort_back_si:+.3g} it moved {test.moved_back_si:+.3g}"

@@ -1,9 +1,9 @@
-"""What a mode wants of one leg over time: braking and holding, gait, open-loop excitation.
+"""Reference trajectories of one leg: braking and holding, gait, open-loop excitation.
 
-Each exercise is a frozen plan that an `advance_` function moves on by one cycle and a `_reference`
-function reads. Poses are planned as hip and knee angles: the knee stays flexed on the way, while a
-straight line in hip angle and slide position can cross the stretched leg. Whether a way is clear is
-checked before it is begun. Phases count in strides; nothing here knows a clock.
+Each exercise is a frozen plan; an `advance_` function advances it by one cycle, and a `_reference`
+function computes its reference. Poses are planned as hip and knee angles: the knee stays flexed on
+the way, while a straight line in hip angle and slide position can cross the stretched leg. A way is
+checked for clearance before it begins. Phases are in strides; no function here reads a clock.
 """
 
 import cmath
@@ -29,28 +29,28 @@ Pair = tuple[float, float]
 """Hip and slide in joint units, or hip and knee in rad where the name says angles."""
 
 PEAK_OF_MINIMUM_JERK = 1.875
-"""Peak speed of a minimum-jerk motion over its mean speed."""
+"""Ratio of peak speed to mean speed of a minimum-jerk motion."""
 SETTLE_S = 1.0
 """Rest at mid pose before an excitation begins."""
 START_CADENCE_RATIO = 0.5
-"""The first stride begins at this part of the cadence."""
+"""Share of the cadence at which the first stride begins."""
 APPROACH_MIN_S = 0.5
 WAY_POINTS = 50
 
 
 class Reference(NamedTuple):
-    """Where one leg should be, and what is added to g(q) there."""
+    """Reference of one leg in one cycle: position, velocity, and effort on top of g(q)."""
 
     position: Pair
-    """rad, m"""
+    """Hip in rad, slide in m."""
     velocity: Pair
-    """rad/s, m/s"""
+    """Hip in rad/s, slide in m/s."""
     feedforward: Pair
-    """N·m, N on top of g."""
+    """Effort on top of g: N·m, N."""
     guided: bool
     """The impedance pulls to the reference; otherwise torque is open-loop."""
     load: Pair | None = None
-    """g of a fixed pose, where an open loop is balanced about that pose; None: g(q)."""
+    """g of a fixed pose, where an open loop works about that pose; None: g(q)."""
 
 
 class GaitShape(NamedTuple):
@@ -58,13 +58,13 @@ class GaitShape(NamedTuple):
 
     hip_mean_rad: float
     hip_harmonics_rad: tuple[complex, ...]
-    """Highest first, as Horner's rule takes them."""
+    """Highest harmonic first, in the order of Horner's rule."""
     knee_mean_rad: float
     knee_harmonics_rad: tuple[complex, ...]
 
 
 def gait_shape(gait: Gait) -> GaitShape:
-    """[gait] in rad."""
+    """The gait shape from the settings of [gait], in rad."""
     return GaitShape(
         math.radians(gait.hip_mean_deg),
         _harmonics(gait.hip_harmonics_deg),
@@ -106,7 +106,7 @@ def angles_of_joints(leg: LegParameters, joints: Pair) -> Pair:
 
 
 def load_at(leg: LegParameters, joints: Pair) -> Pair:
-    """g(q) in N·m and N: what holds a pose, weight and springs together."""
+    """g(q) in N·m and N: the efforts that hold a pose against weight and springs."""
     load = gravity(leg, np.array(joints))
     return float(load[0]), float(load[1])
 
@@ -116,7 +116,7 @@ def load_at(leg: LegParameters, joints: Pair) -> Pair:
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """Brake from a speed and stay where that ends."""
+    """Plan that brakes from a speed and then holds the final position."""
 
     start: Pair
     start_velocity: Pair
@@ -125,12 +125,12 @@ class Hold:
 
 
 def advance_hold(hold: Hold, dt_s: float) -> Hold:
-    """One cycle on."""
+    """Advance the hold by one cycle."""
     return replace(hold, elapsed_s=hold.elapsed_s + dt_s)
 
 
 def hold_reference(hold: Hold) -> Reference:
-    """On the braking ramp, then at its end."""
+    """Reference on the braking ramp, then at its end."""
     on_ramp = [
         _brake(start, velocity, deceleration, hold.elapsed_s)
         for start, velocity, deceleration in zip(
@@ -153,7 +153,7 @@ def _brake(start: float, velocity: float, deceleration: float, elapsed_s: float)
 
 @dataclass(frozen=True, slots=True)
 class Approach:
-    """A minimum-jerk motion from a pose to another, in hip and knee angles."""
+    """A minimum-jerk motion from one pose to another, in hip and knee angles."""
 
     start_angles: Pair
     end_angles: Pair
@@ -161,7 +161,7 @@ class Approach:
 
 
 def approach(leg: LegParameters, gait: Gait, start: Pair, end_angles: Pair) -> Approach:
-    """From joint position `start` to hip and knee angles, no faster than the configuration says."""
+    """Approach from joint position `start` to hip and knee angles, within the configured speeds."""
     end = joints_of_angles(leg, end_angles)
     duration_s = PEAK_OF_MINIMUM_JERK * max(
         abs(end[0] - start[0]) / gait.approach_hip_rad_per_s,
@@ -171,7 +171,7 @@ def approach(leg: LegParameters, gait: Gait, start: Pair, end_angles: Pair) -> A
 
 
 def way_is_clear(leg: LegParameters, motion: Approach, smallest_ratio: float) -> bool:
-    """Whether every pose on the way can be reached, no closer to the singularity than a ratio."""
+    """True if every pose on the way is reachable and above `smallest_ratio` of singularity."""
     try:
         way = [
             joints_of_angles(leg, _approach_angles(motion, motion.duration_s * k / WAY_POINTS))
@@ -198,7 +198,7 @@ def _minimum_jerk(x: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class GaitPlay:
-    """A gait exercise: announced, approached, played with ramps, ended at its mean pose."""
+    """Plan of a gait: announced, approached, played with ramps, ended at its mean pose."""
 
     leg: LegParameters
     shape: GaitShape
@@ -210,17 +210,17 @@ class GaitPlay:
     duration_s: float
     ramp_strides: float
     phase_offset_strides: float
-    """The other leg walks half a stride later."""
+    """Phase offset of this leg: the other leg walks half a stride later."""
     stage: Stage = Stage.ANNOUNCING
     elapsed_s: float = 0.0
-    """In the stage."""
+    """Time in the stage."""
     strides: float = 0.0
     end_strides: float = 0.0
-    """Strides at which the end began."""
+    """Value of `strides` when stage ENDING began."""
 
 
 def advance_gait(play: GaitPlay, dt_s: float) -> GaitPlay:
-    """One cycle on, into the next stage where one is over."""
+    """Advance the gait by one cycle, and to the next stage where one is over."""
     elapsed_s, strides, stage = play.elapsed_s + dt_s, play.strides, play.stage
     if stage is Stage.PLAYING or stage is Stage.ENDING:
         strides += dt_s * _cadence_hz(play)
@@ -238,14 +238,14 @@ def advance_gait(play: GaitPlay, dt_s: float) -> GaitPlay:
 
 
 def gait_reference(play: GaitPlay, dt_s: float) -> Reference:
-    """Pose now, and the velocity to the pose one cycle later."""
+    """Reference with the pose now, and the velocity to the pose one cycle later."""
     now, soon = _gait_joints(play), _gait_joints(advance_gait(play, dt_s))
     velocity = (soon[0] - now[0]) / dt_s, (soon[1] - now[1]) / dt_s
     return Reference(now, velocity, (0.0, 0.0), guided=True)
 
 
 def gait_phase(play: GaitPlay) -> float:
-    """0..1 of the stride, or -1 while none is played."""
+    """Phase 0..1 of the stride, or -1 while no gait is played."""
     if play.stage not in {Stage.PLAYING, Stage.ENDING}:
         return -1.0
     return (play.strides + play.phase_offset_strides) % 1.0
@@ -282,18 +282,18 @@ def _amplitude_ratio(play: GaitPlay) -> float:
 
 @dataclass(frozen=True, slots=True)
 class TorquePlay:
-    """The leg is carried by g(q) and moved by a controller's assist: nothing guides it."""
+    """Plan of mode TORQUE: g(q) carries the leg and a controller's assist moves it, unguided."""
 
     elapsed_s: float = 0.0
 
 
 def advance_torque(play: TorquePlay, dt_s: float) -> TorquePlay:
-    """One cycle on."""
+    """Advance the plan by one cycle."""
     return replace(play, elapsed_s=play.elapsed_s + dt_s)
 
 
 def torque_reference(measured: Pair) -> Reference:
-    """Where the leg is, without stiffness or damping."""
+    """Reference at the measured pose, without stiffness or damping."""
     return Reference(measured, (0.0, 0.0), (0.0, 0.0), guided=False)
 
 
@@ -302,10 +302,11 @@ def torque_reference(measured: Pair) -> Reference:
 
 @dataclass(frozen=True, slots=True)
 class ExcitePlay:
-    """An open-loop scenario about g of mid pose, inside a window of positions.
+    """Plan of an open-loop scenario about g of mid pose, inside a window of positions.
 
-    The load is that of mid pose and stays it: the springs then bring the leg back, as in the paper.
-    With g(q) every pose would be balanced, and the leg would wander until it leaves its window.
+    The load is g of mid pose throughout: the springs then bring the leg back, as in the paper.
+    With g(q) every pose would be in equilibrium, and the leg would drift until it leaves its
+    window.
     """
 
     leg: LegParameters
@@ -327,7 +328,7 @@ def excite_window(excite: Excite) -> Pair:
 
 
 def advance_excite(play: ExcitePlay, dt_s: float, measured: Pair) -> ExcitePlay:
-    """One cycle on; over when the time is, or when an axis has left the window."""
+    """Advance by one cycle; it is over after its time, or when an axis has left the window."""
     play = replace(play, elapsed_s=play.elapsed_s + dt_s)
     if play.stage == Stage.APPROACHING and play.elapsed_s >= play.motion.duration_s + SETTLE_S:
         return replace(play, stage=Stage.PLAYING, elapsed_s=0.0)
@@ -339,7 +340,7 @@ def advance_excite(play: ExcitePlay, dt_s: float, measured: Pair) -> ExcitePlay:
 
 
 def left_window(play: ExcitePlay, measured: Pair) -> bool:
-    """Whether an axis is outside its window."""
+    """True if an axis is outside its window."""
     return any(
         abs(position - middle) > width
         for position, middle, width in zip(measured, play.middle, play.window, strict=True)
@@ -347,7 +348,7 @@ def left_window(play: ExcitePlay, measured: Pair) -> bool:
 
 
 def excite_reference(play: ExcitePlay, measured: Pair) -> Reference:
-    """Guided to mid pose first; then torque alone."""
+    """Reference of an excitation: guided to mid pose first, then torque only."""
     if play.stage == Stage.APPROACHING:
         angles = _approach_angles(play.motion, play.elapsed_s)
         return Reference(joints_of_angles(play.leg, angles), (0.0, 0.0), (0.0, 0.0), guided=True)

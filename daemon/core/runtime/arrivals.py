@@ -1,18 +1,19 @@
-"""When frames came, by the kernel's stamps, also while somebody sets the wall clock.
+"""Arrival times of frames from the kernel's timestamps, also while the wall clock is changed.
 
-SocketCAN stamps a frame when its interrupt was served, long before a process reads it, but in wall
-clock time, which NTP and operators move. Decisions are made in monotonic time. The loop therefore
-reads both clocks as a pair when it sends SYNC, and again after each look into the socket, and asks
-here what a stamp can mean. No clock is read in this file but by `read_clocks`, and no step is ever
-looked for: two pairs bound what the wall clock was ahead by in between, and with it every stamp.
+SocketCAN stamps a frame when its interrupt is served, long before a process reads it, but in wall
+clock time, which NTP and operators change. Decisions are made in monotonic time. The loop therefore
+reads both clocks as a pair when it sends SYNC, and again after each read of the socket; the
+functions here convert a stamp to monotonic time with them. Clocks are read only by `read_clocks`.
+Clock steps are not detected: two pairs bound the offset of the wall clock between them, and with it
+the time of every stamp.
 
 Rules:
-1.  A frame is no answer to this SYNC if it cannot have come after it: it waited in the socket, or
-    came between the last look and the SYNC. It counts as late, and is no sample.
-2.  A stamp that can be of either side is taken as the order of reading says: as an answer. So a
-    fresh sample stays one whatever the wall clock does, as long as it moves one way within one
-    window (a slew, or one step of any size). Forth and back within 4 ms costs one sample.
-3.  A frame without a stamp (another bus than SocketCAN) is taken as the order of reading says.
+1.  A frame is no answer to this SYNC if it cannot have arrived after it: it waited in the socket,
+    or arrived between the last read and the SYNC. It counts as late, and is no sample.
+2.  A stamp that may be before or after SYNC is classified by the order of reading: as an answer. So
+    a fresh sample stays fresh as long as the wall clock moves in one direction within one window
+    (a slew, or one step of any size). Forth and back within 4 ms costs one sample.
+3.  A frame without a stamp (another bus than SocketCAN) is classified by the order of reading.
 """
 
 from collections.abc import Sequence
@@ -22,47 +23,50 @@ from daemon.system.clock import Clock
 from drives.canopen.bus import Frame
 
 ROUNDING_NS: Final = 500
-"""A stamp passes through a float of seconds, which holds about 240 ns at today's date."""
+"""Rounding of a stamp, which passes through a float of seconds (about 240 ns at today's date)."""
 KNOWN_WITHIN_NS: Final = 100_000
-"""An arrival that is known less well is not told: the wall clock moved, or we were interrupted."""
+"""Largest uncertainty of a published answer time.
+
+It is exceeded when the wall clock was changed or the process was interrupted.
+"""
 
 
 class ClockPair(NamedTuple):
-    """Both clocks at one moment: the wall clock was read between two reads of the other."""
+    """Readings of both clocks: the wall clock is read between two monotonic readings."""
 
     before_ns: int
-    """Monotonic."""
+    """Monotonic time before the wall clock was read."""
     utc_ns: int
     after_ns: int
-    """Monotonic."""
+    """Monotonic time after the wall clock was read."""
 
     @property
     def ahead_least_ns(self) -> int:
-        """What the wall clock is ahead of the monotonic one by, at least."""
+        """Smallest possible offset of the wall clock over the monotonic clock."""
         return self.utc_ns - self.after_ns
 
     @property
     def ahead_most_ns(self) -> int:
-        """And at most."""
+        """Largest possible offset of the wall clock over the monotonic clock."""
         return self.utc_ns - self.before_ns
 
 
 class Arrival(NamedTuple):
-    """A frame came between these two, in monotonic time."""
+    """Bounds of the arrival of a frame, in monotonic time."""
 
     earliest_ns: int
     latest_ns: int
 
 
 def read_clocks(clock: Clock) -> ClockPair:
-    """Both clocks now."""
+    """Read both clocks now."""
     before_ns = clock.now_ns()
     utc_ns = clock.utc_ns()
     return ClockPair(before_ns, utc_ns, clock.now_ns())
 
 
 def arrival(stamp_utc_ns: int, begun: ClockPair, ended: ClockPair) -> Arrival:
-    """When a frame came that was read before `ended`, if it was stamped after `begun`."""
+    """Arrival of a frame that was read before `ended`, if it was stamped after `begun`."""
     ahead_most_ns = max(begun.ahead_most_ns, ended.ahead_most_ns)
     ahead_least_ns = min(begun.ahead_least_ns, ended.ahead_least_ns)
     return Arrival(
@@ -71,9 +75,9 @@ def arrival(stamp_utc_ns: int, begun: ClockPair, ended: ClockPair) -> Arrival:
 
 
 def is_before(stamp_utc_ns: int, begun: ClockPair, ended: ClockPair) -> bool:
-    """Whether a frame read before `ended` cannot have come after `begun` (rules 1 to 3).
+    """True if a frame read before `ended` cannot have arrived after `begun` (rules 1 to 3).
 
-    A stamp of the time before a step backwards can lie in the future of today's wall clock.
+    A stamp from before a backward step of the wall clock can lie in its future.
     """
     if stamp_utc_ns == 0:
         return False
@@ -84,7 +88,7 @@ def is_before(stamp_utc_ns: int, begun: ClockPair, ended: ClockPair) -> bool:
 def sort_out(
     frames: Sequence[Frame], begun: ClockPair, ended: ClockPair
 ) -> tuple[list[Frame], list[Frame]]:
-    """What may be an answer to the SYNC sent after `begun`, and what cannot, each in order.
+    """Split frames into possible answers to the SYNC sent after `begun`, and late ones, in order.
 
     Error frames are neither late nor early: they stay with the answers.
     """
@@ -97,7 +101,7 @@ def sort_out(
 
 
 def answered_ns(stamp_utc_ns: int, begun: ClockPair, ended: ClockPair) -> int | None:
-    """How long after `begun` an answer came; None where its stamp does not say that well enough."""
+    """Time from `begun` to an answer; None without a stamp, or if it is too uncertain."""
     if stamp_utc_ns == 0:
         return None
     came = arrival(stamp_utc_ns, begun, ended)

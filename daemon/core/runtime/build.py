@@ -1,4 +1,4 @@
-"""A core and its bring-up plans from the configuration: the only place that knows both."""
+"""Build a core and its bring-up plans from the configuration: the only file that imports both."""
 
 import math
 from collections.abc import Mapping
@@ -29,25 +29,25 @@ from observer.strides import StrideCounter
 
 NS_PER_MS = 1_000_000
 HOMING_SPEED_RATIO = 3.0
-"""A homing that is so many times faster than its search has run away."""
+"""Speed limit of a homing, as a multiple of its search speed."""
 LEG_DIGEST_LENGTH = 16
-"""Hexadecimal digits: enough to tell two robot files apart."""
+"""Number of hexadecimal digits that distinguish two robot files."""
 SECOND_LEG_PHASE = 0.5
-"""The second leg walks half a stride behind the first."""
+"""Phase of the second leg relative to the first, in strides."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plans:
-    """How the drives are brought up: as usual, or with the limits of one axis's preparation."""
+    """Bring-up plans of the drives: usual ones, and special ones for homing and sign test."""
 
     usual: tuple[DrivePlan, ...]
     homing: Mapping[str, DrivePlan]
-    """By the axis that is homed."""
+    """Plan of the homed axis, by its name."""
     commissioning: Mapping[str, DrivePlan]
-    """By the axis whose sign is tested."""
+    """Plan of the axis whose sign is tested, by its name."""
 
     def of(self, preparation: Preparation | None) -> tuple[DrivePlan, ...]:
-        """The plans of all drives for what comes next."""
+        """The plans of all drives for the next homing or sign test, or the usual ones."""
         if preparation is None or preparation.step in OVER:
             return self.usual
         table = self.homing if isinstance(preparation, Homing) else self.commissioning
@@ -59,7 +59,7 @@ class Plans:
 
 @dataclass(frozen=True, slots=True)
 class Built:
-    """A core that has not met its drives yet, and how to meet them."""
+    """A core before bring-up, with the plans for its bring-up."""
 
     core: Core
     plans: Plans
@@ -67,7 +67,7 @@ class Built:
 
 
 def build(settings: Settings, boot_id: str, notes: Notes) -> Built:
-    """Everything of the core that the configuration and the notes of its last life decide."""
+    """Build a core from the configuration and the persistent state of its last run."""
     friction = friction_parameters(settings.robot)
     limits = settings.limits
     by_axis = (
@@ -141,7 +141,7 @@ def _poses(reference: Reference) -> tuple[PoseRules, PoseRules]:
 
 
 def ring_header(settings: Settings, boot_id: str, start_utc_ns: int, version: str) -> RingHeader:
-    """What a recording says of itself."""
+    """The header of the ring: identity, configuration and names for readers of the records."""
     return RingHeader(
         core_boot_id=boot_id,
         start_utc_ns=start_utc_ns,
@@ -184,7 +184,7 @@ def _core_config(
             standstill_cycles=stop.standstill_cycles,
             ramp_margin_ratio=stop.ramp_margin_ratio,
             period_s=period_ms * 1e-3,
-            reaction_cycles=0,  # each axis has its own
+            reaction_cycles=0,  # set per axis
         ),
         spasm=SpasmRules(
             window_cycles=limits.spasm.rise_window_ms // period_ms,
@@ -251,7 +251,7 @@ def _axis(
         name=drive.name,
         node_id=drive.node_id,
         limits=bounds._replace(enable_max_cycles=drive.axis.enable_max_ms // period_ms),
-        # Until the drive has told its torque base, the one that its file expects.
+        # The torque base of the drive file is used until bring-up has read that of the drive.
         scaling=axis_scaling(drive, expected_base(drive)),
         wiring=Wiring(
             drive.node_id,

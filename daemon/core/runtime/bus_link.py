@@ -1,11 +1,12 @@
-"""The bus as the loop uses it: what lives as long as the service, also when the interface goes.
+"""The CAN bus of the loop: counters and state that persist when the interface is closed.
 
 Rules:
 1.  Process data (SYNC, heartbeat, targets) are sent at once or dropped and counted: they are
-    worthless in the next cycle. What stops a drive is tried again until its deadline.
-2.  While the controller is bus-off nothing is sent: the drives would get a burst of stale frames
-    when it comes back. Listening goes on, so its restart is seen.
-3.  Who else sends SYNC, or a heartbeat under our number, is another master: counted, and told.
+    worthless in the next cycle. Frames that stop a drive are retried until their deadline.
+2.  While the controller is bus-off no frame is sent: the drives would get a burst of stale frames
+    after its restart. Receiving goes on, so that the restart is detected.
+3.  Received SYNC frames and heartbeats with the master's node id come from another master: they are
+    counted and published.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,7 +21,7 @@ from drives.canopen.nmt import HEARTBEAT_ID, SYNC_ID, SyncProducer
 
 
 class Line:
-    """A bus that can be opened and closed, its counters, its SYNC and its controller's state."""
+    """A bus that can be opened and closed, with counters, SYNC producer and controller state."""
 
     def __init__(
         self,
@@ -39,38 +40,38 @@ class Line:
         self.bus_state = BusMonitor()
         self.load = LoadMeter(bitrate_bit_per_s)
         self.dropped_count = 0
-        """Frames that never left because the transmit queue was full, or too late."""
+        """Frames that were not sent because the transmit queue was full, or too late."""
         self.foreign_count = 0
-        """Frames of another master."""
+        """Frames received from another master."""
 
     @property
     def is_open(self) -> bool:
-        """Whether there is an interface to talk to."""
+        """True if the interface is open."""
         return self._bus is not None
 
     @property
     def is_off(self) -> bool:
-        """The controller has left the bus."""
+        """True if the controller is bus-off."""
         return self.bus_state.condition is BusCondition.OFF
 
     def open(self) -> None:
-        """Open the interface, unless it is.
+        """Open the interface, unless it is open.
 
         Raises:
-            BusError: there is none, or it does not work.
+            BusError: there is no interface, or it does not work.
         """
         if self._bus is None:
             self._bus = self._open_bus()
             self.bus_state.begin()
 
     def close(self) -> None:
-        """Let go of the interface."""
+        """Close the interface."""
         if self._bus is not None:
             self._bus.close()
             self._bus = None
 
     def port(self, *, requested: bool, meanwhile: Callable[[], None]) -> Configurator:
-        """What bring-up needs of an open bus; what the controller did before is forgiven."""
+        """The port of an open bus for bring-up; earlier errors of the controller are cleared."""
         self.bus_state.forgive()
         if requested:
             self.bus_state.revive()
@@ -95,7 +96,7 @@ class Line:
             self._count_sent(frames, dropped)
 
     def send_urgent(self, frames: Sequence[Frame], deadline_ns: int) -> bool:
-        """Send what must arrive, trying again until the deadline; whether all of it left.
+        """Send urgent frames, with retries until the deadline; True if all were sent.
 
         Raises:
             BusError: the bus is down.
@@ -107,7 +108,7 @@ class Line:
         return left == 0
 
     def drop(self, frames: Sequence[Frame]) -> None:
-        """Do not send what would come too late."""
+        """Count frames as dropped that would be sent too late."""
         self.dropped_count += len(frames)
 
     def _count_sent(self, frames: Sequence[Frame], dropped: int) -> None:
@@ -125,7 +126,7 @@ class Line:
         return self._heard(self._existing().receive_until(deadline_ns, self._clock))
 
     def take_notices(self) -> list[str]:
-        """What people should know of the bus and have not been told yet."""
+        """Notices about the bus for the operator that have not been published yet."""
         notices = self.bus_state.take_notices()
         if self.foreign_count > 10 * self._foreign_told_count:
             self._foreign_told_count = self.foreign_count
@@ -135,7 +136,7 @@ class Line:
         return notices
 
     def record(self, stray_count: int) -> BusRecord:
-        """What has been counted, for the record of a cycle."""
+        """The counters of the bus for the record of a cycle."""
         state = self.bus_state
         return BusRecord(
             condition=state.condition.value,

@@ -1,7 +1,7 @@
-"""How busy the bus was: the bits of every frame that we sent or heard, each second anew.
+"""Measured bus load: the bits of every frame sent or received, over each second.
 
-Exact stuffing costs some microseconds a frame, so the counting is done when the cycle's work is
-over, and a bus that babbles is counted at its longest beyond EXACT_MAX frames at a time.
+Exact bit stuffing costs some microseconds per frame, so the frames are counted after the cycle's
+work. Beyond EXACT_MAX frames at a time the longest possible frame length is used.
 """
 
 from collections.abc import Sequence
@@ -12,11 +12,11 @@ from drives.canopen.bus_load import frame_bits, frame_bits_exact
 
 SPAN_NS: Final = 1_000_000_000
 EXACT_MAX: Final = 64
-"""Frames whose stuff bits are counted in one go: four times what a cycle of two legs has."""
+"""Frames whose stuff bits are counted at once: four times the number in a cycle of two legs."""
 
 
 class LoadMeter:
-    """Collects frames, counts their bits, and says how much of the time they took."""
+    """Collects frames, counts their bits, and computes the share of time that they took."""
 
     def __init__(self, bitrate_bit_per_s: int) -> None:
         self._bitrate_bit_per_s = bitrate_bit_per_s
@@ -24,14 +24,14 @@ class LoadMeter:
         self._bits = 0
         self._begun_ns: int | None = None
         self.busy_ratio = 0.0
-        """Of the last whole second, 0..1."""
+        """Bus load of the last whole second, 0..1."""
 
     def note(self, frames: Sequence[Frame]) -> None:
-        """Take frames that were on the bus; error frames have no length that we know."""
+        """Add frames that were on the bus; error frames are left out, their length is unknown."""
         self._waiting += [frame for frame in frames if not frame.is_error]
 
     def count(self, now_ns: int) -> None:
-        """Count what waits; once a second, say how busy the bus was."""
+        """Count the collected frames; update `busy_ratio` once a second."""
         exact, rest = self._waiting[:EXACT_MAX], self._waiting[EXACT_MAX:]
         self._bits += sum(frame_bits_exact(frame.can_id, frame.data) for frame in exact)
         self._bits += sum(frame_bits(len(frame.data)) for frame in rest)

@@ -1,9 +1,9 @@
-"""The grid of cycles: absolute points in time, of which those that are over are left out.
+"""The time grid of cycles: absolute points in time, of which missed ones are skipped.
 
 Rules:
-1. Grid points that were missed are skipped and counted, never caught up in a burst.
+1. Missed grid points are skipped and counted, never caught up in a burst.
 2. One that is late by more than LATE_MAX_NS is missed: its SYNC would come too close to the next.
-3. Each is put down to the part of the cycle that took longest beyond what it may.
+3. Each miss is attributed to the part of the cycle that exceeded its time the most.
 """
 
 from typing import Final
@@ -12,11 +12,11 @@ from daemon.ipc.cycle_timing import CyclePart, CycleTiming
 from daemon.system.clock import Clock
 
 LATE_MAX_NS: Final = 3_000_000
-"""Two SYNCs are never closer than the period less this."""
+"""Largest lateness of a cycle: two SYNCs are never closer than the period less this."""
 
 
 def longest_part(timing: CycleTiming, window_ns: int) -> CyclePart:
-    """The part of a cycle that is to blame if there was no time for the next grid point."""
+    """The part of a cycle to which a missed grid point is attributed."""
     beyond_ns = {
         CyclePart.WAKE_UP: timing.lateness_ns,
         CyclePart.WINDOW: timing.collect_ns - window_ns,
@@ -27,7 +27,7 @@ def longest_part(timing: CycleTiming, window_ns: int) -> CyclePart:
 
 
 class Grid:
-    """Where the loop is on its grid, and what it has missed."""
+    """The present grid point of the loop, and the count of missed ones."""
 
     def __init__(self, clock: Clock, period_ns: int) -> None:
         self._clock = clock
@@ -41,11 +41,11 @@ class Grid:
 
     @property
     def end_ns(self) -> int:
-        """The grid point after the next: where the cycle that is due ends."""
+        """The grid point after the next: the end of the cycle that is due."""
         return self.due_ns + self.period_ns
 
     def advance(self) -> int:
-        """To the next grid point that can still be met; how many could not."""
+        """Advance to the next grid point that can be met; returns the number of missed ones."""
         self.due_ns += self.period_ns
         self.cycle += 1
         missed = self.skip_missed()
@@ -54,7 +54,7 @@ class Grid:
         return missed
 
     def skip_missed(self) -> int:
-        """Leave out the grid points that are over, and count them; how many."""
+        """Skip and count missed grid points; returns their number."""
         late_ns = self._clock.now_ns() - self.due_ns
         if late_ns <= LATE_MAX_NS:
             return 0
@@ -65,7 +65,7 @@ class Grid:
         return missed
 
     def jump(self) -> None:
-        """To the next grid point from now, without a miss: nothing was due in between."""
+        """Move to the next grid point from now, without counting misses."""
         late_ns = max(self._clock.now_ns() - self.due_ns, 0)
         self._jump(late_ns // self.period_ns + 1)
 

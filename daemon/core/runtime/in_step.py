@@ -1,14 +1,14 @@
-"""The core's end of the seam in simulated time: it waits for the gateway, in bounded wall time.
+"""The core's end of the IPC channel in simulated time: it waits for the gateway, with a time limit.
 
-In simulated time the core could run away from a gateway that needs a millisecond of the computer
-for each record. So before each cycle it waits for a level that was made after record N - 3, and,
-while a lease is held, for a setpoint that was. Waiting delays `levels`; it never makes one.
+In simulated time the core could run ahead of a gateway that needs a millisecond of the computer
+for each record. So before each cycle it waits for a gateway state made after record N - 3, and,
+while a lease is held, for a setpoint made after it. Waiting only delays `levels`.
 
-Not waited for: a gateway whose socket refuses (it has ended), whose process is stopped (state T),
-or that has said nothing for PATIENCE_LOOKS; a holder of a lease that has said nothing for
-HOLDER_LOOKS. Each is waited for again from its next level or setpoint on. A gateway that a debugger
-has stopped (state t) is waited for. What it means that one of them is silent is judged by safety,
-in simulated time, as ever.
+The core does not wait for a gateway whose socket refuses (it has ended), whose process is stopped
+(state T), or that has sent nothing for PATIENCE_LOOKS, nor for a lease holder that has sent nothing
+for HOLDER_LOOKS. It waits for each again from its next gateway state or setpoint on. It does wait
+for a gateway stopped by a debugger (state t). The safety checks react to a silent gateway in
+simulated time, as in real time.
 """
 
 import select
@@ -23,15 +23,18 @@ from simtime.processes import IN_A_DEBUGGER, STOPPED, process_state
 CREDIT_CYCLES: Final = 3
 LOOK_MS: Final = 20
 PATIENCE_LOOKS: Final = 250
-"""5 s in looks of this process: a stall of the whole computer counts as one."""
+"""5 s, counted in polls of this process: a stall of the whole computer counts as one poll."""
 STOPPED_LOOKS: Final = 3
-"""A signal to a whole group of processes, this one among them, reaches one after the other."""
+"""Polls until a stopped gateway counts as stopped.
+
+A signal to a process group that includes this process reaches its members one after the other.
+"""
 HOLDER_LOOKS: Final = 50
-"""1 s."""
+"""1 s, counted in polls."""
 
 
 class InStepSeam:
-    """A `Seam` that keeps the core in step with gateway and holder."""
+    """A `Seam` that keeps the core in step with the gateway and the lease holder."""
 
     def __init__(
         self,
@@ -41,14 +44,14 @@ class InStepSeam:
         is_in_step: Callable[[], bool],
         say_here: Callable[[], None],
     ) -> None:
-        """Wrap a seam.
+        """Wrap an IPC channel.
 
         Args:
-            seam: to the gateway.
-            boot_id: of this core.
-            gateway_lock: holds the gateway's process id.
-            is_in_step: whether time is simulated now.
-            say_here: tells who owns the time that this process is not hung.
+            seam: IPC channel to the gateway.
+            boot_id: boot id of this core.
+            gateway_lock: lock file with the gateway's process id.
+            is_in_step: returns True while time is simulated.
+            say_here: reports to the owner of simulated time that this process is not hung.
         """
         self._seam, self._boot_id = seam, boot_id
         self._lock, self._is_in_step, self._say_here = gateway_lock, is_in_step, say_here
@@ -69,7 +72,7 @@ class InStepSeam:
         return taken
 
     def levels(self) -> list[Level]:
-        """As `CoreSeam.levels`, once gateway and holder have come along."""
+        """As `CoreSeam.levels`, once gateway and lease holder have caught up."""
         levels = self._read()
         looks = stopped_looks = 0
         while self._is_in_step() and self._lags() and looks < PATIENCE_LOOKS:

@@ -1,24 +1,24 @@
-"""The 10 ms grid: when SYNC leaves, how long to listen, when to send, and what if it is late.
+"""The 10 ms loop: sends SYNC, receives samples, runs a cycle, sends commands, handles lateness.
 
 One turn, on absolute grid points:
 
     until the grid point  keep polling: an emergency is answered at once
-    at the grid point     SYNC (and our heartbeat), then collect the drives' samples: until they are
-                          complete, or the window closes (`sync_window.py`)
+    at the grid point     SYNC (and the master's heartbeat), then collect the drives' samples until
+                          they are complete, or the window closes (`sync_window.py`)
     then                  one cycle (`cycle.py`), its frames sent, its record published
     at the end            the watchdog is fed, once for every cycle finished in time
 
 Rules:
-1. Grid points that were missed are skipped and counted, never caught up in a burst (`grid.py`).
-2. A command whose cycle is over is not sent late; it counts as dropped. One that finds a full
-   queue is dropped too. Those that stop a drive leave however late it is, and are tried again
-   within the cycle.
-3. The watchdog is fed in every mode, also during bring-up, whatever the drives do. A silent drive
-   is a verdict (`systemd.py`).
-4. SYNC and heartbeat leave only from here and from bring-up's steps, never from a timer.
-5. While the controller is bus-off nothing is sent (`bus_link.py`).
-6. An exception in a cycle is a bug of ours: the drives are stopped once more, then the process
-   ends, and the drives' own detection is the backstop.
+1. Missed grid points are skipped and counted, never caught up in a burst (`grid.py`).
+2. A command whose cycle is over is not sent late; it counts as dropped. A command that meets a full
+   queue is dropped too. Commands that stop a drive are sent however late, and are retried within
+   the cycle.
+3. The watchdog is fed in every mode, also during bring-up, in any state of the drives. A silent
+   drive causes a verdict instead (`systemd.py`).
+4. SYNC and heartbeat are sent only from here and from bring-up's steps, never from a timer.
+5. While the controller is bus-off no frame is sent (`bus_link.py`).
+6. An exception in a cycle is a programming error: the drives are stopped once more, then the
+   process ends, and the drives' own detection is the backstop.
 """
 
 from collections.abc import Callable, Sequence
@@ -48,25 +48,25 @@ from drives.cia402.power_state import TORQUE_FREE
 from drives.errors import BringUpRefused, BusError
 
 RETRY_NS: Final = 1_000_000_000
-"""Between two tries to bring up drives that do not answer."""
+"""Time between two attempts to bring up drives that do not answer."""
 SEND_MARGIN_NS: Final = 500_000
-"""Commands go out at the latest this long before the next SYNC."""
+"""Commands are sent at the latest this long before the next SYNC."""
 LEFT_OUT_MAX: Final = 3
-"""Late awakenings in a row; then the cycle runs all the same, so that it is judged."""
+"""Late wake-ups in a row after which the cycle runs anyway, so that its checks run."""
 POWER_OFF_CYCLES: Final = 50
-"""At the end, drives may take this long to show that they are without power."""
+"""Longest time at shutdown until the drives show that they are without power."""
 SETTLE_CYCLES: Final = 150
-"""And the leg so long, with that, to find its rest: the pose that the next start compares with."""
+"""Longest time at shutdown until the leg is at rest; its pose is checked at the next start."""
 BLIND_STOP_CYCLES: Final = 50
 NOTHING_RELOADED: Final = (
     "asked to reload: the core takes nothing new while it runs. With nobody in the machine: "
     "systemctl restart gaitd-core"
 )
-"""At most EVENT_LENGTH_MAX long. docs/running.md says why."""
+"""At most EVENT_LENGTH_MAX long. The reason is in docs/running.md."""
 
 
 class Loop:
-    """The grid around one core. `run` returns when the service was asked to end, and could."""
+    """The loop of one core. `run` returns after a shutdown request, once ending is safe."""
 
     def __init__(
         self,
@@ -97,20 +97,20 @@ class Loop:
         self._timing = CycleTiming(0, 0, 0, 0)
         self._dropped_in_a_row = 0
         self._stopped: tuple[int, ...] = ()
-        """Node ids of the drives that have been told NMT stop."""
+        """Node ids of the drives to which NMT stop has been sent."""
         self._power_off_cycles = 0
         self._noted = core.notes
         self.bug: Exception | None = None
-        """What ended the loop with ExitCode.BUG."""
+        """The exception that ended the loop with ExitCode.BUG."""
 
     def run(
         self, asked_to_end: Callable[[], bool], asked_to_reload: Callable[[], bool] = lambda: False
     ) -> ExitCode:
-        """Turn until asked to end, and then until everything is at rest and without power.
+        """Run until a shutdown request, and then until all axes are at rest and without power.
 
         Args:
-            asked_to_end: asked once a turn; true from then on.
-            asked_to_reload: true once for each time that somebody asks for a reload.
+            asked_to_end: read every turn; stays True once a shutdown was requested.
+            asked_to_reload: True once for each request to reload.
         """
         code = ExitCode.BUG
         try:
@@ -132,7 +132,7 @@ class Loop:
             self._tell(cycle.rest(self._core, [], self._tick(self._grid.due_ns)))
             return ExitCode.REFUSED
         except Exception as bug:  # noqa: BLE001 - the one broad catch: it stops the machine
-            self._supervision.begin_end()  # nothing is fed from here on
+            self._supervision.begin_end()  # the watchdog is not fed from here on
             self._stop_blindly()
             self.bug = bug
             return ExitCode.BUG
@@ -141,13 +141,14 @@ class Loop:
     # --- one turn ---------------------------------------------------------------------------
 
     def turn(self, *, shutdown: bool = False) -> None:
-        """From one grid point to the next.
+        """Run one turn, from one grid point to the next.
 
         Args:
-            shutdown: the service was asked to end: what moves is stopped.
+            shutdown: a shutdown was requested: moving legs are stopped.
 
         Raises:
-            BringUpRefused: a drive is not the one of the files, or refuses what they ask.
+            BringUpRefused: a drive is not the one in the configuration files, or refuses their
+                values.
         """
         self._shutdown = shutdown
         if shutdown:
@@ -171,7 +172,7 @@ class Loop:
         self._advance_grid()
 
     def _leave_out_missed(self) -> None:
-        """A late SYNC waits for the next grid point; not for ever, if every one comes late."""
+        """Delay a late SYNC to the next grid point, at most LEFT_OUT_MAX times in a row."""
         for _ in range(LEFT_OUT_MAX):
             missed = self._grid.skip_missed()
             if not missed:
@@ -180,7 +181,7 @@ class Loop:
             self._await_grid_point()
 
     def _await_grid_point(self) -> None:
-        """Poll the bus until the grid point; answer what cannot wait."""
+        """Poll the bus until the grid point, and answer alarms at once."""
         if not self._has_drives():
             self._clock.sleep_until(self._grid.due_ns)
             return
@@ -189,7 +190,7 @@ class Loop:
             if answer:
                 self._line.send_urgent(answer, self._grid.due_ns)
             if self._clock.now_ns() >= self._grid.due_ns:
-                return  # somebody babbles: SYNC does not wait for silence
+                return  # SYNC does not wait for a continuously busy bus
 
     def _cycle_once(self, levels: Sequence[Level]) -> CycleRecord:
         begun_ns, begun_utc_ns = self._clock.now_ns(), self._clock.utc_ns()
@@ -214,7 +215,7 @@ class Loop:
             else:
                 self._end_watch()
         except BusError:
-            # What this cycle knew and decided is told, too; that the bus is gone, by the next.
+            # This cycle's record is published as well; the next record reports the lost bus.
             self._tell(record)
             raise
         dropped = line.dropped_count > dropped_count
@@ -226,7 +227,7 @@ class Loop:
         return self._line.is_open and self._core.drives is not None
 
     def _sync_and_collect(self, sync_ns: int) -> list[Frame]:
-        """SYNC out, and what the drives answer inside the window."""
+        """Send SYNC (and heartbeat), and collect the drives' answers inside the window."""
         line, settings, drives = self._line, self._settings, self._core.drives
         if supervisor.silenced(self._core) or drives is None:
             return []
@@ -240,13 +241,13 @@ class Loop:
         return self._window.collect(drives, outgoing, sync_ns)
 
     def _send(self, outgoing: Sequence[Frame]) -> None:
-        """Commands, if they still belong to this cycle; NMT stop where escalation came so far."""
+        """Send commands while their cycle lasts, and NMT stop where a stop has escalated to it."""
         line, core = self._line, self._core
         if supervisor.silenced(core):
             return
         deadline_ns = self._grid.end_ns - SEND_MARGIN_NS
         if any(axis.stop is not None and axis.stop.step > Step.HOLD for axis in core.axes):
-            # Never too late: nothing newer can be on its way, and the drives wait for it.
+            # A stop is never too late: no newer command is under way, and the drives wait for it.
             line.send_urgent(outgoing, deadline_ns)
         elif self._clock.now_ns() > deadline_ns:
             line.drop(outgoing)
@@ -260,7 +261,7 @@ class Loop:
     # --- bring-up and loss ------------------------------------------------------------------
 
     def _bring_up(self) -> None:
-        """All steps of the bring-up, with a record for every 10 ms that they take."""
+        """Run all steps of the bring-up, with a record for every 10 ms."""
         core, settings = self._core, self._settings
         self._retry_ns = self._clock.now_ns() + RETRY_NS
         try:
@@ -282,7 +283,10 @@ class Loop:
         self._grid.jump()
 
     def _tell_meanwhile(self) -> None:
-        """The cycles of a bring-up: heard and told like any other, also while a drive is silent."""
+        """Run cycles without drives during bring-up: read gateway states and publish records.
+
+        This also happens while a drive is silent.
+        """
         late_ns = self._clock.now_ns() - self._grid.due_ns
         if late_ns < 0:
             return
@@ -349,10 +353,13 @@ class Loop:
     # --- the end ----------------------------------------------------------------------------
 
     def may_end(self) -> bool:
-        """At rest, and without power for as far as the drives tell."""
+        """True if all axes are at rest and without power, by their statuswords, or after a timeout.
+
+        Switches the power off when nothing moves any more.
+        """
         core = self._core
         if core.drives is None:
-            # A reset is under way: its bring-up switches off whatever still holds the leg.
+            # During a reset the loop goes on: its bring-up switches off drives that hold the leg.
             return core.reset_cycles_left == 0
         if core.mode.active or core.mode == Mode.STOPPING:
             return False
@@ -376,13 +383,13 @@ class Loop:
             self._settings.notebook.write(self._noted)
 
     def _stop_blindly(self) -> None:
-        """Quick stop again and again without looking, for as long as a stop takes."""
+        """Send quick stop repeatedly without reading feedback, for the duration of a stop."""
         line, drives, period_ns = self._line, self._core.drives, self._settings.period_ns
         if not line.is_open or drives is None:
             return
         stops = impedance.blind_stop(self._core)
         own = heartbeat_frame(self._settings.master_node_id)
-        # A bus that is gone as well leaves the drives to their own detection.
+        # If the bus is lost as well, the drives stop by their own detection.
         with suppress(BusError):
             for _ in range(BLIND_STOP_CYCLES):
                 next_ns = self._clock.now_ns() + period_ns
@@ -391,14 +398,14 @@ class Loop:
                 self._clock.sleep_until(next_ns)
 
     def leave(self) -> None:
-        """Let go of the drives and of the bus."""
+        """Reset the drives' communication unless they are enabled, and close the bus."""
         if self._has_drives() and not self._core.mode.active:
             with suppress(BusError):
                 self._end_watch()
         self._line.close()
 
     def _end_watch(self) -> None:
-        """NMT reset communication: without it the drives' watch over us would end in a fault."""
+        """Send NMT reset communication, so that the missing heartbeat causes no drive fault."""
         nodes = [axis.node_id for axis in self._core.axes]
         resets = [nmt_frame(NmtCommand.RESET_COMMUNICATION, node) for node in nodes]
         self._line.send_urgent(resets, self._clock.now_ns() + self._settings.period_ns)

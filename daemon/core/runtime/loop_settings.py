@@ -1,4 +1,4 @@
-"""What the loop is given, and how it ends: grid and bus, the seam, whoever watches it."""
+"""Settings, interfaces and exit codes of the loop: grid and bus, IPC channel, systemd, journal."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from drives.canopen.bus import Bus
 
 
 class ExitCode(IntEnum):
-    """How the process ends."""
+    """Exit code of the core process."""
 
     ENDED = 0
     CONFIGURATION = 2
@@ -22,50 +22,50 @@ class ExitCode(IntEnum):
 
 
 class Seam(Protocol):
-    """What the loop needs of the seam: `daemon.ipc.transport.CoreSeam`, or a list in a test."""
+    """Interface of the IPC channel: `daemon.ipc.transport.CoreSeam`, or a list in a test."""
 
     def publish(self, record: CycleRecord) -> object:
-        """Hand a record over."""
+        """Publish a record."""
         ...
 
     def levels(self) -> list[Level]:
-        """All levels that wait."""
+        """All gateway states that wait."""
         ...
 
     def take_notices(self) -> list[str]:
-        """What people should know of the seam and have not been told yet."""
+        """Notices about the IPC channel for the operator that have not been published yet."""
         ...
 
 
 class Supervisor(Protocol):
-    """What the loop needs of systemd: `daemon.system.sd_notify.Notifier`."""
+    """Interface to systemd: `daemon.system.sd_notify.Notifier`."""
 
     def send(self, *lines: str) -> bool:
-        """Tell it; false if it could not be told now."""
+        """Send lines; False if they could not be sent now."""
         ...
 
 
 class Log(Protocol):
-    """What the loop needs of the journal: `daemon.system.journal.Journal`."""
+    """Interface to the journal: `daemon.system.journal.Journal`."""
 
     def tell(self, text: str, priority: int, fields: Mapping[str, str]) -> None:
-        """Put in a line; never waits."""
+        """Write a line; never waits."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class LoopSettings:
-    """What the loop needs beside the core."""
+    """Settings of the loop."""
 
     plans: Plans
     cycle: CycleSettings
     period_ns: int
     window_ns: int
     heartbeat_cycles: int
-    """Our heartbeat goes out with every so many SYNCs."""
+    """Number of SYNCs between two heartbeats of the master."""
     master_node_id: int
     bus_load_ratio: float
-    """The worst that can be, as computed."""
+    """Computed worst-case bus load."""
     bitrate_bit_per_s: int
     open_bus: Callable[[], Bus]
     notebook: NoteKeeper

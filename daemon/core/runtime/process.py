@@ -1,7 +1,7 @@
-"""The core's process: configuration in, real-time wishes, the loop until somebody ends it.
+"""The core's process: configuration, real-time settings, and the loop until a shutdown request.
 
-Everything is built, compiled and warm before the drives are brought up; from then on nothing is
-imported, compiled or allocated that stays.
+Everything is built, compiled and warm before the drives are brought up; from then on there are no
+imports, no compilation and no lasting allocations.
 """
 
 import contextlib
@@ -39,7 +39,7 @@ PART: Final = "core"
 
 @contextlib.contextmanager
 def _directories(settings: Settings) -> Generator[None]:
-    """Both directories made, and ours alone, before anything in them is touched."""
+    """Create and lock both directories before any file in them is used."""
     config = settings.file.path
     with (
         hold(config, "paths.runtime", settings.runtime, PART),
@@ -59,7 +59,7 @@ def _seam(settings: Settings, header: RingHeader) -> CoreSeam:
 
 
 class Wishes:
-    """SIGTERM, SIGINT and SIGHUP as questions that the loop asks once a turn."""
+    """Requests by SIGTERM, SIGINT and SIGHUP, which the loop reads once a turn."""
 
     def __init__(self) -> None:
         self._end = self._reload = self._waits = False
@@ -68,15 +68,15 @@ class Wishes:
         signal.signal(signal.SIGHUP, self._ask_reload)
 
     def wait(self) -> None:
-        """From now on who asks for the end is made to wait for it: drives may move."""
+        """Stop exiting at once on a request to end, because drives may move from now on."""
         self._waits = True
 
     def end(self) -> bool:
-        """Whether somebody has asked the process to end."""
+        """True if the process was requested to end."""
         return self._end
 
     def reload(self) -> bool:
-        """Whether somebody has asked to read the configuration again, since this was asked."""
+        """True if a reload was requested since the last call."""
         asked, self._reload = self._reload, False
         return asked
 
@@ -92,13 +92,13 @@ class Wishes:
 def run_core(
     settings: Settings, notify_address: str | None, log: Journal, *, has_watchdog: bool = False
 ) -> ExitCode:
-    """Run the core until it is asked to end; both axes are at rest and without power then.
+    """Run the core until it is requested to end; all axes are at rest and without power then.
 
     Args:
-        settings: what the files say.
-        notify_address: of the supervisor.
-        log: of what it does.
-        has_watchdog: a supervisor watches it by the computer's clock.
+        settings: the loaded configuration.
+        notify_address: notify socket of systemd.
+        log: journal for the core's messages.
+        has_watchdog: systemd monitors the process by the computer's clock.
 
     Raises:
         ConfigError: a directory cannot be written, is full, or another core holds it.
@@ -124,7 +124,7 @@ def _run(
     bus = _bus(settings, has_watchdog=has_watchdog)
     clock = bus.clock
     if is_simulated:
-        with contextlib.suppress(BusError):  # a server that comes later is found by the loop
+        with contextlib.suppress(BusError):  # the loop retries if the server starts later
             bus.open_bus()
     header = ring_header(settings, boot_id, clock.utc_ns(), version("gaitd"))
     core_seam = seam = _seam(settings, header)
@@ -136,7 +136,7 @@ def _run(
     grid = loop_settings(settings, built, notebook, bus.open_bus)
     loop = Loop(built.core, grid, seam, clock, supervision)
     cycle = settings.trainer.cycle
-    # In simulated time nothing is late, and a process that others wait for must let them run.
+    # In simulated time there are no deadlines, and real-time priority would block other processes.
     is_real = has_watchdog or not is_simulated
     refused = realtime.prepare(cycle.realtime_priority, cycle.realtime_cpus) if is_real else []
     for line in (bus_load_line(settings, built), *refused):
@@ -157,7 +157,7 @@ def _run(
 
 
 def _say(log: Journal, text: str, priority: int) -> None:
-    """For who reads the log: one that is full or gone is no reason to run or end otherwise."""
+    """Write a line to the log; a log that is full or closed does not affect the core."""
     if log.is_open:
         log.tell(text, priority, {"GAITD_EVENT": "core"})
         return
@@ -166,7 +166,7 @@ def _say(log: Journal, text: str, priority: int) -> None:
 
 
 def bus_load_line(settings: Settings, built: Built) -> str:
-    """What our frames take of the bus at worst, and what they may."""
+    """Text with the computed worst-case bus load and its allowed value."""
     trainer, load = settings.trainer, _bus_load(settings, built)
     return (
         f"the bus will be busy at most {load.busy_ratio:.1%} of the time "
@@ -196,7 +196,7 @@ def _bus(settings: Settings, *, has_watchdog: bool) -> BusChoice:
 def loop_settings(
     settings: Settings, built: Built, notebook: NoteKeeper, open_bus: Callable[[], Bus]
 ) -> LoopSettings:
-    """The grid and the bus, as the configuration wants them."""
+    """The settings of the loop from the configuration."""
     cycle, bus = settings.trainer.cycle, settings.trainer.bus
     return LoopSettings(
         plans=built.plans,

@@ -1,7 +1,7 @@
-"""What the core asks of the kernel and of Python so that 10 ms stay 10 ms.
+"""Real-time settings of kernel and Python that keep the cycle at 10 ms.
 
-Each wish is granted or named: `prepare` returns what was refused, and the service runs on with
-what it got, because a desk without privileges must be able to run it too. `gaitd doctor` explains.
+`prepare` returns the requests that were refused, and the service runs without them, because it must
+also run on a development computer without privileges. `gaitd doctor` explains.
 """
 
 import ctypes
@@ -14,40 +14,41 @@ from collections.abc import Sequence
 MCL_CURRENT = 1
 MCL_FUTURE = 2
 MCL_ONFAULT = 4
-"""Lock pages when they are touched: without it numpy's address space alone costs 150 MB."""
+"""Lock pages when they are first used: otherwise numpy's address space alone costs 150 MB."""
 
 
 def prepare(priority: int, processors: Sequence[int]) -> list[str]:
-    """Ask for SCHED_FIFO on these processors, locked memory and a quiet garbage collector.
+    """Request SCHED_FIFO and these processors, lock memory, and stop the garbage collector.
 
     Args:
-        priority: SCHED_FIFO priority; 0 asks for no real-time scheduling.
-        processors: by number, for this thread alone: those of libraries stay where they are.
-            Empty asks for none.
+        priority: SCHED_FIFO priority; 0 requests no real-time scheduling.
+        processors: processor numbers for this thread only; threads of libraries are not moved.
+            Empty requests none.
 
     Returns:
-        One sentence for each wish that the machine refused.
+        One sentence for each request that was refused.
     """
     refused = _lock_memory()
     if processors:
         refused += _settle_on(processors)
     if priority > 0:
         refused += _schedule(priority)
-    # Everything is built by now; a collection costs a whole cycle, and the loop makes no cycles.
+    # A collection takes a whole cycle, and the loop creates no reference cycles.
     gc.collect()
     gc.freeze()
     gc.disable()
-    # One Python thread is all there is; nobody waits for the interpreter.
+    # There is only one Python thread, so no other thread waits for the interpreter.
     sys.setswitchinterval(1.0)
     return refused
 
 
 def tidy() -> None:
-    """Free what only the collector can, where it does not run by itself.
+    """Run the garbage collector once after a bring-up, if it does not run by itself.
 
-    A cycle leaves nothing of the kind. A bring-up does: canopen's network, nodes and clients hold
-    each other, some 2000 blocks each time, and a bus without power is tried once a second. What was
-    frozen is not looked at, so this takes a millisecond or two, between bring-up and first SYNC.
+    A cycle of the loop leaves no garbage for it. A bring-up does: canopen's network, nodes and
+    clients refer to each other, some 2000 blocks each time, and a bus without power is tried once a
+    second. Frozen objects are skipped, so this takes a millisecond or two, between bring-up and
+    first SYNC.
     """
     if not gc.isenabled():
         gc.collect()

@@ -1,15 +1,15 @@
-"""The file of the axis notes: read once, written through a mapping.
+"""The state file of the persistent state: read once, written through a memory mapping.
 
 The file is one page of JSON, filled up with spaces. While the core runs, a write goes to the page
-cache, which outlives this process; the gateway brings it to the disk
-(`recorder/state_file_sync.py`), and `close` does. A power cut before that leaves an older page. An
-older pose is one that the encoder disagrees with: the axis is referenced again. An older page of a
-time in which drives were enabled says that nobody knows how it ended (`latching.py`), and a page
-that cannot be read says so too: nothing is believed that is not so, and no stop is forgotten.
+cache, which outlives this process; the gateway flushes it to the disk
+(`recorder/state_file_sync.py`), and so does `close`. A power cut before that leaves an older page.
+An older pose disagrees with the encoder: the axis is referenced again. An older page from a time in
+which drives were enabled contains LAST_END_UNKNOWN (`latching.py`), and an unreadable page is
+treated in the same way: no wrong pose is accepted, and no stop is lost.
 
-The first write after the page was brought to the disk may have to wait for the file system: 1 ms
-where it is quiet, 100 ms beside somebody who writes much. So while the drives are enabled one thing
-alone is written, the stop that ends it, and only when its frames have left.
+The first write after a flush may have to wait for the file system: 1 ms on an idle system, 100 ms
+beside a process that writes much. So while the drives are enabled only the stop that ends this is
+written, and only after its frames have been sent.
 """
 
 import mmap
@@ -27,27 +27,27 @@ NOTES: Final = Decoder(msgspec.json.Decoder(Notes).decode)
 
 
 class NoteKeeper(Protocol):
-    """What the loop needs: `Notebook`, or a list in a test."""
+    """Interface of the state file for the loop: `Notebook`, or a list in a test."""
 
     def write(self, notes: Notes) -> None:
-        """Keep them, without waiting."""
+        """Store the persistent state, without waiting."""
         ...
 
 
 class Notebook:
-    """The file in the state directory."""
+    """The state file in the state directory."""
 
     def __init__(self, state: Path) -> None:
-        """Read and map the file; one that is missing or too short is made.
+        """Read and map the file; a missing or too short file is created or extended.
 
         Raises:
-            OSError: the directory cannot be made or written, or is full.
+            OSError: the directory cannot be created or written, or is full.
         """
         state.mkdir(parents=True, exist_ok=True)
         self.path = state / NAME
         self.notes, new = _read(self.path), not self.path.exists()
         with self.path.open("ab") as file:
-            # All of it now: a hole that finds the disk full later kills who writes into it.
+            # Allocate all blocks now: writing to a hole on a full disk would kill the process.
             os.posix_fallocate(file.fileno(), 0, SIZE)
         with self.path.open("r+b") as file:
             self._map = mmap.mmap(file.fileno(), SIZE)
@@ -58,7 +58,7 @@ class Notebook:
         """As `NoteKeeper.write`.
 
         Raises:
-            ValueError: our own bug: they do not fit the page.
+            ValueError: the state does not fit the page: a programming error.
         """
         text = msgspec.json.encode(notes)
         if len(text) >= SIZE:
@@ -66,7 +66,7 @@ class Notebook:
         self._map[:SIZE] = text.ljust(SIZE - 1) + b"\n"
 
     def close(self) -> None:
-        """Bring it to the disk and let go."""
+        """Flush the file to the disk and unmap it."""
         self._map.flush()
         self._map.close()
 

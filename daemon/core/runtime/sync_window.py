@@ -1,10 +1,11 @@
-"""One SYNC and what the drives answer: listened to until all is there, or the window closes.
+"""One SYNC and the answers of the drives, received until all are complete or the window closes.
 
 Rules:
-1. What waits in the socket came before this SYNC: it is not an answer to it. Nor is what came
-   between that look and the SYNC, as its stamp says (`arrivals.py`). Both count as late.
-2. The window closes early once every cyclic TPDO has come. After an incomplete window the whole of
-   the next one is waited for: what comes first may be the answer that was late.
+1. Frames that wait in the socket arrived before this SYNC and are no answer to it, and neither are
+   frames that arrived between that read and the SYNC, by their stamps (`arrivals.py`). Both count
+   as late.
+2. The window closes early once every cyclic TPDO has been received. After an incomplete window the
+   next one is used in full: its first frame may be the late answer.
 """
 
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ from drives.cia402.drive import DriveGroup
 
 
 class Window:
-    """The windows of one loop, one after the other."""
+    """The receive window of the loop after each SYNC."""
 
     def __init__(self, line: Line, clock: Clock, window_ns: int) -> None:
         self._line = line
@@ -25,18 +26,18 @@ class Window:
         self._window_ns = window_ns
         self._was_complete = False
         self.answer_ns = 0
-        """From SYNC to the last answer, by the kernel's stamps; 0 where nobody knows."""
+        """Time from SYNC to the last answer, by the kernel's stamps; 0 if not known."""
 
     def begin(self) -> None:
-        """A cycle begins: nobody has answered."""
+        """Reset the answer time at the begin of a cycle."""
         self.answer_ns = 0
 
     def forget(self) -> None:
-        """The drives were brought up anew: nothing is known of the window before."""
+        """Forget the previous window, after a new bring-up."""
         self._was_complete = False
 
     def collect(self, drives: DriveGroup, sync: Sequence[Frame], sync_ns: int) -> list[Frame]:
-        """Send SYNC and listen; `sync_ns` is the time from which the window counts.
+        """Send SYNC and receive answers; `sync_ns` is the begin of the window.
 
         Raises:
             BusError: the bus is down.

@@ -1,14 +1,14 @@
-"""What systemd is told of the core: ready, alive, how it is, and what its end leaves behind.
+"""Reports to systemd and the journal: ready, watchdog, status, and the state after the end.
 
 Rules:
-1. READY=1 with the first record: the loop turns, whatever the drives do.
-2. WATCHDOG=1 once for each cycle that was finished in time, also in those of a bring-up; the loop
-   says which. Nothing else feeds it.
-3. STATUS= at once when mode, cause or drive is another one; else the line of progress, and that
-   rarely: each is a message on the system bus to whoever watches the unit.
-   What systemd has no room for is sent again in the next cycle, but for WATCHDOG=1.
-4. STOPPING=1 when the end is asked for. The last STATUS= says what remains, and stands in
-   `systemctl status` until the next start.
+1. READY=1 with the first record: the loop runs, in any state of the drives.
+2. WATCHDOG=1 once for each cycle that was finished in time, also during a bring-up; the loop
+   decides which. Nothing else feeds the watchdog.
+3. STATUS= at once when mode, cause or drive changes; otherwise the progress line, rarely: each is a
+   message on the system bus to every observer of the unit.
+   A message that systemd cannot take is sent again in the next cycle, except WATCHDOG=1.
+4. STOPPING=1 when a shutdown is requested. The last STATUS= describes the final state of the
+   drives, and is shown by `systemctl status` until the next start.
 """
 
 from typing import Final
@@ -21,13 +21,13 @@ from daemon.ipc.record import Cause, CycleRecord, Mode, Verdict
 from drives.cia402.power_state import WITHOUT_POWER
 
 PROGRESS_CYCLES: Final = 500
-"""Between two lines that differ in nothing but their progress."""
+"""Cycles between two status lines that differ only in their progress."""
 ERROR, WARNING, NOTICE, INFORMATIONAL = 3, 4, 5, 6
 """Priorities of syslog(3)."""
 
 
 class Supervision:
-    """Tells systemd and the journal when there is something to tell, and never twice."""
+    """Sends changes of state to systemd and the journal, each one once."""
 
     def __init__(self, supervisor: Supervisor, log: Log, shutdown_effect: str) -> None:
         self._supervisor = supervisor
@@ -41,11 +41,11 @@ class Supervision:
         self._is_due = True
 
     def feed(self) -> None:
-        """A cycle was finished in time."""
+        """Feed the watchdog: a cycle was finished in time."""
         self._supervisor.send("WATCHDOG=1")
 
     def hear(self, record: CycleRecord) -> None:
-        """Look at a record that was published, and tell what is new."""
+        """Report changes in a published record."""
         said = (record.mode, record.verdict.cause, record.verdict.drive)
         is_new = said != self._said
         if is_new:
@@ -56,7 +56,7 @@ class Supervision:
             self._tell_status(record)
 
     def _tell_status(self, record: CycleRecord) -> None:
-        """Into `systemctl status`; tried again in the next cycle if systemd has no room for it."""
+        """Send the status line; if systemd cannot take it, it is sent again in the next cycle."""
         status = status_line(record.mode, record.verdict, record.progress)
         ready = () if self._is_ready else ("READY=1",)
         if status != self._status and not self._supervisor.send(*ready, f"STATUS={status}"):
@@ -65,13 +65,13 @@ class Supervision:
         self._is_ready, self._is_due = True, False
 
     def begin_end(self) -> None:
-        """The end was asked for; what moves is stopped first."""
+        """Report that a shutdown was requested; moving legs are stopped first."""
         if not self._ends:
             self._ends = True
             self._supervisor.send("STOPPING=1")
 
     def end(self, core: Core, code: ExitCode) -> None:
-        """The last word."""
+        """Report the end of the process and the final state of the drives."""
         self.begin_end()
         status = one_line(remains(core, code, self._shutdown_effect))
         self._supervisor.send(f"STATUS={status}")
@@ -85,12 +85,12 @@ class Supervision:
 
 
 def one_line(text: str) -> str:
-    """Without line breaks: one ends the value in the protocol."""
+    """The text without line breaks, because a line break ends a value in the protocol."""
     return " ".join(text.split())
 
 
 def status_line(mode: Mode, verdict: Verdict, progress: str) -> str:
-    """Mode, what goes on, and the cause in the words of the records where there is one."""
+    """Status line with mode, progress, and cause and drive by their names in the records."""
     name = mode.name.lower()
     text = progress.removeprefix(f"{name}: ")
     cause = verdict.cause.name.lower()
@@ -100,14 +100,14 @@ def status_line(mode: Mode, verdict: Verdict, progress: str) -> str:
 
 
 def priority_of(record: CycleRecord) -> int:
-    """Of a change of mode or cause, for the journal."""
+    """Journal priority of a change of mode or cause."""
     if record.verdict.cause in {Cause.NONE, Cause.SHUTDOWN}:
         return NOTICE
     return ERROR if record.mode in {Mode.FAULT, Mode.STOPPING} else WARNING
 
 
 def fields_of(record: CycleRecord) -> dict[str, str]:
-    """What a record says of mode and cause, by the names of the journal's fields."""
+    """Journal fields with mode, cycle, cause and drive of a record."""
     fields = {
         "GAITD_EVENT": "mode",
         "GAITD_MODE": record.mode.name.lower(),
@@ -121,7 +121,7 @@ def fields_of(record: CycleRecord) -> dict[str, str]:
 
 
 def remains(core: Core, code: ExitCode, shutdown_effect: str) -> str:
-    """What the end of the process leaves: power, brakes, and what that does to the leg."""
+    """Text on the final state after the end: power, brakes, and the effect on the leg."""
     if code == ExitCode.BUG:
         return (
             "ended by a bug of ours: quick stops were sent, and the drives stop by themselves; "

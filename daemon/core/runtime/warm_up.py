@@ -1,7 +1,7 @@
-"""Compile and load every kernel that the cycle calls, with the types that it calls them with.
+"""Compile and load every kernel that the cycle calls, with the same argument types.
 
-A first call costs up to seconds, so it must never happen between two SYNCs. Tables that would fill
-in service are filled here: memory does not grow afterwards.
+A first call takes up to seconds, so it must not happen between two SYNCs. Tables that would grow in
+service are filled here, so that memory does not grow later.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ STEPS = 20
 
 
 def warm_up(built: Built) -> None:
-    """Call everything once on a core that is thrown away afterwards."""
+    """Call every kernel once on a core that is discarded afterwards."""
     fill_tables()
     period_s = built.core.config.period_s
     for leg in built.core.legs:

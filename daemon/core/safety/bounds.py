@@ -1,7 +1,7 @@
-"""What may be sent: the last word over every effort, every assist and every target position.
+"""Bounds of every effort, every assist and every target position before it is sent.
 
-A bound takes away and never adds, and a number that is none is never replaced: then nothing may be
-sent, and the machine stops. `checks.py` judges what was measured; here is what is asked for.
+A bound only reduces. A value that is not finite is never replaced: it is not sent, and the machine
+stops. `checks.py` checks measured values; this file bounds commands.
 """
 
 import math
@@ -10,12 +10,12 @@ from daemon.core.safety.limits import AxisLimits
 
 
 def bound(wanted_si: float, last_si: float, limits: AxisLimits, dt_s: float) -> float | None:
-    """The effort that may be sent: inside the limit, and not faster than the rate from the last.
+    """The effort that may be sent: inside the limit, and within the rate limit from the last.
 
     Args:
-        wanted_si: total effort that guidance asks for (g(q) and all).
-        last_si: the effort sent in the cycle before, itself bounded.
-        limits: of the axis.
+        wanted_si: total effort of guidance, including g(q).
+        last_si: the bounded effort sent in the previous cycle.
+        limits: limits of the axis.
         dt_s: nominal time between two commands.
 
     Returns:
@@ -31,18 +31,18 @@ def bound(wanted_si: float, last_si: float, limits: AxisLimits, dt_s: float) -> 
 def bound_assist(
     wanted_si: float, last_si: float, limits: AxisLimits, velocity_si: float, dt_s: float
 ) -> float | None:
-    """The assist that may be in force: inside its limit and its power, at no more than its rate.
+    """The assist that may be in force: inside its limit, its power and its rate.
 
-    Power bounds assist along the motion alone: against it assist takes energy out of the leg. It
-    takes away and never adds, and where a rising speed leaves too much, it is taken at the rate:
-    torque never jumps. The whole effort has no such bound but a stop (`POWER_LIMIT`), because
-    cutting it would cut g(q) and let the leg fall.
+    Power bounds only assist along the motion: against it assist takes energy out of the leg. Where
+    a rising speed makes assist exceed its power, it is reduced at the rate limit, so that torque
+    never jumps. The power of the whole effort is not bounded but causes a stop (`POWER_LIMIT`),
+    because a cut would also cut g(q) and let the leg fall.
 
     Args:
-        wanted_si: what a controller asks for on top of g(q), N·m or N.
-        last_si: what was in force in the cycle before.
-        limits: of the axis.
-        velocity_si: of the joint by its raw encoder, rad/s or m/s.
+        wanted_si: assist from a controller on top of g(q), N·m or N.
+        last_si: assist in force in the previous cycle.
+        limits: limits of the axis.
+        velocity_si: joint speed from its raw encoder, rad/s or m/s.
         dt_s: nominal time between two commands.
 
     Returns:
@@ -62,11 +62,11 @@ def bound_assist(
 def bound_position(
     wanted_si: float, last_si: float, limits: AxisLimits, dt_s: float
 ) -> float | None:
-    """The target position that may be sent: no faster than the axis may be, never out of its range.
+    """The target position that may be sent: within the axis's speed limit and range.
 
-    Inside the soft margin before a limit a target may stay or go back, and go no further out. So a
-    drive never sees a target beyond its own software limits (607Dh), which for some is a fault.
-    Arguments and result as of `bound`, in rad or m.
+    Inside the soft margin before a limit a target may stay or go back, but not go further out. So
+    a drive never gets a target beyond its own software limits (607Dh), which is a fault for some.
+    Arguments and result are those of `bound`, in rad or m.
     """
     if not (math.isfinite(wanted_si) and math.isfinite(last_si)):
         return None

@@ -1,18 +1,18 @@
-"""What stands between a number and a leg: `judge` finds why to stop, `bound` limits what is sent.
+"""Safety checks of one cycle: `judge` finds the reasons to stop (`bounds.py` bounds the commands).
 
 Rules:
-1. Everything is judged from raw drive values (encoder differences, measured current, statusword,
-   inputs, ages). The observer may only add a stop (`_judge_leg`), never take one away.
+1. All checks use raw drive values (encoder differences, measured current, statusword, inputs,
+   ages). The observer may only add a stop (`_judge_leg`), never prevent one.
 2. A cause has one category: fixed by the design, or chosen in `limits.toml` (`Categories`).
-3. The harshest verdict of a cycle is the one that is told; of equals the first in the order of the
-   checks below, which goes from what a person did to what follows from it. Each axis is stopped by
-   its own as well.
+3. The harshest verdict of a cycle is published; of equals the first in the order of the checks
+   below, which goes from operator actions to their consequences. Each axis is stopped by its own
+   verdict as well.
 4. A milder verdict never replaces a harsher one (`worse`). Verdicts latch until a reset.
 5. A number that is not finite stops the machine; it is never replaced by zero.
-6. A drive is silent only if it was asked: while our own frames do not leave, a quick stop is tried,
-   and no drive is taken for lost.
+6. A drive counts as silent only if frames reach it: while the master's own frames cannot be sent, a
+   quick stop is tried, and no drive counts as lost.
 
-Nothing here knows whether the drives are real.
+The checks are the same for real and simulated drives.
 """
 
 import math
@@ -31,24 +31,29 @@ OBSERVER_BAD_MAX_CYCLES = 50
 """Half a second without a usable estimate: longer than any gap that the filter predicts over."""
 TX_DROPPED_MAX = 3
 ENABLE_CYCLES = 25
-"""How long a drive may be powered beside our commands, as one that is told to switch off is."""
+"""Longest time for which a drive may stay powered without a request, as while it switches off."""
 FREEZE_DECELERATION_RATIO = 3.0
-"""Losing speed this many times faster than a quick stop, down to a standstill, is no motion."""
+"""Multiple of the quick-stop deceleration above which a standstill is an encoder fault."""
 FROZEN_PUSH_RATIO = 3.0
-"""Friction hides a change of effort of twice the breakaway, from one sign to the other. More than
-that without a single count means that the count, or the joint, is stuck. A patient who leans
-steadily on a held leg changes nothing, and is not taken for a fault."""
+"""Change of effort without a count, as a multiple of breakaway, that shows a frozen encoder.
+
+Friction hides a change of twice the breakaway, from one sign to the other. A larger change without
+a single count means that the encoder or the joint is stuck. A patient who leans steadily on a held
+leg causes no change, and no fault.
+"""
 HELD_RATIO = 0.1
-"""Of the tracking limit. A drive whose own loops hold a joint closer to its target than this may
-change its effort without a count: it holds against a patient who leans. Where they leave it farther
-off, they push at their limit and nothing moves."""
+"""Share of the tracking limit within which a drive's own loops count as holding a joint.
+
+Such a drive may change its effort without a count: it holds against a patient who leans. Where the
+loops leave the joint farther off, they push at their limit without motion.
+"""
 
 Finding = tuple[Cause, float, float, str]
-"""Cause, value, limit, detail."""
+"""A reason to stop: cause, value, limit, detail."""
 
 
 def worse(latched: Verdict, found: Verdict) -> Verdict:
-    """The harsher of two verdicts; the one that was there first if they are equal."""
+    """The harsher of two verdicts; the latched one if they are equal."""
     return found if found.category > latched.category else latched
 
 
@@ -61,16 +66,17 @@ def judge(
     *,
     driving: bool,
 ) -> tuple[Verdict, ...]:
-    """The harshest reason to stop that each axis, each leg and the service give, harshest first.
+    """Run all checks; returns the harshest verdict of each axis, each leg and the service.
 
-    Two axes may fail in the same cycle, and each is then to be stopped as its own cause asks.
+    The harshest verdict is first. Two axes may fail in the same cycle; each is then stopped by its
+    own cause.
 
     Args:
-        service: bus, gateway and ourselves.
-        axes: every axis of every leg.
-        legs: every leg.
-        thresholds: when something counts.
-        categories: how to stop for what.
+        service: inputs of bus, gateway and core.
+        axes: inputs of every axis of every leg.
+        legs: inputs of every leg.
+        thresholds: thresholds of the checks.
+        categories: stop category of each cause.
         driving: the drives are, or were just, enabled. While they are not, only the loss or the
             fault of a drive counts, because there is no motion to stop.
     """
@@ -152,9 +158,9 @@ def _inputs(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
 
 
 def _limit_switches(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
-    """On to a switch, never away from it: a joint that stands on one can be moved off.
+    """Check for motion towards an active limit switch; motion away from it is allowed.
 
-    A homing runs on to its switch on purpose.
+    A homing moves to its switch on purpose.
     """
     if not axis.joint.known or axis.homing:
         return
@@ -196,7 +202,7 @@ def _communication(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Find
 
 
 def _fault(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
-    """An alarm that the drive itself has taken back is none the less one: 0000h undoes no stop."""
+    """Check for drive faults and new EMCY alarms; a later 0000h does not cancel an alarm."""
     feedback = axis.feedback
     if feedback.in_fault:
         reason = feedback.alarm or feedback.emergency
@@ -208,10 +214,10 @@ def _fault(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
 
 
 def _unasked(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
-    """A drive that somebody else has enabled, or that does not go off: it moves by what others say.
+    """Check for a drive that has power without a request by the core.
 
-    Power that appears is judged at once. One that we have just had enabled may take its time to go
-    off, and a fault reaction its own.
+    Power that appears after the drive was off counts at once. A drive that was enabled by the core
+    has ENABLE_CYCLES to switch off, and a fault reaction its own time.
     """
     state, limit_cycles = axis.feedback.power_state, ENABLE_CYCLES
     if state == PowerState.FAULT_REACTION_ACTIVE:
@@ -228,10 +234,10 @@ def _unasked(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
 
 
 def _power(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
-    """A drive that should be enabled, in its mode and following, and is not.
+    """Check that a drive that should be enabled is enabled, in its mode and following.
 
-    By the newest statusword, since the next controlword follows from that one: a sample that is not
-    complete hides nothing. Quick stop active is no state on the way to operation enabled.
+    The newest statusword counts even in an incomplete sample, since the next controlword depends on
+    it. Quick stop active is no state on the way to operation enabled.
     """
     if not axis.enable_wanted:
         return
@@ -259,7 +265,7 @@ def _power(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
 
 
 def _numbers(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
-    """What is no number passes every comparison below as if it were inside: it is one by itself."""
+    """Check that position and effort are finite: NaN would pass every comparison below."""
     if not math.isfinite(axis.joint.position_si):
         yield Cause.ENCODER_JUMP, 0.0, 0.0, "its position is no number"
     if not math.isfinite(axis.joint.effort_si):
@@ -292,7 +298,7 @@ def _encoder(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
     watch = axis.watch
     change_si = abs(watch.held_si - watch.held_before_still_si)
     if math.isfinite(axis.loop_distance_si):
-        # A drive whose own loops have lost their joint pushes for that, and not for its load.
+        # A drive whose own loops have lost the joint pushes to reach it, not to carry its load.
         change_si = max(change_si, abs(joint.effort_si - watch.effort_before_still_si))
     if change_si > FROZEN_PUSH_RATIO * limits.breakaway_si:
         yield (
@@ -304,7 +310,7 @@ def _encoder(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
 
 
 def _efforts(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
-    """Whether the drive gives what it is asked for (`effort_monitor.py`), with power or without."""
+    """Check that measured and sent effort match (`effort_monitor.py`), with power or without."""
     watch, limits = axis.watch, axis.limits
     if watch.gap_cycles >= thresholds.deviation_cycles:
         yield (
@@ -327,7 +333,7 @@ def _directions(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding
 
 
 def _strides(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
-    """What is summed over the last stride, and what the patient did in it."""
+    """Check the sums over the last stride, and the duration of a spasm."""
     limits = axis.limits
     if abs(axis.stride_drift_si) > limits.load_deviation_max_si:
         yield (
@@ -377,7 +383,7 @@ def _limits(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
 
 
 EFFORT_MARGIN_RATIO = 1.1
-"""The command is bounded at the limit; the current loop may ring a little beyond it."""
+"""Margin over the effort limit: the command is bounded, but the current loop may overshoot."""
 
 Check = Callable[[AxisSituation, Thresholds], Iterator[Finding]]
 RESTING_CHECKS: tuple[Check, ...] = (_communication, _fault, _unasked, _efforts)

@@ -1,20 +1,21 @@
-"""Whether a drive gives the effort that it is asked for, in the direction it is asked for.
+"""Monitor of a drive's effort: does it match the command in size and direction?
 
-Three questions, each of raw values alone, each asked of one axis in every cycle:
+Three checks, each from raw values only, for each axis in every cycle:
 
-`gap`        In torque mode, is the effort that the drive measures the one that was sent? A target
-             leaves in one cycle, acts from the next SYNC and is sampled at the one after, so it is
-             compared with all that was sent lately. Finds a drive that does not give its torque.
-`opposed`    Beyond the load, does the drive push one way while the joint accelerates, against its
-             friction, the other way? Then motor or encoder are the wrong way round, or a patient is
+`gap`        In torque mode, compares the measured effort with the sent one. A target is sent in one
+             cycle, acts from the next SYNC and is sampled at the one after, so it is compared with
+             the last few commands. Detects a drive that does not give its torque.
+`sign_mismatch`
+             Beyond the load, the drive pushes one way while the joint accelerates, against its
+             friction, the other way. Then motor or encoder are the wrong way round, or a patient is
              twice as strong as the limit.
-`drift`      Over a whole stride of gait, is the mean effort what motion, load and friction ask for?
+`drift`      Compares the mean effort over a whole stride of gait with motion, load and friction.
              A current sensor that shows too much closes its drive's own loop on a wrong value: the
-             gap is nil, the leg gets too little, and only this mean can tell. A patient who pushes
-             steadily through a whole stride looks the same, and nobody could tell the two apart: a
-             drive that seems to give that much too little is not to be trusted with a leg.
+             gap is zero, the leg gets too little effort, and only this mean detects it. A patient
+             who pushes steadily through a whole stride looks the same, and the two cannot be
+             distinguished: the machine stops in both cases.
 
-Without power a drive's effort is nil, whatever its target: there `gap` is what its sensor shows.
+Without power a drive's effort is zero for any target: then `gap` is the reading of its sensor.
 """
 
 from typing import NamedTuple
@@ -24,33 +25,33 @@ from daemon.core.safety.limits import AxisLimits
 from daemon.core.steps.joints import Joint
 
 SENT_COUNT = 3
-"""A measured effort may be that of so many commands: two cycles of delay, and one late sample."""
+"""Commands that a measured effort may belong to: two cycles of delay, and one late sample."""
 HELD_RATIO = 0.3
 """Weight of the newest sample in a mean of the last few."""
 HELD_CYCLES = 5
-"""Standing still for so long, a joint has left what braked it behind."""
+"""Time at standstill after which the braking effort no longer acts on a joint."""
 SETTLE_CYCLES = 10
-"""After a drive has lost its power its current is gone; before that it is no fault."""
+"""Time for the current to decay after a drive has lost its power."""
 
 
 class EffortWatch(NamedTuple):
-    """What one axis's efforts have been like lately; N·m or N."""
+    """Recent efforts of one axis and their deviations; N·m or N."""
 
     sent_si: tuple[float, ...] = ()
-    """The newest last, in torque mode without a break."""
+    """Last efforts sent in torque mode without a break, the newest last."""
     unpowered_cycles: int = 0
     gap_si: float = 0.0
     gap_cycles: int = 0
-    """In a row beyond the limit."""
+    """Cycles in a row in which the gap exceeds its limit."""
     sign_mismatch_si: float = 0.0
-    """The smaller one of push and motion, where they are opposed."""
+    """The smaller of push and motion effort, where their signs differ."""
     sign_mismatch_cycles: int = 0
     held_si: float = 0.0
-    """What friction and patient hold, if the joint stands still: a mean of a few samples."""
+    """Effort held by friction and patient at standstill: a mean of a few samples."""
     held_before_still_si: float = 0.0
     """The same when the joint began to stand still."""
     effort_before_still_si: float = 0.0
-    """What the drive gave then."""
+    """Measured effort when the joint began to stand still."""
 
 
 def note_sent(watch: EffortWatch, effort_si: float, *, in_force: bool) -> EffortWatch:
@@ -71,17 +72,17 @@ def look(
     free: bool,
     placed: bool,
 ) -> EffortWatch:
-    """The watch after this cycle's sample; without a sample nothing is known, and nothing counts.
+    """The watch after this cycle's sample; without a sample it is unchanged.
 
     Args:
-        watch: of the cycle before.
-        joint: of this cycle.
-        balance: of its leg.
+        watch: watch of the previous cycle.
+        joint: joint of this cycle.
+        balance: inverse dynamics of its leg.
         axis: 0 hip, 1 slide.
-        limits: of this axis.
+        limits: limits of this axis.
         powered: the drive's power stage may be on.
-        free: no end stop pushes the joint; one that bounces off is no sign.
-        placed: both axes of the leg know where they are; else the balance says nothing.
+        free: no end stop acts on the joint; a rebound from one would look like a sign mismatch.
+        placed: both axes of the leg are referenced; else the inverse dynamics are not valid.
     """
     if not joint.fresh:
         return watch

@@ -1,14 +1,13 @@
-"""Sums over the last stride: net energy that a drive put into the leg, and effort left unexplained.
+"""Sums over the last stride: net energy that a drive put into the leg, and effort residual.
 
-Energy is the drive's measured effort times the step of the encoder: what friction takes is in it,
-what the patient puts in is not. Where no gait says how long a stride is, a window of limits.toml
-stands in for it.
+Energy is the drive's measured effort times the step of the encoder: it includes friction losses,
+but not the work of the patient. Without a gait, a window of limits.toml replaces the stride.
 """
 
 from collections import deque
 
 STRIDE_MAX_CYCLES = 1000
-"""A slower stride than this counts over its last ten seconds."""
+"""Longest window, ten seconds: of a slower stride only the last part counts."""
 
 
 class StrideSum:
@@ -19,22 +18,22 @@ class StrideSum:
         self._totals = deque([0.0], STRIDE_MAX_CYCLES + 1)
 
     def take(self, value: float) -> None:
-        """One cycle more."""
+        """Add the value of one cycle."""
         self._totals.append(self._totals[-1] + value)
 
     def clear(self) -> None:
-        """Begin anew."""
+        """Remove all values."""
         self._totals.clear()
         self._totals.append(0.0)
 
     def over(self, cycles: int) -> float | None:
-        """The sum over so many cycles; None while there are fewer."""
+        """The sum over the newest `cycles`; None while there are fewer."""
         if cycles >= len(self._totals):
             return None
         return self._totals[-1] - self._totals[-1 - cycles]
 
     def so_far(self, cycles: int) -> float:
-        """The sum over so many cycles, or over all there are."""
+        """The sum over the newest `cycles`, or over all if there are fewer."""
         return self._totals[-1] - self._totals[max(len(self._totals) - 1 - cycles, 0)]
 
 

@@ -1,7 +1,7 @@
-"""Whether friction is still what the calibration says: watched in motion, told once.
+"""Monitor of friction against its calibration: checked in motion, published once.
 
 The numbers are always in the record. Advice to calibrate is an event, and only where no patient is
-configured: one who pushes with the motion looks like friction that is too low (observer/drift.py).
+configured: a patient who pushes with the motion looks like low friction (observer/drift.py).
 """
 
 from daemon.core.state import Core, Leg
@@ -10,11 +10,11 @@ from observer.filter.leg_observer import LegEstimate
 from observer.filter.status import Status, Validity
 
 DOUBTFUL = Status.ARTIFICIAL | Status.NEAR_LIMIT | Status.INPUT_SATURATED
-"""What is in the estimate then is neither friction nor patient."""
+"""Status flags under which the estimate shows neither friction nor patient."""
 
 
 def watch(core: Core, leg: Leg, estimate: LegEstimate, dt_s: float) -> None:
-    """Take one cycle's estimate into the drift of both axes; an event when advice is due."""
+    """Add one cycle's estimate to the drift of both axes; append an event when advice is due."""
     if estimate.status & DOUBTFUL:
         return
     for index, axis in enumerate(leg.axes):

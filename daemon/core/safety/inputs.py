@@ -1,4 +1,4 @@
-"""What safety looks at in one cycle: all that is known of each axis, each leg, and the service."""
+"""Safety inputs of one cycle: the state of each axis, each leg, and the service."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from drives.signals import DriveFeedback
 
 @dataclass(frozen=True, slots=True)
 class AxisSituation:
-    """All that is known of one axis when it is judged."""
+    """Safety inputs of one axis."""
 
     name: str
     feedback: DriveFeedback
@@ -18,50 +18,52 @@ class AxisSituation:
     limits: AxisLimits
     referenced: bool
     preparing: bool
-    """One axis of the empty machine is homed or tested: none needs to be referenced for that."""
+    """One axis of the empty machine is homed or tested: no axis needs to be referenced for that."""
     homing: bool
     """The drive moves this axis by itself, up to a mechanical stop, and sets its origin anew."""
     tracking_si: float
     """Distance to the reference; 0 where nothing is tracked."""
     wanted_velocity_si: float
-    """Of the reference; 0 where nothing is guided."""
+    """Velocity of the reference; 0 where nothing is guided."""
     counts_sign: int
-    """1 where the drive's own direction is the joint's, else -1."""
+    """1 where the drive's positive direction is the joint's, else -1."""
     loop_distance_si: float
-    """Between the joint and where the drive's own loops hold it; infinite where they hold nothing
-    and effort is what we command."""
+    """Distance between the joint and where the drive's own loops hold it.
+
+    Infinite where they do not hold it and the core commands the effort.
+    """
     enable_wanted: bool
     reached_enabled: bool
-    """It has been enabled, in its mode and following, since it was asked to."""
+    """The drive has been enabled, in its mode and following, since this was requested."""
     unready_cycles: int
-    """Cycles in a row in which it should be that and was not."""
+    """Cycles in a row in which it should be enabled, in its mode and following, and was not."""
     unasked_cycles: int
-    """Cycles in a row in which it had power, or may have had, and nobody here had asked for it."""
+    """Cycles in a row in which it had power, or may have had, without a request by the core."""
     seen_off: bool
-    """It has been off since power was last asked for: power that it shows now is another's."""
+    """It has been off since power was last requested: power it shows now has another source."""
     reaction_cycles: int
-    """So long its fault reaction may last."""
+    """Longest duration of its fault reaction."""
     mode_wanted: int
     new_emergency: bool
-    """An EMCY that asks for a stop has come, and was not judged yet."""
+    """An EMCY that requires a stop has been received and not checked yet."""
     watch: EffortWatch
-    """Whether its drive gives the effort that it is asked for."""
+    """Monitor of the drive's effort against the commanded one."""
     stride_energy_j: float
-    """Net, into the leg, over the last stride."""
+    """Net energy into the leg over the last stride."""
     stride_drift_si: float
-    """Mean effort over the last stride that nothing explains; 0 while no whole stride is known."""
+    """Mean effort residual over the last stride; 0 while no whole stride is known."""
     stopping_end_si: float
-    """Where the axis comes to rest if it brakes now."""
+    """Position at which the axis comes to rest if it brakes now."""
     spasm_cycles: int
-    """How long the patient has been working against the motion; 0: not at all."""
+    """Duration of a spasm, in which the patient works against the motion; 0: none."""
     spasm_rise_si: float
     error_found: str = ""
-    """What the drive said of the fault in which bring-up found it."""
+    """Error text of the fault that bring-up found in the drive."""
 
 
 @dataclass(frozen=True, slots=True)
 class LegSituation:
-    """All that is known of one leg when it is judged."""
+    """Safety inputs of one leg."""
 
     name: str
     singularity_ratio: float
@@ -69,12 +71,12 @@ class LegSituation:
     stopping_ratio: float
     """The smallest singularity ratio on the way to rest of both axes."""
     observer_bad_cycles: int
-    """Cycles in a row for which the observer has been of no use while it should be."""
+    """Cycles in a row without a valid estimate while the observer runs."""
 
 
 @dataclass(frozen=True, slots=True)
 class ServiceSituation:
-    """All that is known of the bus, the gateway and ourselves when a cycle is judged."""
+    """Safety inputs of the bus, the gateway and the core itself."""
 
     stop_requested: bool
     shutdown_requested: bool

@@ -1,14 +1,14 @@
-"""What the encoders' motion says that the drives have exerted, by the mechanism, without a filter.
+"""Inverse dynamics: drive efforts computed from the encoders' motion, without a filter.
 
-    M(q) q'' + c(q, q') + C~(q) q' + g(q) + F_s(q') = what the drives exert + the patient       (6)
+    M(q) q'' + c(q, q') + C~(q) q' + g(q) + F_s(q') = effort of the drives + of the patient      (6)
 
-The left side needs nothing but positions: three samples in a row give the mean acceleration about
-the middle one. The right side is the mean of the efforts of the two cycles between them. What is
-left over is the patient's, or a fault: a drive that gives another torque than it says, a motor or
-an encoder the wrong way round, an encoder that stands still. `effort_monitor.py` looks at it.
+The left side needs positions only: three samples in a row give the mean acceleration about the
+middle one. The right side is the mean of the efforts of the two cycles between them. The residual
+is the patient's effort, or a fault: a drive that gives another torque than it reports, a motor or
+an encoder the wrong way round, an encoder that stands still. `effort_monitor.py` checks it.
 
-One sample of acceleration is noise of 1 rad/s^2 or 0.5 m/s^2 (an encoder's step in 10 ms squared),
-some 2 N·m and 10 N, so nothing is to be concluded from one cycle.
+One sample of acceleration has a noise of 1 rad/s^2 or 0.5 m/s^2 (an encoder's step in 10 ms
+squared), some 2 N·m and 10 N, so a single cycle is not conclusive.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ Pair = tuple[float, float]
 """Hip and slide: N·m and N, rad and m."""
 
 ROW = 3
-"""Samples of both axes in a row that a balance needs."""
+"""Number of samples of both axes in a row that the inverse dynamics need."""
 
 
 class Balance(NamedTuple):
@@ -31,34 +31,34 @@ class Balance(NamedTuple):
 
     samples_in_a_row: int = 0
     position: Pair = (0.0, 0.0)
-    """Of the newest sample, as the next two."""
+    """Position of the newest sample; `velocity` and `measured` are of this sample too."""
     velocity: Pair = (0.0, 0.0)
     measured: Pair = (0.0, 0.0)
     effort: Pair = (0.0, 0.0)
-    """What the drives exerted, by their own measurement."""
+    """Effort of the drives, by their own measurement."""
     load: Pair = (0.0, 0.0)
-    """g, Coriolis and dampers."""
+    """Sum of g, Coriolis and dampers."""
     inertia: Pair = (0.0, 0.0)
-    """M q'', with what the other axis's motion asks of this one."""
+    """M q'', including the coupling with the other axis."""
     coupled: Pair = (0.0, 0.0)
-    """The other axis's part of that."""
+    """The part of `inertia` from the other axis's acceleration."""
     friction: Pair = (0.0, 0.0)
-    """Of the static law (13); between two samples at rest 0, where it may be anything."""
+    """Friction of the static law (13); 0 between two samples at rest, where it is not known."""
 
     @property
     def known(self) -> bool:
-        """Whether the newest cycle has a balance; else the terms are those of an older one."""
+        """True if the terms are of the newest cycle; else they are older."""
         return self.samples_in_a_row >= ROW
 
     def unexplained(self, axis: int) -> float:
-        """Effort that neither motion nor load nor friction asks for: N·m or N."""
+        """Residual of one axis: effort beyond motion, load and friction, N·m or N."""
         explained = self.load[axis] + self.inertia[axis] + self.friction[axis]
         return self.effort[axis] - explained
 
     def held(self, axis: int) -> float:
-        """Effort that friction and patient hold together, where a joint stands still: N·m or N.
+        """Effort that friction and patient hold together at standstill of a joint, N·m or N.
 
-        Its own acceleration is nil then, and what its samples say of it is noise.
+        The joint's own acceleration is left out: at standstill its samples are only noise.
         """
         return self.effort[axis] - self.load[axis] - self.coupled[axis]
 
@@ -69,13 +69,13 @@ def follow(
     frictions: tuple[FrictionParameters, FrictionParameters],
     joints: tuple[Joint, Joint],
 ) -> Balance:
-    """The balance after this cycle's samples.
+    """The inverse dynamics after this cycle's samples.
 
     Args:
-        before: of the cycle before.
+        before: result of the previous cycle.
         leg: mechanism.
-        frictions: of hip and slide, eq. (13).
-        joints: hip and slide at this cycle's samples; one that is missing breaks the row.
+        frictions: friction of hip and slide, eq. (13).
+        joints: hip and slide at this cycle's samples; a missing sample restarts the count.
     """
     hip, slide = joints
     if not (hip.fresh and slide.fresh and hip.elapsed_s > 0 and slide.elapsed_s > 0):
@@ -112,7 +112,7 @@ def follow(
 
 
 def warm_up(leg: LegParameters, frictions: tuple[FrictionParameters, FrictionParameters]) -> None:
-    """Compile, or load from the cache; outside of any cycle."""
+    """Compile the kernel or load it from the cache, before the first cycle."""
     _terms(leg, frictions[0], frictions[1], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 

@@ -1,4 +1,4 @@
-"""limits.toml in the terms of the core: SI units, cycles, and the category of every cause."""
+"""The limits of limits.toml in SI units and cycles, and the stop category of every cause."""
 
 import math
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ class AxisLimits(NamedTuple):
     soft_margin_si: float
     velocity_max_si: float
     hand_guiding_speed_max_si: float
-    """Instead of `velocity_max_si` in mode hand_guiding."""
+    """Speed limit in mode hand_guiding, in place of `velocity_max_si`."""
     effort_max_si: float
     effort_rate_max_si_per_s: float
     power_max_w: float
@@ -26,7 +26,7 @@ class AxisLimits(NamedTuple):
     load_deviation_max_si: float
     sign_mismatch_effort_min_si: float
     soft_damping_si: float
-    """N·m·s/rad or N·s/m at the hard limit, for what leads out."""
+    """Damping of outward motion at the hard limit, N·m·s/rad or N·s/m."""
     spasm_rise_si: float
     tracking_max_si: float
     temperature_max_degc: float
@@ -34,17 +34,17 @@ class AxisLimits(NamedTuple):
     static_load_tolerance_si: float
     standstill_si_per_s: float
     breakaway_si: float
-    """Static friction of the axis: pushing harder than this and more must move it."""
+    """Static friction of the axis: a clearly larger effort must move it."""
     brake: bool
     assist_max_si: float
     assist_rate_max_si_per_s: float
     assist_power_max_w: float
     enable_max_cycles: int = 25
-    """The drive's own, of its axis file: how long it may take until it is enabled and follows."""
+    """Longest time until the drive is enabled and follows, from its axis file."""
 
 
 def hip_limits(limits: Limits, breakaway_nm: float) -> AxisLimits:
-    """[hip] of limits.toml in SI units."""
+    """Limits of the hip from [hip] in limits.toml, in SI units."""
     hip: HipLimits = limits.hip
     return AxisLimits(
         position_min_si=math.radians(hip.position_min_deg),
@@ -75,7 +75,7 @@ def hip_limits(limits: Limits, breakaway_nm: float) -> AxisLimits:
 
 
 def slide_limits(limits: Limits, breakaway_n: float) -> AxisLimits:
-    """[slide] of limits.toml in SI units."""
+    """Limits of the slide from [slide] in limits.toml, in SI units."""
     slide: SlideLimits = limits.slide
     return AxisLimits(
         position_min_si=slide.position_min_m,
@@ -106,7 +106,7 @@ def slide_limits(limits: Limits, breakaway_n: float) -> AxisLimits:
 
 
 class Categories:
-    """The stop category of every cause: the design's where it fixes one, else the file's."""
+    """Stop category of every cause: fixed by the design, or else chosen in limits.toml."""
 
     def __init__(self, chosen: Mapping[str, str]) -> None:
         """`chosen` is `stop_category` of limits.toml, whose keys the loader has checked."""
@@ -114,12 +114,12 @@ class Categories:
         self._by_cause |= FIXED_CATEGORY
 
     def of(self, cause: Cause) -> StopCategory:
-        """The category; S1 for a cause that neither names, so that nothing goes unstopped."""
+        """The category of a cause; S1 for an unlisted cause, so that every cause stops."""
         return self._by_cause.get(cause, StopCategory.S1)
 
 
 class Thresholds(NamedTuple):
-    """What the judgement needs beside the limits of an axis, from limits.toml."""
+    """Thresholds of the safety checks beside the limits of an axis, from limits.toml."""
 
     sample_age_max_cycles: int
     heartbeat_timeout_ns: int
@@ -134,4 +134,4 @@ class Thresholds(NamedTuple):
     energy_window_cycles: int
     spasm_patience_cycles: int
     mode_switch_cycles: int
-    """How long a drive may take to show a mode and to follow in it."""
+    """Longest time until a drive shows a mode and follows in it."""

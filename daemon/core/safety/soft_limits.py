@@ -1,12 +1,11 @@
-"""What slows a leg before a hard limit has to stop it: the soft margins of positions and mechanism.
+"""Soft margins of positions and mechanism, which slow a leg before a hard limit stops it.
 
-A margin begins with depth 0 and ends, at the hard limit, with depth 1. Inside, two things happen to
-the effort that guidance wants, whatever the mode:
-1. What of it leads further out, beyond what carries the load, fades with the depth.
-2. What moves out is damped, with a damping that grows with the depth.
-Moving back is free: nothing here ever acts on a leg that moves in, or stands, and no push that
-leads in is touched. Both grow from nothing at the edge, so no effort steps there; and neither can
-put energy into the leg.
+A margin begins with depth 0 and ends, at the hard limit, with depth 1. Inside it the effort of
+guidance is changed in two ways, in every mode:
+1. The part that pushes further out, beyond the load, is reduced in proportion to the depth.
+2. Motion outwards is damped, in proportion to the depth.
+Motion inwards is not damped, and effort inwards is not reduced. Both effects start from zero at the
+edge, so effort does not step there, and neither can put energy into the leg.
 
 The margin of the mechanism lies between `singularity.soft_ratio` and `stop_ratio`. Its "out" is a
 direction in both coordinates, down the gradient of |sin(psi)|, and so is its damping.
@@ -23,15 +22,15 @@ Pair = tuple[float, float]
 
 
 class SoftZone(NamedTuple):
-    """How far a leg is inside its soft margins, each 0 outside of it to 1 at the hard limit."""
+    """Depth of a leg in its soft margins, from 0 outside of a margin to 1 at the hard limit."""
 
     depth: Pair = (0.0, 0.0)
-    """Of hip and slide: their sign says at which end, negative at the lower one."""
+    """Depth of hip and slide; negative at the lower end."""
     mechanism_depth_ratio: float = 0.0
 
     @property
     def entered(self) -> bool:
-        """Whether the leg is inside any of them."""
+        """True if the leg is inside any of the margins."""
         return self.depth != (0.0, 0.0) or self.mechanism_depth_ratio > 0.0
 
 
@@ -41,7 +40,7 @@ def zone_at(
     position: Pair,
     singularity_ratio: float,
 ) -> SoftZone:
-    """Where a pose is in its soft margins."""
+    """The depth of a pose in its soft margins."""
     soft_ratio, stop_ratio = thresholds.singularity_soft_ratio, thresholds.singularity_stop_ratio
     return SoftZone(
         (_depth(position[0], limits[0]), _depth(position[1], limits[1])),
@@ -69,18 +68,18 @@ def slowed(
     load: Pair,
     wanted: Pair,
 ) -> Pair:
-    """The efforts that guidance wants, less what would lead further out.
+    """The efforts of guidance, reduced and damped inside the soft margins.
 
     Args:
-        zone: of this pose.
+        zone: depth of this pose in its margins.
         leg: mechanism.
-        limits: of hip and slide.
-        position: raw.
-        velocity: raw.
+        limits: limits of hip and slide.
+        position: from the raw encoders.
+        velocity: from the raw encoders.
         load: g(q), which is always carried.
-        wanted: total efforts.
+        wanted: total efforts of guidance.
 
-    Returns: total efforts; outside of all margins just those wanted. Not bounded in size.
+    Returns: total efforts; unchanged outside of all margins. Not bounded in size.
     """
     if not zone.entered:
         return wanted
@@ -109,7 +108,7 @@ def _pushed_together(
     velocity: Pair,
     push: Pair,
 ) -> Pair:
-    """Along the gradient, in the measure of both dampings; with one axis alone as `_pushed`."""
+    """As `_pushed`, but along the gradient of the mechanism, weighted by both dampings."""
     yield_hip = inwards[0] / max(limits[0].soft_damping_si, LEAST_DAMPING_SI)
     yield_slide = inwards[1] / max(limits[1].soft_damping_si, LEAST_DAMPING_SI)
     stiff = 1.0 / (inwards[0] * yield_hip + inwards[1] * yield_slide)
@@ -120,4 +119,4 @@ def _pushed_together(
 
 
 LEAST_DAMPING_SI = 1e-3
-"""Where a file says no damping at all, pushes still fade and nothing is divided by zero."""
+"""Replaces a configured damping of 0: pushes still fade, and there is no division by zero."""

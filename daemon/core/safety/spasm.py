@@ -1,46 +1,47 @@
-"""A spasm: the patient's estimated effort rises fast against the motion; guidance yields, or stops.
+"""Spasm detection: the patient's estimated effort rises fast against the motion.
 
-The estimate is the observer's, so this may only add: less stiffness, and a stop. Voluntary effort
-rises slower than the window asks. The motion is that of the joint when the window began, and the
-one that guidance wants: a hard contraction has turned a slow leg around before it is seen. Where
-there is no motion, as at a turn of the gait, no effort is with it. A joint that gives no count at
-all is stuck, or its encoder is, and says nothing of a patient. Once begun, a spasm lasts until half
-of its rise is gone, whichever way the leg moves meanwhile.
+Guidance then softens, and the machine stops if the spasm lasts. The estimate is the observer's, so
+this check may only reduce stiffness or add a stop. Voluntary effort rises slower than the threshold
+of the window. The motion is that of the joint when the window began, and that of the reference: a
+hard contraction can reverse a slow leg before it is detected. Without motion, as at a turn of the
+gait, any effort counts as against it. A joint without a single count is stuck, or its encoder is,
+and shows nothing about the patient. A spasm lasts until half of its rise is gone, in whichever
+direction the leg moves meanwhile.
 """
 
 from collections import deque
 from typing import NamedTuple
 
 END_RATIO = 0.5
-"""Of the rise that counts as a spasm: below, it is over."""
+"""Share of the spasm threshold below which a spasm is over."""
 STILL_CYCLES = 3
-"""A joint that turns round under a spasm gives counts again after less."""
+"""Cycles without a count after which a joint is stuck; a reversal takes less."""
 
 
 class SpasmRules(NamedTuple):
-    """[spasm] of limits.toml in cycles."""
+    """Settings of [spasm] in limits.toml, in cycles."""
 
     window_cycles: int
     stiffness_ratio: float
     softening_ratio: float
-    """Of full stiffness, in one cycle."""
+    """Decrease of stiffness per cycle as a share of full stiffness."""
     recovery_ratio: float
 
 
 class SpasmWatch:
-    """One axis."""
+    """Spasm detector of one axis."""
 
     def __init__(self, window_cycles: int) -> None:
         self._lately: deque[tuple[float, float]] = deque(maxlen=window_cycles + 1)
         """Effort and speed, the oldest first."""
         self._before_si = 0.0
         self.rise_si = 0.0
-        """Signed: of the newest window, or since the begin of the spasm."""
+        """Signed rise of effort in the newest window, or at the begin of the spasm."""
         self.cycles = 0
-        """How long it has lasted; 0: there is none."""
+        """Duration of the spasm in cycles; 0: there is none."""
 
     def forget(self) -> None:
-        """Nothing is known of the patient: no estimate to be used, or nothing is driven."""
+        """Reset the detector: there is no usable estimate, or no guided motion."""
         self._lately.clear()
         self.rise_si, self.cycles = 0.0, 0
 
@@ -53,15 +54,15 @@ class SpasmWatch:
         rise_max_si: float,
         rest_si: float,
     ) -> None:
-        """One cycle.
+        """Process one cycle.
 
         Args:
-            effort_si: of the patient, as the observer has it: N·m or N.
-            speed_si: raw; rad/s or m/s.
-            wanted_speed_si: of guidance; 0 where nothing is guided.
-            still_cycles: for how long the joint has given no count.
-            rise_max_si: from where it is a spasm.
-            rest_si: speed below which there is no motion to work with.
+            effort_si: effort of the patient from the observer: N·m or N.
+            speed_si: raw joint speed; rad/s or m/s.
+            wanted_speed_si: speed of the reference; 0 where nothing is guided.
+            still_cycles: cycles since the last count of the joint.
+            rise_max_si: threshold of the rise for a spasm.
+            rest_si: speed below which the joint counts as at rest.
         """
         self._lately.append((effort_si, speed_si))
         before_si, speed_before_si = self._lately[0]
@@ -82,7 +83,7 @@ class SpasmWatch:
 
 
 def softened(ratio: float, rules: SpasmRules, *, in_spasm: bool) -> float:
-    """The share of stiffness after one cycle: down fast, up slowly, never in a step."""
+    """The share of stiffness after one cycle: it falls fast and rises slowly, without a step."""
     if in_spasm:
         return min(ratio, max(ratio - rules.softening_ratio, rules.stiffness_ratio))
     return min(ratio + rules.recovery_ratio, 1.0)

@@ -1,29 +1,29 @@
-"""How a latched verdict becomes what each drive is told, and what happens if it does not obey.
+"""Stop sequence of one drive for a latched verdict, and its escalation.
 
 Rules:
-1. The verdict's category says how: S2 keeps the drives enabled and the core brakes and
+1. The verdict's category sets the first step: S2 keeps the drives enabled and the core brakes and
    holds; S1 is a quick stop of every drive, held there, or off after standstill where the axis
    has a brake; S0 is disable voltage.
-2. Doubtful feedback of an axis is S0 for it and S1 for all others: no axis is asked to hold by an
-   encoder that cannot be trusted. A lost drive gets NMT stop and a quick stop, the others S1.
-3. Obedience is judged each cycle from statusword and encoder, never from what was sent. A drive
-   that does not show the state in time, or whose speed does not fall along the ramp, is taken one
-   step further: quick stop, disable voltage, NMT stop, silence of the master (no SYNC, no
+2. Doubtful feedback of an axis is S0 for it and S1 for all others: no axis is held by an encoder
+   that cannot be trusted. A lost drive gets NMT stop and a quick stop, the others S1.
+3. Each cycle checks from statusword and encoder, never from the command, that the drive obeys. If
+   a drive does not show the state in time, or its speed does not fall along the ramp, its stop
+   escalates by one step: quick stop, disable voltage, NMT stop, silence of the master (no SYNC, no
    heartbeat), so that the drives' own detection acts.
 4. A drive that is not enabled yet is not enabled in order to hold: it gets a quick stop, which
    takes it back to switch on disabled.
-5. Nothing here ever goes back a step; only a reset begins anew.
-6. What a statusword proves, after the cycles that a drive has to obey:
+5. A step is never taken back; only a reset begins anew.
+6. Result of the check for each statusword, after the cycles that a drive has to obey:
 
     shown                      hold            quick stop      disable voltage and further
     ------------------------   -------------   -------------   ---------------------------
     a state without torque     nothing to do   obeyed          obeyed
     operation enabled          its ramp        not obeyed      not obeyed
     quick stop active          its ramp        its ramp        not obeyed
-    fault reaction active      obeyed for as long as the drive's profile says that one may last
+    fault reaction active      obeyed for the longest fault reaction in the drive's profile
     unknown                    obeyed for the same cycles once more
 
-   "Its ramp": as long as its speed falls as that asks, and what has come to rest is held.
+   "Its ramp": obeyed as long as the speed falls along the ramp, and a joint at rest stays there.
 """
 
 from enum import IntEnum
@@ -38,7 +38,7 @@ from drives.signals import DriveFeedback, PowerRequest, PowerState
 
 
 class Step(IntEnum):
-    """How far one drive has been taken, milder first."""
+    """Step of the stop of one drive, the mildest first."""
 
     HOLD = 0
     """S2: enabled, braked and held by the core."""
@@ -46,46 +46,48 @@ class Step(IntEnum):
     DISABLE = 2
     NMT_STOP = 3
     SILENCE = 4
-    """No SYNC and no heartbeat any more: the drives' own detection stops them."""
+    """SYNC and heartbeat are no longer sent: the drives' own detection stops them."""
 
 
 class DriveStop(NamedTuple):
-    """One drive on its way to rest."""
+    """State of the stop of one drive."""
 
     step: Step
     since_cycle: int
     """When this step was first commanded."""
     start_speed_si: float
-    """Speed at that moment: the ramp begins here."""
+    """Speed at that cycle: the ramp begins here."""
     at_rest_cycles: int = 0
     has_rested: bool = False
-    """It has come to rest in this step: from now on it is held, and no longer on a ramp."""
+    """The drive has come to rest in this step: it is held, and no longer on a ramp."""
     disobeyed: bool = False
-    """It had to be taken further than its verdict asked."""
+    """The stop had to be escalated because the drive did not obey."""
     unproven_cycles: int = 0
-    """Cycles in a row in which its state proved neither torque nor that there is none."""
+    """Cycles in a row in which its state showed neither torque nor the absence of torque."""
 
 
 class StopRules(NamedTuple):
-    """From limits.toml, [stop]."""
+    """Settings of [stop] in limits.toml."""
 
     obey_cycles: int
     standstill_cycles: int
     ramp_margin_ratio: float
     period_s: float
     reaction_cycles: int
-    """From the drive's profile: so long a fault reaction may last."""
+    """Longest fault reaction of the drive, from its profile."""
 
 
 HELD_SPEED_RATIO = 10.0
-"""A drive at rest counts as loose when pushed this many times faster than standstill."""
+"""Speed, as a multiple of standstill, above which a drive at rest counts as not held."""
 RAMP_FLOOR_RATIO = 3.0
-"""Around zero the ramp's bound is this many times standstill: encoder noise is no motion. While the
-core's own hold still settles it is that of a joint at rest: one that stood, at a reversal of the
-gait, is pushed by the other one's braking."""
+"""Lowest speed bound of the ramp, as a multiple of standstill: encoder noise is no motion.
+
+While the core's own hold still settles, HELD_SPEED_RATIO applies: a joint that stood, at a reversal
+of the gait, is pushed by the braking of the other one.
+"""
 
 HOLD_GRACE_CYCLES = 30
-"""The core's hold is softer than a drive's ramp: a spring, a damper, and friction in the way."""
+"""Extra time of the core's hold, which is softer than a drive's ramp: spring, damper, friction."""
 
 _BY_CATEGORY = {
     StopCategory.NONE: Step.HOLD,
@@ -98,7 +100,7 @@ _UNPROVEN = frozenset({PowerState.UNKNOWN, PowerState.FAULT_REACTION_ACTIVE})
 
 
 def first_step(verdict: Verdict, drive: str) -> Step:
-    """Where the stop of one drive begins, for a verdict that may be about another one."""
+    """First step of the stop of one drive, for a verdict that may be about another drive."""
     about_this = verdict.drive == drive
     if verdict.cause in DOUBTFUL_FEEDBACK and not about_this:
         return Step.QUICK_STOP
@@ -108,23 +110,23 @@ def first_step(verdict: Verdict, drive: str) -> Step:
 
 
 def possible(step: Step, feedback: DriveFeedback | None) -> Step:
-    """The step, or a quick stop in place of a hold where the drive has no power to hold with."""
+    """The step itself, or a quick stop in place of a hold where the drive is not enabled."""
     enabled = feedback is not None and feedback.power_state == PowerState.OPERATION_ENABLED
     return Step.QUICK_STOP if step == Step.HOLD and not enabled else step
 
 
 def begin(step: Step, joint: Joint, cycle: int, *, disobeyed: bool = False) -> DriveStop:
-    """The stop of one drive as it starts, or restarts one step further."""
+    """Begin the stop of one drive, or its next step."""
     return DriveStop(step, cycle, abs(joint.velocity_si), disobeyed=disobeyed)
 
 
 def harsher(stop: DriveStop, step: Step, joint: Joint, cycle: int) -> DriveStop:
-    """The stop taken to `step` if that is further than it is."""
+    """Escalate the stop to `step` if that is harsher than the present step."""
     return _further(stop, step, joint, cycle) if step > stop.step else stop
 
 
 def _further(stop: DriveStop, step: Step, joint: Joint, cycle: int) -> DriveStop:
-    """The next step begins; how long its drive has been proving nothing is not forgotten."""
+    """Begin a harsher step; the count of unproven cycles goes on."""
     begun = begin(step, joint, cycle, disobeyed=stop.disobeyed)
     return begun._replace(unproven_cycles=stop.unproven_cycles)
 
@@ -137,8 +139,8 @@ def advance(
     rules: StopRules,
     cycle: int,
 ) -> DriveStop:
-    """The stop after this cycle: further if it was not obeyed, at rest if it was."""
-    if joint.fresh:  # of a joint that is not seen nobody knows whether it rests
+    """The stop after this cycle, escalated if the drive has not obeyed."""
+    if joint.fresh:  # without a new sample standstill is not known
         at_rest = abs(joint.velocity_si) < limits.standstill_si_per_s
         stop = stop._replace(at_rest_cycles=stop.at_rest_cycles + 1 if at_rest else 0)
     unproven = feedback.power_state in _UNPROVEN
@@ -155,12 +157,12 @@ def advance(
 
 
 def is_at_rest(stop: DriveStop, rules: StopRules) -> bool:
-    """Standing still for long enough to be called at rest."""
+    """True if the drive has stood still for long enough."""
     return stop.at_rest_cycles >= rules.standstill_cycles
 
 
 def request(step: Step) -> PowerRequest:
-    """What the drive is told in this step."""
+    """The power request sent to the drive in this step."""
     if step == Step.HOLD:
         return PowerRequest.ENABLE
     return PowerRequest.QUICK_STOP if step == Step.QUICK_STOP else PowerRequest.DISABLE_VOLTAGE
@@ -176,7 +178,7 @@ def _obeyed(
 ) -> bool:
     elapsed_cycles, state = cycle - stop.since_cycle, feedback.power_state
     if elapsed_cycles <= rules.obey_cycles or state in TORQUE_FREE:
-        # Without power there is no ramp to follow: gravity, springs and the patient move the leg.
+        # Without power the drive cannot follow a ramp: gravity, springs and patient move the leg.
         return True
     if state in _UNPROVEN:
         reacting = state == PowerState.FAULT_REACTION_ACTIVE

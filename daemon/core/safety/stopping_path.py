@@ -1,17 +1,17 @@
-"""Where a leg comes to rest if both drives brake now, and what the mechanism leaves of the rail.
+"""Stopping path: where a leg comes to rest if both drives brake now, and the range of the slide.
 
 The workspace is not a box: shank and shoe must keep an angle to each other, so the slide's range
 depends on the hip angle. With D the distance from knee to slide joint, u the shank, w the shoe,
 
     cos(psi) = (u^2 + w^2 - D^2) / (2 u w)        |sin(psi)| is the singularity ratio
 
-and D^2 is a parabola over the rail: everything here is a few operations on two angles, made anew
-in every cycle from raw encoder values. A path goes straight on for a reaction time, then each axis
-follows its own quick-stop ramp: a verdict leaves in the cycle whose samples gave it, and the drives
-act on it at the next SYNC. That is REACTION_S. A leg under a controller's assist is driven by
-somebody who knows no end of the range, at the same speed or faster from one cycle to the next:
-there ASSISTED_REACTION_S also holds the cycle in which it could still have been noticed, and one
-for the speed that is gained meanwhile. A gait is slow where it turns, and needs neither.
+and D^2 is a parabola over the rail: everything here is a few operations on two angles, computed
+in every cycle from raw encoder values. A path continues at constant speed for a reaction time, then
+each axis follows its own quick-stop ramp: a stop is sent in the cycle whose samples caused it, and
+the drives act on it at the next SYNC. That is REACTION_S. A controller's assist does not consider
+the ends of the range and may accelerate the leg from one cycle to the next: ASSISTED_REACTION_S
+therefore adds the cycle before detection, and one cycle for the speed gained meanwhile. A gait is
+slow where it turns and needs neither.
 """
 
 import math
@@ -24,15 +24,15 @@ Pair = tuple[float, float]
 """Hip and slide: rad and m, rad/s and m/s, rad/s^2 and m/s^2."""
 
 REACTION_S: Final = 0.01
-"""One cycle. `gaitd check` sweeps the gait with three: a fault of a drive is seen later."""
+"""One cycle. `gaitd check` uses three for the gait: a fault of a drive is detected later."""
 ASSISTED_REACTION_S: Final = 0.03
 """Three cycles, while assist is in force."""
 POINTS: Final = 6
-"""Of the path on which the angle of shank and shoe is looked at."""
+"""Number of intervals of the path at which the angle of shank and shoe is computed."""
 
 
 def reaction_s(*, assisted: bool) -> float:
-    """How long a leg goes on before its drives brake it."""
+    """Time for which a leg continues before its drives brake it."""
     return ASSISTED_REACTION_S if assisted else REACTION_S
 
 
@@ -40,7 +40,7 @@ def reaction_s(*, assisted: bool) -> float:
 def on_ramp(
     position: float, speed: float, deceleration: float, time_s: float, reaction_s: float
 ) -> float:
-    """Position of one axis: straight on for the reaction, then down the ramp."""
+    """Position of one axis: constant speed for the reaction time, then the braking ramp."""
     braking_s = min(max(time_s - reaction_s, 0.0), abs(speed) / deceleration)
     slope = math.copysign(deceleration, speed)
     along = speed * (min(time_s, reaction_s) + braking_s)
@@ -48,7 +48,7 @@ def on_ramp(
 
 
 def end_of(position: float, speed: float, deceleration: float, reaction_s: float) -> float:
-    """Where one axis comes to rest."""
+    """Position at which one axis comes to rest."""
     return position + speed * (reaction_s + 0.5 * abs(speed) / deceleration)
 
 
@@ -83,9 +83,9 @@ def least_ratio(
 
 @kernel
 def gradient(leg: LegParameters, position: Pair) -> Pair:
-    """How |sin(psi)| changes with hip angle and slide position, per rad and per m.
+    """Gradient of |sin(psi)| over hip angle and slide position, per rad and per m.
 
-    At the singularity itself it has none; what is returned there still points away from it.
+    At the singularity it does not exist; the value returned there points away from it.
     """
     dx, dy = _from_knee(leg, position)
     angle = leg.thigh_angle_rad + position[0]
@@ -101,13 +101,13 @@ def gradient(leg: LegParameters, position: Pair) -> Pair:
 
 
 SMALLEST_RATIO: Final = 0.01
-"""Nearer to the singularity the gradient's length means nothing."""
+"""Smallest ratio for the gradient: nearer to the singularity its length has no meaning."""
 
 
 def slide_range(leg: LegParameters, position: Pair, ratio: float) -> Pair | None:
-    """The slide positions about the present one where |sin(psi)| is at least `ratio`, at this hip.
+    """The slide range about the present position with |sin(psi)| >= `ratio` at this hip angle.
 
-    Returns: lowest and highest, m; None where no slide position on this side will do.
+    Returns: lowest and highest, m; None where no slide position on this side satisfies it.
     """
     angle = leg.thigh_angle_rad + position[0]
     x = leg.thigh_length_m * math.cos(angle) - leg.rail_x_m
@@ -128,7 +128,7 @@ def slide_range(leg: LegParameters, position: Pair, ratio: float) -> Pair | None
 
 @inline
 def _from_knee(leg: LegParameters, position: Pair) -> Pair:
-    """Knee to slide joint, m."""
+    """Vector from knee to slide joint, m."""
     angle = leg.thigh_angle_rad + position[0]
     return (
         leg.rail_x_m + position[1] * leg.rail_cos - leg.thigh_length_m * math.cos(angle),

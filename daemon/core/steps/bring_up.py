@@ -1,4 +1,4 @@
-"""From mode OFF to READY: the drives' bring-up, told to the core step by step."""
+"""Bring-up of the drives from mode OFF to READY, with progress reported step by step."""
 
 from collections.abc import Generator, Iterator, Sequence
 
@@ -20,20 +20,20 @@ from drives.errors import BringUpRefused, BusError, BusOff, DrivePowered, DriveS
 def bring_up_core(
     core: Core, plans: Sequence[DrivePlan], port: DrivePort, cycle: CycleSettings
 ) -> Generator[Progress, None, bool]:
-    """Bring up all drives; True if the core is READY now, False if it has a cause why not.
+    """Bring up all drives; True on success, False if the core has a verdict instead.
 
     Raises:
-        BringUpRefused: a drive is not the one of the files, or refuses what they ask. Another try
-            would say the same.
+        BringUpRefused: a drive is not the one in the configuration files, or refuses their values.
+            Another attempt would fail in the same way.
     """
     core.mode = table.next_mode(core.mode, Event.BRING_UP_BEGUN)
     core.events.append("bring-up begun")
     try:
-        # Whoever asked for a reset accepts that a drive that holds the leg lets it go.
+        # A reset request includes consent to switch off a drive that holds the leg.
         steps = bring_up(plans, port, cycle, may_switch_off=core.reset_cycles_left > 0)
         reports = yield from _told(core, steps)
     except BringUpRefused as refused:
-        # Without a homing a drive may still be what the files describe: brought up as usual.
+        # The usual bring-up, without the limits of a homing or sign test, may still succeed.
         preparing = core.preparation is not None
         fail(core, Cause.BRING_UP_FAILED, refused.drive, str(refused))
         if preparing:
@@ -54,7 +54,7 @@ def bring_up_core(
 
 
 def _wait_for_reset(core: Core, powered: DrivePowered) -> None:
-    """A drive holds the leg since an earlier stop: it goes on until somebody asks for a reset."""
+    """Enter FAULT because a drive still holds the leg; it holds until a reset is requested."""
     cause = Cause.DRIVE_POWERED
     core.verdict = Verdict(
         core.config.categories.of(cause), cause, powered.drive, detail=powered.state
@@ -70,7 +70,7 @@ def _wait_for_reset(core: Core, powered: DrivePowered) -> None:
 
 
 def fail(core: Core, cause: Cause, drive: str, detail: str) -> None:
-    """Back to OFF, with the reason; told as an event only when it is another one than before."""
+    """Return to OFF with a verdict; an event is published only if the verdict is a new one."""
     if core.mode == Mode.BRINGING_UP:
         core.mode = table.next_mode(core.mode, Event.DRIVES_LOST)
     verdict = Verdict(core.config.categories.of(cause), cause, drive, detail=detail)
@@ -81,14 +81,14 @@ def fail(core: Core, cause: Cause, drive: str, detail: str) -> None:
     core.reset_cycles_left = 0
     core.progress = ""
     for axis in core.axes:
-        # Nobody has looked at the others either: each may have been without power, and its home.
+        # The state of the other drives is unknown too: each may have lost power and its home.
         axis.homed = False
 
 
 def _told(
     core: Core, steps: Generator[Progress, None, tuple[DriveReport, ...]]
 ) -> Generator[Progress, None, tuple[DriveReport, ...]]:
-    """The same steps, each one put into the core's progress line on its way."""
+    """Pass the bring-up steps on and write each one into the core's progress line."""
     while True:
         try:
             progress = next(steps)
@@ -103,7 +103,7 @@ def _told(
 def _take_over(
     core: Core, plans: Sequence[DrivePlan], reports: Sequence[DriveReport], now_ns: int
 ) -> None:
-    """The drives are in the core's hands from now on; nothing of an earlier life remains."""
+    """Put the drives under control of the core and reset all state of an earlier bring-up."""
     core.drives = DriveGroup([Drive(plan.description, now_ns) for plan in plans])
     for axis, plan, report in zip(core.axes, plans, reports, strict=True):
         _begin(core, axis, plan, report)
@@ -124,7 +124,7 @@ def _take_over(
 
 
 def _errors_found(report: DriveReport) -> Iterator[str]:
-    """What a drive came with, in words: nothing of it is reset, and nothing of it stops later."""
+    """Event texts for errors found at bring-up; they are not reset and cause no stop later."""
     if report.error_code:
         yield f"{report.name}: found with error {report.error_code:04X}h: {report.error_text}"
     for code, one in {one.code: one for one in report.emergencies}.items():
@@ -135,7 +135,7 @@ def _errors_found(report: DriveReport) -> Iterator[str]:
 def _begin(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> None:
     axis.scaling = axis_scaling(plan.description, report.base)
     if axis.serial_number != report.serial_number:
-        core.evidence.pop(axis.name, None)  # of another drive
+        core.evidence.pop(axis.name, None)  # it belongs to another drive
     axis.serial_number = report.serial_number
     axis.sign_proven = proven(core.notes, axis.name, axis.wiring, report.serial_number)
     axis.homed = axis.homed and not report.reference_lost
@@ -153,7 +153,10 @@ def _begin(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> None
 
 
 def _why_unreferenced(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> str:
-    """Empty for an axis that knows its position: homed, or where an absolute encoder was left."""
+    """The reason why an axis is not referenced; empty if it is.
+
+    An axis is referenced if it is homed, or if its absolute encoder agrees with the noted pose.
+    """
     if report.reference_lost:
         return "its encoder is in error"
     says_so = plan.description.profile.referenced_bit is not None

@@ -1,10 +1,10 @@
-"""Homing and sign tests applied to the core: asked for, begun, moved on, ended.
+"""Homing and sign tests of one axis: request, start, progress and end in the core's state.
 
     READY -> OFF, the drives brought up with the torque limit of the preparation -> READY
           -> REFERENCE or COMMISSION, one axis enabled -> STOPPING -> READY
           -> OFF, the drives brought up with their usual limits -> READY
 
-`single_axis.py` knows what one axis does meanwhile. A stop by a verdict ends in FAULT as always;
+`single_axis.py` has the sequence of one axis. A stop by a verdict ends in FAULT as in other modes;
 the reset after it brings the drives up with their usual limits.
 """
 
@@ -33,23 +33,23 @@ from drives.cia402.power_state import homing_state
 from drives.signals import DriveFeedback, HomingState, OperationMode
 
 BEGIN_CYCLES = 500
-"""A motion that begins later than this after its request surprises whoever asked for it."""
+"""Longest delay from request to motion: a later motion would surprise the operator."""
 MODES = frozenset({Mode.REFERENCE, Mode.COMMISSION})
 
 
 def in_work(core: Core) -> Preparation | None:
-    """The preparation whose axis is, or is to be, enabled."""
+    """The homing or sign test under way in mode REFERENCE or COMMISSION; None if there is none."""
     return core.preparation if core.mode in MODES else None
 
 
 def is_homing(core: Core, axis: Axis) -> bool:
-    """Whether this axis is moved by its drive's own homing."""
+    """True if this axis is moved by its drive's own homing."""
     run = core.preparation
     return isinstance(run, Homing) and run.axis == axis.name
 
 
 def finds_home(core: Core, axis: Axis, feedback: DriveFeedback) -> bool:
-    """Whether this sample is the first that says that home is attained, or reached."""
+    """True if this sample is the first that shows home as attained or reached."""
     run = in_work(core)
     if not isinstance(run, Homing) or run.axis != axis.name or not run.begun:
         return False
@@ -60,7 +60,7 @@ def finds_home(core: Core, axis: Axis, feedback: DriveFeedback) -> bool:
 
 
 def limits_in_force(core: Core, axis: Axis) -> AxisLimits:
-    """The limits of an axis; a preparation and hand guiding have a speed or an effort of theirs."""
+    """The limits of an axis in force now; homing, sign test and hand guiding have their own."""
     run = core.preparation
     if core.mode == Mode.HAND_GUIDING:
         return axis.limits._replace(velocity_max_si=axis.limits.hand_guiding_speed_max_si)
@@ -73,15 +73,15 @@ def limits_in_force(core: Core, axis: Axis) -> AxisLimits:
 
 
 def axis_named(core: Core, name: str) -> Axis | None:
-    """The axis of that name."""
+    """The axis with this name; None if there is none."""
     return next((axis for axis in core.axes if axis.name == name), None)
 
 
-# --- asked for ------------------------------------------------------------------------------------
+# --- request --------------------------------------------------------------------------------------
 
 
 def refusal(core: Core, wanted: ModeRequest) -> str:
-    """Why this axis cannot be prepared; empty if it can, or if a witness may speak."""
+    """The reason to refuse a homing, a sign test or its confirmation; empty if it is allowed."""
     axis = axis_named(core, wanted.axis)
     if axis is None:
         known = ", ".join(axis.name for axis in core.axes)
@@ -97,7 +97,7 @@ def refusal(core: Core, wanted: ModeRequest) -> str:
 
 
 def ask(core: Core, wanted: ModeRequest, cycle: int, utc_ns: int) -> None:
-    """Take an accepted request: bring the drives up for it, or believe the witness."""
+    """Start an accepted request: a new bring-up for it, or the confirmation of a sign test."""
     axis = axis_named(core, wanted.axis)
     if axis is None:
         raise RuntimeError(f"there is no axis {wanted.axis!r}: the request was not refused")
@@ -127,7 +127,7 @@ def _believe(core: Core, axis: Axis, utc_ns: int) -> None:
 
 
 def cancel(core: Core, why: str) -> None:
-    """Do not go on with it: what has not begun does not begin, and the usual limits come back."""
+    """Cancel the homing or sign test under way; the usual limits are restored afterwards."""
     run = core.preparation
     if run is not None and run.step not in OVER:
         core.preparation = replace(run, step=PreparationStep.FAILED, why=why)
@@ -135,17 +135,17 @@ def cancel(core: Core, why: str) -> None:
 
 
 def bring_up_anew(core: Core) -> None:
-    """Let go of the drives: the loop brings them up again, with the limits of what comes next."""
+    """Drop the drives, so that the loop brings them up again with the limits needed next."""
     core.drives = None
     enter(core, Event.BRING_UP_ANEW)
-    latching.clear(core)  # only out of READY, where nothing is latched
+    latching.clear(core)  # called only in READY, where no verdict is latched
 
 
 # --- time -----------------------------------------------------------------------------------------
 
 
 def move_on(core: Core, cycle: int) -> None:
-    """One cycle of the preparation: begin it once the drives are up, end it when it is over."""
+    """Run one cycle of a homing or sign test: begin it when the drives are up, end it when over."""
     run = core.preparation
     if run is None:
         return
@@ -211,6 +211,6 @@ def _tell_end(core: Core, axis: Axis, run: Preparation) -> None:
 
 
 def target_effort_si(core: Core, axis: Axis) -> float:
-    """What is asked of an axis while it, or another one, is prepared."""
+    """The effort for an axis during a homing or sign test: 0 for every other axis."""
     run = in_work(core)
     return run.effort_si if run is not None and run.axis == axis.name else 0.0

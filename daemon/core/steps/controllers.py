@@ -1,7 +1,7 @@
-"""What a controller's setpoints mean for the core: heard, put in force, and lapsed.
+"""Setpoints of controllers: checked, put in force, and lapsed.
 
-`assist.py` has the rules for one leg; this file applies them to the state of the core, and tells
-`supervisor.py` when assist has lapsed.
+`assist.py` has the rules for one leg; this file applies them to the state of the core, and reports
+to `supervisor.py` when assist has lapsed.
 """
 
 import math
@@ -21,10 +21,10 @@ GROWN_STALE = "its setpoints have grown stale"
 
 
 def hear(core: Core, cycle: int) -> None:
-    """Judge what the newest level forwards; what was judged before is only older."""
+    """Check the setpoints of the newest gateway state; each setpoint is checked once."""
     by_position = core.config.gait.guidance == "position"
     desk = Desk(core.lease, cycle, core.mode, by_position)
-    # What one holder has put in force lapses before another one may steer.
+    # The assist of one lease holder must lapse before another holder may command.
     handed_over = {
         leg.name
         for leg in core.legs
@@ -60,14 +60,14 @@ def _hear_one(core: Core, setpoint: Setpoint, desk: Desk) -> None:
 
 
 def begin_torque(core: Core) -> None:
-    """Mode TORQUE begins without assist, and waits for the first setpoint of this lease."""
+    """Enter mode TORQUE without assist, and wait for the first setpoint of this lease."""
     core.torque_lease = core.lease
     for leg in core.legs:
         leg.assist = replace(leg.assist, accepted=None)
 
 
 def lapse(core: Core, cycle: int) -> str:
-    """Why the assist of this mode has lapsed; empty while it has not, or there is none."""
+    """The reason why assist has lapsed; empty while it has not, or without assist."""
     if core.mode == Mode.TORQUE:
         return _lapse_of_torque(core, cycle)
     return _lapse_of_gait(core, cycle) if core.mode == Mode.GAIT else ""
@@ -99,7 +99,10 @@ def _waited_cycles(core: Core) -> int:
 
 
 def put_in_force(core: Core, leg: Leg, cycle: int, *, powered: bool) -> None:
-    """What the leg's newest setpoint asks, or a fade; nothing at once where no drive pushes."""
+    """Advance the assist in force to the newest setpoint, or fade it out.
+
+    Assist is zero at once where no drive is enabled.
+    """
     if not powered:
         leg.assist = replace(leg.assist, effort_si=(0.0, 0.0), fade_si=None)
     hip, slide = leg.axes
@@ -112,7 +115,7 @@ def put_in_force(core: Core, leg: Leg, cycle: int, *, powered: bool) -> None:
         core.config.period_s,
     )
     if moved is None:
-        # Guidance finds it and stops the machine; nothing is added any more.
+        # NaN makes the command check stop the machine; no further assist is added.
         leg.assist_si = (math.nan, math.nan)
         leg.assist = replace(leg.assist, accepted=None, effort_si=(0.0, 0.0), fade_si=None)
         return
@@ -121,7 +124,7 @@ def put_in_force(core: Core, leg: Leg, cycle: int, *, powered: bool) -> None:
 
 
 def _wanted(core: Core, leg: Leg, cycle: int) -> Setpoint | None:
-    """The setpoint to follow in this cycle; nothing is guided in mode TORQUE, stiffly or not."""
+    """The setpoint to follow in this cycle; mode TORQUE ignores its stiffness (no guidance)."""
     newest = leg.assist.accepted
     if newest is None or core.mode not in ASSISTED:
         return None

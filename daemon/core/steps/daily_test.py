@@ -1,17 +1,17 @@
-"""The test of the day applied to the core: what was seen and found, and how long that counts.
+"""Daily test: the results of input checks and self-test, and how long they are valid.
 
 Rules:
-1. Passive: for each drive it is noted when its hand switch input was seen open and closed, and its
-   STO active and released, in READY and FAULT. Nobody has to say so: it happens when a person lets
-   go of the switch and presses the emergency stop once.
-2. Active: what `self_test.py` has found of every axis, with its time. It is about one robot file:
-   another leg, or the empty machine, asks for another test.
-3. Both count for `valid_h`. A time that lies in the future is not valid.
-4. Both are of one drive: another serial number asks for another test.
-5. UTC comes with the tick and decides nothing but this. The latest time ever read is noted, too: a
-   clock that goes back makes what was tested void, so that it never counts for longer.
-6. While the drives are enabled nothing of this is noted: who writes a page that somebody else is
-   just bringing to the disk waits for the disk.
+1. Passive: for each drive the state file keeps the times when its hand switch input was seen open
+   and closed, and its STO active and released, in READY and FAULT. No request is needed: the
+   operator releases the switch and presses the emergency stop once.
+2. Active: the state file keeps the findings of `self_test.py` for every axis, with their time.
+   They are valid for one robot file: another leg, or the empty machine, needs another test.
+3. Both are valid for `valid_h`. A time in the future is not valid.
+4. Both belong to one drive: another serial number needs another test.
+5. UTC comes with the tick and is used for nothing else. The latest time ever read is kept too: a
+   clock that is set back makes the results void, so that they are never valid for longer.
+6. While the drives are enabled nothing of this is written: a write to a memory page that is being
+   flushed to the disk waits for the disk.
 """
 
 from typing import Final
@@ -27,13 +27,13 @@ from drives.signals import Input
 
 NS_PER_HOUR: Final = 3_600_000_000_000
 NOTE_NS: Final = 60_000_000_000
-"""How often the page learns what time it is, and that an input is as it was."""
+"""Interval at which the state file is updated with the time and with unchanged inputs."""
 SLEW_NS: Final = 2_000_000_000
-"""A clock that is disciplined is put back by so little without having gone back."""
+"""Backward step of a disciplined clock that does not count as set back."""
 
 
 def follow(core: Core, utc_ns: int) -> None:
-    """Look at clock and inputs once a cycle, and say what is missing today."""
+    """Check clock and inputs once a cycle, and update what the daily test still needs."""
     _watch_clock(core, utc_ns)
     if core.mode in {Mode.READY, Mode.FAULT}:
         for axis in core.axes:
@@ -85,7 +85,7 @@ def _inputs_noted(core: Core, axis: Axis) -> InputsNote:
 
 
 def _is_other_drive(axis: Axis, serial_number: int) -> bool:
-    """Before bring-up nobody knows which drive it is."""
+    """True if the drive has another serial number; it is 0 (unknown) before bring-up."""
     return axis.serial_number not in {0, serial_number}
 
 
@@ -141,13 +141,13 @@ def _due(core: Core, utc_ns: int) -> str:
 
 
 def counts(seen_utc_ns: int, utc_ns: int, valid_h: float) -> bool:
-    """Whether what was seen then still counts now (rule 3)."""
+    """True if a result from `seen_utc_ns` is still valid now (rule 3)."""
     age_ns = utc_ns - seen_utc_ns
     return seen_utc_ns > 0 and -SLEW_NS <= age_ns <= valid_h * NS_PER_HOUR
 
 
 def conclude(core: Core, utc_ns: int) -> Verdict | None:
-    """The self-test of all legs is over: note and tell what it found; a verdict if it failed."""
+    """Store and publish the findings of a finished self-test; returns a verdict if it failed."""
     found = [
         finding
         for leg in core.legs

@@ -1,4 +1,4 @@
-"""The plan of one leg, one cycle on: whatever it is that plays, and its stages told."""
+"""Advance the plan of one leg by one cycle, and publish changes of its stage."""
 
 from daemon.core.motion import hand_guiding, leg_plan, self_test, trajectory
 from daemon.core.motion.hand_guiding import ReleasePlay
@@ -10,9 +10,10 @@ from drives.signals import OperationMode
 
 
 def advance(core: Core, leg: Leg, *, changing: bool) -> None:
-    """One cycle of the plan of one leg; `changing`: drives are on their way to another mode.
+    """Advance the plan of one leg by one cycle.
 
-    A gait stays announced until all drives could change to the mode in which it is played.
+    `changing`: drives are still changing to another mode. A gait stays in stage ANNOUNCING until
+    all drives have changed to the mode in which it is played.
     """
     period_s = core.config.period_s
     plan = leg.plan
@@ -54,4 +55,4 @@ def _tell_stage(core: Core, leg: Leg, before: Stage, after: Stage) -> None:
         return
     core.events.append(f"{leg.name}: {core.mode.name.lower()} {after.name.lower()}")
     if isinstance(leg.plan, ReleasePlay):
-        leg.takes_over = True  # from being held into somebody's hands
+        leg.takes_over = True  # no step of torque from hold to hand guiding

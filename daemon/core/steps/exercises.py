@@ -1,6 +1,6 @@
-"""How hand guiding and the self-test begin, with what is refused before they do.
+"""Start of hand guiding and self-test, and the check for room before a self-test.
 
-Gait and excitation begin in `requests.py`; what each of the four does over time is in
+Gait and excitation begin in `requests.py`; the motion of all four over time is in
 `trajectory.py`, `hand_guiding.py` and `self_test.py`.
 """
 
@@ -21,7 +21,7 @@ WAY_POINTS: Final = 20
 
 
 def begin_hand_guiding(core: Core) -> None:
-    """Every leg into the hands of whoever moves it."""
+    """Begin hand guiding with every leg."""
     rules = core.config.hand_guiding
     for leg in core.legs:
         leg.plan = ReleasePlay(
@@ -34,7 +34,10 @@ def begin_hand_guiding(core: Core) -> None:
 
 
 def begin_self_test(core: Core) -> None:
-    """Each axis of each leg in turn; only after `refuse_self_test` found nothing."""
+    """Begin the self-test of each axis of each leg in turn.
+
+    Requires that `refuse_self_test` returned an empty reason.
+    """
     rules = core.config.self_test
     ways = [_ways(core, leg) for leg in core.legs]
     waits_s = accumulate((self_test.total_s(one) for one in ways), initial=0.0)
@@ -48,7 +51,7 @@ def begin_self_test(core: Core) -> None:
 
 
 def refuse_self_test(core: Core) -> str:
-    """Why there is no room for it from here; empty if there is."""
+    """The reason why a self-test has no room at the present pose; empty if it has."""
     for leg in core.legs:
         start = leg_plan.present(leg)
         for index, axis in enumerate(leg.axes):
@@ -75,7 +78,7 @@ def _way(core: Core, leg: Leg, start: Pair, index: int) -> Way:
 
 
 def _direction(core: Core, leg: Leg, start: Pair, index: int) -> float:
-    """The first direction with room for the whole way of one axis; 0 if there is none."""
+    """Sign of the first direction with room for the whole way of one axis; 0 if there is none."""
     distance_si = self_test.distances(core.config.self_test)[index]
     for sign in (1.0, -1.0):
         parts = (sign * distance_si * k / WAY_POINTS for k in range(WAY_POINTS + 1))

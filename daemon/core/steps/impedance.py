@@ -1,18 +1,18 @@
-"""What is sent to each drive: mode, bounded targets of what guidance wants, power request.
+"""Commands to the drives: mode, bounded targets of guidance, and power request.
 
-Guided by impedance (torque mode), total effort = g(q) + feedforward + K (q_ref - q) +
-D (dq_ref - dq) + assist, bounded as a whole: zero effort is not rest, the mechanism's weight and
-springs are carried by the drives.
+With guidance by impedance (torque mode), the total effort is g(q) + feedforward + K (q_ref - q) +
+D (dq_ref - dq) + assist, bounded as a whole. Zero effort is not rest: the drives carry the
+mechanism's weight and springs.
 
-A controller, or a spasm, may leave a part of the stiffness: K is multiplied by it and D by its
-square root, so that the damping ratio stays. Without guidance, in mode TORQUE, the same effort is
-g(q) + assist.
+A controller or a spasm can reduce the stiffness: K is multiplied by the remaining share and D by
+its square root, so that the damping ratio is constant. Without guidance, in mode TORQUE, the effort
+is g(q) + assist.
 
-Guided by position, the drives' own loops play the reference, gait and hold alike; only an
-open-loop excitation is in torque mode. Holding by the same loops that move leaves no hand-over at
-either end of a gait, no sag at the begin of one, and nothing to switch in a stop. A target that
-leaves in one cycle acts from the next SYNC and is reached one SYNC later (60C2h), so the leg
-follows its reference by two cycles; tracking is judged with that delay in it.
+With guidance by position, the drives' own loops follow the reference in gait and hold; of these
+exercises only an open-loop excitation is in torque mode. The same loops hold and move, so there is
+no hand-over at either end of a gait, no sag at its begin, and no mode change in a stop. A target
+sent in one cycle acts from the next SYNC and is reached one SYNC later (60C2h), so the leg follows
+its reference with a delay of two cycles; the tracking check includes that delay.
 """
 
 import math
@@ -29,12 +29,14 @@ from drives.cia402.units import effort_to_permille, position_to_counts
 from drives.signals import DriveCommand, OperationMode, PowerRequest
 
 STILL_CYCLES: Final = 5
-"""Without a new count for so long, a joint is at rest: a drive that begins to hold it where it was
-two cycles ago meets it there."""
+"""Cycles without a new count after which a joint is at rest.
+
+A drive that then begins to hold the position of two cycles ago finds the joint there.
+"""
 
 
 class Wish(NamedTuple):
-    """What the plan asks of one axis, before any bound: rad, rad/s and N·m, or m, m/s and N."""
+    """Unbounded setpoint of the plan for one axis: rad, rad/s and N·m, or m, m/s and N."""
 
     effort_si: float
     position_si: float
@@ -42,21 +44,21 @@ class Wish(NamedTuple):
 
 
 class Target(NamedTuple):
-    """What one drive is sent: N·m and rad, or N and m."""
+    """Bounded targets for one drive: N·m and rad, or N and m."""
 
     effort_si: float
     position_si: float
 
 
 def assist(core: Core, cycle: int) -> None:
-    """Put into force what controllers ask of each leg, once a cycle."""
+    """Update the assist in force of each leg from the controllers' setpoints, once a cycle."""
     for leg in core.legs:
         powered = any(supervisor.enable_wanted(core, axis) for axis in leg.axes)
         controllers.put_in_force(core, leg, cycle, powered=powered)
 
 
 def command(core: Core, cycle: int) -> list[DriveCommand]:
-    """The command to every drive, in the order of the axes."""
+    """Compute the command to every drive, in the order of the axes."""
     wishes = [wish for leg in core.legs for wish in _wishes(core, leg)]
     modes = [_mode(core, axis) for axis in core.axes]
     sent = _bounded(core, wishes, modes, cycle)
@@ -78,7 +80,7 @@ def command(core: Core, cycle: int) -> list[DriveCommand]:
 
 
 def blind_stop(core: Core) -> list[DriveCommand]:
-    """Quick stop of every drive in the mode it is in, from nothing that could fail again."""
+    """Quick stop for every drive in its present mode, without any computation that could fail."""
     return [
         DriveCommand(
             power=PowerRequest.QUICK_STOP,
@@ -91,7 +93,7 @@ def blind_stop(core: Core) -> list[DriveCommand]:
 
 
 def _mode(core: Core, axis: Axis) -> OperationMode:
-    """The mode wanted; a drive that pushes changes it at rest alone."""
+    """The mode to send; an enabled drive changes its mode only at rest."""
     wanted = supervisor.mode_wanted(core, axis)
     pushing = axis.reached_enabled and supervisor.enable_wanted(core, axis)
     moving = axis.joint.still_cycles < STILL_CYCLES
@@ -99,7 +101,7 @@ def _mode(core: Core, axis: Axis) -> OperationMode:
 
 
 def _wishes(core: Core, leg: Leg) -> tuple[Wish, Wish]:
-    """What the leg's plan asks for; nothing where no drive is to push."""
+    """Setpoints of the leg's plan for both axes; no effort where no drive is to be enabled."""
     hip, slide = leg.axes
     if commissioning.in_work(core) is not None:
         return _preparing_wish(core, hip), _preparing_wish(core, slide)
@@ -160,7 +162,7 @@ def _gains(
 def _bounded(
     core: Core, wishes: Sequence[Wish], modes: Sequence[OperationMode], cycle: int
 ) -> list[Target] | None:
-    """Bounded targets, or None as soon as one is not finite, whether its mode needs it or not."""
+    """Bounded targets; None if any value is not finite, even one that its mode does not use."""
     if not all(math.isfinite(number) for wish in wishes for number in wish):
         return None
     bounded: list[Target] = []
@@ -180,7 +182,7 @@ def _bounded(
 
 
 def _prepared(core: Core, axis: Axis, wish: Wish, *, pushing: bool) -> Target | None:
-    """While one axis is homed or its sign proven: its own small effort, no target position."""
+    """Targets during a homing or sign test: the small effort of that test, present position."""
     limits = commissioning.limits_in_force(core, axis)
     last_si = axis.effort_sent_si if pushing else 0.0
     effort_si = bounds.bound(wish.effort_si, last_si, limits, core.config.period_s)
@@ -213,6 +215,6 @@ def _power(core: Core, axis: Axis) -> PowerRequest:
         run = core.preparation
         return PowerRequest.HOME if run is not None and run.searching else PowerRequest.ENABLE
     if core.reset_cycles_left > 0:
-        # Whatever it shows meanwhile: one request is one edge (`power_state.py`).
+        # In every power state: one request is one edge of the controlword (`power_state.py`).
         return PowerRequest.FAULT_RESET
     return PowerRequest.DISABLE_VOLTAGE

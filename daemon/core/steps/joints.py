@@ -1,6 +1,6 @@
-"""What each joint does, from raw drive values alone: position, speed, effort, standing still.
+"""Joint position, speed, effort and standstill, from raw drive values only.
 
-Safety reads this and never the observer's estimate.
+The safety checks of motion use these values, not the observer's estimate.
 """
 
 from typing import NamedTuple
@@ -14,12 +14,12 @@ class Joint(NamedTuple):
     """One joint at its newest complete sample; SI units at the joint."""
 
     known: bool = False
-    """A sample has come since bring-up."""
+    """A sample has been received since bring-up."""
     fresh: bool = False
     """The sample is of this cycle."""
     position_si: float = 0.0
     velocity_si: float = 0.0
-    """Difference of the last two samples over the true time between them."""
+    """Difference of the last two samples divided by the measured time between them."""
     effort_si: float = 0.0
     step_si: float = 0.0
     """Distance between the last two samples."""
@@ -30,13 +30,13 @@ class Joint(NamedTuple):
     still_cycles: int = 0
     """Samples in a row within STILL_COUNTS of `still_counts`."""
     still_counts: int = 0
-    """Where it began to stand still."""
+    """Encoder counts at which the joint began to stand still."""
     speed_before_still_si: float = 0.0
-    """How fast it was before it stood still: what no joint can lose in one cycle is a fault."""
+    """Speed before standstill; a loss of speed that is impossible in one cycle is a fault."""
 
 
 def jump_reach_si(joint: Joint, limits: AxisLimits, thresholds: Thresholds) -> float:
-    """How far the joint can have come between its last two samples; farther is an encoder fault."""
+    """Largest possible step between the last two samples; a larger one is an encoder fault."""
     return thresholds.encoder_jump_ratio * limits.velocity_max_si * joint.elapsed_s
 
 
@@ -45,7 +45,7 @@ STILL_COUNTS = 3
 
 
 def measure(previous: Joint, feedback: DriveFeedback, scaling: AxisScaling, sync_ns: int) -> Joint:
-    """The joint after this cycle's window; a sample that did not come leaves the last one, aged."""
+    """The joint after this cycle's window; without a new sample the last one stays, not fresh."""
     if not feedback.fresh:
         return previous._replace(fresh=False)
     sample = to_joint(feedback, scaling)

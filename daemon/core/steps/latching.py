@@ -1,18 +1,18 @@
-"""A latched verdict across restarts: what is noted of it in each mode, and what becomes of it.
+"""Latched verdict in the state file: kept across restarts until a reset.
 
-    mode                            noted is
+    mode                            verdict in the state file
     ----------------------------    ------------------------------------------------------
-    off, bringing up                what was
-    hold, gait, ... (enabled)       LAST_END_UNKNOWN: whoever finds it finds a run that nobody ended
+    off, bringing up                unchanged
+    hold, gait, ... (enabled)       LAST_END_UNKNOWN, or the one already there
     stopping, by a verdict          that verdict, from its first cycle
-    stopping, as asked              what was: it has not ended yet
-    fault                           that verdict; nothing after an orderly shutdown
-    ready                           nothing
+    stopping, by a request          unchanged: the run has not ended yet
+    fault                           that verdict; none after an orderly shutdown
+    ready                           none
 
-A new core brings its drives up as always, and is then in FAULT with what was noted, as long as it
-takes until somebody asks for a reset. The page is written in the cycle that stops, so it survives
-the death of the process at once; after a power cut an older page is found, which is of a time when
-drives were enabled, and says that nobody knows.
+A new core brings its drives up as usual, and is then in FAULT with the noted verdict until a reset
+is requested. The page in memory is written in the cycle that stops, so it survives the end of the
+process. After a power cut an older page may be found; it was written while drives were enabled and
+contains LAST_END_UNKNOWN.
 """
 
 import math
@@ -28,11 +28,14 @@ from daemon.ipc.record import Cause, Mode, StopCategory, Verdict, clipped
 
 DETAIL_BYTES_MAX: Final = 120
 _NOT_LATCHED: Final = frozenset({Cause.NONE, Cause.SHUTDOWN, Cause.DRIVE_POWERED})
-"""No stops, or none that a new start should remember: a drive that holds the leg is seen again."""
+"""Causes that are not kept across a restart.
+
+DRIVE_POWERED is not kept because the next bring-up finds a drive that holds the leg again.
+"""
 
 
 def follow(core: Core, utc_ns: int) -> None:
-    """Note what a new core should know, if this one ended now."""
+    """Update the latched verdict that a new core would find if this one ended now."""
     noted = core.notes.latched
     wanted = _wanted(core, noted, utc_ns)
     if wanted is not noted:
@@ -60,7 +63,7 @@ def _running(utc_ns: int) -> LatchedNote:
 
 
 def _note(verdict: Verdict, noted: LatchedNote | None, utc_ns: int) -> LatchedNote:
-    """The note of a verdict; the one that is there already if it says the same."""
+    """The note of a verdict; an equal existing note is kept with its time."""
     note = LatchedNote(
         category=verdict.category.name,
         cause=verdict.cause.name,
@@ -75,9 +78,9 @@ def _note(verdict: Verdict, noted: LatchedNote | None, utc_ns: int) -> LatchedNo
 
 
 def verdict_of(noted: LatchedNote | None) -> Verdict | None:
-    """The verdict that was noted; None if there was none.
+    """The verdict from the state file; None if there is none.
 
-    A cause or a category that is not known here, from another version, is none to forget.
+    An unknown cause, from another version, becomes LAST_END_UNKNOWN, an unknown category S1.
     """
     if noted is None:
         return None
@@ -91,7 +94,7 @@ def verdict_of(noted: LatchedNote | None) -> Verdict | None:
 
 
 def take_over(core: Core) -> bool:
-    """After a restart: what is still latched is in force again; whether there is anything."""
+    """Restore a latched verdict after a restart; returns True if there is one."""
     noted = core.notes.latched
     verdict = verdict_of(noted)
     if noted is None or verdict is None:
@@ -103,7 +106,7 @@ def take_over(core: Core) -> bool:
 
 
 def clear(core: Core) -> None:
-    """Somebody asked for a reset."""
+    """Remove the latched verdict from the state file."""
     if core.notes.latched is not None:
         core.notes = replace(core.notes, latched=None)
 

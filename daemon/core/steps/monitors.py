@@ -1,9 +1,9 @@
-"""What safety looks at over more than one cycle, renewed in each: raw values into sums and counts.
+"""Sums and counts over more than one cycle for the safety checks, updated in each cycle.
 
-Here the parts meet: `inverse_dynamics.py` (what motion asks for), `effort_monitor.py` (what the
-drive gives), `energy.py` (sums over a stride), `stopping_path.py` and `soft_limits.py` (where the
-leg would come to rest, and how deep it is in its margins), `spasm.py` (the only one that reads the
-estimate). `checks.py` judges what is found.
+This file combines `inverse_dynamics.py` (effort that the motion needs), `effort_monitor.py` (effort
+that the drive gives), `energy.py` (sums over a stride), `stopping_path.py` and `soft_limits.py`
+(where the leg would come to rest, and how deep it is in its margins), and `spasm.py` (the only one
+that reads the estimate). `checks.py` checks the results.
 """
 
 from daemon.core.motion.trajectory import GaitPlay
@@ -20,7 +20,7 @@ from observer.filter.status import Validity
 
 
 def watch_raw(core: Core, leg: Leg) -> None:
-    """Renew all that is found from the encoders and the measured efforts of one leg."""
+    """Update all monitors of one leg that use only encoders and measured efforts."""
     hip, slide = leg.axes
     window_cycles = _window(core, leg)
     leg.balance = inverse_dynamics.follow(
@@ -43,12 +43,12 @@ def watch_raw(core: Core, leg: Leg) -> None:
 
 
 def _placed(core: Core, leg: Leg) -> bool:
-    """Whether the pose is known, and with it what the mechanism asks of either axis."""
+    """True if the pose is known, and with it the effort that the mechanism needs on both axes."""
     return all(one.referenced and not commissioning.is_homing(core, one) for one in leg.axes)
 
 
 def _free(core: Core, leg: Leg, axis: Axis) -> bool:
-    """Inside its range, with the mechanism off its end."""
+    """True if the axis is inside its range and the mechanism is away from its singularity."""
     limits = axis.limits
     inside = limits.position_min_si <= axis.joint.position_si <= limits.position_max_si
     clear = leg.singularity_ratio >= core.config.thresholds.singularity_stop_ratio
@@ -64,7 +64,7 @@ def _sum_up(leg: Leg, index: int, window_cycles: int) -> None:
     if not _strides(leg):
         axis.unexplained.clear()
     else:
-        # At rest friction is anything up to its law, and a mean of that would be nobody's.
+        # At rest friction can be any value up to its law, so a mean residual has no meaning.
         moving = joint.still_cycles < STILL_CYCLES
         axis.unexplained.take(leg.balance.unexplained(index) if moving else 0.0)
 
@@ -75,7 +75,7 @@ def _strides(leg: Leg) -> bool:
 
 
 def _look_ahead(core: Core, leg: Leg) -> None:
-    """Where both axes come to rest if they brake now; only where both know where they are."""
+    """Update where both axes come to rest if they brake now; only if both are referenced."""
     hip, slide = leg.axes
     if not all(axis.joint.known and axis.referenced for axis in leg.axes):
         hip.stopping_end_si, slide.stopping_end_si = hip.joint.position_si, slide.joint.position_si
@@ -99,7 +99,7 @@ def _look_ahead(core: Core, leg: Leg) -> None:
 
 
 def slowed(leg: Leg, efforts: tuple[float, float]) -> tuple[float, float]:
-    """The efforts that guidance wants, less what would lead further out of a soft margin."""
+    """The efforts of guidance, reduced where they would move the leg deeper into a soft margin."""
     hip, slide = leg.axes
     return soft_limits.slowed(
         leg.zone,
@@ -116,10 +116,10 @@ GUIDED_MOTION = frozenset({Mode.GAIT, Mode.SELF_TEST})
 
 
 def watch_patient(core: Core, leg: Leg, estimate: LegEstimate) -> None:
-    """Look for a spasm in the estimate, and let guidance yield to it."""
+    """Look for a spasm in the estimate, and reduce the stiffness of guidance during one."""
     for index, axis in enumerate(leg.axes):
-        # Where nothing guides a motion, whoever moves the leg is its motion; and what raw values
-        # call the wrong way round is theirs to judge.
+        # Without guided motion, the person who moves the leg would look like a spasm. A sign
+        # mismatch in the raw values has its own check.
         guided = core.mode in GUIDED_MOTION and axis.watch.sign_mismatch_cycles == 0
         if estimate.validity[index] is Validity.BAD or not guided:
             axis.spasm.forget()
@@ -138,17 +138,17 @@ def watch_patient(core: Core, leg: Leg, estimate: LegEstimate) -> None:
 
 
 def is_saturated(leg: Leg) -> bool:
-    """Whether a drive was given less than was wanted, because of a limit of ours."""
+    """True if the effort sent to a drive is at its configured limit."""
     return any(abs(axis.effort_sent_si) >= axis.limits.effort_max_si for axis in leg.axes)
 
 
 def stride_energy(leg: Leg, axis: Axis) -> float:
-    """Net energy that this axis's drive put into the leg over the last stride, or window: J."""
+    """Net energy that this axis's drive put into the leg over the last stride or window, J."""
     return axis.energy.so_far(leg.window_cycles)
 
 
 def stride_drift(leg: Leg, axis: Axis) -> float:
-    """Mean effort over the last stride of a gait that nothing explains; 0 before a whole one."""
+    """Mean effort residual over the last stride of a gait; 0 before a whole stride."""
     total = axis.unexplained.over(leg.window_cycles)
     return 0.0 if total is None else total / leg.window_cycles
 
@@ -161,7 +161,7 @@ def _window(core: Core, leg: Leg) -> int:
 
 
 def note_commands(core: Core) -> None:
-    """Remember what was sent, to compare it with what will be measured."""
+    """Store the efforts sent, to compare them with the measured ones later."""
     for axis in core.axes:
         feedback = axis.feedback
         in_force = (

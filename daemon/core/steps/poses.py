@@ -1,28 +1,28 @@
-"""Where the axes rest while nothing is driven: noted for the encoders of the next start."""
+"""Store the resting pose of the axes, to check absolute encoders at the next start."""
 
 from daemon.core.modes.persistent_state import with_pose
 from daemon.core.state import Axis, Core
 from daemon.core.steps import supervisor
 
 NOTE_CYCLES = 100
-"""Between two looks at a leg that rests."""
+"""Cycles between two updates of the stored pose."""
 
 
 def follow(core: Core, cycle: int, utc_ns: int) -> None:
-    """Look now and then, also after a stop: a leg without power may be moved by hand."""
+    """Store the pose periodically while no drive has power: the leg may be moved by hand."""
     if cycle % NOTE_CYCLES == 0 and not supervisor.driving(core):
         note(core, utc_ns)
 
 
 def note(core: Core, utc_ns: int) -> None:
-    """Note every axis that is referenced and rests at a sample of this cycle."""
+    """Store the pose of every axis that is referenced and at rest with a sample of this cycle."""
     for axis in core.axes:
         if axis.referenced and axis.joint.fresh and _rests(axis):
             core.notes = with_pose(core.notes, axis.name, axis.joint.position_si, utc_ns)
 
 
 def all_rest(core: Core) -> bool:
-    """Whether no axis moves, as far as it is seen."""
+    """True if no axis with a known position moves."""
     return all(_rests(axis) for axis in core.axes if axis.joint.known)
 
 

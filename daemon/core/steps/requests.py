@@ -1,4 +1,4 @@
-"""Requests of clients: judged by the guards of `table.py`, begun, and answered when it is known."""
+"""Requests of clients: checked by the guards of `table.py`, executed, and answered."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -27,14 +27,16 @@ from daemon.ipc.record import (
 from drives.signals import Input, PowerState
 
 STALE_REQUEST_CYCLES = 100
-"""A request made when the newest cycle was older than this was made for another situation; one
-that names a cycle which has not been was made for none."""
+"""Largest age of a request in cycles.
+
+An older request was made for another situation. A request for a future cycle is refused too.
+"""
 RESET_CYCLES = 100
-"""For this long a requested fault reset may take."""
+"""Longest duration of a requested fault reset."""
 
 
 def answer(core: Core, orders: Orders, cycle: int, utc_ns: int) -> None:
-    """Judge a new request and act on it; its outcome may come now or later."""
+    """Check a new request and execute it; its outcome may be known now or later."""
     request = orders.request
     if orders.stop:
         commissioning.cancel(core, "somebody asked to stop")
@@ -70,7 +72,10 @@ def _prepares(request: Request) -> bool:
 
 
 def _refuse_way(core: Core, wanted: Mode) -> str:
-    """Gait and excitation begin with an approach to mid pose, a self-test moves from here."""
+    """The reason why an exercise has no clear way from the present pose; empty if it has.
+
+    Gait and excitation begin with an approach to mid pose, a self-test at the present pose.
+    """
     if wanted == Mode.SELF_TEST:
         return exercises.refuse_self_test(core)
     if wanted not in {Mode.GAIT, Mode.EXCITE}:
@@ -84,7 +89,10 @@ def _refuse_way(core: Core, wanted: Mode) -> str:
 
 
 def _ways(core: Core) -> list[Approach]:
-    """From here to mid pose; legs arrive together, or they would not walk half a stride apart."""
+    """Approaches to mid pose, with one duration for all legs.
+
+    Legs that arrive together keep the phase offset of half a stride.
+    """
     ways = [
         trajectory.approach(leg.parameters, core.config.gait, leg_plan.present(leg), _mid_pose(leg))
         for leg in core.legs
@@ -130,7 +138,7 @@ def _act(core: Core, kind: RequestKind, wanted: ModeRequest, cycle: int) -> None
 
 
 def _milder_end(core: Core) -> Step:
-    """Both axes are braked and held, but an axis that is enabled alone has nothing to hold."""
+    """First step of a requested stop: hold both axes, or disable an axis that is enabled alone."""
     return Step.HOLD if core.preparation is None else Step.DISABLE
 
 
@@ -198,7 +206,7 @@ def _circumstances(core: Core, cycle: int) -> table.Circumstances:
     config = core.config
     fresh = [axis for axis in core.axes if axis.feedback is not None and axis.joint.fresh]
     age_max_cycles = config.thresholds.sample_age_max_cycles
-    # One sample that is lost closes no switch; a drive that is lost holds none open for ever.
+    # A single lost sample keeps the last inputs; inputs of a lost drive are not used.
     inputs = [
         axis.feedback.inputs
         for axis in core.axes
@@ -252,13 +260,13 @@ def _outside(core: Core) -> tuple[str, ...]:
 
 
 def finish_request(core: Core) -> None:
-    """Say what became of the accepted request as soon as it is known."""
+    """Publish the outcome of the accepted request as soon as it is known."""
     if core.request is None:
         return
     outcome, reason = _outcome(core, core.request)
     if outcome == Outcome.PENDING:
         return
-    # Who has asked for something else meanwhile does not wait for this one any more.
+    # A newer request has replaced the result: no client waits for this one any more.
     if core.request.id == core.result.id:
         core.result = RequestResult(core.request.id, outcome, reason)
     core.events.append(f"{core.request.kind.name.lower()} {outcome.name.lower()} {reason}".strip())
@@ -280,8 +288,8 @@ def _outcome(core: Core, request: Request) -> tuple[Outcome, str]:
         return Outcome.REFUSED, describe(core.verdict)
     if _prepares(request) and not request.mode.witnessed:
         return _begun(core, request.mode.mode)
-    # What the drives show decides, not what they were told. One that goes on showing something else
-    # is a verdict soon.
+    # The state that the drives show decides, not the command. A drive that keeps showing another
+    # state soon causes a verdict.
     shown = [axis.feedback for axis in core.axes if axis.feedback is not None]
     pushing = any(one.power_state == PowerState.OPERATION_ENABLED for one in shown)
     faulty = any(one.in_fault for one in shown)

@@ -1,11 +1,11 @@
-"""How far a torque sample may be from the torque that acted over its cycle.
+"""Standard deviation of a torque sample about the mean torque over its cycle.
 
 In torque mode the target is constant between two SYNCs, so the sample at its end is the mean. In
-position mode the drive's loops change the current each millisecond. Where the target's speed steps
-at every SYNC (60C2h: a line to each target), a stiff velocity loop gives what accelerates the
-joint soon after the SYNC, a soft one evenly; a sample taken at the end of the cycle has missed of
-it anything between all and nothing. Nobody here knows the loop, so half of the inertia's effort is
-the standard deviation. It leans to one side for as long as the acceleration does: no white noise.
+position mode the drive's loops change the current each millisecond. The target's speed steps at
+every SYNC (60C2h: a line to each target): a stiff velocity loop accelerates the joint soon after
+the SYNC, a soft one evenly. A sample at the end of the cycle can miss all or nothing of that
+effort. The drive's loop is not known, so half of the inertia's effort is the standard deviation.
+The error keeps its sign as long as the acceleration does: it is not white noise.
 """
 
 from typing import Final
@@ -17,7 +17,7 @@ from drives.cia402.torque import TorqueSampling
 from observer.mechanism.mechanism import mass_matrix
 
 MISSED_RATIO: Final = 0.5
-"""Standard deviation over the effort of inertia. The virtual drives miss 0.3 of it."""
+"""Standard deviation divided by the effort of inertia. The virtual drives miss 0.3 of it."""
 
 
 def effort_std(leg: Leg) -> tuple[float, float]:
@@ -28,7 +28,7 @@ def effort_std(leg: Leg) -> tuple[float, float]:
     ]
     placed = leg.singularity_ratio > 0 and all(axis.referenced for axis in leg.axes)
     if not any(acceleration) or not placed:
-        return 0.0, 0.0  # of a pose that no leg can have nothing is known, and nothing is estimated
+        return 0.0, 0.0  # no acceleration was sent, or the pose is not known
     pose = np.array([axis.joint.position_si for axis in leg.axes])
     hip_nm, slide_n = mass_matrix(leg.parameters, pose) @ np.array(acceleration)
     return MISSED_RATIO * abs(float(hip_nm)), MISSED_RATIO * abs(float(slide_n))

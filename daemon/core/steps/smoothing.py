@@ -1,6 +1,6 @@
-"""What the leg did 150 ms ago, smoothed, and the stride that this completes.
+"""Smoothed state of the leg 150 ms ago, and the strides computed from it.
 
-Display figures come from here; a controller gets the estimate of the cycle itself.
+The results are for display; a controller gets the estimate of the present cycle.
 """
 
 from daemon.core.state import Leg
@@ -11,14 +11,14 @@ from observer.strides import AxisStride, Stride
 
 
 def look_back(leg: Leg, estimate: LegEstimate, dt_s: float) -> None:
-    """Let the smoother take this cycle; `leg.stride` is the stride that is over with it, if any."""
+    """Pass this cycle to the smoother; `leg.stride` is the stride completed by it, or None."""
     sample = leg.smoother.take(estimate, leg.effort_used, dt_s)
     leg.stride = None if sample is None else leg.strides.take(sample)
     leg.stride_count += leg.stride is not None
 
 
 def stride_record(leg: Leg, sync_ns: int, period_ns: int) -> StrideRecord | None:
-    """The stride that was completed in this cycle, for the record."""
+    """The record of the stride completed in this cycle; None if there is none."""
     stride = leg.stride
     if stride is None:
         return None

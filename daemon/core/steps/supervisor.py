@@ -1,7 +1,7 @@
-"""How the core conducts itself: verdicts become stops, requests become exercises, time moves on.
+"""Supervisor: applies verdicts, requests and elapsed time to mode, stops and exercises.
 
-`checks.py` finds reasons, `table.py` knows what may follow what, `stop_sequence.py` how one drive
-comes to rest. This file applies them to the state of the core, once a cycle, in that order.
+`checks.py` finds verdicts, `table.py` has the mode transitions, `stop_sequence.py` brings one drive
+to rest. This file applies them to the state of the core, once a cycle, in that order.
 """
 
 from collections.abc import Sequence
@@ -37,22 +37,28 @@ from daemon.wire.causes import DOUBTFUL_FEEDBACK, LOST_DRIVE
 from drives.signals import OperationMode
 
 LOAD_SETTLE_CYCLES = 50
-"""Held this long before the load at rest is compared with g(q)."""
+"""Duration of the hold before the load at rest is compared with g(q)."""
 RESET_SETTLE_CYCLES = 20
-"""A drive that was in fault shows that it is out of it for so long before a reset is done."""
+"""Cycles for which a drive must show no fault before a reset is done."""
 STOPPING_MAX_CYCLES = 300
-"""A leg that still moves then moves without power: the mode says fault, the speed is published."""
+"""Longest duration of mode STOPPING.
+
+A leg that still moves afterwards moves without power: the mode is FAULT, the speed is published.
+"""
 
 BY_TORQUE = frozenset({Mode.TORQUE, Mode.EXCITE, Mode.HAND_GUIDING, Mode.SELF_TEST})
-"""Modes in which the drives give the torque they are told, whatever guides a gait."""
+"""Modes in which the drives are in torque mode, independent of the guidance of a gait."""
 _BUS_CAUSES = frozenset({Cause.BUS_DOWN, Cause.TRANSMIT_QUEUE_FULL})
-"""Tried again by itself when nothing is enabled. Not bus-off: somebody should look first."""
+"""Causes after which bring-up is repeated automatically when no drive is enabled.
+
+Bus-off is not among them: the operator should check the bus first.
+"""
 
 
 def change_mode(
     core: Core, found: Sequence[Verdict], orders: Orders, cycle: int, utc_ns: int
 ) -> None:
-    """What this cycle's verdicts, requests and time do to mode and plans."""
+    """Update mode, stops and plans from this cycle's verdicts, requests and time."""
     _take_verdicts(core, found, cycle)
     daily_test.follow(core, utc_ns)
     requests.answer(core, orders, cycle, utc_ns)
@@ -68,7 +74,7 @@ def change_mode(
 
 
 def driving(core: Core) -> bool:
-    """Whether a drive is, or may still be, powered on purpose."""
+    """True if a drive is, or may still be, powered by the core's request."""
     if core.mode.active or core.mode == Mode.STOPPING:
         return True
     held = {Step.HOLD, Step.QUICK_STOP}
@@ -76,7 +82,7 @@ def driving(core: Core) -> bool:
 
 
 def enable_wanted(core: Core, axis: Axis) -> bool:
-    """Whether this drive should be enabled and pushing."""
+    """True if this drive should be enabled and produce torque."""
     if axis.stop is not None:
         return axis.stop.step == Step.HOLD
     run = core.preparation
@@ -84,7 +90,7 @@ def enable_wanted(core: Core, axis: Axis) -> bool:
 
 
 def mode_wanted(core: Core, axis: Axis) -> OperationMode:
-    """The mode of operation that this drive should be in; a stop changes none on its way."""
+    """The mode of operation that this drive should be in; a stop does not change the mode."""
     if axis.stop is not None:
         return axis.mode_sent
     if commissioning.is_homing(core, axis):
@@ -97,17 +103,17 @@ def mode_wanted(core: Core, axis: Axis) -> OperationMode:
 
 
 def silenced(core: Core) -> bool:
-    """The last step of escalation: no SYNC and no heartbeat any more."""
+    """True in the last step of escalation: SYNC and heartbeat are no longer sent."""
     return any(axis.stop is not None and axis.stop.step == Step.SILENCE for axis in core.axes)
 
 
 def nmt_stopped(core: Core) -> tuple[int, ...]:
-    """Node ids of the drives that are to be told NMT stop."""
+    """Node ids of the drives to which NMT stop is sent."""
     return tuple(a.node_id for a in core.axes if a.stop and a.stop.step >= Step.NMT_STOP)
 
 
 def stage(core: Core) -> Stage | None:
-    """How far the exercise of this mode is; None without one, and while anything stops."""
+    """The stage of the exercise; None without an exercise, and in STOPPING and FAULT."""
     if core.mode in {Mode.STOPPING, Mode.FAULT}:
         return None
     if core.mode == Mode.BRINGING_UP:
@@ -127,7 +133,7 @@ def _stage_of(plan: Plan | None) -> Stage | None:
 
 
 def progress(core: Core) -> str:
-    """One human line about what is going on."""
+    """One line of text for the operator about the present activity."""
     if core.mode in {Mode.OFF, Mode.FAULT} and core.verdict.cause != Cause.NONE:
         return describe(core.verdict)
     plan = core.legs[0].plan
@@ -155,7 +161,7 @@ def _doing(core: Core, plan: Play) -> str:
 def _take_verdicts(core: Core, found: Sequence[Verdict], cycle: int) -> None:
     stopping_all = driving(core)
     for verdict in found:
-        # Power that nobody here asked for is something to stop, whatever the mode.
+        # Power that the core did not request is a reason to stop in every mode.
         if stopping_all or verdict.cause == Cause.UNEXPECTED_ENABLE:
             stop(core, verdict, cycle)
     if found and core.mode == Mode.READY:
@@ -163,7 +169,7 @@ def _take_verdicts(core: Core, found: Sequence[Verdict], cycle: int) -> None:
 
 
 def _take_resting_verdict(core: Core, found: Verdict) -> None:
-    """Nothing is enabled: a lost drive only means to look for it again, a fault waits for reset."""
+    """Apply a verdict in READY: a lost drive leads to a new bring-up, a fault waits for a reset."""
     if found.cause in LOST_DRIVE or found.cause in _BUS_CAUSES:
         core.verdict = found
         core.drives = None
@@ -179,7 +185,7 @@ def _take_resting_verdict(core: Core, found: Verdict) -> None:
 
 
 def stop(core: Core, verdict: Verdict, cycle: int) -> None:
-    """Stop all drives for this verdict, or take a stop that is under way further."""
+    """Stop all drives for this verdict, or escalate a stop that is under way."""
     if core.mode.active or core.mode == Mode.READY:
         core.verdict = verdict
         core.disabling = False
@@ -208,17 +214,17 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
 
 
 def _takes_its_place(latched: Verdict, verdict: Verdict) -> bool:
-    """Whether a verdict is told, and latched, in place of the one before."""
+    """True if a new verdict is published and latched in place of the latched one."""
     if verdict.cause == Cause.SHUTDOWN and latched.cause != Cause.NONE:
-        # The end of the service makes nobody forget why the machine had stopped.
+        # A shutdown must not replace the cause why the machine stopped before.
         return False
-    # Why an axis could not obey says more than that it did not.
+    # The reason why an axis could not obey is more specific than STOP_NOT_OBEYED.
     explains = latched.cause == Cause.STOP_NOT_OBEYED and verdict.cause in DOUBTFUL_FEEDBACK
     return worse(latched, verdict) is verdict or (explains and verdict.drive == latched.drive)
 
 
 def _hold_together(core: Core, cycle: int) -> None:
-    """No axis is held by the core while another one has left its hold: all stop together."""
+    """Escalate all axes to quick stop as soon as one has left HOLD: all axes stop together."""
     stops = [axis.stop for axis in core.axes if axis.stop is not None]
     if not any(stop.step > Step.HOLD for stop in stops):
         return
@@ -228,7 +234,7 @@ def _hold_together(core: Core, cycle: int) -> None:
 
 
 def _first_step(core: Core, verdict: Verdict, axis: Axis) -> Step:
-    """As the category says; an axis that is enabled alone is not held by the core."""
+    """First stop step of an axis by category; an axis enabled alone begins with quick stop."""
     step = stop_sequence.possible(stop_sequence.first_step(verdict, axis.name), axis.feedback)
     return step if core.preparation is None else max(step, Step.QUICK_STOP)
 
@@ -242,7 +248,7 @@ def _begin_stop(core: Core, cycle: int, steps: dict[str, Step]) -> None:
 
 
 def lose_bus(core: Core, what: str) -> None:
-    """The bus is gone: what was enabled is left to the drives' own detection, and said so."""
+    """Handle a lost bus: enabled drives stop by their own detection; the verdict is published."""
     verdict = Verdict(core.config.categories.of(Cause.BUS_DOWN), Cause.BUS_DOWN, detail=what)
     core.events.append(describe(verdict))
     core.verdict = worse(core.verdict, verdict)
@@ -265,7 +271,7 @@ def lose_bus(core: Core, what: str) -> None:
 
 
 def _move_on(core: Core, cycle: int, utc_ns: int) -> None:
-    """Exercises, stops and a fault reset under way go on by one cycle."""
+    """Advance exercises, stops and a fault reset by one cycle."""
     if core.mode == Mode.HOLD and not core.load_checked:
         _settle(core, cycle)
     _let_lapse(core, cycle)
@@ -281,7 +287,7 @@ def _move_on(core: Core, cycle: int, utc_ns: int) -> None:
 
 
 def _let_lapse(core: Core, cycle: int) -> None:
-    """Assist that has lost its lease or its setpoints: brake from where the leg is, and hold."""
+    """If assist has lost its lease or its setpoints: brake from where the leg is, and hold."""
     reason = controllers.lapse(core, cycle)
     if not reason:
         return
@@ -293,7 +299,7 @@ def _let_lapse(core: Core, cycle: int) -> None:
 
 
 def _settle(core: Core, cycle: int) -> None:
-    """After enabling: hold where the leg is, then compare the load at rest with g(q)."""
+    """After enabling, hold the leg where it is, then compare the load at rest with g(q)."""
     if not all(axis.reached_enabled for axis in core.axes):
         core.load_settle_cycles = 0
         for leg in core.legs:
@@ -314,12 +320,12 @@ def _settle(core: Core, cycle: int) -> None:
 
 
 def _changes_mode(core: Core) -> bool:
-    """Whether a drive is not yet asked for the mode that is wanted; no leg begins alone."""
+    """True if a drive has not yet been sent the mode wanted; all legs begin together."""
     return any(axis.mode_sent != mode_wanted(core, axis) for axis in core.axes)
 
 
 def _exercise_is_over(core: Core) -> bool:
-    """One leg ends an exercise of both; a self-test is over when each leg has had its turn."""
+    """True if the exercise is over: with the first leg, or in a self-test with the last one."""
     over = [isinstance(leg.plan, Play) and leg.plan.stage == Stage.OVER for leg in core.legs]
     return all(over) if core.mode == Mode.SELF_TEST else any(over)
 
@@ -330,7 +336,7 @@ def _end_exercise(core: Core, cycle: int, utc_ns: int) -> None:
         stop(core, failed, cycle)
         return
     for leg in core.legs:
-        # Drives that hold by their own loops take the torque over themselves.
+        # In position mode the drives' own loops take over without a step of torque.
         leg.plan, leg.takes_over = leg_plan.hold_from(leg), core.config.gait.guidance == "impedance"
     enter(core, Event.EXERCISE_OVER)
 
@@ -362,7 +368,7 @@ def _report_disobedience(core: Core, axis: Axis, step: Step) -> None:
 
 
 def _stopped(core: Core, cycle: int) -> bool:
-    """At rest, or lost from sight, or out of patience."""
+    """True if every axis is at rest, without recent samples, or past the longest stop time."""
     rules = core.config.stop_rules
     age_max = core.config.thresholds.sample_age_max_cycles
     for axis in core.axes:
@@ -388,7 +394,7 @@ def _come_to_rest(core: Core) -> None:
 
 
 def _await_reset(core: Core) -> None:
-    """A requested fault reset ends when no drive is in fault any more, or its time is over.
+    """End a requested fault reset when no drive is in fault any more, or its time is over.
 
     A drive whose cause persists may leave its fault and come back to it some cycles later.
     """
@@ -401,7 +407,7 @@ def _await_reset(core: Core) -> None:
 
 
 def power_off(core: Core, cycle: int) -> None:
-    """Disable voltage on all drives, whatever the mode: the end of an orderly shutdown."""
+    """Disable voltage on all drives in every mode: the end of an orderly shutdown."""
     for axis in core.axes:
         if axis.stop is None or axis.stop.step < Step.DISABLE:
             axis.stop = stop_sequence.begin(Step.DISABLE, axis.joint, cycle)

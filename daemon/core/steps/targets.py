@@ -1,23 +1,24 @@
-"""Which targets a drive gets in which mode, without a step in torque or position over a switch.
+"""Targets of a drive in each mode, without a step in torque or position at a mode change.
 
-Every command carries both targets, since a drive may begin to go by either one at any SYNC:
+Every command carries both targets, since a drive may begin to follow either one at any SYNC:
 
     6061h shows     target torque 6071h                target position 607Ah
     ------------    -------------------------------    ----------------------------------------
-    torque mode     what guidance wants, bounded       the present position
-    ... while 8 is  the same; near rest its mean, so   the present position; once 8 is asked
-    wanted          that friction brings it to rest    for, that of the same SYNC, held
-    position mode   the present torque                 what guidance wants, bounded
-    ... while 10 is the present torque                 the last one, held: the drive still obeys
-    asked for
+    torque mode     bounded target of guidance         the present position
+    ... while 8 is  the same; near rest its mean, so   the present position; once 8 has been
+    wanted          that friction brings it to rest    sent, that of the same SYNC, held
+    position mode   the present torque                 bounded target of guidance
+    ... while 10    the present torque                 the last one, held: the drive still
+    is requested                                       follows it
     not enabled     0 (or what will hold the pose)     the present position
 
-8 is asked for once the joint is at rest: a position loop that begins on a moving one kicks it.
-A target that guidance takes over begins where it was and not where the plan is: the difference
-fades away: after a hand-over between the two modes, and when another plan begins, so that no change
-of mode that keeps power is a jump of torque. So does the one between the target and the leg when a
-stop begins in position mode, which brakes from where the leg is. A stop in torque mode does not
-wait for a fade: its torque goes to what brakes as fast as the rate allows.
+Mode 8 is requested once the joint is at rest: a position loop that starts on a moving joint jerks
+it. When guidance takes a target over, the target starts at its last value, and the difference to
+the plan fades to zero. This applies after a change between the two modes, and when another plan
+begins, so that no change of mode under power causes a jump of torque. The difference between
+target and leg fades in the same way when a stop begins in position mode, which brakes from where
+the leg is. A stop in torque mode does not wait for a fade: its torque goes to the braking value as
+fast as the rate limit allows.
 """
 
 import math
@@ -36,27 +37,27 @@ POSITION: Final = OperationMode.CYCLIC_SYNC_POSITION
 
 
 class Ask(NamedTuple):
-    """What one drive is asked for with its targets."""
+    """The mode and state requested from one drive together with its targets."""
 
     mode: OperationMode
-    """Of this command."""
+    """Mode of operation in this command."""
     pushing: bool
-    """It is meant to be enabled."""
+    """The drive is to be enabled."""
     leaving: bool
-    """Another mode than torque mode is wanted, as soon as the joint is at rest."""
+    """Another mode than torque mode is to follow as soon as the joint is at rest."""
     dt_s: float
     """Nominal time between two commands."""
     takes_over: bool = False
-    """Another plan gives the effort from now on: it begins with the last one that was sent."""
+    """A new plan gives the effort from now on: it begins with the last effort sent."""
 
 
 def effort(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
     """The effort to send, N·m or N; None if a number is not finite.
 
     Args:
-        axis: its `effort_offset_si` and `effort_mean_si` are renewed.
-        wanted_si: what guidance asks for.
-        ask: what goes with it.
+        axis: its `effort_offset_si` and `effort_mean_si` are updated.
+        wanted_si: effort of guidance.
+        ask: mode and state for this command.
     """
     if not ask.pushing:
         axis.effort_offset_si, axis.effort_mean_si = 0.0, axis.gravity_si
@@ -69,7 +70,7 @@ def effort(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
 
 
 def _guided_effort(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
-    # Before a drive pushes, its target may go straight to what will hold the pose.
+    # Before a drive is enabled, its target may step to the effort that will hold the pose.
     last_si = axis.effort_sent_si if axis.reached_enabled else axis.gravity_si
     before_si = last_si - wanted_si if ask.takes_over else axis.effort_offset_si
     axis.effort_offset_si = before_si if ask.takes_over else _faded(before_si, ask.dt_s)
@@ -85,9 +86,9 @@ def position(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
     """The position to send, rad or m; None if a number is not finite.
 
     Args:
-        axis: its `position_offset_si` is renewed.
-        wanted_si: where guidance wants it.
-        ask: what goes with it.
+        axis: its `position_offset_si` is updated.
+        wanted_si: position of guidance.
+        ask: mode and state for this command.
     """
     obeys, asked = _obeys_position(axis), ask.mode == POSITION
     if obeys and asked and ask.pushing and _follows(axis):
@@ -101,19 +102,22 @@ def position(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
 
 
 def brake_from_the_target(axis: Axis, wanted_si: float, velocity_si: float, dt_s: float) -> None:
-    """A stop begins: from the target, which goes on as fast as the leg, back to where the leg is.
+    """Begin a stop in position mode: set the offset from the braking plan to the present target.
+
+    The target first continues at the speed of the leg; the offset then fades, so the target
+    returns to the leg's own position.
 
     Args:
-        axis: its `position_offset_si` is renewed.
-        wanted_si: where the plan that brakes begins: where the leg is.
-        velocity_si: of that plan.
+        axis: its `position_offset_si` is updated.
+        wanted_si: start of the braking plan, which is the leg's position.
+        velocity_si: start velocity of that plan.
         dt_s: nominal time between two commands.
     """
     axis.position_offset_si = axis.position_sent_si + velocity_si * dt_s - wanted_si
 
 
 def loop_distance(axis: Axis) -> float:
-    """From where the drive's own loops hold the joint; infinite where they do not hold it."""
+    """Distance of the joint from where the drive's own loops hold it; infinite if they do not."""
     if _obeys_position(axis):
         return abs(axis.position_sent_si - axis.joint.position_si)
     state = PowerState.UNKNOWN if axis.feedback is None else axis.feedback.power_state
@@ -122,7 +126,7 @@ def loop_distance(axis: Axis) -> float:
 
 
 def note_motion(axis: Axis, position_si: float, dt_s: float) -> None:
-    """Speed and acceleration of a target that the drive goes by, before it replaces the last."""
+    """Update speed and acceleration of a followed target, before it replaces the last one."""
     if not _obeys_position(axis):
         axis.speed_sent_si = axis.acceleration_sent_si = 0.0
         return
@@ -132,7 +136,7 @@ def note_motion(axis: Axis, position_si: float, dt_s: float) -> None:
 
 
 def _faded(difference_si: float, dt_s: float) -> float:
-    """One cycle on; nothing at all once nobody could tell, so that rest is rest."""
+    """The difference after one cycle of fading; exactly 0 once it is negligible."""
     faded_si = difference_si * math.exp(-dt_s / FADE_S)
     return faded_si if abs(faded_si) > NEGLIGIBLE_SI else 0.0
 

@@ -1,4 +1,4 @@
-"""A change of mode and a verdict in words: what conduct and requests both need."""
+"""Mode changes and the text of verdicts, used by supervisor and requests."""
 
 from daemon.core.modes import table
 from daemon.core.modes.table import Event
@@ -8,10 +8,10 @@ from daemon.wire.causes import CAUSE_TEXT
 
 
 def enter(core: Core, event: Event) -> None:
-    """Take a row of the mode table, and tell it.
+    """Apply a row of the mode table and publish the change as an event.
 
     Raises:
-        IllegalTransitionError: our own bug: there is no such row.
+        IllegalTransitionError: there is no such row: a programming error.
     """
     before = core.mode
     core.mode = table.next_mode(before, event)
@@ -20,7 +20,7 @@ def enter(core: Core, event: Event) -> None:
 
 
 def describe(verdict: Verdict) -> str:
-    """A verdict in words: where, what, by how much."""
+    """The text of a verdict: drive, cause, value and limit."""
     text = CAUSE_TEXT[verdict.cause]
     where = f"{verdict.drive}: " if verdict.drive else ""
     numbers = f" ({verdict.value:.4g}, limit {verdict.limit:.4g})" if verdict.limit else ""
