@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from daemon.config.bundle import Settings
     from drives.bringup.plan import DrivePlan
     from drives.canopen.bus import Bus, Clock
-    from drives.canopen.sniffer import Witness
+    from drives.canopen.sniffer import BusSniffer
 
 COMMAND_LINE: Final = "command line"
 LISTEN_NS: Final = 500_000_000
@@ -143,13 +143,13 @@ def _act(
     clock: "Clock",
     settings: "Settings",
 ) -> int:
-    from drives.canopen.sniffer import Witness, WitnessedBus
+    from drives.canopen.sniffer import BusSniffer, WitnessedBus
     from drives.errors import BootFailure, DriveSilent, SdoTimeout
     from drives.service.scan import listen
     from gaitd.drive_keeping import keep
     from gaitd.drive_reading import compare, dump, refuse_company
 
-    witness = Witness()
+    witness = BusSniffer()
     heard = WitnessedBus(bus, clock, witness)
     shown(listen(heard, clock, LISTEN_NS))
     if action in KEEPING:
@@ -164,7 +164,7 @@ def _act(
         raise DriveSilent(name, BootFailure.NO_ANSWER, _silence(plan, witness)) from error
 
 
-def _silence(plan: "DrivePlan", witness: "Witness") -> str:
+def _silence(plan: "DrivePlan", witness: "BusSniffer") -> str:
     from drives.signals import NmtState
 
     node_id = plan.description.node_id

@@ -22,7 +22,7 @@ from gaitd.station import EXIT_DIFFERENT, EXIT_SAME, shown
 if TYPE_CHECKING:
     from drives.bringup.plan import DrivePlan
     from drives.canopen.bus import Bus, Clock
-    from drives.canopen.sniffer import Witness
+    from drives.canopen.sniffer import BusSniffer
     from gaitd.drive import Options
 
 RECHECK_NS: Final = 300_000_000
@@ -45,7 +45,7 @@ def keep(
     options: "Options",
     bus: "Bus",
     clock: "Clock",
-    witness: "Witness",
+    witness: "BusSniffer",
     master_node_id: int,
 ) -> int:
     """Check bus and drive, ask for confirmation, check both again, then store or restore.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from daemon.config.strict import ConfigError
 from drives.bringup.configurator import Configurator
-from drives.canopen.sniffer import Witness
+from drives.canopen.sniffer import BusSniffer
 from drives.errors import BootFailure, DescriptionError, DriveSilent
 from drives.service.compare import Compared, expectations, in_hex, with_plan, with_values
 from drives.service.dump import (
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 EDS_DEFAULT: Final = "EDS default"
 
 
-def refuse_company(plan: "DrivePlan", witness: Witness) -> None:
+def refuse_company(plan: "DrivePlan", witness: BusSniffer) -> None:
     """Refuse to read beside another SDO client: both would break each other's transfers.
 
     Raises:

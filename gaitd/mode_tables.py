@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-from daemon.core.modes.table import TRANSITIONS, Circumstances, Event, event_of, refusal
+from daemon.core.modes.table import TRANSITIONS, Event, GuardInputs, event_of, refusal
 from daemon.core.safety.limits import Categories
 from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
 from daemon.wire.causes import CAUSE_TEXT, DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
@@ -21,7 +21,7 @@ fails where this page is older than they are. A stop needs no permission, no val
 working observer: every mode in which a drive is enabled has a row for it.
 """
 
-WELL: Final = Circumstances(
+WELL: Final = GuardInputs(
     mode=Mode.READY,
     gateway_alive=True,
     at_rest=True,

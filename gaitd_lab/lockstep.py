@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from daemon.config.bundle import Settings
-from daemon.core.modes.persistent_state import Notes
+from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.runtime.build import build
 from daemon.core.runtime.loop import Loop
 from daemon.core.runtime.loop_settings import Log, Supervisor
@@ -75,14 +75,14 @@ class WorldClock(SimulatedClock):
         self._seat.utc_ahead_ns = UTC_OF_START_NS + stepped_ns
 
 
-class MemoryNotebook:
+class MemoryStateFile:
     """Keeps the newest axis notes."""
 
-    def __init__(self, notes: Notes) -> None:
+    def __init__(self, notes: PersistentState) -> None:
         self.notes = notes
         self.is_full = False
 
-    def write(self, notes: Notes) -> None:
+    def write(self, notes: PersistentState) -> None:
         """As `daemon.core.runtime.state_file.NoteKeeper.write`.
 
         Raises:
@@ -101,7 +101,7 @@ class Lockstep:
         settings: Settings,
         world: World,
         on_record: Callable[[CycleRecord], None] | None = None,
-        notes: Notes | None = None,
+        notes: PersistentState | None = None,
         bus: WorldBus | None = None,
         gateway: Gateway | None = None,
         supervisor: Supervisor | None = None,
@@ -121,7 +121,7 @@ class Lockstep:
             log: told what the journal is told.
             boot_id: of this core; another one than its gateway's is not listened to.
         """
-        self.notebook = MemoryNotebook(notes or Notes())
+        self.notebook = MemoryStateFile(notes or PersistentState())
         built = build(settings, boot_id, self.notebook.notes)
         self.world = world
         self.core = built.core

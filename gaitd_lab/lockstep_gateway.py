@@ -5,7 +5,7 @@ from typing import Final
 
 from daemon.ipc.record import (
     CycleRecord,
-    Level,
+    GatewayState,
     ModeRequest,
     Request,
     RequestKind,
@@ -49,7 +49,7 @@ class Gateway:
         if self.controller is not None:
             self._setpoints = self.controller(record)
 
-    def levels(self) -> list[Level]:
+    def levels(self) -> list[GatewayState]:
         """One level for each turn, made when the newest record had been read."""
         if self.silent or not self.records:
             return []
@@ -57,7 +57,7 @@ class Gateway:
         cycle = self.records[-1].cycle
         stop_count, request = self._stop_count, self._request
         told = self._seq, cycle, stop_count, request, self._setpoints, self.lease
-        return [Level(self.core_boot_id, *told)]
+        return [GatewayState(self.core_boot_id, *told)]
 
     def take_notices(self) -> list[str]:
         """Nothing is refused here: there are no bytes."""

@@ -20,7 +20,7 @@ from daemon.core.safety import (
     checks,
 )
 from daemon.core.safety.friction_monitor import watch
-from daemon.core.safety.inputs import AxisSituation, LegSituation, ServiceSituation
+from daemon.core.safety.inputs import AxisInputs, LegInputs, ServiceInputs
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.steps import (
     commissioning,
@@ -38,7 +38,7 @@ from daemon.core.steps.joints import jump_reach_si
 from daemon.core.steps.sampling import effort_std
 from daemon.core.steps.smoothing import look_back
 from daemon.core.tick import Tick
-from daemon.ipc.record import CycleRecord, Level, Mode, Verdict
+from daemon.ipc.record import CycleRecord, GatewayState, Mode, Verdict
 from drives.canopen.bus import Frame
 from drives.cia402.power_state import TORQUE_FREE
 from drives.signals import DriveFeedback, OperationMode, PowerState
@@ -48,7 +48,7 @@ from observer.mechanism.mechanism import ratio_and_load
 
 
 def step(
-    core: Core, frames: Sequence[Frame], levels: Sequence[Level], tick: Tick
+    core: Core, frames: Sequence[Frame], levels: Sequence[GatewayState], tick: Tick
 ) -> tuple[list[Frame], CycleRecord]:
     """Run one cycle with drives: from the TPDOs of a SYNC to the RPDOs that follow them."""
     drives = core.drives
@@ -69,7 +69,7 @@ def step(
     return outgoing, cycle_record.record(core, tick)
 
 
-def rest(core: Core, levels: Sequence[Level], tick: Tick) -> CycleRecord:
+def rest(core: Core, levels: Sequence[GatewayState], tick: Tick) -> CycleRecord:
     """Run one cycle without drives: gateway states are read and a record is written."""
     for axis in core.axes:
         if axis.feedback is not None:
@@ -248,10 +248,10 @@ def _sampled_si(axis: Axis) -> float:
     return axis.joint.position_si if axis.joint.fresh else math.nan
 
 
-def judge(core: Core, orders: inputs.Orders, tick: Tick) -> tuple[Verdict, ...]:
+def judge(core: Core, orders: inputs.CommandInputs, tick: Tick) -> tuple[Verdict, ...]:
     """Collect the safety inputs and run the safety checks; the harshest verdict is first."""
     drives = core.drives
-    service = ServiceSituation(
+    service = ServiceInputs(
         stop_requested=orders.stop,
         shutdown_requested=tick.shutdown,
         gateway_age_cycles=tick.cycle - core.level_cycle,
@@ -262,7 +262,7 @@ def judge(core: Core, orders: inputs.Orders, tick: Tick) -> tuple[Verdict, ...]:
     )
     axes = [_situation(core, leg, index) for leg in core.legs for index in range(len(leg.axes))]
     legs = [
-        LegSituation(leg.name, leg.singularity_ratio, leg.stopping_ratio, leg.observer_bad_cycles)
+        LegInputs(leg.name, leg.singularity_ratio, leg.stopping_ratio, leg.observer_bad_cycles)
         for leg in core.legs
     ]
     for axis in core.axes:
@@ -274,12 +274,12 @@ def judge(core: Core, orders: inputs.Orders, tick: Tick) -> tuple[Verdict, ...]:
     )
 
 
-def _situation(core: Core, leg: Leg, index: int) -> AxisSituation:
+def _situation(core: Core, leg: Leg, index: int) -> AxisInputs:
     axis = leg.axes[index]
     feedback = axis.feedback
     if feedback is None:
         raise RuntimeError(f"{axis.name} is judged before it was sensed")
-    return AxisSituation(
+    return AxisInputs(
         name=axis.name,
         feedback=feedback,
         joint=axis.joint,

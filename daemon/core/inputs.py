@@ -16,10 +16,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from daemon.core.state import Core
-from daemon.ipc.record import Level, Request
+from daemon.ipc.record import GatewayState, Request
 
 
-class Orders(NamedTuple):
+class CommandInputs(NamedTuple):
     """The stop and the new request that this cycle received."""
 
     stop: bool = False
@@ -27,13 +27,13 @@ class Orders(NamedTuple):
     """New in this cycle and not checked yet."""
 
 
-NO_ORDERS = Orders()
+NO_ORDERS = CommandInputs()
 
 
-def hear(core: Core, levels: Sequence[Level], cycle: int) -> Orders:
+def hear(core: Core, levels: Sequence[GatewayState], cycle: int) -> CommandInputs:
     """Read all waiting gateway states, oldest first, and update the core's command inputs."""
     stop = False
-    newest: Level | None = None
+    newest: GatewayState | None = None
     for level in levels:
         # The first gateway state only initialises the count: nothing is moving yet.
         known = core.stop_count
@@ -49,10 +49,10 @@ def hear(core: Core, levels: Sequence[Level], cycle: int) -> Orders:
         if newer:
             core.level_seq, newest = level.seq, level
     if newest is None:
-        return Orders(stop)
+        return CommandInputs(stop)
     core.level_cycle = max(core.level_cycle, newest.for_cycle)
     core.setpoints, core.lease = newest.setpoints, newest.lease
-    return Orders(stop, newest.request if _is_new(core, newest.request) else None)
+    return CommandInputs(stop, newest.request if _is_new(core, newest.request) else None)
 
 
 def _is_new(core: Core, request: Request) -> bool:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from daemon.config.settings import Excite, Gait, HandGuiding, Impedance, SelfTest
-from daemon.core.modes.persistent_state import Notes, PoseRules, Wiring
+from daemon.core.modes.persistent_state import PersistentState, PoseRules, Wiring
 from daemon.core.motion.assist import AssistRules, LegAssist
 from daemon.core.motion.hand_guiding import ReleasePlay
 from daemon.core.motion.self_test import SelfTestPlay
@@ -198,7 +198,7 @@ class Core:
     """Cycles for which all drives must still show no fault before the reset is done."""
     load_settle_cycles: int = 0
     load_checked: bool = False
-    notes: Notes = field(default_factory=Notes)
+    notes: PersistentState = field(default_factory=PersistentState)
     """The persistent state: it outlives a restart."""
     preparation: Preparation | None = None
     """The homing or sign test of one axis, under way or about to begin."""

@@ -62,7 +62,7 @@ def draw_number() -> int:
 
 
 @dataclass(slots=True)
-class LeaseDesk:
+class LeaseManager:
     """Grants, renews and ends the lease."""
 
     rules: LeaseRules

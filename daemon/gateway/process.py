@@ -19,7 +19,7 @@ from daemon.gateway.reload import Reload
 from daemon.gateway.service import LEVEL_PERIOD_NS, Gateway
 from daemon.gateway.setpoints import SetpointBox
 from daemon.ipc.transport import GatewaySeam
-from daemon.recorder.recorder import Keeper
+from daemon.recorder.recorder import DiskRecorder
 from daemon.system.clock import AgeClock, MonotonicClock
 from daemon.system.sd_notify import Notifier
 from daemon.zenoh_io.publish import Mailbox, ZenohOutlet
@@ -79,7 +79,7 @@ def serve(
         closing(open_session(listen, trainer)) as session,
         closing(ZenohOutlet(session, trainer, mailbox)) as outlet,
         closing(SetpointSubscriber(session, trainer, box)),
-        closing(Keeper(state, runtime, clock, version("gaitd"))) as keeper,
+        closing(DiskRecorder(state, runtime, clock, version("gaitd"))) as keeper,
         closing(Gateway(seam, outlet, clock, trainer, listen, lease)) as gateway,
     ):
         poller = select.poll()

@@ -17,7 +17,7 @@ from typing import Final
 from daemon.config.strict import ConfigError
 from daemon.config.trainer import TrainerFile
 from daemon.gateway.events import Happening, Kind, Priority
-from daemon.gateway.lease import LeaseDesk
+from daemon.gateway.lease import LeaseManager
 from daemon.gateway.log import set_level
 
 OURS: Final = frozenset({"lease", "log", "zenoh", "paths"})
@@ -42,7 +42,7 @@ class Reload:
         """Request a reload; used as the signal handler of SIGHUP."""
         self._asked = True
 
-    def turn(self, leases: LeaseDesk, core_hashes: Mapping[str, str]) -> list[Happening]:
+    def turn(self, leases: LeaseManager, core_hashes: Mapping[str, str]) -> list[Happening]:
         """Carry out a requested reload once, and return its events.
 
         Args:
@@ -60,7 +60,7 @@ class Reload:
         return [self._take(new, leases, core_hashes)]
 
     def _take(
-        self, new: TrainerFile, leases: LeaseDesk, core_hashes: Mapping[str, str]
+        self, new: TrainerFile, leases: LeaseManager, core_hashes: Mapping[str, str]
     ) -> Happening:
         taken: list[str] = []
         waiting: list[str] = []

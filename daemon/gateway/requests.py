@@ -29,7 +29,7 @@ from daemon import wire
 from daemon.ipc.decoding import Decoder, RefusedError
 from daemon.ipc.record import (
     CycleRecord,
-    Level,
+    GatewayState,
     Mode,
     ModeRequest,
     Outcome,
@@ -163,7 +163,7 @@ class _Outstanding:
 
 
 @dataclass(slots=True)
-class Desk:
+class RequestQueue:
     """Keeps the gateway state and the queries that wait for an answer; uses no Zenoh, no clock."""
 
     first_level_seq: int = 0
@@ -227,7 +227,7 @@ class Desk:
             answers += self._drop(Outcome.PENDING, f"no answer in time; {UNKNOWN_FATE}")
         return answers
 
-    def level(self, setpoints: tuple[Setpoint, ...] = (), lease: int = 0) -> Level | None:
+    def level(self, setpoints: tuple[Setpoint, ...] = (), lease: int = 0) -> GatewayState | None:
         """The next gateway state; None before a core is known, unless a stop is requested.
 
         Args:
@@ -237,7 +237,7 @@ class Desk:
         if not self._boot_id and not self._stops:
             return None
         self._level_seq += 1
-        return Level(
+        return GatewayState(
             core_boot_id=self._boot_id,
             seq=self.first_level_seq + self._level_seq,
             for_cycle=self._cycle,

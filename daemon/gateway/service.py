@@ -17,7 +17,7 @@ from daemon.config.settings import Lease
 from daemon.gateway import events, requests, translate
 from daemon.gateway.emergencies import EmergencyHistory
 from daemon.gateway.health import HealthWindow
-from daemon.gateway.lease import LeaseDesk
+from daemon.gateway.lease import LeaseManager
 from daemon.gateway.leg_messages import LegMessages
 from daemon.gateway.outlet import Outlet
 from daemon.gateway.presence import SILENCE_NS, Presence
@@ -75,8 +75,8 @@ class Gateway:
         self._seam, self._outlet, self._clock = seam, outlet, clock
         self._trainer, self._listen = trainer, tuple(listen)
         self._log = logging.getLogger("gaitd.gateway")
-        self._desk = requests.Desk(first_level_seq=clock.now_ns())
-        self.steering = Steering(LeaseDesk(lease))
+        self._desk = requests.RequestQueue(first_level_seq=clock.now_ns())
+        self.steering = Steering(LeaseManager(lease))
         self._presence = Presence()
         self._events = events.EventLog()
         self.health = HealthWindow()

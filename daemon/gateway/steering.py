@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from daemon import wire
 from daemon.gateway.events import Happening, Kind, Priority
-from daemon.gateway.lease import Ended, LeaseDesk, LeaseRefusedError
+from daemon.gateway.lease import Ended, LeaseManager, LeaseRefusedError
 from daemon.gateway.setpoints import Batch, SetpointDesk
 from daemon.ipc.record import CycleRecord, Mode, Outcome, Setpoint
 from daemon.wire.fields import name_of
@@ -39,7 +39,7 @@ class Decision(NamedTuple):
 class Steering:
     """The lease and its setpoints in the gateway."""
 
-    leases: LeaseDesk
+    leases: LeaseManager
     refused_count: dict[SetpointRefusal, int] = field(default_factory=dict[SetpointRefusal, int])
     """Setpoints refused by this gateway since its start, by reason."""
     _setpoints: SetpointDesk = field(default_factory=SetpointDesk)

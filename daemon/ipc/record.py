@@ -1,9 +1,10 @@
 """Records of the core and the gateway state: the structs exchanged over ipc, with their enums.
 
 The core fills one `CycleRecord` in each cycle: everything that the cycle measured, decided and
-sent. The gateway, the black box, replay and the golden tests read the same record. `Level` is the
-gateway state: the gateway sends it to the core, whole, once a cycle. Encodings are msgspec msgpack
-arrays: adding a field at the end of a struct, with a default, keeps old recordings readable.
+sent. The gateway, the black box, replay and the golden tests read the same record. `GatewayState`
+is the gateway state: the gateway sends it to the core, whole, once a cycle. Encodings are msgspec
+msgpack arrays: adding a field at the end of a struct, with a default, keeps old recordings
+readable.
 
 `_si` means SI units at the joint: rad, rad/s, N·m for the hip; m, m/s, N for the slide.
 """
@@ -211,7 +212,7 @@ class Setpoint(msgspec.Struct, frozen=True, array_like=True):
     """0..1 of the configured stiffness of impedance guidance, for GAIT."""
 
 
-class Level(msgspec.Struct, frozen=True, array_like=True):
+class GatewayState(msgspec.Struct, frozen=True, array_like=True):
     """The gateway state, sent whole every cycle. A wrong boot id voids everything but the stop."""
 
     core_boot_id: Name

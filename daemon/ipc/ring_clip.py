@@ -58,7 +58,7 @@ class KeptFile(NamedTuple):
         return cls(path, size, header.core_boot_id, header.period_ns, header.kept)
 
 
-class Cutting:
+class ClipWriter:
     """Records copied out of a ring, in msgpack, until they are written into a file.
 
     They are stored in one memory mapping, which is returned to the system as a whole. A window has
@@ -107,7 +107,7 @@ class Cutting:
         self._map.close()
 
 
-def trimmed(header: RingHeader, cutting: Cutting) -> Iterator[bytes]:
+def trimmed(header: RingHeader, cutting: ClipWriter) -> Iterator[bytes]:
     """A ring of exactly these records, piece by piece: header, and slot after slot.
 
     Args:

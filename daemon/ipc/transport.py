@@ -1,8 +1,8 @@
 """The IPC channel between core and gateway: a ring of records in a file, and two datagram sockets.
 
 From the core: every `CycleRecord` goes into the next slot of a ring in a memory-mapped file (on
-a tmpfs), and eight bytes over AF_UNIX wake the gateway. To the core: one `Level` per datagram.
-Layout of the ring file, little endian::
+a tmpfs), and eight bytes over AF_UNIX wake the gateway. To the core: one `GatewayState` per
+datagram. Layout of the ring file, little endian::
 
     0     8  magic b"GAITDRB1"
     8     4  slot size in bytes
@@ -35,7 +35,7 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from daemon.ipc.decoding import INTEGER_MAX, Count, Decoder, RefusedError
-from daemon.ipc.record import CycleRecord, Level
+from daemon.ipc.record import CycleRecord, GatewayState
 
 MAGIC: Final = b"GAITDRB1"
 HEADER_SIZE: Final = 16384
@@ -354,7 +354,7 @@ class CoreSeam:
         """Create ring and socket in the runtime directory."""
         self._ring = RingWriter(runtime / RING_NAME, header)
         self._datagrams = Datagrams(runtime / CORE_SOCKET_NAME, runtime / GATEWAY_SOCKET_NAME)
-        self._decoder = Decoder(msgspec.msgpack.Decoder(Level).decode)
+        self._decoder = Decoder(msgspec.msgpack.Decoder(GatewayState).decode)
         self._refusal = ""
         """Why the newest refused datagram was not a valid gateway state."""
         self._refused = RareNotice("datagrams to the core refused")
@@ -375,9 +375,9 @@ class CoreSeam:
         self._ring.write(record)
         return self._datagrams.send(_SEQ.pack(record.seq))
 
-    def levels(self) -> list[Level]:
+    def levels(self) -> list[GatewayState]:
         """The gateway states that wait, oldest first; stop counts must be read from all of them."""
-        levels: list[Level] = []
+        levels: list[GatewayState] = []
         for data in self._datagrams.drain():
             try:
                 levels.append(self._decoder.decode(data))
@@ -475,7 +475,7 @@ class GatewaySeam:
             return []
         return self._damaged.due(self._ring.damaged_count, "damaged, or of another gaitd")
 
-    def send(self, level: Level) -> bool:
+    def send(self, level: GatewayState) -> bool:
         """Send the gateway state to the core; False if no core took it."""
         return self._datagrams.send(self._encoder.encode(level))
 

@@ -38,7 +38,7 @@ from daemon.ipc.record import Verdict
 from daemon.recorder.audit_chain import ANYTHING, REPAIRED, Place, sealed
 from daemon.recorder.audit_file import RequestFile
 from daemon.recorder.disk import Disk
-from daemon.recorder.ring_follower import Glance, identity
+from daemon.recorder.ring_follower import RecordHeader, identity
 from daemon.wire.fields import name_of
 
 LINES_PER_MINUTE: Final = 20
@@ -101,7 +101,7 @@ class RequestLog:
         self._file, self._disk, self._utc_ns = file, disk, utc_ns
         self._place = Place()
         self._boot_id, self._cycle = "", 0
-        self._newest: Glance | None = None
+        self._newest: RecordHeader | None = None
         self._ticket = 0
         self._open: dict[int, Noted] = {}
         self._budget: Counter[str] = Counter()
@@ -155,7 +155,7 @@ class RequestLog:
             self._boot_id, self._newest = boot_id, None
         self._write("core", heard=heard)
 
-    def record(self, glance: Glance) -> None:
+    def record(self, glance: RecordHeader) -> None:
         """Log the changes of mode and verdict since the record before."""
         before, self._newest, self._cycle = self._newest, glance, glance.cycle
         if before is None or before.mode != glance.mode:

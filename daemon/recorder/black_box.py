@@ -28,11 +28,11 @@ from typing import Final, Protocol
 
 from daemon.gateway.presence import SILENCE_NS
 from daemon.ipc.decoding import RefusedError
-from daemon.ipc.ring_clip import Cutting
+from daemon.ipc.ring_clip import ClipWriter
 from daemon.ipc.transport import ASIDE_NAME, SLOT_COUNT, Kept, RingError, RingReader
-from daemon.recorder.clip_store import Shelf
+from daemon.recorder.clip_store import ClipStore
 from daemon.recorder.disk import Disk
-from daemon.recorder.ring_follower import Glance, Stop, Trail, glance_of
+from daemon.recorder.ring_follower import RecordHeader, RingFollower, Stop, glance_of
 
 BEFORE_NS: Final = 15_000_000_000
 AFTER_NS: Final = 5_000_000_000
@@ -51,7 +51,7 @@ WHAT: Final = "black box"
 class Window:
     """Records to be kept around a stop, and those of them that have been copied."""
 
-    trail: Trail
+    trail: RingFollower
     stop: Stop
     first: int
     last: int
@@ -60,12 +60,12 @@ class Window:
     also: list[str] = field(default_factory=list)
     active: bool = False
     """The drives were enabled on purpose in one of these records."""
-    copied: Cutting | None = None
+    copied: ClipWriter | None = None
     """None as long as nothing is copied."""
     next_seq: int = 0
     """Number of the record to copy next."""
 
-    def takes(self, trail: Trail, stop: Stop, last: int) -> bool:
+    def takes(self, trail: RingFollower, stop: Stop, last: int) -> bool:
         """True if another stop, with the records until `last`, fits into the same file."""
         span = SPAN_NS // trail.ring.header.period_ns
         same = trail.boot_id == self.trail.boot_id and self.first <= stop.seq <= self.last
@@ -79,7 +79,7 @@ class Window:
             ring = self.trail.ring
             # A window never has more records than the ring has slots.
             room_count = min(self.last - self.first + 1, ring.slot_count)
-            self.copied = Cutting(room_count * ring.slot_size)
+            self.copied = ClipWriter(room_count * ring.slot_size)
         end = min(self.next_seq + count, self.last + 1)
         for seq in range(self.next_seq, end):
             data = self.trail.ring.raw(seq)
@@ -90,7 +90,7 @@ class Window:
         self.next_seq = end
         return end > self.last
 
-    def kept(self, copied: Cutting) -> Kept:
+    def kept(self, copied: ClipWriter) -> Kept:
         """The description of these records for the file's header."""
         stop = self.stop
         return Kept(
@@ -113,7 +113,7 @@ class Listener(Protocol):
         """A core was found, or its records stopped or arrive again."""
         ...
 
-    def record(self, glance: Glance) -> None:
+    def record(self, glance: RecordHeader) -> None:
         """A new record has arrived."""
         ...
 
@@ -121,11 +121,11 @@ class Listener(Protocol):
 class BlackBox:
     """Reads the rings, finds the stops, gives their records to the disk."""
 
-    def __init__(self, runtime: Path, shelf: Shelf, disk: Disk, listener: Listener) -> None:
+    def __init__(self, runtime: Path, shelf: ClipStore, disk: Disk, listener: Listener) -> None:
         self._aside = runtime / ASIDE_NAME
         self._shelf, self._disk, self._listener = shelf, disk, listener
-        self._trail: Trail | None = None
-        self._gone: list[Trail] = []
+        self._trail: RingFollower | None = None
+        self._gone: list[RingFollower] = []
         """Rings of previous cores, as long as there is something to do with them."""
         self._windows: list[Window] = []
         self._heard_ns: int | None = None
@@ -176,7 +176,7 @@ class BlackBox:
 
     def _meet(self, ring: RingReader) -> None:
         """Switch to the ring of a new core."""
-        before, self._trail = self._trail, Trail.of(ring)
+        before, self._trail = self._trail, RingFollower.of(ring)
         self._heard_ns, self._told_heard = None, False
         if before is not None:
             before.live = False
@@ -197,11 +197,11 @@ class BlackBox:
             return
         trail = known.get(ring.header.core_boot_id)
         if trail is None:
-            trail = Trail.of(ring, live=False)
+            trail = RingFollower.of(ring, live=False)
             self._gone.append(trail)
         trail.aside = self._aside
 
-    def _follow(self, trail: Trail, now_ns: int) -> None:
+    def _follow(self, trail: RingFollower, now_ns: int) -> None:
         seq, new = trail.seq, trail.live and trail.caught_up
         for glance, stop in trail.advance(PIECE_COUNT):
             if new:
@@ -222,7 +222,7 @@ class BlackBox:
                 self._listener.core(trail.boot_id, False)
                 self._ended(trail, now_ns)
 
-    def _hear(self, trail: Trail, glance: Glance) -> None:
+    def _hear(self, trail: RingFollower, glance: RecordHeader) -> None:
         """Pass on a record that has just arrived; older ones are not passed on."""
         trail.grown = True
         if not self._told_heard:
@@ -230,7 +230,7 @@ class BlackBox:
             self._listener.core(trail.boot_id, True)
         self._listener.record(glance)
 
-    def _finish(self, trail: Trail, now_ns: int) -> None:
+    def _finish(self, trail: RingFollower, now_ns: int) -> None:
         """Close a ring without a core after all of it has been read."""
         self._ended(trail, now_ns)
         if any(window.trail is trail for window in self._windows):
@@ -250,7 +250,7 @@ class BlackBox:
 
     # --- stops --------------------------------------------------------------------------------
 
-    def _ended(self, trail: Trail, now_ns: int) -> None:
+    def _ended(self, trail: RingFollower, now_ns: int) -> None:
         stop = trail.end()
         if stop is None:
             return
@@ -260,7 +260,7 @@ class BlackBox:
             for window in (one for one in self._windows if one.trail is trail):
                 window.due_ns = now_ns
 
-    def _stopped(self, trail: Trail, stop: Stop, now_ns: int) -> None:
+    def _stopped(self, trail: RingFollower, stop: Stop, now_ns: int) -> None:
         """Keep a stop, in its own file or in a window still open, unless it is kept already."""
         period_ns = trail.ring.header.period_ns
         last, due_ns = stop.seq + AFTER_NS // period_ns, now_ns + AFTER_NS + LATE_NS

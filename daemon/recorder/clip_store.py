@@ -16,7 +16,7 @@ import msgspec
 from daemon.ipc.ring_clip import (
     DAMAGED_SUFFIX,
     PART_SUFFIX,
-    Cutting,
+    ClipWriter,
     KeptFile,
     kept_files,
     name_of,
@@ -29,7 +29,7 @@ BYTES_MAX: Final = 256 * 1024 * 1024
 CHUNK_BYTES: Final = 64 * 1024
 
 
-class Shelf:
+class ClipStore:
     """The gateway's list of the folder's files. `keep` runs in the disk's thread."""
 
     def __init__(
@@ -70,7 +70,7 @@ class Shelf:
             if (kept := file.kept)
         )
 
-    def keep(self, header: RingHeader, kept: Kept, cutting: Cutting) -> Path:
+    def keep(self, header: RingHeader, kept: Kept, cutting: ClipWriter) -> Path:
         """Write a file into the folder, and remove files beyond the limits.
 
         Raises:

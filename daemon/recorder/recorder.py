@@ -14,7 +14,7 @@ from daemon.ipc.transport import RingReader
 from daemon.recorder.audit_file import RequestFile
 from daemon.recorder.audit_log import Inquiry, RequestLog
 from daemon.recorder.black_box import BlackBox
-from daemon.recorder.clip_store import Shelf
+from daemon.recorder.clip_store import ClipStore
 from daemon.recorder.disk import Disk, Trouble
 from daemon.system.clock import AgeClock
 
@@ -24,14 +24,14 @@ REMEDY: Final = (
 )
 
 
-class Keeper:
+class DiskRecorder:
     """Black box and request log of one state directory, and the thread that writes both."""
 
     def __init__(self, state: Path, runtime: Path, clock: AgeClock, version: str) -> None:
         """Open the state directory; one that cannot be used is reported as an event, not raised."""
         self._clock = clock
         self._disk = Disk()
-        shelf = Shelf(state / FOLDER)
+        shelf = ClipStore(state / FOLDER)
         self._troubles = [Trouble("black box", shelf.trouble)] if shelf.trouble else []
         self._file = RequestFile(state)
         self._log = RequestLog(self._file, self._disk, clock.utc_ns(), version)

@@ -18,7 +18,7 @@ from daemon.ipc.transport import RingReader
 from daemon.wire.fields import name_of
 
 
-class Glance(msgspec.Struct, frozen=True, array_like=True):
+class RecordHeader(msgspec.Struct, frozen=True, array_like=True):
     """The first fields of a `CycleRecord`, which suffice to find a stop."""
 
     seq: Count
@@ -30,7 +30,7 @@ class Glance(msgspec.Struct, frozen=True, array_like=True):
     verdict: Verdict
 
 
-glance_of: Final = Decoder(msgspec.msgpack.Decoder(Glance).decode).decode
+glance_of: Final = Decoder(msgspec.msgpack.Decoder(RecordHeader).decode).decode
 
 
 class Stop(NamedTuple):
@@ -44,7 +44,7 @@ class Stop(NamedTuple):
 
 
 @dataclass(slots=True, eq=False)
-class Trail:
+class RingFollower:
     """Position of the reader in a ring, and the state of that ring."""
 
     ring: RingReader
@@ -52,7 +52,7 @@ class Trail:
     """The highest number that is known to have been written."""
     seq: int
     """Number of the last record that was read."""
-    last: Glance | None = None
+    last: RecordHeader | None = None
     grown: bool = False
     """Records have arrived after all existing ones had been read."""
     ended_seq: int = 0
@@ -62,7 +62,7 @@ class Trail:
     live: bool = True
 
     @classmethod
-    def of(cls, ring: RingReader, *, live: bool = True) -> "Trail":
+    def of(cls, ring: RingReader, *, live: bool = True) -> "RingFollower":
         """Start at the oldest record."""
         newest = ring.newest_seq()
         return cls(ring, newest, ring.oldest_seq(newest) - 1, live=live)
@@ -77,7 +77,7 @@ class Trail:
         """True if all records known to have been written were read."""
         return self.seq >= self.newest
 
-    def advance(self, count: int) -> Iterator[tuple[Glance, Stop | None]]:
+    def advance(self, count: int) -> Iterator[tuple[RecordHeader, Stop | None]]:
         """Read up to `count` more records; yields each with its stop, or None."""
         for _ in range(count):
             data = self.ring.raw(self.seq + 1)
@@ -91,7 +91,7 @@ class Trail:
                     now = glance_of(data)
                     yield now, self._look(now)
 
-    def _look(self, now: Glance) -> Stop | None:
+    def _look(self, now: RecordHeader) -> Stop | None:
         before, self.last = self.last, now
         verdict = now.verdict
         # A verdict latched before the first available record is not a stop in this ring.

@@ -1,7 +1,7 @@
 """What is heard on a bus by somebody who only listens and reads: every frame noted, none judged.
 
-`Witness` takes all frames, ours too; `WitnessedBus` puts it in front of any `Bus`, so that whoever
-works over that bus is overheard. Rules:
+`BusSniffer` takes all frames, ours too; `WitnessedBus` puts it in front of any `Bus`, so that
+whoever works over that bus is overheard. Rules:
 1.  An answer belongs to a request that somebody sent, us or another client. What was answered more
     often than asked was answered by two nodes.
 2.  A request that we did not send means another SDO client: a bring-up, or a tool.
@@ -58,7 +58,7 @@ class Heard:
         return any(count > self.requests[of] > 0 for of, count in self.answers.items())
 
 
-class Witness:
+class BusSniffer:
     """Takes every frame of a bus."""
 
     def __init__(self) -> None:
@@ -144,7 +144,7 @@ def _count_request(heard: Heard, data: bytes) -> None:
 class WitnessedBus:
     """A `Bus` in front of another one, which tells a witness of every frame."""
 
-    def __init__(self, bus: Bus, clock: Clock, witness: Witness) -> None:
+    def __init__(self, bus: Bus, clock: Clock, witness: BusSniffer) -> None:
         self._bus = bus
         self._clock = clock
         self._witness = witness

@@ -19,7 +19,7 @@ from drives.bringup.plan import DrivePlan
 from drives.bringup.port import DrivePort
 from drives.bringup.steps import Step, StepKind
 from drives.canopen.nmt import NmtCommand, nmt_frame
-from drives.canopen.sniffer import Witness
+from drives.canopen.sniffer import BusSniffer
 from drives.cia402.power_state import decode_statusword
 from drives.errors import BootFailure, DrivesError, DriveSilent, SdoAborted, SdoGarbled, SdoTimeout
 from drives.service.scan import DEVICE_TYPE, VENDOR, Progress
@@ -65,7 +65,7 @@ class KeepingRefusedError(DrivesError):
     """We or the drive will not do it; nothing has been written or changed."""
 
 
-def check_bus(witness: Witness, master_node_id: int) -> None:
+def check_bus(witness: BusSniffer, master_node_id: int) -> None:
     """Rule 1.
 
     Raises:

@@ -20,7 +20,7 @@ from typing import Final, NamedTuple
 
 from drives.bringup.configurator import Configurator
 from drives.canopen.bus import Bus, Clock, Frame
-from drives.canopen.sniffer import SDO_REQUEST_ID, Witness, WitnessedBus
+from drives.canopen.sniffer import SDO_REQUEST_ID, BusSniffer, WitnessedBus
 from drives.errors import SdoAborted, SdoGarbled, SdoTimeout
 
 LISTEN_NS: Final = 1_000_000_000
@@ -67,7 +67,7 @@ class Progress(NamedTuple):
 class Survey:
     """What was found: what everybody said, and what those that answered hold."""
 
-    witness: Witness
+    witness: BusSniffer
     objects: dict[int, dict[tuple[int, int], bytes]] = field(
         default_factory=dict[int, dict[tuple[int, int], bytes]]
     )
@@ -87,7 +87,7 @@ def survey(bus: Bus, clock: Clock, bitrate_bit_per_s: int) -> Generator[Progress
     Raises:
         BusError: the interface is down, or the controller is bus-off.
     """
-    found = Survey(Witness())
+    found = Survey(BusSniffer())
     heard = WitnessedBus(bus, clock, found.witness)
     pause_ns = PAUSE_FRAMES * FRAME_BITS * 1_000_000_000 // bitrate_bit_per_s
     yield from listen(heard, clock, LISTEN_NS)

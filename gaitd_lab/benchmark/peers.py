@@ -27,7 +27,7 @@ from gaitd.remote import ask
 from gaitd_lab.benchmark.burning import burners
 from gaitd_lab.benchmark.bus_times import Heard, Reaction, Syncs, held, reaction, syncs
 from gaitd_lab.demonstration.script import ActError
-from gaitd_lab.demonstration.stage import Tempo, Troupe, rewrite
+from gaitd_lab.demonstration.stage import ManagedProcess, Tempo, rewrite
 from gaitd_lab.processes import memory_folder
 from gaitd_lab.soak.machinery import Machinery
 from gaitd_lab.soak.memory import sample
@@ -242,7 +242,7 @@ def _subject(master: Master, made: Machinery) -> Generator[Subject]:
     arguments = [str(PEER), "--channel", str(made.channel), "--eds", str(eds)]
     arguments += ["--fifo"] if master.realtime else []
     log = made.folder / "peer.log"
-    peer = Troupe(master.name, arguments, log, program=())
+    peer = ManagedProcess(master.name, arguments, log, program=())
     try:
         yield Subject(
             lambda: peer.pid,

@@ -153,8 +153,8 @@ class Stage:
     target: Target
     leg: str
     time: StageTime
-    drives: "Troupe"
-    service: "Troupe"
+    drives: "ManagedProcess"
+    service: "ManagedProcess"
 
     def patient(self, programme: str) -> None:
         """Start one of the patient's programmes; it runs when this returns.
@@ -193,7 +193,7 @@ class Stage:
         ]
 
 
-class Troupe:
+class ManagedProcess:
     """One process with its output in a file."""
 
     def __init__(
@@ -295,9 +295,9 @@ def stage(
         ending.callback(passing.close)
         held = [] if tempo.wall_clock else ["--hold"]
         arguments = ["sim", *places, *tempo.arguments, *held]
-        drives = Troupe("gaitd sim", arguments, folder / "sim.log")
+        drives = ManagedProcess("gaitd sim", arguments, folder / "sim.log")
         ending.callback(drives.end, DRIVES_END_S)
-        service = Troupe("gaitd run", ["run", "--config", str(config)], folder / "run.log")
+        service = ManagedProcess("gaitd run", ["run", "--config", str(config)], folder / "run.log")
         ending.callback(service.end, SERVICE_END_S)
         table = tomllib.loads(config.read_text(encoding="utf-8"))
         target = Target((endpoint,), table["zenoh"]["trainer"])

@@ -6,7 +6,7 @@ What is replaced in the core for them is replaced in a fork that ends with its c
 from typing import Final, NoReturn
 
 from daemon.core import cycle_record
-from daemon.core.modes.persistent_state import Notes
+from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.motion import leg_plan
 from daemon.core.motion.trajectory import Reference
 from daemon.core.state import Core, Leg
@@ -111,7 +111,7 @@ def notebook_full() -> Play:
 
     def begin(scene: Scene, _axis: str) -> None:
         scene.bench.lockstep.notebook.is_full = True
-        scene.core.notes = Notes(scene.core.notes.axes)
+        scene.core.notes = PersistentState(scene.core.notes.axes)
 
     return Play(begin, nothing)
 

@@ -3,10 +3,10 @@
 import errno
 from collections.abc import Callable
 
-from daemon.ipc.record import CycleRecord, Level
+from daemon.ipc.record import CycleRecord, GatewayState
 from gaitd_lab.lockstep_gateway import Gateway
 
-Change = Callable[[list[Level]], list[Level]]
+Change = Callable[[list[GatewayState]], list[GatewayState]]
 
 
 class TroubledGateway(Gateway):
@@ -18,7 +18,7 @@ class TroubledGateway(Gateway):
         """What becomes of the levels of a turn before the core hears them."""
         self.ring_is_full = False
 
-    def levels(self) -> list[Level]:
+    def levels(self) -> list[GatewayState]:
         """As the core hears them."""
         sent = super().levels()
         return sent if self.change is None else self.change(sent)

@@ -10,7 +10,7 @@ from typing import Final
 from msgspec.structs import replace as changed
 
 from daemon.core.state import Axis, Core
-from daemon.ipc.record import Level, Request, RequestKind, Setpoint
+from daemon.ipc.record import GatewayState, Request, RequestKind, Setpoint
 from drives.canopen.bus import Frame
 from gaitd_lab.fault_matrix.bench import Bench
 
@@ -256,7 +256,7 @@ def gateway_silent() -> Play:
     return Play(begin, end)
 
 
-def levels(change: Callable[[list[Level]], list[Level]]) -> Play:
+def levels(change: Callable[[list[GatewayState]], list[GatewayState]]) -> Play:
     """What the core hears is another thing than was sent."""
 
     def begin(scene: Scene, _axis: str) -> None:
@@ -274,12 +274,12 @@ FOREIGN: Final = "somebody else's core"
 _ENABLE: Final = Request(id=4711, kind=RequestKind.ENABLE)
 
 
-def flood(sent: list[Level]) -> list[Level]:
+def flood(sent: list[GatewayState]) -> list[GatewayState]:
     """Each level a hundred times."""
     return [level for level in sent for _ in range(FLOOD_COUNT)]
 
 
-def foreign(sent: list[Level]) -> list[Level]:
+def foreign(sent: list[GatewayState]) -> list[GatewayState]:
     """Beside ours those of a gateway that speaks to another core, and asks to enable it."""
     return [
         level
@@ -296,27 +296,27 @@ def foreign(sent: list[Level]) -> list[Level]:
     ]
 
 
-def foreign_alone(sent: list[Level]) -> list[Level]:
+def foreign_alone(sent: list[GatewayState]) -> list[GatewayState]:
     """Only those of another core."""
     return [changed(own, core_boot_id=FOREIGN) for own in sent]
 
 
-def restarted(sent: list[Level]) -> list[Level]:
+def restarted(sent: list[GatewayState]) -> list[GatewayState]:
     """A gateway that begins anew: counts stops from zero, no request, no lease."""
     return [changed(own, stop_count=0, request=Request(), setpoints=(), lease=0) for own in sent]
 
 
-def lower_stop_count(sent: list[Level]) -> list[Level]:
+def lower_stop_count(sent: list[GatewayState]) -> list[GatewayState]:
     """A stop count that goes down is no stop, and hides none."""
     return [changed(own, stop_count=own.stop_count - 1) for own in sent]
 
 
-def nothing_asked(sent: list[Level]) -> list[Level]:
+def nothing_asked(sent: list[GatewayState]) -> list[GatewayState]:
     """Nobody asks for anything, and no lease is held: only that the gateway lives is said."""
     return [changed(own, request=Request(), setpoints=(), lease=0) for own in sent]
 
 
-def nan_setpoint(sent: list[Level]) -> list[Level]:
+def nan_setpoint(sent: list[GatewayState]) -> list[GatewayState]:
     """Setpoints that are no numbers, under the lease of the level."""
     return [
         changed(

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Final
 
-from daemon.ipc.record import CycleRecord, Level, Request
+from daemon.ipc.record import CycleRecord, GatewayState, Request
 from gaitd_lab.lockstep_gateway import Gateway
 
 RECORDS_KEPT: Final = 200
@@ -15,7 +15,7 @@ class Asker(Gateway):
     To a core that it has not heard yet it says what it said to the one before.
     """
 
-    def __init__(self, on_level: Callable[[Level], None]) -> None:
+    def __init__(self, on_level: Callable[[GatewayState], None]) -> None:
         super().__init__()
         self._on_level = on_level
         self._fresh: list[CycleRecord] = []
@@ -40,7 +40,7 @@ class Asker(Gateway):
         fresh, self._fresh = self._fresh, []
         return fresh
 
-    def levels(self) -> list[Level]:
+    def levels(self) -> list[GatewayState]:
         """What the core hears now, and the watch with it."""
         levels = super().levels()
         if self.core_boot_id == self._next_boot_id:

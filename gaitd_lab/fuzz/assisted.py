@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from daemon.ipc.record import CycleRecord, Level, Mode, Setpoint
+from daemon.ipc.record import CycleRecord, GatewayState, Mode, Setpoint
 
 MARGIN_CYCLES: Final = 2
 """From a level to the record of the cycle that has heard it, and one for rounding."""
@@ -56,7 +56,7 @@ class AssistWatch:
         self._without_count = self._unleased_count = self._torque_count = 0
         self._seqs.clear()
 
-    def tells(self, level: Level) -> None:
+    def tells(self, level: GatewayState) -> None:
         """A level on its way to the core."""
         if level.lease != self._lease:
             self._lease, self._good_cycle = level.lease, -(10**9)

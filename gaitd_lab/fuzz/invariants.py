@@ -34,7 +34,7 @@ from typing import Final, NamedTuple
 from daemon.ipc.record import (
     Cause,
     CycleRecord,
-    Level,
+    GatewayState,
     Mode,
     ModeRequest,
     Outcome,
@@ -184,7 +184,7 @@ class Watch:
             drive.told_to_enable, drive.torque_told = False, None
         self.stops.core_gone()
 
-    def tells(self, level: Level) -> None:
+    def tells(self, level: GatewayState) -> None:
         """The gateway says something to the core."""
         self.assist.tells(level)
 

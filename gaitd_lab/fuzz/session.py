@@ -15,7 +15,7 @@ import numpy as np
 from daemon.config.bundle import Settings
 from daemon.config.drive_plan import drive_limits, effort_per_motor_nm
 from daemon.config.robot import leg_parameters
-from daemon.core.modes.persistent_state import Notes
+from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.modes.table import IllegalTransitionError
 from daemon.ipc.record import CycleRecord, Mode, Outcome, StopCategory
 from drives.cia402.torque import count_nm
@@ -78,7 +78,7 @@ class RandomSession:
         self._survival_dice = random.Random(f"{seed}/survival")
         self._asker = Asker(self._watch.tells)
         self._core_count = 0
-        self._lockstep = self._start(Notes())
+        self._lockstep = self._start(PersistentState())
         self._dead_until_ns: int | None = None
         self._ending_until_ns: int | None = None
         self._silent_until_ns = 0
@@ -260,7 +260,7 @@ class RandomSession:
         self._ending_until_ns = None
         self._watch.core_gone()
 
-    def _start(self, notes: Notes) -> Lockstep:
+    def _start(self, notes: PersistentState) -> Lockstep:
         """A core; the gateway of the one before has lived on, or is another one as well."""
         self._core_count += 1
         boot_id = f"core {self._core_count}"

@@ -25,7 +25,7 @@ _STAYS: Final = 12.0
 """Longer than a stride: what shows in motion is seen."""
 
 
-class Doer(Enum):
+class Actor(Enum):
     """Who does it."""
 
     DRIVE = "a virtual drive"
@@ -39,7 +39,7 @@ class Doer(Enum):
 class Source:
     """One kind of trouble."""
 
-    doer: Doer
+    doer: Actor
     words: str
     """Commands to the drives, with `{drive}` and `{s}`, separated by `;`; a programme of the
     patient; or the process."""
@@ -56,7 +56,7 @@ class Happening(NamedTuple):
     """One trouble, now."""
 
     name: str
-    doer: Doer
+    doer: Actor
     words: str
     drive: str
     duration_s: float
@@ -68,17 +68,17 @@ class Happening(NamedTuple):
 
 
 def _drive(words: str, low_s: float, high_s: float, *, every: bool = False) -> Source:
-    return Source(Doer.DRIVE, words, low_s, high_s, every)
+    return Source(Actor.DRIVE, words, low_s, high_s, every)
 
 
 def _blind(words: str, row: str) -> Source:
     """An encoder that lies for as long as it takes: the joint may meet its limit switch unseen."""
     law = replace(ROWS[row], causes=ROWS[row].causes | {Cause.LIMIT_SWITCH})
-    return Source(Doer.DRIVE, words, _STAYS, _STAYS, law=law)
+    return Source(Actor.DRIVE, words, _STAYS, _STAYS, law=law)
 
 
 def _patient(programme: str, law: Law | None = None) -> Source:
-    return Source(Doer.PATIENT, programme, 3.0, 8.0, law=law)
+    return Source(Actor.PATIENT, programme, 3.0, 8.0, law=law)
 
 
 SOURCES: Final[Mapping[str, Source]] = MappingProxyType(
@@ -95,7 +95,7 @@ SOURCES: Final[Mapping[str, Source]] = MappingProxyType(
         "drive_error_passive": _drive("bus_passive {drive} {s}", 0.2, 2.0),
         **{
             f"emcy_{error_class:x}xxx_fault": Source(
-                Doer.DRIVE, f"emcy {{drive}} {{s}} {code:#06x}", 0.3, 1.5, weight_ratio=0.25
+                Actor.DRIVE, f"emcy {{drive}} {{s}} {code:#06x}", 0.3, 1.5, weight_ratio=0.25
             )
             for error_class, (code, _) in EMERGENCIES.items()
         },
@@ -116,13 +116,13 @@ SOURCES: Final[Mapping[str, Source]] = MappingProxyType(
         "spasm": _patient("spasm"),
         "patient_active": _patient("active", goes_on("a patient who takes part")),
         "patient_resists": _patient("resisting", goes_on("a patient who is pulled along")),
-        "gateway_35ms": Source(Doer.HALT, "gateway", 0.035, 0.035),
-        "gateway_2s": Source(Doer.HALT, "gateway", 2.0, 2.0),
-        "core_2s": Source(Doer.HALT, "core", 2.0, 2.0),
-        "gateway_dead": Source(Doer.KILL, "gateway", 1.0, 3.0, weight_ratio=4.0),
-        "core_sigkill": Source(Doer.KILL, "core", 1.0, 2.0, weight_ratio=4.0),
+        "gateway_35ms": Source(Actor.HALT, "gateway", 0.035, 0.035),
+        "gateway_2s": Source(Actor.HALT, "gateway", 2.0, 2.0),
+        "core_2s": Source(Actor.HALT, "core", 2.0, 2.0),
+        "gateway_dead": Source(Actor.KILL, "gateway", 1.0, 3.0, weight_ratio=4.0),
+        "core_sigkill": Source(Actor.KILL, "core", 1.0, 2.0, weight_ratio=4.0),
         "setpoint_flood": Source(
-            Doer.FLOOD,
+            Actor.FLOOD,
             "",
             2.0,
             4.0,
@@ -161,12 +161,12 @@ class Chances:
             deaths: a process may be killed.
         """
         dice = self._dice
-        names = [name for name, one in SOURCES.items() if deaths or one.doer is not Doer.KILL]
+        names = [name for name, one in SOURCES.items() if deaths or one.doer is not Actor.KILL]
         name = dice.choices(names, [SOURCES[name].weight_ratio for name in names])[0]
         source = SOURCES[name]
         drive = dice.choice((*self._drives, "*") if source.every else self._drives)
         duration_s = round(dice.uniform(source.low_s, source.high_s), 3)
-        of_drive = source.doer is Doer.DRIVE
+        of_drive = source.doer is Actor.DRIVE
         words = source.words.format(drive=drive, s=duration_s).replace(";", "\n")
         where = drive if of_drive else ""
         return Happening(name, source.doer, words, where, duration_s, source.law or ROWS[name])

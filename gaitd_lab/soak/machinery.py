@@ -20,8 +20,8 @@ from gaitd_lab.demonstration.stage import (
     DRIVES_END_S,
     SERVICE_END_S,
     STOPPED,
+    ManagedProcess,
     Tempo,
-    Troupe,
     write_configs,
 )
 from gaitd_lab.processes import memory_folder
@@ -52,7 +52,7 @@ class Machinery:
         self.channel = folder / BUS
         self.time = Passing(self.channel, wall_clock=tempo.wall_clock)
         self.ring = folder / "run" / RING_NAME
-        self._parts: dict[str, Troupe] = {}
+        self._parts: dict[str, ManagedProcess] = {}
         self._expected_dead: set[str] = set()
         self.start_count: Counter[str] = Counter()
         self.exit_codes: dict[str, int] = {}
@@ -68,7 +68,7 @@ class Machinery:
         self._expected_dead.discard(part)
         self.start_count[part] += 1
         log = self.folder / f"{part}{self.start_count[part]}.log"
-        self._parts[part] = Troupe(f"gaitd {part}", arguments, log)
+        self._parts[part] = ManagedProcess(f"gaitd {part}", arguments, log)
 
     def pid(self, part: str) -> int:
         """Of the process that runs now, or ran last."""

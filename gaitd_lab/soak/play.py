@@ -14,7 +14,7 @@ import zenoh
 from daemon import wire
 from gaitd.remote import Target, client_settings
 from gaitd_lab.soak import memory
-from gaitd_lab.soak.happenings import DEATHS_RATIO, Chances, Doer, Happening
+from gaitd_lab.soak.happenings import DEATHS_RATIO, Actor, Chances, Happening
 from gaitd_lab.soak.machinery import PARTS, Machinery, RecordTail
 from gaitd_lab.soak.operator import Operator, Situation
 from gaitd_lab.soak.outstanding import Outstanding
@@ -31,7 +31,7 @@ WALKING_WITHIN_S: Final = 120.0
 """Else the soak ends: nobody gets this machine walking again."""
 START_WITHIN_S: Final = 300.0
 """The very first start compiles the observer's kernels."""
-BY_PROCESS: Final = frozenset({Doer.KILL, Doer.HALT, Doer.FLOOD})
+BY_PROCESS: Final = frozenset({Actor.KILL, Actor.HALT, Actor.FLOOD})
 """What is done to a process or by one: it, or what starts anew, goes by the computer's time."""
 MEMORY_EVERY_S: Final = 5.0
 MEMORY_SAMPLES_MIN: Final = 40
@@ -234,15 +234,15 @@ class Soak:
         self._stopped_s, self._stops_before = None, len(self._witness.tally.stops)
         self._log.append((passed_s, happening))
         match happening.doer:
-            case Doer.DRIVE:
+            case Actor.DRIVE:
                 self._time.tell_drives(happening.words)
-            case Doer.PATIENT:
+            case Actor.PATIENT:
                 self._time.tell_drives(f"patient {happening.words}")
-            case Doer.KILL:
+            case Actor.KILL:
                 self._made.kill(happening.words)
-            case Doer.HALT:
+            case Actor.HALT:
                 self._halt(happening)
-            case Doer.FLOOD:
+            case Actor.FLOOD:
                 self._flood.begin(happening.duration_s)
 
     def _halt(self, happening: Happening) -> None:
@@ -259,7 +259,7 @@ class Soak:
             return True
         if self._stopped_s is None and len(self._witness.tally.stops) > self._stops_before:
             self._stopped_s = now_s
-        by_itself = happening.doer in {Doer.KILL, Doer.HALT, Doer.FLOOD}
+        by_itself = happening.doer in {Actor.KILL, Actor.HALT, Actor.FLOOD}
         stopped_s = self._stopped_s
         return not by_itself and stopped_s is not None and now_s > stopped_s + CLEARED_AFTER_S
 
@@ -270,17 +270,17 @@ class Soak:
         if happening is None:
             return
         match happening.doer:
-            case Doer.DRIVE:
+            case Actor.DRIVE:
                 kinds = [line.split()[0] for line in happening.words.splitlines()]
                 lines = [f"clear {kind} {happening.drive}" for kind in kinds]
                 self._time.tell_drives("\n".join(lines))
-            case Doer.PATIENT:
+            case Actor.PATIENT:
                 self._time.tell_drives("patient passive")
-            case Doer.KILL:
+            case Actor.KILL:
                 self._made.start(happening.words)
-            case Doer.HALT:
+            case Actor.HALT:
                 self._made.halt(happening.words, on=False)
-            case Doer.FLOOD:
+            case Actor.FLOOD:
                 self._flood.end()
 
     def _finish(self, happening: Happening, now_s: float) -> None:

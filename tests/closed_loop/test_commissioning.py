@@ -6,7 +6,7 @@ from itertools import groupby
 import pytest
 from sessions import CONFIGS, Session, changed_configs
 
-from daemon.core.modes.persistent_state import Notes
+from daemon.core.modes.persistent_state import PersistentState
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Stage
 from drives.signals import PowerState
 
@@ -213,7 +213,7 @@ def test_a_proof_is_of_one_drive_and_one_transmission(proof, tmp_path, change):
 
 
 def test_notes_that_cannot_be_read_prove_nothing(configs):
-    session = Session(configs, Notes(damaged=True)).until_ready()
+    session = Session(configs, PersistentState(damaged=True)).until_ready()
 
     refused = session.lockstep.request(RequestKind.ENABLE)
 

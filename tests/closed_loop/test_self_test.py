@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from sessions import Session, changed_configs, elsewhere, position_guidance, two_legs
 
-from daemon.core.modes.persistent_state import Notes
+from daemon.core.modes.persistent_state import PersistentState
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, RequestResult
 
 DAILY = ("demo.toml", 'required = "never"', 'required = "daily"')
@@ -245,14 +245,14 @@ def test_both_legs_are_tested_one_after_the_other(tmp_path):
 # --- for how long -----------------------------------------------------------------------------
 
 
-def disabled(session: Session) -> Notes:
+def disabled(session: Session) -> PersistentState:
     session.lockstep.request(RequestKind.DISABLE)
     session.lockstep.run(0.1)
     return session.lockstep.notebook.notes
 
 
 @pytest.fixture(scope="module")
-def passed(daily, warm_tested) -> tuple[Path, Notes]:
+def passed(daily, warm_tested) -> tuple[Path, PersistentState]:
     session, _ = warm_tested
     return daily, elsewhere(session, disabled)
 

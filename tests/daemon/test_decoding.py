@@ -22,8 +22,8 @@ from analysis.stop_recording import about, read_stop
 from daemon import wire
 from daemon.config.settings import Robot
 from daemon.config.strict import ConfigError, load_toml
-from daemon.core.modes.persistent_state import AxisNote, LatchedNote, Notes
-from daemon.core.runtime.state_file import Notebook
+from daemon.core.modes.persistent_state import AxisNote, LatchedNote, PersistentState
+from daemon.core.runtime.state_file import StateFile
 from daemon.core.steps import latching
 from daemon.gateway.requests import ASKS, BadPayloadError, read_ask
 from daemon.gateway.setpoints import Arrival, SetpointDesk
@@ -31,7 +31,7 @@ from daemon.ipc import transport
 from daemon.ipc.decoding import Decoder, RefusedError
 from daemon.ipc.record import (
     CycleRecord,
-    Level,
+    GatewayState,
     ModeRequest,
     Request,
     RequestKind,
@@ -44,7 +44,7 @@ from daemon.ipc.transport import CoreSeam, GatewaySeam, RingError, RingReader
 from daemon.recorder.audit_chain import Place, check, sealed
 from daemon.recorder.audit_file import end_of
 from daemon.recorder.audit_log import _said
-from daemon.recorder.ring_follower import Trail
+from daemon.recorder.ring_follower import RingFollower
 from daemon.wire.refusals import SetpointRefusal
 from drives.cia402.axis_file import AxisFile
 
@@ -55,7 +55,7 @@ FILE_COUNT = 60
 """Of what is a file: each is written and read."""
 
 LEVEL = msgspec.msgpack.encode(
-    Level(
+    GatewayState(
         "boot",
         7,
         6,
@@ -71,7 +71,7 @@ SETPOINT = (
 )
 QUERY = b'{"client": "display", "for_cycle": 12, "mode": "gait", "cadence_hz": 0.25}'
 NOTES = msgspec.json.encode(
-    Notes(
+    PersistentState(
         axes={"right/hip": AxisNote(0.3, 1_700_000_000_000_000_000)},
         latched=LatchedNote(
             "S1", "EMERGENCY", "right/hip", 1.0, 2.0, "x", 1_700_000_000_000_000_000
@@ -191,7 +191,7 @@ def look(path: Path) -> None:
     with contextlib.suppress(RecordingError):
         read_ring(path)
     with contextlib.suppress(RingError), contextlib.closing(RingReader(path)) as ring:
-        trail = Trail.of(ring, live=False)
+        trail = RingFollower.of(ring, live=False)
         assert len(list(trail.advance(100))) <= ring.slot_count
         for stop in filter(None, (trail.end(),)):
             assert isinstance(stop.utc_ns, int)
@@ -242,11 +242,11 @@ def test_damaged_records_are_left_out_of_a_replay_and_counted(tmp_path):
 
 
 def test_any_state_file_is_believed_whole_or_latched_as_unreadable(tmp_path):
-    core = SimpleNamespace(notes=Notes(), verdict=Verdict(), causes_told=set(), events=[])
+    core = SimpleNamespace(notes=PersistentState(), verdict=Verdict(), causes_told=set(), events=[])
     huge = NOTES.replace(b"1700000000000000000", b"1" + b"0" * 30)
     for data in (huge, *NASTY, *shaken(NOTES, FILE_COUNT)):
         (tmp_path / NAME).write_bytes(data)
-        notebook = Notebook(tmp_path)
+        notebook = StateFile(tmp_path)
         core.notes, core.events = notebook.notes, []
         assert latching.take_over(core) == (core.notes.latched is not None)
         notebook.write(core.notes)

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from records import HEADER, cut_out, record
 
 from daemon.ipc import transport
-from daemon.ipc.ring_clip import Cutting, kept_file, kept_files, name_of, trimmed
+from daemon.ipc.ring_clip import ClipWriter, kept_file, kept_files, name_of, trimmed
 from daemon.ipc.transport import ASIDE_NAME, RING_NAME, Kept, RingError, RingReader, RingWriter
 from daemon.recorder import black_box
 from daemon.recorder.black_box import Window
-from daemon.recorder.ring_follower import Stop, Trail
+from daemon.recorder.ring_follower import RingFollower, Stop
 
 KEPT = Kept("hand_switch_open", "right/hip", "", 5, 1_795_261_054_847_122_612, 1, 9, True)
 
@@ -56,7 +56,7 @@ def test_a_window_keeps_exactly_those_of_its_records_that_the_ring_has(
     last = first + count - 1
     there = [one for one in map(ring.read, range(first, last + 1)) if one is not None]
     stop = Stop("cause", "", "", first, 0)
-    window = Window(Trail.of(ring), stop, first, last, due_ns=0)
+    window = Window(RingFollower.of(ring), stop, first, last, due_ns=0)
 
     while not window.copy(piece):
         pass
@@ -75,7 +75,11 @@ def test_a_window_keeps_exactly_those_of_its_records_that_the_ring_has(
 def test_a_window_of_thousands_of_records_is_not_thousands_of_objects(ring):
     stop = Stop("cause", "", "", transport.SLOT_COUNT, 0)
     window = Window(
-        Trail.of(ring), stop, transport.SLOT_COUNT - 1000, transport.SLOT_COUNT + 400, due_ns=0
+        RingFollower.of(ring),
+        stop,
+        transport.SLOT_COUNT - 1000,
+        transport.SLOT_COUNT + 400,
+        due_ns=0,
     )
     window.copy(1)
     before = sys.getallocatedblocks()
@@ -88,9 +92,11 @@ def test_a_window_of_thousands_of_records_is_not_thousands_of_objects(ring):
 
 def test_a_window_longer_than_its_ring_asks_for_no_more_memory_than_the_ring_has(ring, monkeypatch):
     asked: list[int] = []
-    monkeypatch.setattr(black_box, "Cutting", lambda room: asked.append(room) or Cutting(room))
+    monkeypatch.setattr(
+        black_box, "ClipWriter", lambda room: asked.append(room) or ClipWriter(room)
+    )
     newest = ring.newest_seq()
-    window = Window(Trail.of(ring), Stop("cause", "", "", newest, 0), 1, 10**12, due_ns=0)
+    window = Window(RingFollower.of(ring), Stop("cause", "", "", newest, 0), 1, 10**12, due_ns=0)
 
     while not window.copy(1000):
         pass

@@ -20,7 +20,7 @@ from daemon.ipc.record import (
     AxisStrideRecord,
     Cause,
     EmergencyRecord,
-    Level,
+    GatewayState,
     Outcome,
     RequestResult,
     StopCategory,
@@ -66,7 +66,7 @@ def test_a_record_survives_the_ring_bit_for_bit(ends):
 
 
 def test_a_level_reaches_the_core_and_rubbish_is_counted(ends, tmp_path):
-    level = Level("boot", seq=1, for_cycle=7, stop_count=0)
+    level = GatewayState("boot", seq=1, for_cycle=7, stop_count=0)
 
     ends.gateway.send(level)
     ends.gateway._datagrams.send(b"rubbish")
@@ -301,7 +301,7 @@ def integers_and_texts(kind, place=""):
             yield place, kind
 
 
-@pytest.mark.parametrize("kind", [Level, wire.SetpointMessage, wire.Ask, *ASKS.values()])
+@pytest.mark.parametrize("kind", [GatewayState, wire.SetpointMessage, wire.Ask, *ASKS.values()])
 def test_what_somebody_else_may_write_has_a_bound(kind):
     found_in_it = list(integers_and_texts(inspect.type_info(kind)))
 
@@ -321,7 +321,7 @@ class Endless:
     """A socket whose sender never rests."""
 
     def recv(self, _size):
-        return msgspec.msgpack.encode(Level("boot", 1, 1, 0))
+        return msgspec.msgpack.encode(GatewayState("boot", 1, 1, 0))
 
     def close(self):
         """Nothing to let go of."""

@@ -15,7 +15,7 @@ from gaitd_lab.demonstration.feed import HEARD, TRUE, Track, TruthTail
 from gaitd_lab.demonstration.judgement import Row, Span, judge, pairs, within
 from gaitd_lab.demonstration.picture import Results, draw
 from gaitd_lab.demonstration.script import ActError, Kind
-from gaitd_lab.demonstration.stage import Troupe, write_configs
+from gaitd_lab.demonstration.stage import ManagedProcess, write_configs
 from sim_drives.plant.truth import TruthRow
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -155,7 +155,7 @@ def test_the_springs_of_the_empty_machine_carry_it_where_it_starts(tmp_path):
 
 
 def test_a_process_that_dies_is_reported_with_its_last_words(tmp_path):
-    troupe = Troupe("the dancer", ["dance"], tmp_path / "log")
+    troupe = ManagedProcess("the dancer", ["dance"], tmp_path / "log")
     troupe._process.wait(30)
 
     with pytest.raises(ActError, match=r"(?s)the dancer ended with 2.*dance"):

@@ -19,7 +19,7 @@ from drives.bringup.configurator import Configurator
 from drives.bringup.plan import plan
 from drives.bringup.steps import StepKind
 from drives.canopen.bus import Frame
-from drives.canopen.sniffer import Witness
+from drives.canopen.sniffer import BusSniffer
 from drives.errors import BringUpRefused, DescriptionError, DriveSilent, SdoTimeout
 from drives.service.compare import expectations, in_hex, with_plan, with_values
 from drives.service.dump import (
@@ -386,7 +386,7 @@ def test_a_fresh_drive_holds_its_eds_s_defaults_but_for_the_motor():
 
 
 def witness_of(*frames):
-    witness = Witness()
+    witness = BusSniffer()
     for frame in frames:
         witness.take(frame, 0)
     return witness

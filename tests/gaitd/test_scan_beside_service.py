@@ -11,7 +11,7 @@ from daemon.ipc.record import BusRecord, Mode, ModeRequest, RequestKind
 from drives.bringup.configurator import Configurator
 from drives.bringup.plan import plan
 from drives.canopen.bus import Frame
-from drives.canopen.sniffer import Witness, WitnessedBus
+from drives.canopen.sniffer import BusSniffer, WitnessedBus
 from drives.service.dump import read_objects, readable
 from drives.service.eds import load_eds
 from drives.service.inventory import FindingKind, take_stock
@@ -153,7 +153,7 @@ def test_a_dump_of_a_walking_drive_changes_no_record(warm_walking, alone):
 def test_nothing_is_stored_or_restored_beside_a_service_or_in_a_drive_that_has_power():
     session = Session().enabled()
     station = SecondStation(session.lockstep)
-    witness = Witness()
+    witness = BusSniffer()
     with closing(WitnessedBus(station, station.clock, witness)) as bus:
         bus.receive_until(station.clock.now_ns() + 1, station.clock)
         session.lockstep.run(0.1)

@@ -16,7 +16,7 @@ from sessions import CONFIGS
 from daemon.ipc.assist_record import AssistRecord, LegAssistRecord
 from daemon.ipc.record import (
     Cause,
-    Level,
+    GatewayState,
     Mode,
     ModeRequest,
     Outcome,
@@ -174,7 +174,7 @@ class Bench:
         """The gateway forwards a setpoint for the newest cycle."""
         good = Setpoint(lease=1, seq=self.seq, for_cycle=self.seq, hip_assist_nm=5.0, leg="right")
         setpoint = msgspec.structs.replace(good, **changed)
-        self.watch.tells(Level("boot", self.seq, self.seq, 0, Request(), (setpoint,), lease))
+        self.watch.tells(GatewayState("boot", self.seq, self.seq, 0, Request(), (setpoint,), lease))
 
     def assisted(self, count: int, mode=Mode.GAIT, **changed: float) -> None:
         """Cycles with assist in force, and a setpoint before each."""
@@ -482,7 +482,7 @@ def test_a_stop_and_a_request_in_the_same_cycle_allow_nothing(bench):
 
 
 def test_a_gateway_that_outlives_a_core_repeats_itself_until_it_hears_the_next_one():
-    told: list[Level] = []
+    told: list[GatewayState] = []
     asker = Asker(told.append)
     asker.expect("first")
     asker.publish(any_record(1))

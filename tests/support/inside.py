@@ -159,14 +159,14 @@ class Report:
 
 def warm() -> None:
     """Import and compile what the parts of the service use."""
-    from daemon.core.modes.persistent_state import Notes
+    from daemon.core.modes.persistent_state import PersistentState
     from daemon.core.runtime.build import build
     from daemon.core.runtime.warm_up import warm_up
     from daemon.preflight.judgement import accepted
     from gaitd_lab.virtual_machine import virtual_machine
 
     settings = accepted(CONFIGS / TEMPLATE)
-    warm_up(build(settings, "warm", Notes()))
+    warm_up(build(settings, "warm", PersistentState()))
     virtual_machine(settings.file).world.advance_to(20_000_000)
 
 

@@ -6,7 +6,7 @@ import msgspec
 
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.record import CycleRecord, DriveRecord, LegRecord, Mode, RequestResult, Verdict
-from daemon.ipc.ring_clip import Cutting
+from daemon.ipc.ring_clip import ClipWriter
 from daemon.ipc.transport import SLOT_COUNT, SLOT_SIZE, RingHeader
 
 HEADER = RingHeader(
@@ -93,9 +93,9 @@ def record(seq: int) -> CycleRecord:
     )
 
 
-def cut_out(records: Iterable[CycleRecord]) -> Cutting:
+def cut_out(records: Iterable[CycleRecord]) -> ClipWriter:
     """Records as the black box takes them out of a ring."""
-    cutting = Cutting(SLOT_COUNT * SLOT_SIZE)
+    cutting = ClipWriter(SLOT_COUNT * SLOT_SIZE)
     for one in records:
         cutting.add(one.seq, msgspec.msgpack.encode(one))
     return cutting

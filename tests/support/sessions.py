@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from analysis.accuracy import Score, score
-from daemon.core.modes.persistent_state import Notes
+from daemon.core.modes.persistent_state import PersistentState
 from daemon.ipc.record import (
     CycleRecord,
     Mode,
@@ -33,7 +33,7 @@ AXES = ("hip", "slide")
 class Session:
     """One machine and one service, from power-on."""
 
-    def __init__(self, configs: Path = CONFIGS, notes: Notes | None = None) -> None:
+    def __init__(self, configs: Path = CONFIGS, notes: PersistentState | None = None) -> None:
         self.settings = load(configs / "demo.toml")
         self.truth = TruthLog(None)
         self.machine: Machine = virtual_machine(self.settings.file, truth={"right": self.truth})

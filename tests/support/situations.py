@@ -4,7 +4,7 @@ import math
 
 from daemon.core.safety.checks import NO_VERDICT, judge
 from daemon.core.safety.effort_monitor import EffortWatch
-from daemon.core.safety.inputs import AxisSituation, LegSituation, ServiceSituation
+from daemon.core.safety.inputs import AxisInputs, LegInputs, ServiceInputs
 from daemon.core.safety.limits import AxisLimits, Categories, Thresholds
 from daemon.core.steps.joints import Joint
 from daemon.wire.causes import CHOSEN_CATEGORY
@@ -58,7 +58,7 @@ THRESHOLDS = Thresholds(
     mode_switch_cycles=5,
 )
 CATEGORIES = Categories({cause.name.lower(): "S1" for cause in CHOSEN_CATEGORY})
-WELL = ServiceSituation(
+WELL = ServiceInputs(
     stop_requested=False,
     shutdown_requested=False,
     gateway_age_cycles=1,
@@ -67,7 +67,7 @@ WELL = ServiceSituation(
     bus_error="",
     tx_dropped_in_a_row=0,
 )
-LEG = LegSituation("right", singularity_ratio=0.8, stopping_ratio=0.75, observer_bad_cycles=0)
+LEG = LegInputs("right", singularity_ratio=0.8, stopping_ratio=0.75, observer_bad_cycles=0)
 FEEDBACK = DriveFeedback(
     node_id=5,
     nmt_state=NmtState.OPERATIONAL,
@@ -100,7 +100,7 @@ JOINT = Joint(
     sample_ns=1_000_000_000,
     counts=100,
 )
-AXIS = AxisSituation(
+AXIS = AxisInputs(
     name="right/hip",
     feedback=FEEDBACK,
     joint=JOINT,

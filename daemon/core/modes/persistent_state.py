@@ -102,7 +102,7 @@ class LatchedNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Time at which the verdict was first stored."""
 
 
-class Notes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class PersistentState(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The whole persistent state, as stored in the state file; axes by name."""
 
     axes: dict[str, AxisNote] = {}
@@ -119,12 +119,12 @@ class Notes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The stored state of one axis; an empty note if there is none."""
         return self.axes.get(name, AxisNote())
 
-    def noted(self, name: str, note: AxisNote) -> "Notes":
+    def noted(self, name: str, note: AxisNote) -> "PersistentState":
         """A copy with another note for one axis."""
         return replace(self, axes={**self.axes, name: note})
 
 
-UNREADABLE: Final = Notes(
+UNREADABLE: Final = PersistentState(
     damaged=True,
     latched=LatchedNote("S1", "LAST_END_UNKNOWN", detail="the notes of that run cannot be read"),
 )
@@ -138,7 +138,7 @@ class PoseRules(NamedTuple):
     believed_without_pose: bool
 
 
-def disagreement(notes: Notes, name: str, position_si: float, rules: PoseRules) -> str:
+def disagreement(notes: PersistentState, name: str, position_si: float, rules: PoseRules) -> str:
     """The reason why an absolute encoder is not accepted; empty if it is (rules 2 and 3)."""
     stored_si = notes.of(name).position_si
     if stored_si is None and notes.damaged:
@@ -150,7 +150,7 @@ def disagreement(notes: Notes, name: str, position_si: float, rules: PoseRules) 
     return f"its encoder says {position_si:.4g}, it was left at {stored_si:.4g}"
 
 
-def proven(notes: Notes, name: str, wiring: Wiring, serial_number: int) -> bool:
+def proven(notes: PersistentState, name: str, wiring: Wiring, serial_number: int) -> bool:
     """True if the sign of this axis is proven for its present drive and wiring (rule 4)."""
     proof = notes.of(name).proof
     if proof is None:
@@ -179,7 +179,9 @@ def prove(
     )
 
 
-def with_pose(notes: Notes, name: str, position_si: float, utc_ns: int) -> Notes:
+def with_pose(
+    notes: PersistentState, name: str, position_si: float, utc_ns: int
+) -> PersistentState:
     """A copy with the present pose of an axis; the same object if the axis has not moved."""
     note = notes.of(name)
     stored_si = note.position_si
@@ -188,6 +190,6 @@ def with_pose(notes: Notes, name: str, position_si: float, utc_ns: int) -> Notes
     return notes.noted(name, replace(note, position_si=position_si, noted_utc_ns=utc_ns))
 
 
-def with_proof(notes: Notes, name: str, proof: SignProof) -> Notes:
+def with_proof(notes: PersistentState, name: str, proof: SignProof) -> PersistentState:
     """A copy with the proof of an axis's sign."""
     return notes.noted(name, replace(notes.of(name), proof=proof))

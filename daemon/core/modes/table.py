@@ -152,7 +152,7 @@ def event_of(kind: RequestKind, wanted: ModeRequest) -> Event | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Circumstances:
+class GuardInputs:
     """Inputs of the guards, collected in the cycle of the request."""
 
     mode: Mode
@@ -187,7 +187,7 @@ class Circumstances:
     """Names of the axes whose drive is silent or got NMT stop: the next bring-up checks them."""
 
 
-def refusal(kind: RequestKind, wanted: ModeRequest, now: Circumstances) -> str:
+def refusal(kind: RequestKind, wanted: ModeRequest, now: GuardInputs) -> str:
     """The reason why a request is refused; empty if it is allowed."""
     event = event_of(kind, wanted)
     if event is None:
@@ -225,7 +225,7 @@ HAND_GUIDING does not need one: the patient may have to get out.
 """
 
 
-def _refuse_enable(now: Circumstances) -> str:
+def _refuse_enable(now: GuardInputs) -> str:
     if not now.gateway_alive:
         return "the gateway is not alive"
     if not now.hand_switch_closed:
@@ -248,7 +248,7 @@ def _refuse_enable(now: Circumstances) -> str:
     return ""
 
 
-def _refuse_preparation(now: Circumstances) -> str:
+def _refuse_preparation(now: GuardInputs) -> str:
     if now.patient_configured:
         return "one axis alone is moved in the empty machine, and a patient is configured"
     if not now.gateway_alive:
@@ -266,7 +266,7 @@ def _not_sampled(axes: Iterable[str]) -> str:
     return f"no sample of this cycle: {', '.join(axes)}: ask again"
 
 
-def _refuse_reset(now: Circumstances) -> str:
+def _refuse_reset(now: GuardInputs) -> str:
     unsampled = [name for name in now.unsampled if name not in now.lost]
     if now.mode == Mode.FAULT and unsampled:
         return _not_sampled(unsampled)
@@ -279,7 +279,7 @@ def _refuse_reset(now: Circumstances) -> str:
     return ""
 
 
-def _refuse_gait(wanted: ModeRequest, now: Circumstances) -> str:
+def _refuse_gait(wanted: ModeRequest, now: GuardInputs) -> str:
     if not CADENCE_MIN_HZ <= wanted.cadence_hz <= now.cadence_max_hz:
         allowed = f"{CADENCE_MIN_HZ:g} to {now.cadence_max_hz:g}"
         return f"cadence_hz = {wanted.cadence_hz:g}, allowed {allowed}"
@@ -296,7 +296,7 @@ DURATION_MAX_S = 3600.0
 """Longest gait of one request, s."""
 
 
-def _refuse_excite(wanted: ModeRequest, now: Circumstances) -> str:
+def _refuse_excite(wanted: ModeRequest, now: GuardInputs) -> str:
     longest_s = now.scenarios.get(wanted.scenario)
     if longest_s is None:
         known = ", ".join(sorted(now.scenarios))

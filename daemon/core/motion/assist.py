@@ -43,7 +43,7 @@ class AssistRules(NamedTuple):
     """Largest change of the stiffness share per cycle."""
 
 
-class Desk(NamedTuple):
+class SetpointContext(NamedTuple):
     """State of the core in this cycle against which a setpoint is checked."""
 
     lease: int
@@ -81,7 +81,7 @@ def judge(
     setpoint: Setpoint,
     last_seq: int,
     limits: tuple[AxisLimits, AxisLimits],
-    desk: Desk,
+    desk: SetpointContext,
     rules: AssistRules,
 ) -> SetpointRefusal:
     """Check a setpoint; NONE if it is accepted, else the reason to refuse it.
@@ -97,7 +97,7 @@ def judge(
 
 
 def _by_sender(
-    setpoint: Setpoint, last_seq: int, desk: Desk, rules: AssistRules
+    setpoint: Setpoint, last_seq: int, desk: SetpointContext, rules: AssistRules
 ) -> SetpointRefusal:
     if desk.lease == 0:
         return SetpointRefusal.UNLEASED
@@ -113,7 +113,7 @@ def _by_sender(
 
 
 def _by_content(
-    setpoint: Setpoint, limits: tuple[AxisLimits, AxisLimits], desk: Desk
+    setpoint: Setpoint, limits: tuple[AxisLimits, AxisLimits], desk: SetpointContext
 ) -> SetpointRefusal:
     wanted = wanted_si(setpoint)
     if not all(map(math.isfinite, (*wanted, setpoint.stiffness_ratio))):

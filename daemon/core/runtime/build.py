@@ -11,7 +11,7 @@ from daemon.config.drive_plan import cycle_settings, drive_limits
 from daemon.config.limit_settings import Limits
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Commissioning, Reference, Trainer
-from daemon.core.modes.persistent_state import Notes, PoseRules, Wiring
+from daemon.core.modes.persistent_state import PersistentState, PoseRules, Wiring
 from daemon.core.motion.assist import AssistRules
 from daemon.core.motion.single_axis import OVER, Homing, HomingRules, Preparation, PushRules
 from daemon.core.motion.trajectory import gait_shape
@@ -66,7 +66,7 @@ class Built:
     cycle: CycleSettings
 
 
-def build(settings: Settings, boot_id: str, notes: Notes) -> Built:
+def build(settings: Settings, boot_id: str, notes: PersistentState) -> Built:
     """Build a core from the configuration and the persistent state of its last run."""
     friction = friction_parameters(settings.robot)
     limits = settings.limits

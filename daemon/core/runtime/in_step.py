@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from daemon.ipc.record import CycleRecord, Level
+from daemon.ipc.record import CycleRecord, GatewayState
 from daemon.ipc.transport import CoreSeam
 from simtime.processes import IN_A_DEBUGGER, STOPPED, process_state
 
@@ -71,7 +71,7 @@ class InStepSeam:
         self._gateway_expected = self._gateway_expected and taken
         return taken
 
-    def levels(self) -> list[Level]:
+    def levels(self) -> list[GatewayState]:
         """As `CoreSeam.levels`, once gateway and lease holder have caught up."""
         levels = self._read()
         looks = stopped_looks = 0
@@ -96,14 +96,14 @@ class InStepSeam:
         """As `CoreSeam.take_notices`."""
         return self._seam.take_notices()
 
-    def _read(self) -> list[Level]:
+    def _read(self) -> list[GatewayState]:
         levels = self._seam.levels()
         for level in levels:
             if level.core_boot_id == self._boot_id:
                 self._note(level)
         return levels
 
-    def _note(self, level: Level) -> None:
+    def _note(self, level: GatewayState) -> None:
         self._gateway_expected = True
         self._level_cycle = max(self._level_cycle, level.for_cycle)
         self._is_leased = level.lease != 0

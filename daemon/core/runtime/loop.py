@@ -40,7 +40,7 @@ from daemon.core.steps import impedance, poses, supervisor
 from daemon.core.steps.bring_up import bring_up_core, fail
 from daemon.core.tick import Tick
 from daemon.ipc.cycle_timing import CyclePart, CycleTiming
-from daemon.ipc.record import Cause, CycleRecord, Level, Mode
+from daemon.ipc.record import Cause, CycleRecord, GatewayState, Mode
 from daemon.system.clock import Clock
 from drives.canopen.bus import Frame
 from drives.canopen.nmt import NmtCommand, heartbeat_frame, nmt_frame
@@ -156,7 +156,7 @@ class Loop:
         if self._core.mode == Mode.OFF and self._clock.now_ns() >= self._retry_ns:
             self._bring_up()
             realtime.tidy()
-        levels: list[Level] = []
+        levels: list[GatewayState] = []
         try:
             self._await_grid_point()
             self._leave_out_missed()
@@ -192,7 +192,7 @@ class Loop:
             if self._clock.now_ns() >= self._grid.due_ns:
                 return  # SYNC does not wait for a continuously busy bus
 
-    def _cycle_once(self, levels: Sequence[Level]) -> CycleRecord:
+    def _cycle_once(self, levels: Sequence[GatewayState]) -> CycleRecord:
         begun_ns, begun_utc_ns = self._clock.now_ns(), self._clock.utc_ns()
         line, core, window = self._line, self._core, self._window
         window.begin()
@@ -321,7 +321,7 @@ class Loop:
             shutdown=self._shutdown,
         )
 
-    def _hear_levels(self) -> list[Level]:
+    def _hear_levels(self) -> list[GatewayState]:
         levels = self._seam.levels()
         self._core.events += self._seam.take_notices()
         return levels

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from daemon.core.runtime.build import Plans
 from daemon.core.runtime.state_file import NoteKeeper
-from daemon.ipc.record import CycleRecord, Level
+from daemon.ipc.record import CycleRecord, GatewayState
 from drives.bringup.plan import CycleSettings
 from drives.canopen.bus import Bus
 
@@ -28,7 +28,7 @@ class Seam(Protocol):
         """Publish a record."""
         ...
 
-    def levels(self) -> list[Level]:
+    def levels(self) -> list[GatewayState]:
         """All gateway states that wait."""
         ...
 

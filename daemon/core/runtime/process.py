@@ -21,7 +21,7 @@ from daemon.core.runtime.build import NS_PER_MS, Built, build, ring_header
 from daemon.core.runtime.in_step import InStepSeam
 from daemon.core.runtime.loop import Loop
 from daemon.core.runtime.loop_settings import ExitCode, LoopSettings
-from daemon.core.runtime.state_file import Notebook, NoteKeeper
+from daemon.core.runtime.state_file import NoteKeeper, StateFile
 from daemon.core.runtime.systemd import ERROR, INFORMATIONAL, WARNING, Supervision
 from daemon.core.runtime.warm_up import warm_up
 from daemon.ipc.transport import CoreSeam, RingHeader
@@ -48,9 +48,9 @@ def _directories(settings: Settings) -> Generator[None]:
         yield
 
 
-def _notebook(settings: Settings) -> Notebook:
+def _notebook(settings: Settings) -> StateFile:
     with directory_errors(settings.file.path, "paths.state", settings.state):
-        return Notebook(settings.state)
+        return StateFile(settings.state)
 
 
 def _seam(settings: Settings, header: RingHeader) -> CoreSeam:
@@ -58,7 +58,7 @@ def _seam(settings: Settings, header: RingHeader) -> CoreSeam:
         return CoreSeam(settings.runtime, header)
 
 
-class Wishes:
+class ShutdownSignals:
     """Requests by SIGTERM, SIGINT and SIGHUP, which the loop reads once a turn."""
 
     def __init__(self) -> None:
@@ -103,7 +103,7 @@ def run_core(
     Raises:
         ConfigError: a directory cannot be written, is full, or another core holds it.
     """
-    wishes = Wishes()
+    wishes = ShutdownSignals()
     with _directories(settings):
         return _run(settings, notify_address, log, wishes, has_watchdog=has_watchdog)
 
@@ -112,7 +112,7 @@ def _run(
     settings: Settings,
     notify_address: str | None,
     log: Journal,
-    wishes: Wishes,
+    wishes: ShutdownSignals,
     *,
     has_watchdog: bool,
 ) -> ExitCode:

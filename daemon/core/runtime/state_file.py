@@ -19,22 +19,22 @@ from typing import Final, Protocol
 
 import msgspec
 
-from daemon.core.modes.persistent_state import FORMAT, UNREADABLE, Notes
+from daemon.core.modes.persistent_state import FORMAT, UNREADABLE, PersistentState
 from daemon.ipc.decoding import Decoder, RefusedError
 from daemon.ipc.state_file import NAME, SIZE
 
-NOTES: Final = Decoder(msgspec.json.Decoder(Notes).decode)
+NOTES: Final = Decoder(msgspec.json.Decoder(PersistentState).decode)
 
 
 class NoteKeeper(Protocol):
-    """Interface of the state file for the loop: `Notebook`, or a list in a test."""
+    """Interface of the state file for the loop: `StateFile`, or a list in a test."""
 
-    def write(self, notes: Notes) -> None:
+    def write(self, notes: PersistentState) -> None:
         """Store the persistent state, without waiting."""
         ...
 
 
-class Notebook:
+class StateFile:
     """The state file in the state directory."""
 
     def __init__(self, state: Path) -> None:
@@ -54,7 +54,7 @@ class Notebook:
         if new:
             self.write(self.notes)
 
-    def write(self, notes: Notes) -> None:
+    def write(self, notes: PersistentState) -> None:
         """As `NoteKeeper.write`.
 
         Raises:
@@ -71,9 +71,9 @@ class Notebook:
         self._map.close()
 
 
-def _read(path: Path) -> Notes:
+def _read(path: Path) -> PersistentState:
     if not path.exists():
-        return Notes()
+        return PersistentState()
     try:
         notes = NOTES.decode(path.read_bytes().strip(b"\0 \n"))
     except RefusedError:

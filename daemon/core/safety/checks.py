@@ -18,7 +18,7 @@ The checks are the same for real and simulated drives.
 import math
 from collections.abc import Callable, Iterator, Sequence
 
-from daemon.core.safety.inputs import AxisSituation, LegSituation, ServiceSituation
+from daemon.core.safety.inputs import AxisInputs, LegInputs, ServiceInputs
 from daemon.core.safety.limits import Categories, Thresholds
 from daemon.core.steps.joints import jump_reach_si
 from daemon.ipc.record import Cause, Verdict
@@ -58,9 +58,9 @@ def worse(latched: Verdict, found: Verdict) -> Verdict:
 
 
 def judge(
-    service: ServiceSituation,
-    axes: Sequence[AxisSituation],
-    legs: Sequence[LegSituation],
+    service: ServiceInputs,
+    axes: Sequence[AxisInputs],
+    legs: Sequence[LegInputs],
     thresholds: Thresholds,
     categories: Categories,
     *,
@@ -89,9 +89,9 @@ def judge(
 
 
 def _findings(
-    service: ServiceSituation,
-    axes: Sequence[AxisSituation],
-    legs: Sequence[LegSituation],
+    service: ServiceInputs,
+    axes: Sequence[AxisInputs],
+    legs: Sequence[LegInputs],
     thresholds: Thresholds,
     driving: bool,
 ) -> Iterator[tuple[str, Finding]]:
@@ -113,7 +113,7 @@ def _findings(
                 yield leg.name, finding
 
 
-def _judge_service(service: ServiceSituation, thresholds: Thresholds) -> Iterator[Finding]:
+def _judge_service(service: ServiceInputs, thresholds: Thresholds) -> Iterator[Finding]:
     if service.stop_requested:
         yield Cause.STOP_REQUESTED, 0.0, 0.0, ""
     if service.shutdown_requested:
@@ -134,7 +134,7 @@ def _judge_service(service: ServiceSituation, thresholds: Thresholds) -> Iterato
         )
 
 
-def _judge_bus(service: ServiceSituation) -> Iterator[Finding]:
+def _judge_bus(service: ServiceInputs) -> Iterator[Finding]:
     if service.bus_error:
         yield Cause.BUS_DOWN, 0.0, 0.0, service.bus_error
     if service.bus_off:
@@ -148,7 +148,7 @@ def _judge_bus(service: ServiceSituation) -> Iterator[Finding]:
         )
 
 
-def _inputs(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
+def _inputs(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
     if not axis.joint.known:
         return
     if Input.HAND_SWITCH_CLOSED not in axis.feedback.inputs:
@@ -157,7 +157,7 @@ def _inputs(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
         yield Cause.STO_ACTIVE, 0.0, 1.0, ""
 
 
-def _limit_switches(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
+def _limit_switches(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
     """Check for motion towards an active limit switch; motion away from it is allowed.
 
     A homing moves to its switch on purpose.
@@ -179,7 +179,7 @@ _SWITCHES = (
 )
 
 
-def _communication(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
+def _communication(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
     feedback = axis.feedback
     if feedback.rebooted:
         yield Cause.DRIVE_REBOOTED, 0.0, 0.0, "boot-up message in operation"
@@ -201,7 +201,7 @@ def _communication(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Find
         )
 
 
-def _fault(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
+def _fault(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
     """Check for drive faults and new EMCY alarms; a later 0000h does not cancel an alarm."""
     feedback = axis.feedback
     if feedback.in_fault:
@@ -213,7 +213,7 @@ def _fault(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
         yield Cause.EMERGENCY, 0.0, 0.0, f"{feedback.alarm.code:04X}h {feedback.alarm.text}"
 
 
-def _unasked(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
+def _unasked(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
     """Check for a drive that has power without a request by the core.
 
     Power that appears after the drive was off counts at once. A drive that was enabled by the core
@@ -233,7 +233,7 @@ def _unasked(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
         )
 
 
-def _power(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
+def _power(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
     """Check that a drive that should be enabled is enabled, in its mode and following.
 
     The newest statusword counts even in an incomplete sample, since the next controlword depends on
@@ -264,7 +264,7 @@ def _power(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
         yield Cause.NOT_FOLLOWING, 0.0, 1.0, "statusword bit 12"
 
 
-def _numbers(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
+def _numbers(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
     """Check that position and effort are finite: NaN would pass every comparison below."""
     if not math.isfinite(axis.joint.position_si):
         yield Cause.ENCODER_JUMP, 0.0, 0.0, "its position is no number"
@@ -272,7 +272,7 @@ def _numbers(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
         yield Cause.EFFORT_DEVIATION, 0.0, 0.0, "its effort is no number"
 
 
-def _encoder(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
+def _encoder(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
     joint, limits = axis.joint, axis.limits
     sampled = joint.fresh and joint.elapsed_s > 0
     reach_si = jump_reach_si(joint, limits, thresholds)
@@ -309,7 +309,7 @@ def _encoder(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
         )
 
 
-def _efforts(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
+def _efforts(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
     """Check that measured and sent effort match (`effort_monitor.py`), with power or without."""
     watch, limits = axis.watch, axis.limits
     if watch.gap_cycles >= thresholds.deviation_cycles:
@@ -321,7 +321,7 @@ def _efforts(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
         )
 
 
-def _directions(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
+def _directions(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
     watch, limits = axis.watch, axis.limits
     if watch.sign_mismatch_cycles >= thresholds.sign_mismatch_cycles:
         yield (
@@ -332,7 +332,7 @@ def _directions(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding
         )
 
 
-def _strides(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
+def _strides(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
     """Check the sums over the last stride, and the duration of a spasm."""
     limits = axis.limits
     if abs(axis.stride_drift_si) > limits.load_deviation_max_si:
@@ -348,7 +348,7 @@ def _strides(axis: AxisSituation, thresholds: Thresholds) -> Iterator[Finding]:
         yield Cause.SPASM, abs(axis.spasm_rise_si), limits.spasm_rise_si, "rise against the motion"
 
 
-def _positions(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
+def _positions(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
     joint, limits = axis.joint, axis.limits
     if not joint.known or not axis.referenced or axis.homing:
         return
@@ -363,7 +363,7 @@ def _positions(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
         yield Cause.STOPPING_PATH, axis.stopping_end_si, highest_si, "comes to rest above"
 
 
-def _limits(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
+def _limits(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
     joint, limits = axis.joint, axis.limits
     if not joint.known:
         return
@@ -385,7 +385,7 @@ def _limits(axis: AxisSituation, _: Thresholds) -> Iterator[Finding]:
 EFFORT_MARGIN_RATIO = 1.1
 """Margin over the effort limit: the command is bounded, but the current loop may overshoot."""
 
-Check = Callable[[AxisSituation, Thresholds], Iterator[Finding]]
+Check = Callable[[AxisInputs, Thresholds], Iterator[Finding]]
 RESTING_CHECKS: tuple[Check, ...] = (_communication, _fault, _unasked, _efforts)
 DRIVING_CHECKS: tuple[Check, ...] = (
     _inputs,
@@ -404,7 +404,7 @@ DRIVING_CHECKS: tuple[Check, ...] = (
 )
 
 
-def _judge_leg(leg: LegSituation, thresholds: Thresholds) -> Iterator[Finding]:
+def _judge_leg(leg: LegInputs, thresholds: Thresholds) -> Iterator[Finding]:
     if leg.singularity_ratio < thresholds.singularity_stop_ratio:
         yield (
             Cause.SINGULARITY,

@@ -9,7 +9,7 @@ from drives.signals import DriveFeedback
 
 
 @dataclass(frozen=True, slots=True)
-class AxisSituation:
+class AxisInputs:
     """Safety inputs of one axis."""
 
     name: str
@@ -62,7 +62,7 @@ class AxisSituation:
 
 
 @dataclass(frozen=True, slots=True)
-class LegSituation:
+class LegInputs:
     """Safety inputs of one leg."""
 
     name: str
@@ -75,7 +75,7 @@ class LegSituation:
 
 
 @dataclass(frozen=True, slots=True)
-class ServiceSituation:
+class ServiceInputs:
     """Safety inputs of the bus, the gateway and the core itself."""
 
     stop_requested: bool

@@ -10,7 +10,7 @@ from dataclasses import replace
 import msgspec
 
 from daemon.core.motion import assist
-from daemon.core.motion.assist import ASSISTED, FULL_STIFFNESS, Desk
+from daemon.core.motion.assist import ASSISTED, FULL_STIFFNESS, SetpointContext
 from daemon.core.motion.trajectory import TorquePlay
 from daemon.core.state import Core, Leg
 from daemon.ipc.record import Mode, Setpoint
@@ -23,7 +23,7 @@ GROWN_STALE = "its setpoints have grown stale"
 def hear(core: Core, cycle: int) -> None:
     """Check the setpoints of the newest gateway state; each setpoint is checked once."""
     by_position = core.config.gait.guidance == "position"
-    desk = Desk(core.lease, cycle, core.mode, by_position)
+    desk = SetpointContext(core.lease, cycle, core.mode, by_position)
     # The assist of one lease holder must lapse before another holder may command.
     handed_over = {
         leg.name
@@ -40,7 +40,7 @@ def hear(core: Core, cycle: int) -> None:
             _hear_one(core, setpoint, desk)
 
 
-def _hear_one(core: Core, setpoint: Setpoint, desk: Desk) -> None:
+def _hear_one(core: Core, setpoint: Setpoint, desk: SetpointContext) -> None:
     leg = next((leg for leg in core.legs if leg.name == setpoint.leg), None)
     if leg is None:
         core.setpoint_refused_count[SetpointRefusal.UNKNOWN_LEG] += 1

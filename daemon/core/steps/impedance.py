@@ -35,7 +35,7 @@ A drive that then begins to hold the position of two cycles ago finds the joint 
 """
 
 
-class Wish(NamedTuple):
+class AxisSetpoint(NamedTuple):
     """Unbounded setpoint of the plan for one axis: rad, rad/s and N·m, or m, m/s and N."""
 
     effort_si: float
@@ -100,14 +100,16 @@ def _mode(core: Core, axis: Axis) -> OperationMode:
     return axis.mode_sent if pushing and moving else wanted
 
 
-def _wishes(core: Core, leg: Leg) -> tuple[Wish, Wish]:
+def _wishes(core: Core, leg: Leg) -> tuple[AxisSetpoint, AxisSetpoint]:
     """Setpoints of the leg's plan for both axes; no effort where no drive is to be enabled."""
     hip, slide = leg.axes
     if commissioning.in_work(core) is not None:
         return _preparing_wish(core, hip), _preparing_wish(core, slide)
     reference = leg.reference
     if reference is None or not any(supervisor.enable_wanted(core, axis) for axis in leg.axes):
-        return Wish(0.0, hip.joint.position_si, 0.0), Wish(0.0, slide.joint.position_si, 0.0)
+        return AxisSetpoint(0.0, hip.joint.position_si, 0.0), AxisSetpoint(
+            0.0, slide.joint.position_si, 0.0
+        )
     config = core.config
     walking = isinstance(leg.plan, GaitPlay)
     impedance = config.gait.impedance if walking else config.hold
@@ -119,13 +121,13 @@ def _wishes(core: Core, leg: Leg) -> tuple[Wish, Wish]:
     )
     efforts = monitors.slowed(leg, efforts)
     return (
-        Wish(efforts[0], reference.position[0], reference.velocity[0]),
-        Wish(efforts[1], reference.position[1], reference.velocity[1]),
+        AxisSetpoint(efforts[0], reference.position[0], reference.velocity[0]),
+        AxisSetpoint(efforts[1], reference.position[1], reference.velocity[1]),
     )
 
 
-def _preparing_wish(core: Core, axis: Axis) -> Wish:
-    return Wish(commissioning.target_effort_si(core, axis), axis.joint.position_si, 0.0)
+def _preparing_wish(core: Core, axis: Axis) -> AxisSetpoint:
+    return AxisSetpoint(commissioning.target_effort_si(core, axis), axis.joint.position_si, 0.0)
 
 
 def _effort(
@@ -160,7 +162,7 @@ def _gains(
 
 
 def _bounded(
-    core: Core, wishes: Sequence[Wish], modes: Sequence[OperationMode], cycle: int
+    core: Core, wishes: Sequence[AxisSetpoint], modes: Sequence[OperationMode], cycle: int
 ) -> list[Target] | None:
     """Bounded targets; None if any value is not finite, even one that its mode does not use."""
     if not all(math.isfinite(number) for wish in wishes for number in wish):
@@ -181,7 +183,7 @@ def _bounded(
     return bounded
 
 
-def _prepared(core: Core, axis: Axis, wish: Wish, *, pushing: bool) -> Target | None:
+def _prepared(core: Core, axis: Axis, wish: AxisSetpoint, *, pushing: bool) -> Target | None:
     """Targets during a homing or sign test: the small effort of that test, present position."""
     limits = commissioning.limits_in_force(core, axis)
     last_si = axis.effort_sent_si if pushing else 0.0
@@ -191,7 +193,7 @@ def _prepared(core: Core, axis: Axis, wish: Wish, *, pushing: bool) -> Target | 
     return Target(effort_si if pushing else 0.0, axis.joint.position_si)
 
 
-def _guided(axis: Axis, wish: Wish, ask: targets.Ask, cycle: int) -> Target | None:
+def _guided(axis: Axis, wish: AxisSetpoint, ask: targets.Ask, cycle: int) -> Target | None:
     if ask.pushing and axis.stop is not None and axis.stop.since_cycle == cycle:
         targets.brake_from_the_target(axis, wish.position_si, wish.velocity_si, ask.dt_s)
     effort_si = targets.effort(axis, wish.effort_si, ask)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from daemon.core.inputs import Orders
+from daemon.core.inputs import CommandInputs
 from daemon.core.modes import table
 from daemon.core.modes.table import Event
 from daemon.core.motion import leg_plan, trajectory
@@ -35,7 +35,7 @@ RESET_CYCLES = 100
 """Longest duration of a requested fault reset."""
 
 
-def answer(core: Core, orders: Orders, cycle: int, utc_ns: int) -> None:
+def answer(core: Core, orders: CommandInputs, cycle: int, utc_ns: int) -> None:
     """Check a new request and execute it; its outcome may be known now or later."""
     request = orders.request
     if orders.stop:
@@ -202,7 +202,7 @@ def _excite(core: Core, leg: Leg, wanted: ModeRequest, way: Approach) -> ExciteP
     )
 
 
-def _circumstances(core: Core, cycle: int) -> table.Circumstances:
+def _circumstances(core: Core, cycle: int) -> table.GuardInputs:
     config = core.config
     fresh = [axis for axis in core.axes if axis.feedback is not None and axis.joint.fresh]
     age_max_cycles = config.thresholds.sample_age_max_cycles
@@ -212,7 +212,7 @@ def _circumstances(core: Core, cycle: int) -> table.Circumstances:
         for axis in core.axes
         if axis.feedback is not None and axis.feedback.sample_age_cycles <= age_max_cycles
     ]
-    return table.Circumstances(
+    return table.GuardInputs(
         mode=core.mode,
         gateway_alive=cycle - core.level_cycle <= config.thresholds.gateway_silence_cycles,
         at_rest=all(

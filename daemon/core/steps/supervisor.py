@@ -6,7 +6,7 @@ to rest. This file applies them to the state of the core, once a cycle, in that 
 
 from collections.abc import Sequence
 
-from daemon.core.inputs import Orders
+from daemon.core.inputs import CommandInputs
 from daemon.core.modes.table import Event
 from daemon.core.motion import (
     leg_plan,
@@ -56,7 +56,7 @@ Bus-off is not among them: the operator should check the bus first.
 
 
 def change_mode(
-    core: Core, found: Sequence[Verdict], orders: Orders, cycle: int, utc_ns: int
+    core: Core, found: Sequence[Verdict], orders: CommandInputs, cycle: int, utc_ns: int
 ) -> None:
     """Update mode, stops and plans from this cycle's verdicts, requests and time."""
     _take_verdicts(core, found, cycle)

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from situations import LIMITS
 
-from daemon.core.modes.table import TRANSITIONS, Circumstances, Event, refusal
+from daemon.core.modes.table import TRANSITIONS, Event, GuardInputs, refusal
 from daemon.core.motion.assist import (
     ASSISTED,
     AssistRules,
-    Desk,
     LegAssist,
+    SetpointContext,
     advance,
     is_in_force,
     is_neutral,
@@ -24,7 +24,7 @@ from daemon.wire.refusals import REFUSAL_TEXT, SetpointRefusal
 
 BOTH = (LIMITS, LIMITS)
 RULES = AssistRules(age_max_cycles=10, start_cycles=50, fade_cycles=20, stiffness_step_ratio=0.01)
-DESK = Desk(lease=7, cycle=100, mode=Mode.TORQUE, by_position=False)
+DESK = SetpointContext(lease=7, cycle=100, mode=Mode.TORQUE, by_position=False)
 REST = (0.0, 0.0)
 DT_S = 0.01
 
@@ -85,7 +85,7 @@ def test_what_is_wrong_with_a_setpoint_is_named(changes, desk, refusal):
     ],
 )
 def test_mode_torque_is_given_in_hold_under_a_lease_with_drives_that_go_by_torque(changes, said):
-    well = Circumstances(
+    well = GuardInputs(
         mode=Mode.HOLD,
         gateway_alive=True,
         at_rest=True,

@@ -7,8 +7,8 @@ import pytest
 from sessions import CONFIGS
 from situations import FEEDBACK, JOINT
 
-from daemon.core.inputs import NO_ORDERS, Orders
-from daemon.core.modes.persistent_state import Notes
+from daemon.core.inputs import NO_ORDERS, CommandInputs
+from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.motion import leg_plan
 from daemon.core.runtime.build import build
 from daemon.core.safety.stop_sequence import Step
@@ -40,7 +40,7 @@ class Bench:
     """A core that holds its leg; its drives show what a test says."""
 
     def __init__(self) -> None:
-        self.core: Core = build(SETTINGS, "test", Notes()).core
+        self.core: Core = build(SETTINGS, "test", PersistentState()).core
         self.core.mode, self.core.load_checked = Mode.HOLD, True
         self.cycle, self._request_id = 100, 0
         self.show(PowerState.OPERATION_ENABLED)
@@ -54,14 +54,14 @@ class Bench:
             axis.feedback = replace(FEEDBACK, node_id=axis.node_id, power_state=state)
             axis.joint = AT_REST._replace(velocity_si=velocity_si)
 
-    def turn(self, *found: Verdict, orders: Orders = NO_ORDERS) -> None:
+    def turn(self, *found: Verdict, orders: CommandInputs = NO_ORDERS) -> None:
         self.cycle += 1
         self.core.level_cycle = self.cycle
         supervisor.change_mode(self.core, found, orders, self.cycle, 0)
 
     def ask(self, kind: RequestKind) -> Outcome:
         self._request_id += 1
-        self.turn(orders=Orders(request=Request(self._request_id, kind, self.cycle)))
+        self.turn(orders=CommandInputs(request=Request(self._request_id, kind, self.cycle)))
         return self.core.result.outcome
 
     def until_stopped(self) -> Mode:

@@ -6,15 +6,15 @@ import pytest
 
 from daemon.core.modes.table import (
     TRANSITIONS,
-    Circumstances,
     Event,
+    GuardInputs,
     IllegalTransitionError,
     next_mode,
     refusal,
 )
 from daemon.ipc.record import Mode, ModeRequest, RequestKind
 
-ALL_WELL = Circumstances(
+ALL_WELL = GuardInputs(
     mode=Mode.READY,
     gateway_alive=True,
     at_rest=True,

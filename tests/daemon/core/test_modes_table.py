@@ -5,10 +5,10 @@ from dataclasses import FrozenInstanceError, replace
 import msgspec
 import pytest
 
-from daemon.core.modes.table import TRANSITIONS, Circumstances, Event, event_of, refusal
+from daemon.core.modes.table import TRANSITIONS, Event, GuardInputs, event_of, refusal
 from daemon.ipc.record import Mode, ModeRequest, RequestKind
 
-ALL_WELL = Circumstances(
+ALL_WELL = GuardInputs(
     mode=Mode.READY,
     gateway_alive=True,
     at_rest=True,

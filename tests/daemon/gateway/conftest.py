@@ -24,8 +24,8 @@ from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.record import (
     CycleRecord,
     DriveRecord,
+    GatewayState,
     LegRecord,
-    Level,
     Mode,
     Outcome,
     Request,
@@ -216,7 +216,7 @@ class Bench:
         self.core = CoreSeam(runtime, header())
         self.seam = GatewaySeam(runtime)
         self.gateway = self.new_gateway()
-        self.levels: list[Level] = []
+        self.levels: list[GatewayState] = []
         self.seq = 0
 
     def new_gateway(self) -> Gateway:
@@ -278,7 +278,7 @@ class FakeCore:
         self.changes: dict[str, Any] = {}
         self.answers: dict[str, RequestResult] = {}
         self.requests: list[Request] = []
-        self.levels: list[Level] = []
+        self.levels: list[GatewayState] = []
         self._seam = CoreSeam(runtime, header(core_boot_id))
         self._stop_count: int | None = None
         self._result = RequestResult()

@@ -14,8 +14,8 @@ from daemon.gateway import requests
 from daemon.ipc import transport
 from daemon.ipc.record import RequestKind
 from daemon.ipc.ring_clip import FOLDER, kept_file, kept_files, trimmed
-from daemon.recorder.clip_store import Shelf
-from daemon.recorder.recorder import Keeper
+from daemon.recorder.clip_store import ClipStore
+from daemon.recorder.recorder import DiskRecorder
 
 
 def spoil(bench, seq, data=b"\xff" * 40):
@@ -147,7 +147,7 @@ def kept_rings(tmp_path):
 
 def turn(tmp_path):
     """A gateway's keeper from start to end; what it told."""
-    keeper = Keeper(tmp_path / "state", tmp_path, Clock(), "0.1.0")
+    keeper = DiskRecorder(tmp_path / "state", tmp_path, Clock(), "0.1.0")
     told = [one.text for one in keeper.turn(None, Clock.ns)]
     keeper.close()
     return told
@@ -173,8 +173,8 @@ def test_one_damaged_byte_in_a_kept_ring_costs_that_ring_and_the_gateway_starts(
     files = kept_files(kept_rings)
     assert [file.path.name for file in files] == names
     assert [file.core_boot_id for file in (files[0], files[2])] == ["boot-1", "boot-3"]
-    assert Shelf(kept_rings).covers("boot-1", 3)
-    assert Shelf(kept_rings).covers("boot-3", 3)
+    assert ClipStore(kept_rings).covers("boot-1", 3)
+    assert ClipStore(kept_rings).covers("boot-3", 3)
 
 
 def test_a_damaged_ring_that_cannot_be_set_aside_is_told_at_each_start(kept_rings, tmp_path):

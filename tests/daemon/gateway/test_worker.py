@@ -13,7 +13,7 @@ from daemon.ipc.transport import CoreSeam, GatewaySeam
 from daemon.recorder.audit_file import RequestFile, numbered
 from daemon.recorder.black_box import AFTER_NS
 from daemon.recorder.disk import Disk, Trouble
-from daemon.recorder.recorder import Keeper
+from daemon.recorder.recorder import DiskRecorder
 from daemon.recorder.state_file_sync import NotesDisk
 
 MS = 1_000_000
@@ -75,7 +75,7 @@ class Clock:
 
 def test_a_stop_is_kept_after_the_request_log_has_failed_as_nobody_thought_of(tmp_path):
     clock, state = Clock(), tmp_path / "state"
-    keeper = Keeper(state, tmp_path, clock, "0.1.0")
+    keeper = DiskRecorder(state, tmp_path, clock, "0.1.0")
     core, seam = CoreSeam(tmp_path, HEADER), GatewaySeam(tmp_path)
     told = []
 
