@@ -119,8 +119,7 @@ _LETTERS: Final = {
     BootFailure.WRONG_SERIAL_NUMBER: "O",
 }
 """Letters as in Lely's CANopen library (`co_nmt_es2str`). Not used: A (every drive is in our
-files),
-F (no node guarding), G to I (no software download), L (every drive is reset first)."""
+files), F (no node guarding), G to I (no software download), L (every drive is reset first)."""
 
 
 class DriveSilent(DrivesError):

@@ -37,8 +37,8 @@ class StepKind(Enum):
     WRITE = "write"
     """Write, and read back under `mask`."""
     RANGE = "range"
-    """Write `value` here and `second` into the next sub-index, never crossing the present values.
-    """
+    """Write `value` here and `second` into the next sub-index, never crossing the present
+    values."""
     SEED_POSITION = "seed"
     """Read the position and write it as the target, clamped to `value` and `second`."""
     HEAR = "hear"

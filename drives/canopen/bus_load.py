@@ -25,8 +25,8 @@ from drives.cia402.pdo import layouts
 from drives.cia402.profile import DriveDescription
 
 BURST_MAX_RATIO: Final = 0.5
-"""SYNC, TPDOs and RPDOs of one cycle must fit into this part of it, so that late frames still fit.
-"""
+"""SYNC, TPDOs and RPDOs of one cycle must fit into this part of it, so that late frames still
+fit."""
 
 _FIXED_BITS: Final = 47
 _STUFFED_BITS: Final = 34

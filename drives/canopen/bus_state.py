@@ -36,8 +36,8 @@ _DATA_PASSIVE: Final = 0x30
 _DATA_TRANSMITTER_PASSIVE: Final = 0x20
 _DATA_ACTIVE: Final = 0x40
 _PROTOCOL_ACTIVE: Final = 0x40
-"""Bit in data[2] of a protocol error: a driver (usb_8dev) uses it to report the error-free state.
-"""
+"""Bit in data[2] of a protocol error: a driver (usb_8dev) uses it to report the error-free
+state."""
 _ACK_SLOT: Final = 0x19
 """data[3] of a protocol error: some drivers report a missing acknowledgement by its location."""
 
@@ -86,8 +86,8 @@ class BusMonitor:
     def __init__(self) -> None:
         self.condition = BusCondition.ACTIVE
         self.has_been_off = False
-        """Bus-off since the drives were brought up: even a short one means that they missed frames.
-        """
+        """Bus-off since the drives were brought up: even a short one means that they missed
+        frames."""
         self.alone = False
         """Frames are not acknowledged, and none has been received since."""
         self._has_heard = False

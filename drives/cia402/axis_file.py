@@ -88,9 +88,8 @@ class AxisFile(Table, frozen=True, kw_only=True):
     homing: Homing | None = None
     """Absent: this axis cannot be homed."""
     enable_max_ms: Annotated[int, Meta(ge=50, le=2000)] = 250
-    """Time from a request to enable until the drive is enabled and follows; a brake that opens
-    or a DC
-    link that charges during transition 4 takes longer than the state changes themselves."""
+    """Time from a request to enable until the drive is enabled and follows; a brake that opens or a
+    DC link that charges during transition 4 takes longer than the state changes themselves."""
 
 
 def check_transmission(transmission: Transmission) -> None:

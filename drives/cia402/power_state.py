@@ -71,8 +71,8 @@ SHUTDOWN: Final = 0x0006
 SWITCH_ON: Final = 0x0007
 ENABLE_OPERATION: Final = 0x000F
 START_HOMING: Final = 0x001F
-"""Enable operation with bit 4: in homing mode its rising edge starts, its falling edge interrupts.
-"""
+"""Enable operation with bit 4: in homing mode its rising edge starts, its falling edge
+interrupts."""
 DISABLE_VOLTAGE: Final = 0x0000
 QUICK_STOP: Final = 0x0002
 HALT: Final = 0x010F

@@ -184,8 +184,7 @@ class DriveProfile(Table, frozen=True, kw_only=True):
     fault_reset: FaultReset
     fault_reaction_max_ms: Annotated[int, Meta(ge=10, le=5000)]
     """Longest time from a fault until the drive gives no torque; a stop that waits for the fault
-    reaction
-    waits no longer."""
+    reaction waits no longer."""
     emergency_table: EmergencyTable
     resume_from_quick_stop: bool
     """Enabling leaves quick stop active by transition 16, so a held load stays held."""

@@ -201,7 +201,7 @@ def read_dcf(path: str, node_id: int) -> dict[Address, Value]:
 
 
 def settings(dictionary: ObjectDictionary) -> list[ODVariable]:
-    """List the variables that keep their value until they are written, without measurements."""
+    """List writable and constant variables, which excludes measurements."""
     return [
         variable
         for variable in readable(dictionary)

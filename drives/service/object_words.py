@@ -76,8 +76,7 @@ def inputs(value: int, profile: DriveProfile) -> str:
 
 
 def pdo(index: int, sub: int, value: int) -> str:
-    """Describe a PDO's identifier (bit 31: off), its type, or a mapping entry (index, sub,
-    bits)."""
+    """Describe a PDO's identifier (bit 31: off), type, or mapping entry (index, sub, bits)."""
     if sub == 1 and _within(index, _PARAMETERS):
         return f"identifier {value & _CAN_ID:03X}h, {'off' if value & PDO_OFF else 'on'}"
     if sub == 2 and _within(index, _PARAMETERS):
