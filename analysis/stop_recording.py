@@ -32,7 +32,7 @@ class StopRecording(NamedTuple):
     header: RingHeader
     records: tuple[CycleRecord, ...]
     kept: Kept
-    """From the file, or as found in a ring."""
+    """Stop as given by the file, or as found in a ring."""
     whole: bool
     """True for a complete ring of a core, which was not cut around a stop."""
     damaged_count: int = 0

@@ -11,7 +11,7 @@ drive      DriveSilent: it does not answer (unpowered, unplugged): worth another
            SdoAborted, SdoTimeout, SdoGarbled: one SDO transfer; becomes one of the two above.
 software   CommandNotFinite: NaN or infinity was about to be sent to a motor.
 """
-# ruff: noqa: N818 - the names say what happened, in the words of whoever catches them
+# ruff: noqa: N818 - the names state what happened, without an "Error" suffix
 
 from enum import Enum
 from typing import Final
@@ -79,7 +79,7 @@ class SdoGarbled(DrivesError):
 
 
 class BootFailure(Enum):
-    """What failed in bringing up one node; the value is the start of the operator's message."""
+    """Kind of failure in bringing up one node; the value starts the operator's message."""
 
     NO_ANSWER = "no answer"
     NOBODY_THERE = "nobody else is on the bus"

@@ -1,12 +1,12 @@
 """Friction drift monitor: a patient who seems to always brake, or always push, with the motion.
 
-Friction that is higher or lower than its law by e shows as a patient of -e sign(v), and nothing in
-NIS tells it (observer.md, fact 10). So this watches the correlation of the patient's effort with
-the sign of velocity, over the last tens of seconds of certain motion. For Coulomb friction that is
-10 % off it is 0.98 and more (observer.md, test 33).
+Friction that is higher than its law by e appears as a patient effort of -e sign(v), and NIS does
+not show it (observer.md, fact 10). So this module computes the correlation of the patient's effort
+with the sign of velocity, over the last tens of seconds of certain motion. For Coulomb friction
+that is 10 % off it is 0.98 and more (observer.md, test 33).
 
-A patient who pushes with the motion looks just the same (fact 6). So the number is always there,
-but it is advice to calibrate only where nobody is in the machine.
+A patient who pushes with the motion looks the same (fact 6). So the number is always available, but
+it is a reason to calibrate only when the machine is empty.
 """
 
 import math

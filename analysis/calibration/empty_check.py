@@ -88,7 +88,7 @@ CANDIDATES: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """How well a change of one number explains the residual."""
+    """Explanation of the residual by a change of one number."""
 
     words: str
     unit: str

@@ -169,7 +169,7 @@ class _Search:
         return loss if np.isfinite(loss) else 1e12
 
     def _beyond(self, x: Vector) -> Vector:
-        """How far each value is outside of its bounds, with its sign."""
+        """Distance of each value outside of its bounds, with its sign."""
         return x - np.clip(x, self.low, self.high)
 
     def all(self, x: Vector) -> tuple[float, Vector, Matrix]:

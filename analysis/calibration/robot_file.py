@@ -1,7 +1,7 @@
 """The calibrated robot.toml: the given file with some numbers replaced.
 
-TOML of this project has one `key = number` in a line, below its `[table]`. Only such lines are
-touched, and what comes out is decoded again and compared before it is written.
+TOML of this project has one `key = number` per line, below its `[table]`. Only such lines are
+changed, and the result is decoded again and compared before it is written.
 """
 
 import re

@@ -190,7 +190,7 @@ def with_values(robot: Robot, made: Fit) -> Robot:
 
 
 def _too_steep(robot: Robot) -> str:
-    """What to change if the observer cannot follow the fitted friction; empty if it can."""
+    """Name the change needed if the observer cannot follow the fitted friction; empty if it can."""
     tuning = robot.observer
     inertia = smallest_inertia(leg_parameters(robot), START_RATIO_MIN)
     integrator = integrator_named(tuning.integrator)

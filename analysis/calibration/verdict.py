@@ -1,8 +1,8 @@
 """Comparison of old and new robot file on held-out data.
 
-The observer itself, with each file's own numbers, runs over the held-out recording: what it takes
-for a patient's effort in the empty machine is an error, and its NIS says whether it knows. Beside
-them the likelihood per sample of the filter without a patient.
+The observer runs with each file's own numbers over the held-out recording: any patient effort in
+the empty machine is an error, and NIS shows whether the observer's confidence is consistent. The
+likelihood per sample of the filter without a patient is given as well.
 """
 
 from dataclasses import dataclass, replace

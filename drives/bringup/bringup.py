@@ -73,7 +73,7 @@ _POSITION: Final = Step(StepKind.REPORT, "position", 0x6064, signed=True)
 
 
 class Progress(NamedTuple):
-    """What bring-up has just done."""
+    """Progress of bring-up after one step."""
 
     drive: str
     text: str
@@ -82,7 +82,7 @@ class Progress(NamedTuple):
 
 
 class DriveReport(NamedTuple):
-    """What bring-up found of one drive, now OPERATIONAL and answering SYNC."""
+    """Result of bring-up for one drive, now OPERATIONAL and answering SYNC."""
 
     name: str
     base: DriveBase

@@ -19,7 +19,7 @@ EMERGENCIES_KEPT: Final = 8
 
 @dataclass(slots=True)
 class NodeTraffic:
-    """What one node has sent without a request since the port was opened; only grows."""
+    """Unrequested traffic of one node since the port was opened; only grows."""
 
     boot_up_count: int = 0
     heartbeat_count: int = 0

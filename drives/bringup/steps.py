@@ -20,7 +20,7 @@ SERIAL_NUMBER: Final = (0x1018, 4)
 
 
 class StepKind(Enum):
-    """How a step is executed; the value is what a printed plan shows."""
+    """Kind of a step; the value is shown in a printed plan."""
 
     RESET = "reset"
     BOOT = "boot"
@@ -29,7 +29,7 @@ class StepKind(Enum):
     CHECK = "check"
     """Read; the masked value must equal `value`."""
     ALONE = "alone"
-    """Read the serial number twice, and listen for a second answer."""
+    """Read the serial number twice, and wait for a second answer."""
     COMPARE = "compare"
     """Read; not 0 and within 1 % of `value`."""
     SWITCH_OFF = "off"

@@ -19,7 +19,7 @@ EmergencyTable = Literal["standard", "epos4", "elmo"]
 
 
 class Reaction(Enum):
-    """What the drive does by itself when it sends the code."""
+    """The drive's own reaction when it sends the code."""
 
     UNKNOWN = "not known"
     WARNING = "nothing: a warning"

@@ -35,7 +35,7 @@ _OF_ONE_NODE: Final = frozenset((EMERGENCY_ID, SDO_ANSWER_ID, SDO_REQUEST_ID, HE
 
 @dataclass(slots=True)
 class Heard:
-    """What one node has sent, and what was sent to it."""
+    """Traffic from and to one node."""
 
     watch: HeartbeatWatch = field(default_factory=HeartbeatWatch)
     heartbeat_count: int = 0
@@ -95,7 +95,7 @@ class Witness:
         return asked and self.heard_nothing and self._troubles() != self._troubles_before
 
     def node(self, node_id: int) -> Heard:
-        """What is known of one node."""
+        """Traffic of one node."""
         return self.nodes.setdefault(node_id, Heard())
 
     def sent(self, frame: Frame) -> None:

@@ -25,7 +25,8 @@ class Identity(Table, frozen=True, kw_only=True):
 
 
 class Transmission(Table, frozen=True, kw_only=True):
-    """From the motor to the joint. Losses belong to friction: there is no efficiency factor."""
+    """Transmission from motor to joint. Losses belong to friction: there is no efficiency
+    factor."""
 
     kind: Literal["rotary", "linear"]
     gear_ratio: Annotated[float, Meta(gt=0, le=1000)]
@@ -52,7 +53,7 @@ class Transmission(Table, frozen=True, kw_only=True):
 
 
 class Encoder(Table, frozen=True, kw_only=True):
-    """Whether the encoder position is valid after power-on."""
+    """Encoder: validity of its position after power-on."""
 
     absolute: bool
 

@@ -109,7 +109,7 @@ class OptionalObjects(Table, frozen=True, kw_only=True):
 
 
 class Keeps(Enum):
-    """Whether a drive itself enforces a limit in a mode."""
+    """Statement whether a drive itself enforces a limit in a mode."""
 
     KEPT = "kept"
     NOT_KEPT = "not_kept"
@@ -153,7 +153,7 @@ class Heartbeat(Table, frozen=True, kw_only=True):
 
 
 class FaultReset(Table, frozen=True, kw_only=True):
-    """What a fault reset needs besides the edge of bit 7."""
+    """Extra conditions of a fault reset, besides the edge of bit 7."""
 
     communication_reset_first: tuple[Annotated[int, Meta(ge=0, le=0xFFFF)], ...]
     """EMCY codes after which the edge is ignored until NMT reset communication."""

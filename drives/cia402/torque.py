@@ -33,7 +33,7 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class TorqueUnit(Enum):
-    """What one count of a torque object is, before the object's factor."""
+    """Meaning of one count of a torque object, before the object's factor."""
 
     MILLIAMPERE = "milliampere"
     AMPERE = "ampere"
@@ -47,7 +47,7 @@ class TorqueUnit(Enum):
 
 
 class RatedTorqueUnit(Enum):
-    """What one count of 6076h means: CiA 402 says mN·m, EPOS4 means µN·m (a factor of 1000)."""
+    """Unit of one count of 6076h: mN·m in CiA 402, µN·m in EPOS4 (a factor of 1000)."""
 
     MICRO_NEWTON_METRE = "micro_newton_metre"
     MILLI_NEWTON_METRE = "milli_newton_metre"
@@ -61,7 +61,7 @@ class RatedTorqueUnit(Enum):
 
 
 class TorqueSampling(Enum):
-    """What a torque sample at a SYNC represents."""
+    """Meaning of a torque sample at a SYNC."""
 
     INSTANT = "instant"
     """The value at the SYNC. In CST the target is constant, so it held for the cycle; in CSP the

@@ -1,17 +1,17 @@
 """Survey of a bus: listen, read 1000h of all 127 nodes, then the identity of those that answer.
 
-`survey` is a generator as `bringup.bring_up` is: it yields what it has done, and its value is what
-it found. It reads and listens, and nothing else: no NMT command, no write, no SYNC. Rules:
+`survey` is a generator like `bringup.bring_up`: it yields its progress and returns what it found.
+It only reads and listens: no NMT command, no write, no SYNC. Rules:
 
-1.  SDO channels of different nodes are independent (CiA 301 7.2.4): all are asked one after the
-    other, and the answers collected, so a silent node costs no time of its own.
-2.  It must not be felt on a bus at work: between two requests lie PAUSE_FRAMES frame times, so the
+1.  SDO channels of different nodes are independent (CiA 301 7.2.4): requests go to all nodes one
+    after the other, and the answers are collected, so a silent node adds no waiting time.
+2.  It must not disturb a bus in use: between two requests lie PAUSE_FRAMES frame times, so the
     requests take an eighth of the bus at most, their identifiers lose every arbitration against
-    SYNC and PDOs, and the transmit queue that we share with a service holds one frame of ours.
-3.  A node to which somebody else sends SDO requests (a bring-up) is asked for nothing that takes
-    more than one answer: its names, in segments, would mix with the other's transfer.
-4.  Whoever stops answering is not asked again: silence is waited for once.
-5.  Where nobody acknowledges our first frames, or they end in bus-off, no more are sent.
+    SYNC and PDOs, and the transmit queue shared with a service holds one frame of the survey.
+3.  A node to which another client sends SDO requests (a bring-up) gets no request with an answer of
+    several frames: its names, in segments, would mix with the other's transfer.
+4.  A node that stops answering gets no more requests, so only one timeout is spent on it.
+5.  If the first frames are not acknowledged, or end in bus-off, no more are sent.
 """
 
 from collections.abc import Generator

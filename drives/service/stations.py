@@ -36,7 +36,7 @@ class Station:
     drive: str
     """The configuration's drive with this node id, or an empty string."""
     nmt_state: str
-    """From received heartbeats and boot-ups; `unknown` without any."""
+    """State from received heartbeats and boot-ups; `unknown` without any."""
     answers: bool
     """True if it answers SDO requests."""
     device_type: int | None

@@ -21,7 +21,7 @@ from observer.quantities import Effort, Speed, Viscosity
 SQRT_E: Final = math.exp(0.5)
 SUBSTEPS_MAX: Final = 10
 STANDSTILL_GATE: Final = 0.5
-"""a(v) below this counts as standstill: friction and patient cannot be told apart."""
+"""a(v) below this counts as standstill: friction and patient are not distinguishable."""
 
 
 class FrictionParameters(NamedTuple):
