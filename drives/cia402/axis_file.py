@@ -25,8 +25,7 @@ class Identity(Table, frozen=True, kw_only=True):
 
 
 class Transmission(Table, frozen=True, kw_only=True):
-    """Transmission from motor to joint. Losses belong to friction: there is no efficiency
-    factor."""
+    """From the motor to the joint. Losses belong to friction: there is no efficiency factor."""
 
     kind: Literal["rotary", "linear"]
     gear_ratio: Annotated[float, Meta(gt=0, le=1000)]

@@ -1,10 +1,10 @@
 """Option codes of CiA 402: a drive's own reactions, as text, and the values that are refused.
 
-605Ah selects the quick stop: 0 to 4 end without torque (transition 12), 5 to 8 stop in the
-same ways and then hold in quick stop active. 605Eh selects the stop of a fault; every fault ends
-without torque. 605Dh selects the stop of a halt. 6007h selects the reaction to a lost master.
-Source: CiA 402-2 / IEC 61800-7-201 as reproduced by public manuals (Applied Motion CANopen manual,
-Parker SLVD-N, Kollmorgen AKD CAN-BUS communication).
+605Ah selects the quick stop: 0 to 4 end without torque (transition 12), 5 to 8 stop in the same
+ways and then hold in quick stop active. 605Eh selects the stop of a fault; every fault ends without
+torque. 605Dh selects the stop of a halt. 6007h selects the reaction to a lost master. Source: CiA
+402-2 / IEC 61800-7-201 as reproduced by public manuals (Applied Motion CANopen manual, Parker
+SLVD-N, Kollmorgen AKD CAN-BUS communication).
 """
 
 from typing import Annotated, Final

@@ -1,7 +1,7 @@
 """Meaning of a drive's torque numbers: objects, units, and the bases that they refer to.
 
-A profile defines one count of three objects: the torque source (mapped into TPDO2),
-the torque limit (written and read back), and the target (6071h, in RPDO2). The units:
+A profile defines one count of three objects: the torque source (mapped into TPDO2), the torque
+limit (written and read back), and the target (6071h, in RPDO2). The units:
 
     milliampere                 k_t · count / 1000                 EPOS4 30D1h:02, 3001h:02
     ampere                      k_t · count                        a vendor's own count, by `factor`

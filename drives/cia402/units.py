@@ -2,7 +2,7 @@
 
     position = sign * counts / counts_per_rev * (2 pi | lead) / gear + offset         rad | m
     effort   = sign * torque at the motor * gear * (1 | 2 pi / lead)                  N·m | N
-    torque at the motor: per count as the profile says (`torque.py`)               N·m
+    torque at the motor: per count as the profile says (`torque.py`)                  N·m
 
 There is no efficiency factor: losses of the transmission are friction, which the observer
 estimates.

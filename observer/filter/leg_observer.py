@@ -5,8 +5,9 @@ Observers share no state.
 
 Conventions: position (hip angle rad, slide position m) is what was measured at this cycle's SYNC;
 effort (hip torque N m, slide force N) is the effort of the drives since the previous SYNC; `dt_s`
-is the true time between the two. The patient's effort is positive along the positive axis. net =
-patient - friction is always observable, the split only in motion.
+is the true time between the two. The patient's effort is the effort exerted on the joint minus the
+effort given to the observer, positive along the positive axis. net = patient - friction is always
+observable, the split only in motion.
 """
 
 import math

@@ -1,8 +1,8 @@
 """sin, cos, expm1 and tanh without branches, so that loops over sigma points become vector code.
 
-A loop with a call to the C library is not vectorised. These functions are range
-reduction and a Taylor series long enough for double precision; the tests hold them within two
-units in the last place of the C library's. Arguments must be finite; callers ensure that.
+A loop with a call to the C library is not vectorised. These functions are range reduction and a
+Taylor series long enough for double precision; the tests hold them within two units in the last
+place of the C library's. Arguments must be finite; callers ensure that.
 """
 
 import math
