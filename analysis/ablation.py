@@ -36,7 +36,7 @@ GLITCH_SIZE: Final = (0.01, 0.3)
 """rad; metres at the slide."""
 ENCODER_NOISE: Final = (5e-5, 2e-5)
 ENCODER_QUANTUM: Final = (1.534e-5, 1.2207e-5)
-"""Of the virtual encoders, rad and m: 409 600 counts a turn, 12 288 in 0.15 m."""
+"""Resolution of the virtual encoders, rad and m: 409 600 counts a turn, 12 288 in 0.15 m."""
 
 JITTER_TRUE: Final = "jitter 1 ms, true times"
 JITTER_NOMINAL: Final = "jitter 1 ms, times of the grid"

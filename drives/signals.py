@@ -122,7 +122,7 @@ class DriveFeedback:
     """TPDOs received after their window closed, since bring-up."""
     heartbeat_age_ns: int
     rebooted: bool
-    """A boot-up message was seen since bring-up: the drive lost its configuration."""
+    """A boot-up message was received since bring-up: the drive lost its configuration."""
     emergency: Emergency | None
     """The newest EMCY with a code that has not been cleared by code 0000h."""
     emergency_count: int

@@ -37,7 +37,7 @@ WIDTH: Final = np.array([1e-5, 1e-5, 1e-5, 5e-6, 1e-3, 1e-2])
 SPREAD: Final = np.array([0.02, 0.01, 0.5, 5.0])
 PRIOR_LEVEL: Final = 3.0
 PRIOR_SPEED: Final = 1.0
-"""Standard deviations of free values about the first guess, factors of e: levels and noise; speeds
+"""Standard deviations of free values about the initial ones, factors of e: levels and noise; speeds
 and time constants of the law."""
 STEEPER_MAX: Final = 4.0
 SMOOTHER_MAX: Final = 30.0

@@ -76,7 +76,7 @@ _CLASSES: Final = {
     0xF0: "additional functions",
     0xFF: "device specific",
 }
-"""CiA 301 7.2.7.1 and CiA 402: by the code's high byte."""
+"""Error classes by the code's high byte: CiA 301 7.2.7.1 and CiA 402."""
 
 _STANDARD: Final = {
     0x2310: CodeMeaning("continuous overcurrent, output side"),

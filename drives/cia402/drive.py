@@ -264,7 +264,7 @@ class DriveGroup:
         self.drives = tuple(drives)
         self.bus_state = BusMonitor()
         self.stray_count = 0
-        """Frames with an identifier that none of our drives uses."""
+        """Frames with an identifier of no configured drive."""
         self.cyclic_ids = frozenset(can_id for drive in drives for can_id in drive.cyclic_ids)
         """Identifiers of a complete window: the loop may close the window early once all came.
 

@@ -64,9 +64,9 @@ class ObserverTuning(NamedTuple):
     """Tuning parameters (observer.md 3.1), besides the physics."""
 
     process_std: tuple[float, float, float, float, float, float, float, float]
-    """Per 10 ms step, in the order and units of `states.STATE_NAMES`."""
+    """Process noise per 10 ms step, in the order and units of `states.STATE_NAMES`."""
     measurement_std: tuple[float, float]
-    """rad, m."""
+    """Encoder noise: rad, m."""
     coriolis: bool = True
     velocity_gated: bool = False
     """At rest, changes go to friction, the patient stays constant, and the split is uncertain."""
@@ -111,7 +111,7 @@ class LegEstimate:
     """
 
     state: tuple[float, ...]
-    """In the order and units of `states.STATE_NAMES`."""
+    """State in the order and units of `states.STATE_NAMES`."""
     std: tuple[float, ...]
     covariance: tuple[float, ...]
     """Lower triangle, row by row: 36 values."""

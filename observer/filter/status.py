@@ -39,11 +39,11 @@ class Validity(IntEnum):
     """Which numbers of one axis may be shown."""
 
     OK = 0
-    """Patient and friction, each with its standard deviation."""
+    """Patient and friction may be shown, each with its standard deviation."""
     SPLIT_UNOBSERVABLE = 1
     """At rest for longer than 100 ms: only patient minus friction (net) is observable."""
     BAD = 2
-    """Nothing: out of workspace, predicted over too long, inconsistent, uncalibrated."""
+    """No numbers: out of workspace, predicted for too long, inconsistent, uncalibrated."""
 
 
 WARM_UP_CYCLES: Final = 20
