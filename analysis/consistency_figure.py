@@ -1,4 +1,4 @@
-"""One picture of the observer's honesty: consistency, rest, gaps, drift."""
+"""Picture of the observer's consistency: NEES and NIS, rest, gaps, drift."""
 
 from pathlib import Path
 from typing import Final
@@ -19,7 +19,7 @@ DPI: Final = 100
 def draw(
     consistency: Consistency, rest: Rest, gaps: list[Gap], drifted: list[Drifted], path: Path
 ) -> Figure:
-    """Four panels: NEES and NIS in their bands, sigma at rest, gaps, drift of friction.
+    """Draw four panels: NEES and NIS in their bands, sigma at rest, gaps, friction drift.
 
     Raises:
         OSError: the file cannot be written.

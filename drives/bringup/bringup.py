@@ -2,34 +2,35 @@
 
 `bring_up` is a generator: each `next` does one step of one drive (at most two SDO transfers, more
 only where all drives are switched off) or waits one slice, and yields what it did, so the core can
-feed its watchdog and tell people between steps. It ends with one `DriveReport` for each drive, or
-with an error:
+feed its watchdog and log between steps. It ends with one `DriveReport` for each drive, or with an
+error:
 
     BringUpRefused   identity or configuration: with drive, object, value and abort text
-    DriveSilent      no answer, or a reboot on the way: worth another try
-    DrivePowered     it holds the joint, and nobody asked to switch it off
+    DriveSilent      no answer, or a reboot during bring-up: worth another try
+    DrivePowered     the drive holds the joint, and switching it off was not requested
     BusError         the bus itself
 
 The first two name a `BootFailure`, with the letter of CiA 302-2 where that has one.
 
 Rules:
 1.  All drives are reset before any is configured, and none is started before all are configured.
-2.  A boot-up message is counted from before the reset was sent, so it cannot be missed; a second
+2.  Boot-up messages are counted from before the reset is sent, so none can be missed; a second
     one within SETTLE_NS of the first is the same boot, any later one a reboot: DriveSilent, unless
     two nodes then answer under one number.
-3.  Everything written is read back. A drive that answers something else is refused.
+3.  Everything written is read back. A drive that answers with another value is refused.
 4.  Nothing is enabled and no fault is reset, whatever state a drive is found in: it is reported.
-    A drive that holds its joint goes on holding it until somebody asks to switch it off. Then all
-    drives are identified first, and let go of their joints within milliseconds of each other.
-5.  Our own heartbeat is not sent here: the drives' watch begins with the first one of the cycle.
-6.  Two nodes under one number are refused: a request that was answered twice, or a serial number
-    that differs between two reads. Only they can tell, so there is no other try.
-7.  Whoever else sends SYNC, or a heartbeat under our own number, is another master: no drive is
-    brought up beside it, and it is looked for again at the next try. The bus is heard out before
-    anything is sent.
-8.  Where somebody asked to switch off and a drive does not come up, all are told to switch off all
-    the same: their resets took their watch over us away, and nobody else is left who would. One
-    that does not answer may still hear.
+    A drive that holds its joint keeps holding it until switching off is requested. Then all drives
+    are identified first, and switched off within milliseconds of each other.
+5.  The master's heartbeat is not sent here: the drives start to monitor it with the first one of
+    the cycle.
+6.  Two nodes under one number are refused. The evidence is a request that was answered twice, or a
+    serial number that differs between two reads. Another try would not help.
+7.  Any other node that sends SYNC, or a heartbeat under the master's number, is another master: no
+    drive is brought up beside it, and the check is repeated at the next try. The bus is listened
+    to before anything is sent.
+8.  Where switching off was requested and a drive does not come up, disable voltage is sent to all
+    drives nevertheless: their resets disabled their heartbeat monitoring, so nothing else would
+    switch them off. A drive that does not answer may still receive.
 """
 
 from collections.abc import Generator, Sequence
@@ -58,21 +59,21 @@ from drives.errors import BootFailure, BringUpRefused, DrivePowered, DriveSilent
 from drives.signals import Emergency, NmtState, PowerState
 
 BOOT_TIMEOUT_NS: Final = 2_000_000_000
-"""For a boot-up message after NMT reset communication; EPOS4 needs some hundred ms."""
+"""Limit for a boot-up message after NMT reset communication; EPOS4 needs some hundred ms."""
 SETTLE_NS: Final = 50_000_000
 HEARTBEAT_PATIENCE: Final = 4
-"""Heartbeat times that a drive may take until it is heard, and until it shows a new NMT state."""
+"""In heartbeat times: limits for the first heartbeat, and for showing a new NMT state."""
 FIRST_SAMPLE_SYNCS: Final = 20
-"""SYNCs until every drive must have sent a complete sample."""
+"""SYNCs within which every drive must have sent a complete sample."""
 SWITCH_OFF_TIMEOUT_NS: Final = 3_000_000_000
-"""A fault reaction that is under way may ramp down first."""
+"""Time for a fault reaction that is in progress to ramp down first."""
 
 _DISABLE_VOLTAGE: Final = Step(StepKind.WRITE, "disable voltage", 0x6040, bits=16, is_hex=True)
 _POSITION: Final = Step(StepKind.REPORT, "position", 0x6064, signed=True)
 
 
 class Progress(NamedTuple):
-    """What bring-up has just done."""
+    """Progress of bring-up after one step."""
 
     drive: str
     text: str
@@ -81,11 +82,11 @@ class Progress(NamedTuple):
 
 
 class DriveReport(NamedTuple):
-    """What bring-up found of one drive, now OPERATIONAL and answering SYNC."""
+    """Result of bring-up for one drive, now OPERATIONAL and answering SYNC."""
 
     name: str
     base: DriveBase
-    """Read from the drive: for `units.axis_scaling`."""
+    """Read from the drive; input of `units.axis_scaling`."""
     power_state: PowerState
     statusword: int
     position_counts: int
@@ -93,20 +94,20 @@ class DriveReport(NamedTuple):
     absolute: bool
     """The encoder knows its position after power-on (axis file)."""
     serial_number: int
-    """1018h:04; 0 where the maker does not number them."""
+    """1018h:04; 0 where the manufacturer assigns none."""
     homed: bool
-    """The drive itself says that it is referenced (EPOS4: statusword bit 15)."""
+    """The drive reports that it is referenced (EPOS4: statusword bit 15)."""
     error_register: int
     error_code: int
     error_text: str
     emergencies: tuple[Emergency, ...]
-    """That came during bring-up, oldest first."""
+    """EMCYs received during bring-up, oldest first."""
     reference_lost: bool
-    """Error code or one of the EMCYs says that the encoder cannot be believed."""
+    """The error code or one of the EMCYs means that the encoder position is not reliable."""
 
 
 class _Found:
-    """One drive on its way, and what its steps have read."""
+    """One drive during bring-up, and what its steps have read."""
 
     def __init__(self, plan: DrivePlan) -> None:
         self.plan = plan
@@ -120,7 +121,7 @@ class _Found:
         self.values: dict[tuple[int, int], int] = {}
 
     def target(self, port: DrivePort) -> SdoTarget:
-        """Where this drive's SDO transfers go."""
+        """The address of this drive's SDO transfers."""
         return SdoTarget(port, self.name, self.node_id)
 
 
@@ -131,13 +132,14 @@ def bring_up(
     *,
     may_switch_off: bool = False,
 ) -> Generator[Progress, None, tuple[DriveReport, ...]]:
-    """Run the plans of all drives of one bus; the generator's return value are the reports.
+    """Run the plans of all drives of one bus; the generator's return value is the list of reports.
 
     Args:
         plans: one for each drive.
         port: the bus.
         cycle: grid and watches.
-        may_switch_off: somebody asked for it, so a drive that is found powered is switched off.
+        may_switch_off: switching off was requested, so a drive that is found powered is switched
+            off.
 
     Raises:
         BringUpRefused, DrivePowered, DriveSilent, BusError: see the head of this file.
@@ -167,10 +169,10 @@ def bring_up(
 
 
 def _ordered(drives: Sequence[_Found], *, together: bool) -> list[tuple[_Found, Step]]:
-    """All resets first: no drive may still act while another is being configured.
+    """Sort the steps: all resets first, so no drive acts while another is being configured.
 
-    Where power is to be switched off it is that of all drives `together`, as soon as each of them
-    has shown that it is the one of the files.
+    With `together`, the power of all drives is switched off at once, as soon as each of them has
+    been identified as the one described by the files.
     """
     phased: list[tuple[int, _Found, Step]] = []
     for drive in drives:
@@ -189,7 +191,7 @@ def _run(
     port: DrivePort,
     cycle: CycleSettings,
 ) -> Texts:
-    """One step of one drive; power is switched off where and with whom it may be."""
+    """Run one step of one drive; power is switched off only where `may_switch_off` allows it."""
     match step.kind:
         case StepKind.RESET:
             _reset(drive, port)
@@ -221,7 +223,7 @@ def _run(
 
 def _reset(drive: _Found, port: DrivePort) -> None:
     drive.reset_ns = port.now_ns()
-    port.wait(drive.reset_ns)  # what is already there was said before the reset
+    port.wait(drive.reset_ns)  # whatever is queued now was sent before the reset
     traffic = port.traffic(drive.node_id)
     drive.boot_up_count, drive.sdo_repeat_count = traffic.boot_up_count, traffic.sdo_repeat_count
     port.send((nmt_frame(NmtCommand.RESET_COMMUNICATION, drive.node_id),))
@@ -247,9 +249,9 @@ def _await_boot(drive: _Found, port: DrivePort, text: str) -> Texts:
 def _without_power(
     step: Step, drive: _Found, may_switch_off: Sequence[_Found], port: DrivePort
 ) -> Texts:
-    """The drive has no power; if it has, none of those that may be switched off has any from now.
+    """Check that the drive has no power, or switch off all drives that may be switched off.
 
-    All in one go: what is let go first would pull at what is still held.
+    All at once: a drive that is switched off first would pull at joints that are still held.
     """
 
     def state(one: _Found = drive) -> PowerState:
@@ -269,7 +271,7 @@ def _without_power(
 
 
 def _leave_without_power(drives: Sequence[_Found], port: DrivePort) -> None:
-    """Rule 8. What refuses or does not answer has been told, and can be told no more."""
+    """Send disable voltage to all drives (rule 8); refusals and missing answers are ignored."""
     for drive in drives:
         with suppress(BringUpRefused, DriveSilent):
             write(_DISABLE_VOLTAGE, drive.target(port), 0)
@@ -296,11 +298,11 @@ def _heartbeat_deadline_ns(port: DrivePort, cycle: CycleSettings) -> int:
 
 
 def _check_same(drive: _Found, port: DrivePort, text: str) -> Texts:
-    """It is still the one that was asked first: nobody beside it, and not rebooted."""
+    """Check that the same node answers, that no second one does, and that it did not reboot."""
     refuse_second_answer(drive.target(port), drive.sdo_repeat_count)
     if not drive.booted or port.traffic(drive.node_id).boot_up_count == drive.boot_up_count:
         return
-    with suppress(DriveSilent):  # that a drive is silent while it boots says nothing
+    with suppress(DriveSilent):  # silence while the drive boots is expected
         yield from _alone(drive, port, text)
     what = "it sent a boot-up message during bring-up, and has lost its configuration"
     raise DriveSilent(drive.name, BootFailure.REBOOTED, what)

@@ -1,19 +1,19 @@
 """The `DrivePort` over a `Bus`: canopen's SDO client, without canopen's threads.
 
 canopen's client waits for a queue that a Notifier thread fills. Here the waiting client reads the
-bus itself and hands each frame on, so bring-up needs no thread, and runs the same on a bus in
-memory whose time is simulated. Of canopen 2.4.1: `SdoClient`, `Network.notify`, abort texts.
-What is worked around, with where it was seen:
+bus itself and passes each frame on, so bring-up needs no thread, and runs the same on a bus in
+memory whose time is simulated. Used of canopen 2.4.1: `SdoClient`, `Network.notify`, abort texts.
+Workarounds, with their place in canopen:
 
 - A late reply to an earlier request can satisfy the next one (client.py compares the object only
   in upload): replies of another kind, or for another object, are counted and dropped.
-- A timeout sends an abort for 0000h:00; ours names the object of the transfer.
+- A timeout sends an abort for 0000h:00; here it names the object of the transfer.
 - A segmented upload may end before or after the announced length: then there is no value.
 - The default retry would send a request twice; a drive that does not answer once is silent.
-- A segmented transfer has no end while the server goes on: ours has a deadline as a whole.
+- A segmented transfer has no end while the server goes on: here each transfer has a deadline.
 
-A node has one SDO channel, and one transfer on it at a time. A reply that was given already, to the
-very same request, is counted apart from other strays: two nodes may be answering.
+A node has one SDO channel with one transfer at a time. A repeated reply to the same request is
+counted apart from other stray replies: two nodes may be answering.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,13 +31,13 @@ from drives.canopen.nmt import HEARTBEAT_ID, SYNC_ID, HeartbeatWatch, SyncProduc
 from drives.errors import BusError, BusOff, SdoAborted, SdoGarbled, SdoTimeout
 
 SDO_TIMEOUT_NS: Final = 300_000_000
-"""For each reply."""
+"""Limit for each reply."""
 SDO_TRANSFER_NS: Final = 1_000_000_000
-"""For a transfer as a whole, however many segments the server makes of it."""
+"""Limit for a whole transfer, however many segments the server uses."""
 SLICE_NS: Final = 10_000_000
-"""Longest wait for a reply in one piece."""
+"""Longest single wait for a reply."""
 SEND_PATIENCE_NS: Final = 20_000_000
-"""How long a full transmit queue may refuse a frame of bring-up."""
+"""How long a full transmit queue may refuse a bring-up frame."""
 
 _SDO_REQUEST_ID: Final = 0x600
 _SDO_REPLY_ID: Final = 0x580
@@ -51,11 +51,11 @@ _ABORT: Final = 0x80
 _REPLY_TO: Final = {0x20: 0x60, 0x40: 0x40, 0x00: 0x20, 0x60: 0x00}
 """Command specifiers (CiA 301 7.2.4.3): download, upload; download segment, upload segment."""
 _WITH_OBJECT: Final = frozenset((0x60, 0x40, _ABORT))
-"""Replies whose bytes 1..3 name the object; so do the requests that they answer."""
+"""Replies whose bytes 1..3 name the object; the same holds for their requests."""
 
 
 class Configurator:
-    """SDO, NMT and listening for bring-up; owns nothing but its view of the traffic."""
+    """SDO, NMT and reception for bring-up; owns nothing but its view of the traffic."""
 
     def __init__(
         self,
@@ -66,9 +66,9 @@ class Configurator:
         bus_state: BusMonitor | None = None,
         meanwhile: Callable[[], None] | None = None,
     ) -> None:
-        """`sync` and `bus_state` are those of whoever owns the bus for longer than this lives.
+        """Use the `sync` and `bus_state` of the owner of the bus, who outlives this object.
 
-        `meanwhile` is called every 10 ms while a reply is waited for: what else there is to do.
+        `meanwhile` is called every 10 ms while waiting for a reply.
         """
         self._bus = bus
         self._clock = clock
@@ -192,7 +192,7 @@ class Configurator:
 
 
 class _Network(canopen.Network):
-    """canopen's network without a bus of its own: it sends through ours and never listens."""
+    """canopen's network without a bus of its own: sends through the given bus, never receives."""
 
     def __init__(self, send: Callable[[Frame], None]) -> None:
         super().__init__()
@@ -212,7 +212,7 @@ class _Client(SdoClient):
     ) -> None:
         empty = canopen.ObjectDictionary()
         super().__init__(_SDO_REQUEST_ID + node_id, _SDO_REPLY_ID + node_id, empty)
-        # The reply is there, or the waiting is over, before the queue is asked.
+        # The reply is there, or the wait is over, before the queue is read.
         self.RESPONSE_TIMEOUT = 0
         self.network = network
         self._await_reply = await_reply
@@ -220,13 +220,13 @@ class _Client(SdoClient):
         self._object = bytes(3)
         self._reply = _ABORT
         self._given: bytes | None = None
-        """What identifies the reply that ended the last request."""
+        """Identifies the reply that ended the last request."""
         self.deadline_ns = 0
         self.timed_out = False
         self.stray_count = 0
         """Replies that did not belong to the pending request."""
         self.repeat_count = 0
-        """Those among them that had been given already."""
+        """Stray replies that repeat the last accepted one."""
         network.subscribe(self.tx_cobid, self.on_response)
 
     def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
@@ -272,5 +272,5 @@ class _Client(SdoClient):
 
 
 def _identity(reply: bytes) -> bytes:
-    """Command and object, or command and toggle bit: what two nodes' replies have in common."""
+    """Command and object, or command and toggle bit: equal in the replies of two nodes."""
     return reply[:4] if reply and reply[0] & _COMMAND in _WITH_OBJECT else reply[:1]

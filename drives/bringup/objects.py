@@ -1,9 +1,9 @@
 """The steps of a plan that touch one object of one drive: read, compare, write, read back.
 
-Every refusal is a BringUpRefused that says drive, object, value and reason; no answer is a
-DriveSilent. Both carry the failure that the step names: who does not even tell what it is has not
-answered, who falls silent over a setting has failed to be configured. What is written is read back
-and must be the same under the step's mask.
+Every refusal is a BringUpRefused that names drive, object, value and reason; no answer is a
+DriveSilent. Both carry the failure that the step names: no answer to an identity read means that
+the node is absent, no answer to a setting means that its configuration failed. What is written is
+read back and must be the same under the step's mask.
 """
 
 from typing import NamedTuple
@@ -22,7 +22,7 @@ from drives.errors import (
 
 
 class SdoTarget(NamedTuple):
-    """Where a transfer goes."""
+    """Address of a transfer."""
 
     port: DrivePort
     drive: str
@@ -30,7 +30,7 @@ class SdoTarget(NamedTuple):
 
 
 def examine(step: Step, target: SdoTarget) -> int:
-    """Read an object and judge it as CHECK, COMPARE, REPORT or ASK says; its value.
+    """Read an object, check it as CHECK, COMPARE, REPORT or ASK requires, and return its value.
 
     Raises:
         BringUpRefused, DriveSilent: see the head of this file.
@@ -56,7 +56,7 @@ def switch_off(step: Step, target: SdoTarget) -> None:
 
 
 def write_range(step: Step, target: SdoTarget) -> None:
-    """Write a minimum and the maximum beside it, in the order in which they never cross.
+    """Write a minimum and the adjacent maximum in an order in which they never cross.
 
     Raises:
         BringUpRefused, DriveSilent: see the head of this file.

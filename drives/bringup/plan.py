@@ -1,20 +1,20 @@
-"""What bring-up does with one drive, as a list of steps that can be printed before anything runs.
+"""The bring-up of one drive as a list of steps, which can be printed before anything runs.
 
 `plan` is pure: files and limits in, steps out. `bringup.py` executes them. The order, and why:
 
     reset    NMT reset communication: nothing of an earlier master remains
     boot     the boot-up message: the drive is there, in PRE-OPERATIONAL
-    power    without power, or switched off where that was asked for: no setting changes under load
-    check    device type, identity, modes: is it the drive that the files describe
-    alone    nobody else answers under its number
-    compare  torque base: what its torque numbers mean; read, never written, and used from then on
-    check    polarity and what else its numbers refer to; read, never written
+    power    without power, or switched off where that was requested: no setting changes under load
+    check    device type, identity, modes: it must be the drive of the files
+    alone    no second node answers under its number
+    compare  torque base, which its torque numbers refer to; read, never written, then used
+    check    polarity and other references of its numbers; read, never written
     off      every PDO switched off, so that nothing of an earlier mapping can act
     write    SYNC's counter and window where the drive has them; type, timers, objects of the PDOs
              we use, each switched on last; then limits, option codes, interpolation time,
              heartbeats: defence in depth, all read back
     range    software position limits: two objects that must not cross on the way
-    seed     target where the joint is (torque 0 and the mode are ordinary writes)
+    seed     target at the joint's position (torque 0 and the mode are ordinary writes)
     hear     its heartbeat, in PRE-OPERATIONAL
     report   error register and error code as found
 
@@ -45,20 +45,20 @@ _MILLISECONDS: Final = -3
 
 
 class CycleSettings(NamedTuple):
-    """What bring-up needs of the cycle's configuration."""
+    """The part of the cycle's configuration that bring-up needs."""
 
     period_ms: int
     master_node_id: int
     drive_heartbeat_ms: int
     """1017h of each drive."""
     drive_detection_ms: int
-    """1016h:01 of each drive: our silence until it stops by itself."""
+    """1016h:01 of each drive: the drive stops after this long without the master's heartbeat."""
     rpdo_timeout_ms: int
     """1400h:05 where the drive has it."""
     sync_counter: int = 0
-    """1019h: SYNC carries a counter from 1 to this; 0: it carries none."""
+    """1019h: SYNC carries a counter from 1 to this value; 0: no counter."""
     sync_window_us: int = 0
-    """1007h where the drive has it: a TPDO that is later after SYNC is dropped; 0: none is."""
+    """1007h where the drive has it: a TPDO later than this after SYNC is dropped; 0: no window."""
 
 
 class DrivePlan(NamedTuple):
@@ -73,7 +73,7 @@ class DrivePlan(NamedTuple):
 
 
 def plan(description: DriveDescription, limits: DriveLimits, cycle: CycleSettings) -> DrivePlan:
-    """All steps of one drive, in order."""
+    """List all steps of one drive, in order."""
     steps = (
         Step(StepKind.RESET, "NMT reset communication: nothing of an earlier master remains"),
         Step(StepKind.BOOT, "boot-up message: it is there, in PRE-OPERATIONAL"),
@@ -97,7 +97,7 @@ def plan(description: DriveDescription, limits: DriveLimits, cycle: CycleSetting
 def homing_plan(
     description: DriveDescription, limits: DriveLimits, cycle: CycleSettings
 ) -> DrivePlan:
-    """As `plan`, with what a homing needs, and with the axis file's torque limit for it."""
+    """As `plan`, with what homing needs and with the axis file's torque limit for homing."""
     homing = description.axis.homing
     if homing is None:
         raise ValueError(f"{description.name} has no homing")
@@ -110,9 +110,9 @@ def homing_plan(
 def lonely_plan(
     description: DriveDescription, limits: DriveLimits, cycle: CycleSettings, effort_max_si: float
 ) -> DrivePlan:
-    """As `plan` for an axis that is moved alone, by little: at most this effort, in N·m or N.
+    """As `plan`, for an axis that is moved alone, with at most this effort in N·m or N.
 
-    It may not know where it is, so the drive watches no position limits.
+    The axis may not be referenced, so the drive enforces no position limits.
     """
     lonely = limits._replace(
         position_min_si=-math.inf, position_max_si=math.inf, effort_max_si=effort_max_si
@@ -232,7 +232,7 @@ def _mapping_of(layout: PdoLayout, description: DriveDescription) -> Iterator[St
 
 
 def _switch_on(layout: PdoLayout) -> Step:
-    # Bit 30 is asked for but not insisted on: some drives know no other way.
+    # Bit 30 is requested but not required: some drives do not support it.
     value = layout.can_id | (NO_RTR if layout.transmit else 0)
     return Step(
         kind=StepKind.WRITE,

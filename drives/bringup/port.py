@@ -1,7 +1,7 @@
-"""What bring-up needs of the world: SDO transfers, frames out, and time that passes in listening.
+"""The interface that bring-up needs: SDO transfers, frames out, and waiting while receiving.
 
-`configurator.py` implements it over any `Bus`: the real one, or one in memory that moves simulated
-time forward when somebody waits. No call takes longer than one SDO transfer or the wait asked for.
+`configurator.py` implements it over any `Bus`: the real one, or one in memory that advances
+simulated time during a wait. No call takes longer than one SDO transfer or the requested wait.
 """
 
 from collections import deque
@@ -19,7 +19,7 @@ EMERGENCIES_KEPT: Final = 8
 
 @dataclass(slots=True)
 class NodeTraffic:
-    """What one node has said by itself since the port was opened; only grows."""
+    """Unrequested traffic of one node since the port was opened; only grows."""
 
     boot_up_count: int = 0
     heartbeat_count: int = 0
@@ -27,21 +27,21 @@ class NodeTraffic:
     emergencies: deque[bytes] = field(default_factory=lambda: deque[bytes](maxlen=EMERGENCIES_KEPT))
     """Raw EMCY data, oldest first."""
     pdo_count: dict[int, int] = field(default_factory=dict[int, int])
-    """TPDOs by identifier."""
+    """Number of TPDOs by identifier."""
     pdo_data: dict[int, bytes] = field(default_factory=dict[int, bytes])
-    """The newest of each."""
+    """Data of the newest TPDO by identifier."""
     sdo_repeat_count: int = 0
-    """SDO replies that had been given already: two nodes answer under one number."""
+    """Repeated SDO replies: two nodes answer under one number."""
 
 
 class DrivePort(Protocol):
-    """One side of a bus with drives on it."""
+    """The master's side of a bus with drives."""
 
     sync: SyncProducer
     """The only source of SYNC, in bring-up and after it."""
     bus_state: BusMonitor
     foreign_sync_count: int
-    """SYNCs that somebody else has sent since the port was opened."""
+    """SYNCs from other nodes since the port was opened."""
 
     def now_ns(self) -> int:
         """Monotonic time in ns."""
@@ -56,7 +56,7 @@ class DrivePort(Protocol):
         ...
 
     def wait(self, until_ns: int) -> None:
-        """Listen until then, or until a frame came; either way traffic is up to date.
+        """Receive until then, or until a frame arrives; traffic is up to date afterwards.
 
         Raises:
             BusError: the bus is down; BusOff: the controller has left it.
@@ -64,14 +64,14 @@ class DrivePort(Protocol):
         ...
 
     def traffic(self, node_id: int) -> NodeTraffic:
-        """What a node has said so far; ask again after waiting."""
+        """Return what a node has sent so far; call again after waiting."""
         ...
 
     def read(self, node_id: int, index: int, sub: int) -> bytes:
         """One SDO upload.
 
         Raises:
-            SdoAborted, SdoTimeout, SdoGarbled: by the drive.
+            SdoAborted, SdoTimeout, SdoGarbled: the transfer failed.
             BusError: the bus is down.
         """
         ...
@@ -80,7 +80,7 @@ class DrivePort(Protocol):
         """One SDO download.
 
         Raises:
-            SdoAborted, SdoTimeout, SdoGarbled: by the drive.
+            SdoAborted, SdoTimeout, SdoGarbled: the transfer failed.
             BusError: the bus is down.
         """
         ...

@@ -1,6 +1,6 @@
-"""One step of a bring-up: what is done with which object, and what has failed if it does not work.
+"""One step of a bring-up: the action, its object, and the failure to report if it does not work.
 
-`plan.py` makes lists of them, `bringup.py` and `objects.py` execute them, `eds.py` judges them
+`plan.py` builds lists of steps, `bringup.py` and `objects.py` execute them, `eds.py` checks them
 without a drive.
 """
 
@@ -11,7 +11,7 @@ from typing import Final
 from drives.errors import BootFailure
 
 PDO_OFF: Final = 0x8000_0000
-"""Bit 31 of a PDO's identifier: it does not exist."""
+"""Bit 31 of a PDO's identifier: the PDO does not exist."""
 NO_RTR: Final = 0x4000_0000
 """Bit 30 of a TPDO's identifier: no remote frames."""
 ALL_BITS: Final = 0xFFFF_FFFF
@@ -20,26 +20,27 @@ SERIAL_NUMBER: Final = (0x1018, 4)
 
 
 class StepKind(Enum):
-    """How a step is executed; the value is what a printed plan shows."""
+    """Kind of a step; the value is shown in a printed plan."""
 
     RESET = "reset"
     BOOT = "boot"
     POWER = "power"
-    """Read the statusword; a powered drive is switched off only where somebody asked for it."""
+    """Read the statusword; a powered drive is switched off only where that was requested."""
     CHECK = "check"
     """Read; the masked value must equal `value`."""
     ALONE = "alone"
-    """Read the serial number twice, and listen for a second answer."""
+    """Read the serial number twice, and wait for a second answer."""
     COMPARE = "compare"
     """Read; not 0 and within 1 % of `value`."""
     SWITCH_OFF = "off"
-    """Read a PDO's identifier, write it back with bit 31: a drive may refuse any other one."""
+    """Read a PDO's identifier and write it back with bit 31: a drive may refuse any other value."""
     WRITE = "write"
     """Write, and read back under `mask`."""
     RANGE = "range"
-    """Write `value` here and `second` into the next sub-index, never crossing what is there."""
+    """Write `value` here and `second` into the next sub-index, never crossing the present
+    values."""
     SEED_POSITION = "seed"
-    """Read the position, write it as the target, held between `value` and `second`."""
+    """Read the position and write it as the target, clamped to `value` and `second`."""
     HEAR = "hear"
     REPORT = "report"
     """Read, for the report."""
@@ -61,17 +62,17 @@ class Step:
     mask: int = ALL_BITS
     second: int = 0
     is_hex: bool = False
-    """How a person reads the value."""
+    """Show the value in hex."""
     failure: BootFailure = BootFailure.CONFIGURATION
-    """What has failed if the drive refuses this step, or holds another value."""
+    """The failure to report if the drive refuses this step, or holds another value."""
 
     @property
     def place(self) -> str:
-        """`6065h:00`, or nothing."""
+        """`6065h:00`, or an empty string."""
         return f"{self.index:04X}h:{self.sub:02X}" if self.index else ""
 
     def shown(self, value: int) -> str:
-        """A value of this object as a person reads it."""
+        """Format a value of this object for the operator."""
         return f"{value:0{self.bits // 4}X}h" if self.is_hex else str(value)
 
     def __str__(self) -> str:

@@ -1,18 +1,18 @@
 """The CAN bus: frames in, frames out. The only file that touches python-can in the cycle.
 
-`Bus` is what everything else relies on; `CanBus` is the real one, over python-can's socketcan or
-any other of its interfaces. The bus of simulated time is another (`simulated.py`).
+`Bus` is the interface that everything else uses; `CanBus` is the real one, over python-can's
+socketcan or any other of its interfaces. `simulated.py` is the bus of simulated time.
 
-Policy for a full transmit queue (ENOBUFS): what `send` cannot place at once is dropped and
+Policy for a full transmit queue (ENOBUFS): frames that `send` cannot place at once are dropped and
 counted, because process data of this cycle are worthless in the next. `send_urgent` (NMT, quick
-stop) tries again until its deadline, and listens meanwhile. Neither raises for a full queue.
+stop) tries again until its deadline, and receives meanwhile. Neither raises for a full queue.
 Any other failure is a BusError: the interface went down or away.
 
-Nothing here reads a clock: whoever waits brings one. `Frame.time_ns` is the kernel's stamp
-(SO_TIMESTAMPNS of a SocketCAN socket): the moment of arrival, by the wall clock, which NTP and
-operators move. What it means in monotonic time is known only to who reads both clocks before and
-after (`daemon/core/runtime/arrivals.py`). Stamps of other interfaces are those of another process
-or machine, and not taken.
+No function here reads a clock: a function that waits takes one. `Frame.time_ns` is the kernel's
+stamp (SO_TIMESTAMPNS of a SocketCAN socket): the arrival time by the wall clock, which NTP and
+operators change. Converting it to monotonic time needs both clocks, read before and after
+(`daemon/core/runtime/arrivals.py`). Stamps of other interfaces come from another process or
+machine, and are not used.
 """
 
 import errno
@@ -27,20 +27,20 @@ from drives.errors import BusError
 from simtime.frame import Frame
 
 DRAIN_COUNT_MAX: Final = 512
-"""Frames that one drain takes: a babbling node must not hold the cycle."""
+"""Most frames that one drain takes: a babbling node must not block the cycle."""
 SOCKETCAN: Final = "socketcan"
 RETRY_PAUSE_S: Final = 0.0002
-"""Between two tries of an urgent frame: at 1 Mbit/s one frame leaves the queue in about 0.13 ms."""
+"""Pause between two tries of an urgent frame: at 1 Mbit/s one frame takes about 0.13 ms."""
 
 _QUEUE_FULL: Final = (errno.ENOBUFS, errno.EAGAIN)
 _FAILURES: Final = (can.CanError, OSError, ValueError)
-"""What python-can raises in use. ValueError: select() on a closed socket."""
+"""Exceptions that python-can raises in use. ValueError: select() on a closed socket."""
 _OPEN_FAILURES: Final = (*_FAILURES, TypeError)
-"""TypeError: an interface that knows no bit rate."""
+"""Exceptions of opening. TypeError: an interface that knows no bit rate."""
 
 
 class Clock(Protocol):
-    """What a wait needs of time."""
+    """The clock that a wait needs."""
 
     def now_ns(self) -> int:
         """Monotonic time in ns."""
@@ -51,7 +51,7 @@ class Bus(Protocol):
     """A CAN bus as the drives package uses it."""
 
     def send(self, frames: Sequence[Frame]) -> int:
-        """Send at once or not at all; the number of frames dropped on a full queue.
+        """Send at once or not at all; return the number of frames dropped on a full queue.
 
         Raises:
             BusError: the bus is down.
@@ -59,7 +59,7 @@ class Bus(Protocol):
         ...
 
     def send_urgent(self, frames: Sequence[Frame], deadline_ns: int, clock: Clock) -> int:
-        """Send, trying again until the deadline; the number of frames that did not leave.
+        """Send, trying again until the deadline; return the number of frames that were not sent.
 
         Raises:
             BusError: the bus is down.
@@ -67,7 +67,7 @@ class Bus(Protocol):
         ...
 
     def drain(self) -> list[Frame]:
-        """Everything received so far, oldest first; never waits.
+        """Return everything received so far, oldest first; never waits.
 
         Raises:
             BusError: the bus is down.
@@ -75,7 +75,7 @@ class Bus(Protocol):
         ...
 
     def receive_until(self, deadline_ns: int, clock: Clock) -> list[Frame]:
-        """Wait for the first frame, at most until the deadline; everything that is there by then.
+        """Wait for the first frame, at most until the deadline; return everything received by then.
 
         Raises:
             BusError: the bus is down.
@@ -83,19 +83,19 @@ class Bus(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of the interface; safe to call twice and on a dead bus."""
+        """Close the interface; safe to call twice and on a dead bus."""
         ...
 
 
 class SteadySocketcan(SocketcanBus):
     """SocketCAN without the wall clock.
 
-    python-can's own `recv` counts its patience with time.time(): set back by an hour while it
-    waits, it waits for an hour, or for a frame. What it is built on waits in select().
+    python-can's own `recv` measures its timeout with time.time(): if that is set back by an hour
+    during a wait, the wait takes an hour longer. The method below it waits in select().
     """
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """A frame, or None when the timeout is over."""
+        """Return a frame, or None after the timeout."""
         return self._recv_internal(timeout)[0]
 
 
@@ -108,21 +108,21 @@ class CanBus:
         self._stamps = isinstance(bus, SocketcanBus)
         self._kept: list[Frame] = []  # received while an urgent frame waited
         self.dropped_count = 0
-        """Frames that never left because the transmit queue was full."""
+        """Frames that were never sent because the transmit queue was full."""
         self.foreign_count = 0
-        """Frames received that no drive of ours sends: extended, remote or CAN FD."""
+        """Received frames of kinds that no drive sends: extended, remote or CAN FD."""
 
     @classmethod
     def open(cls, interface: str, channel: str, bitrate_bit_per_s: int) -> "CanBus":
-        """Open an interface by python-can's own words.
+        """Open an interface by python-can's names.
 
-        The bit rate of a SocketCAN interface is the operating system's matter; there it is only
-        used for the bus load.
+        The bit rate of a SocketCAN interface is set by the operating system; there it is only used
+        for the bus load.
 
         Args:
             interface: python-can's name.
-            channel: of it.
-            bitrate_bit_per_s: of the bus.
+            channel: channel of the interface.
+            bitrate_bit_per_s: bit rate of the bus.
 
         Raises:
             BusError: there is no such interface, or it does not work.
@@ -142,7 +142,7 @@ class CanBus:
         return dropped
 
     def send_urgent(self, frames: Sequence[Frame], deadline_ns: int, clock: Clock) -> int:
-        """As `Bus.send_urgent`; what arrives meanwhile is kept for the next drain."""
+        """As `Bus.send_urgent`; frames that arrive meanwhile are kept for the next drain."""
         waiting = list(frames)
         while waiting:
             if self._place(waiting[0]):
@@ -222,7 +222,7 @@ class CanBus:
 
 
 def _queue_full(error: BaseException) -> bool:
-    # python-can has one class for all; a select() that times out carries only this text.
+    # python-can has one class for all; only this text identifies a select() that timed out.
     if not isinstance(error, can.CanOperationError):
         return False
     return error.error_code in _QUEUE_FULL or "Transmit buffer full" in str(error)

@@ -1,4 +1,4 @@
-"""How much of the bus our frames take: at worst, before anything is sent, and one frame exactly.
+"""Bus load: the worst case, computed before anything is sent, and the exact length of one frame.
 
 A classic CAN frame with an 11-bit identifier and n data bytes has 34 + 8 n bits that are stuffed,
 at worst one in four after the first, and 13 more that are not:
@@ -9,10 +9,10 @@ at worst one in four after the first, and 13 more that are not:
     bits(n) <= 47 + 8 n + floor((34 + 8 n - 1) / 4)                     135 for 8 bytes
 
 Intermission is counted, since no frame can follow without it; `canbusload -e` of can-utils counts
-the same. Exactly, after each five equal bits one of the other kind is stuffed, which counts for
-what follows; the CRC is over the bits before it, without stuffing.
+the same. Exactly, after each five equal bits one of the opposite value is stuffed, which counts for
+the following run; the CRC is over the bits before it, without stuffing.
 
-Source: ISO 11898-1 frame format, its CRC and bit stuffing; the bound is that of Tindell and Burns,
+Source: ISO 11898-1 frame format, its CRC and bit stuffing; the bound is from Tindell and Burns,
 "Guaranteeing message latencies on Controller Area Network".
 """
 
@@ -25,7 +25,8 @@ from drives.cia402.pdo import layouts
 from drives.cia402.profile import DriveDescription
 
 BURST_MAX_RATIO: Final = 0.5
-"""SYNC, TPDOs and RPDOs of one cycle must fit into this part of it: what is late still fits."""
+"""SYNC, TPDOs and RPDOs of one cycle must fit into this part of it, so that late frames still
+fit."""
 
 _FIXED_BITS: Final = 47
 _STUFFED_BITS: Final = 34
@@ -34,31 +35,32 @@ _CRC_POLYNOMIAL: Final = 0x4599
 _CRC_MASK: Final = 0x7FFF
 _STUFF_AFTER: Final = 5
 _HEADERS_KEPT: Final = 256
-"""Many more than our streams have; a station that sends all identifiers makes no cache grow."""
+"""Cache limit, far above our number of streams; a station that sends all identifiers cannot grow
+it."""
 _IDLE: Final = (1, 0)
-"""Before a frame: the last bit was recessive, and no run of it counts."""
+"""Before a frame: the last bit was recessive and does not count as a run."""
 
 _Run = tuple[int, int]
-"""The bit sent last, and how often in a row, a stuffed one included."""
+"""The last bit sent and its run length, including a stuffed one."""
 
 
 class Stream(NamedTuple):
-    """One kind of frame, sent so often."""
+    """One kind of frame and how often it is sent."""
 
     name: str
     data_bytes: int
     rate_hz: float
     in_burst: bool
-    """SYNC sets it off."""
+    """Triggered by SYNC."""
 
 
 class BusLoad(NamedTuple):
-    """What all our streams take of the bus at worst."""
+    """Worst-case bus load of all streams."""
 
     busy_ratio: float
-    """Of the time, 0..1."""
+    """Share of the time, 0..1."""
     burst_s: float
-    """Time on the wire of everything that one SYNC sets off."""
+    """Time on the wire of everything that one SYNC triggers."""
     streams: tuple[Stream, ...]
 
 
@@ -71,7 +73,7 @@ def frame_bits(data_bytes: int) -> int:
 def frame_bits_exact(can_id: int, data: bytes) -> int:
     """Length of one data frame as it is on the wire, with stuffing and intermission.
 
-    Costs a few look-ups for each byte, so all frames of a cycle may be counted.
+    It costs a few look-ups for each byte: cheap enough for every frame of a cycle.
     """
     run, stuffed, crc = _header(can_id, len(data))
     for byte in data:
@@ -85,7 +87,7 @@ def frame_bits_exact(can_id: int, data: bytes) -> int:
 
 @lru_cache(_HEADERS_KEPT)
 def _header(can_id: int, data_bytes: int) -> tuple[_Run, int, int]:
-    """Start of frame to length: run and CRC after it, and how many bits were stuffed."""
+    """Return run and CRC from start of frame to length, and the number of stuffed bits."""
     header = can_id << 7 | data_bytes
     run, stuffed = _stuff(_IDLE, header, _HEADER_BITS)
     crc = 0
@@ -96,7 +98,7 @@ def _header(can_id: int, data_bytes: int) -> tuple[_Run, int, int]:
 
 @cache
 def _stuff(run: _Run, value: int, width: int) -> tuple[_Run, int]:
-    """Send so many bits, the highest first: the run after them, and how many were stuffed."""
+    """Stuff `width` bits, highest first; return the run after them and how many were stuffed."""
     last, length = run
     stuffed = 0
     for shift in reversed(range(width)):
@@ -109,7 +111,7 @@ def _stuff(run: _Run, value: int, width: int) -> tuple[_Run, int]:
 
 
 def fill_tables() -> None:
-    """Work out every byte after every run there is, so that nothing is kept in service any more."""
+    """Precompute every byte after every possible run, so that the cycle computes none."""
     for byte in range(256):
         _crc_of_byte(byte)
         for bit in (0, 1):
@@ -136,7 +138,7 @@ def bus_load(
     master_heartbeat_ms: int,
     bitrate_bit_per_s: int,
 ) -> BusLoad:
-    """Worst-case load of the cyclic operation; SDO belongs to bring-up, EMCY to trouble."""
+    """Worst-case load of the cyclic operation, without SDO and EMCY."""
     sync_hz = 1e3 / cycle.period_ms
     streams = [
         Stream("SYNC", 1 if cycle.sync_counter else 0, sync_hz, in_burst=True),
@@ -152,7 +154,7 @@ def bus_load(
 
 
 def objection(load: BusLoad, load_max_ratio: float, period_ms: int) -> str | None:
-    """Why this bus must not be started, or None."""
+    """Return why this bus must not be started, or None."""
     if load.busy_ratio > load_max_ratio:
         busy, allowed = load.busy_ratio, load_max_ratio
         return f"the bus would be busy {busy:.1%} of the time, allowed are {allowed:.0%}"

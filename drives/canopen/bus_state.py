@@ -1,19 +1,20 @@
-"""What the CAN controller says about itself: SocketCAN error frames, decoded and counted.
+"""State of the CAN controller: SocketCAN error frames, decoded and counted.
 
 canopen drops these frames and python-can's `bus.state` is always ACTIVE, so a bus-off would pass
-unseen without this file. Source of the numbers: include/uapi/linux/can/error.h.
+undetected without this file. Source of the numbers: include/uapi/linux/can/error.h.
 
 Rules:
-1.  Bus-off lasts until the controller reports a restart. Nobody here restarts it: that is the
-    interface's matter (`restart-ms`, or the operator). What a node sends meanwhile is lost. A
-    report can be lost, too: a bring-up takes the controller for restarted when it hears anybody,
-    or when somebody has asked for it.
-2.  Error passive and warning are told and do not stop. They end when the controller says so.
-3.  A missing acknowledgement means that nobody else is on the bus; whatever is heard ends that. So
-    does a transmitter that is error passive before anything was heard: a lonely node gets no
-    farther than that (ISO 11898-1), and not every driver reports what was missing.
-4.  Everything is counted; a line for people comes with each change, and for what has no end
-    (frames lost in the controller) with the first, the tenth, the hundredth.
+1.  Bus-off lasts until the controller reports a restart. This program never restarts it: the
+    interface does (`restart-ms`, or the operator). Frames of other nodes in the meantime are lost.
+    A report can be lost, too: bring-up takes the controller for restarted when any frame is
+    received, or when the operator has requested it.
+2.  Error passive and warning are reported and do not stop. They end when the controller says so.
+3.  A missing acknowledgement means that no other node is on the bus; any received frame ends that.
+    A transmitter that is error passive before any frame was received means the same: the error
+    counter of a single node rises no further (ISO 11898-1), and not every driver reports the
+    missing acknowledgement.
+4.  Everything is counted; a notice is made for each change, and for repeated events (frames lost in
+    the controller) for the first, the tenth, the hundredth.
 """
 
 from collections import deque
@@ -35,12 +36,13 @@ _DATA_PASSIVE: Final = 0x30
 _DATA_TRANSMITTER_PASSIVE: Final = 0x20
 _DATA_ACTIVE: Final = 0x40
 _PROTOCOL_ACTIVE: Final = 0x40
-"""Bit in data[2] of a protocol error: a driver (usb_8dev) announces so that all is well again."""
+"""Bit in data[2] of a protocol error: a driver (usb_8dev) uses it to report the error-free
+state."""
 _ACK_SLOT: Final = 0x19
-"""data[3] of a protocol error: some drivers report a missing acknowledgement by its place."""
+"""data[3] of a protocol error: some drivers report a missing acknowledgement by its location."""
 
 NOTICES_MAX: Final = 4
-"""Of one cycle; what comes and goes faster is counted."""
+"""Most notices of one cycle; faster changes are only counted."""
 
 
 class BusCondition(Enum):
@@ -64,7 +66,7 @@ _ALONE: Final = "CAN frames are not acknowledged: nobody else is on the bus, or 
 
 
 class BusMonitor:
-    """Takes every error frame; holds the condition and what was counted."""
+    """Decodes every error frame; holds the condition and the counters."""
 
     __slots__ = (
         "_has_heard",
@@ -84,9 +86,10 @@ class BusMonitor:
     def __init__(self) -> None:
         self.condition = BusCondition.ACTIVE
         self.has_been_off = False
-        """Since the drives were brought up: however short it was, they have heard nothing."""
+        """Bus-off since the drives were brought up: even a short one means that they missed
+        frames."""
         self.alone = False
-        """Frames are not acknowledged, and nothing has been heard since."""
+        """Frames are not acknowledged, and none has been received since."""
         self._has_heard = False
         self.bus_off_count = 0
         self.passive_count = 0
@@ -94,7 +97,7 @@ class BusMonitor:
         self.restart_count = 0
         self.no_ack_count = 0
         self.overflow_count = 0
-        """Frames lost in the controller, received or to be sent."""
+        """Frames lost in the controller, in either direction."""
         self._overflow_told_count = 0
         self._notices: deque[str] = deque(maxlen=NOTICES_MAX)
 
@@ -122,27 +125,27 @@ class BusMonitor:
         return True
 
     def begin(self) -> None:
-        """The interface was opened: nothing is known of its controller."""
+        """Reset the state after the interface was opened."""
         self.condition = BusCondition.ACTIVE
         self.alone = self._has_heard = False
 
     def forgive(self) -> None:
-        """A bring-up begins: what was before does not count against its drives."""
+        """Clear the history when bring-up starts: it must not count against the drives."""
         self.has_been_off = False
 
     def revive(self) -> None:
-        """Take a controller that was bus-off for restarted."""
+        """Assume that a controller that was bus-off has restarted."""
         if self.condition is BusCondition.OFF:
             self.condition = BusCondition.ACTIVE
             self._notices.append(_NOTICE[BusCondition.ACTIVE])
 
     def hear(self) -> None:
-        """A frame came from somebody else."""
+        """Note a frame from another node."""
         self.alone = False
         self._has_heard = True
 
     def take_notices(self) -> list[str]:
-        """What people should know and have not been told yet, oldest first."""
+        """Return the notices that were not yet taken, oldest first."""
         notices = list(self._notices)
         self._notices.clear()
         return notices
@@ -181,7 +184,7 @@ class BusMonitor:
 
 
 def _announces_active(frame: Frame) -> bool:
-    # With the class of bus errors it tells of one more of them.
+    # With the class of bus errors it reports one more of them.
     only = frame.can_id & (_CLASS_PROTOCOL | _CLASS_BUS_ERROR) == _CLASS_PROTOCOL
     return only and len(frame.data) > 2 and bool(frame.data[2] & _PROTOCOL_ACTIVE)
 

@@ -3,12 +3,12 @@
 Rules (CiA 301 7.2.7.1):
 1.  An EMCY is eight bytes: code, error register, five of the vendor's. Code 0000h means that all
     errors are gone: it clears the open one and is not counted as an error.
-2.  What the code means, what the drive does by itself and whether its encoder can still be believed
-    is the vendor's (`emcy_codes.py`). A code whose reaction nobody knows is taken for the worst.
-3.  An alarm asks for a stop: every code but those that are only a warning. A warning is told, and
-    never hides an alarm that is still open.
-4.  A flood fills nothing: rings of fixed length keep the newest, the counters stay exact, and a
-    code that has come since the last 0000h is marked as a repetition, which asks for nothing new.
+2.  The meaning of a code, the drive's own reaction and whether its encoder is still reliable depend
+    on the vendor (`emcy_codes.py`). A code with an unknown reaction counts as the worst.
+3.  An alarm requires a stop: every code that is not only a warning. A warning is reported, and
+    never hides an open alarm.
+4.  Memory is bounded: rings of fixed length keep the newest, the counters stay exact, and a code
+    already received since the last 0000h is marked as a repetition, which requires no new stop.
 """
 
 import struct
@@ -21,7 +21,7 @@ from drives.signals import Emergency
 EMERGENCY_ID: Final = 0x080
 RING_COUNT: Final = 32
 NEWS_COUNT: Final = 2
-"""Messages of one cycle that its record has room for; all are counted."""
+"""Messages of one cycle that fit into its record; all are counted."""
 
 _LAYOUT: Final = struct.Struct("<HB5s")
 
@@ -29,7 +29,7 @@ _LAYOUT: Final = struct.Struct("<HB5s")
 def decode_emergency(
     data: bytes, node_id: int, table: EmergencyTable, now_ns: int
 ) -> Emergency | None:
-    """One EMCY frame; None if it has not eight bytes."""
+    """Decode one EMCY frame; None if it is not eight bytes long."""
     if len(data) != _LAYOUT.size:
         return None
     code, register, vendor_bytes = _LAYOUT.unpack(data)
@@ -47,12 +47,12 @@ def decode_emergency(
 
 
 def is_alarm(emergency: Emergency) -> bool:
-    """Whether it asks for a stop."""
+    """True if the EMCY requires a stop."""
     return emergency.code != 0 and emergency.reaction is not Reaction.WARNING
 
 
 class EmergencyLog:
-    """What one drive reported since bring-up."""
+    """Emergencies of one drive since bring-up."""
 
     __slots__ = (
         "_news",
@@ -81,20 +81,20 @@ class EmergencyLog:
         self.alarm: Emergency | None = None
         """The newest alarm, cleared since or not."""
         self.alarm_count = 0
-        """Those among them that ask for a stop."""
+        """Number of alarms among them."""
         self.cleared_count = 0
         """Messages with code 0000h."""
         self.has_alarm = False
-        """The last frame asks for a stop, and its code is new since the last 0000h."""
+        """The last frame is an alarm whose code is new since the last 0000h."""
         self.reference_lost = False
-        """One of them said that the encoder cannot be believed any more."""
+        """One of the messages meant that the encoder position is no longer reliable."""
         self._since_clear: set[int] = set()
         self._news: deque[tuple[Emergency, bool]] = deque(maxlen=NEWS_COUNT)
 
     def feed(self, data: bytes, now_ns: int) -> Emergency | None:
-        """Take one EMCY frame; what it says, or None if it has the wrong length.
+        """Take one EMCY frame; return it decoded, or None if it has the wrong length.
 
-        `has_alarm` tells whether it asks for a stop that was not asked for before.
+        `has_alarm` is True if it requires a stop that was not required before.
         """
         self.has_alarm = False
         emergency = decode_emergency(data, self._node_id, self._table, now_ns)
@@ -109,7 +109,7 @@ class EmergencyLog:
         return emergency
 
     def take_news(self) -> tuple[tuple[Emergency, bool], ...]:
-        """What came since the last call, oldest first; each with: does it repeat an open code?"""
+        """Return news since the last call, oldest first, with True for repeated open codes."""
         if not self._news:
             return ()
         news = tuple(self._news)

@@ -1,6 +1,6 @@
-"""What EMCY codes mean: texts, what the drive does when it sends one, and what is then lost.
+"""EMCY codes: texts, the drive's own reaction, and whether the position reference is lost.
 
-A profile names one of these tables; what its table does not have is looked up in the standard's.
+A profile names one of these tables; codes that are not in it are looked up in the standard's.
 
     standard  CiA 301 table of error classes and communication codes; CiA 402 codes
     epos4     reaction classes of its firmware specification as public documents reproduce them
@@ -8,7 +8,7 @@ A profile names one of these tables; what its table does not have is looked up i
               github.com/PyLabRobot/pylabrobot, pylabrobot/paa/kx2 (its KX2 robot has Elmo drives),
               and Elmo's MAN-CAN301IG chapter 6
 
-The same code may mean another thing to another maker (FF10h). The wording here is ours.
+The same code may differ between manufacturers (FF10h). The texts are this project's own.
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ EmergencyTable = Literal["standard", "epos4", "elmo"]
 
 
 class Reaction(Enum):
-    """What the drive does by itself when it sends the code."""
+    """The drive's own reaction when it sends the code."""
 
     UNKNOWN = "not known"
     WARNING = "nothing: a warning"
@@ -34,9 +34,9 @@ class CodeMeaning(NamedTuple):
     text: str
     reaction: Reaction = Reaction.UNKNOWN
     loses_reference: bool = False
-    """The encoder can no longer be believed: the axis must be referenced again."""
+    """The encoder is no longer reliable: the axis must be referenced again."""
     is_sto: bool = False
-    """Safe torque off was asked for, by somebody's switch: no defect of the drive."""
+    """Safe torque off was requested by a switch: no defect of the drive."""
 
 
 _A = Reaction.ABORT_CONNECTION
@@ -76,7 +76,7 @@ _CLASSES: Final = {
     0xF0: "additional functions",
     0xFF: "device specific",
 }
-"""CiA 301 7.2.7.1 and CiA 402: by the code's high byte."""
+"""Error classes by the code's high byte: CiA 301 7.2.7.1 and CiA 402."""
 
 _STANDARD: Final = {
     0x2310: CodeMeaning("continuous overcurrent, output side"),
@@ -207,9 +207,9 @@ _TABLES: Final[Mapping[EmergencyTable, _Table]] = {
 
 
 def meaning(code: int, table: EmergencyTable) -> CodeMeaning:
-    """What a code means to a drive of this kind; the standard's error class where nobody says more.
+    """Look up a code for this kind of drive; unknown codes get the standard's error class.
 
-    A 73xxh that no table knows counts as an encoder that cannot be believed.
+    A 73xxh that is in no table counts as an unreliable encoder.
     """
     own = _TABLES[table]
     if code in own.codes:

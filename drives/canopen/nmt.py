@@ -1,11 +1,11 @@
-"""NMT and SYNC: the frames that a master sends, and the watch over one node's heartbeat.
+"""NMT and SYNC: the frames that a master sends, and the monitoring of one node's heartbeat.
 
-Rules of the watch (CiA 301 7.2.8.2.2):
-1.  A frame 700h + id with one byte 00h is a boot-up message: the node has reset and lost what was
-    configured. It is never a sign of life, and never forgotten until a new bring-up.
+Rules of the monitoring (CiA 301 7.2.8.2.2):
+1.  A frame 700h + id with one byte 00h is a boot-up message: the node has reset and lost its
+    configuration. It is not a heartbeat, and is remembered until a new bring-up.
 2.  Any other state byte (bit 7, the toggle bit of node guarding, is masked) is a heartbeat.
-3.  The watch runs from `armed_ns`, the end of bring-up, in which the drive was heard; without it,
-    from the first heartbeat on.
+3.  Monitoring runs from `armed_ns`, the end of bring-up, in which frames of the drive were
+    received; without it, from the first heartbeat.
 """
 
 from enum import IntEnum
@@ -19,7 +19,7 @@ SYNC_ID: Final = 0x080
 HEARTBEAT_ID: Final = 0x700
 
 SYNC_FRAME: Final = Frame(SYNC_ID, b"")
-"""Without counter (1019h = 0)."""
+"""SYNC without counter (1019h = 0)."""
 
 _KNOWN: Final = {state.value: state for state in NmtState if state is not NmtState.UNKNOWN}
 
@@ -35,20 +35,20 @@ class NmtCommand(IntEnum):
 
 
 def nmt_frame(command: NmtCommand, node_id: int) -> Frame:
-    """The order of the NMT master to one node; 0 means all nodes."""
+    """The NMT master's command to one node; 0 means all nodes."""
     return Frame(NMT_ID, bytes((command, node_id)))
 
 
 def heartbeat_frame(node_id: int, state: NmtState = NmtState.OPERATIONAL) -> Frame:
-    """Our own heartbeat, which the drives' 1016h watch."""
+    """The master's heartbeat, which the drives' 1016h monitors."""
     return Frame(HEARTBEAT_ID + node_id, bytes((state,)))
 
 
 class SyncProducer:
-    """One SYNC after the other (CiA 301 7.2.5), with the counter of 1019h if there is one.
+    """Produces SYNC frames (CiA 301 7.2.5), with the counter of 1019h if there is one.
 
-    The counter runs from 1 to the overflow value and counts frames, not time: a grid point that was
-    skipped does not make it jump. It begins with 1 when the nodes are started.
+    The counter runs from 1 to the overflow value and counts frames, not time: a skipped grid point
+    does not advance it. It starts with 1 when the nodes are started.
     """
 
     __slots__ = ("_frames", "_next")
@@ -64,14 +64,14 @@ class SyncProducer:
         self._next = 0
 
     def frame(self) -> Frame:
-        """The SYNC that is due now."""
+        """Return the SYNC that is due now."""
         frame = self._frames[self._next]
         self._next = (self._next + 1) % len(self._frames)
         return frame
 
 
 class HeartbeatWatch:
-    """What one node's heartbeats say. Pure: time comes with each call."""
+    """Heartbeat monitoring of one node. Pure: time is an argument of each call."""
 
     __slots__ = ("_last_ns", "boot_up_count", "state", "strange_count")
 
@@ -83,7 +83,7 @@ class HeartbeatWatch:
         """Frames that are neither a heartbeat nor a boot-up message."""
 
     def feed(self, data: bytes, now_ns: int) -> bool:
-        """Take one frame 700h + id; True if it says that the node left or changed its state."""
+        """Take one frame 700h + id; True if the node rebooted or changed its NMT state."""
         state = _KNOWN.get(data[0] & 0x7F) if len(data) == 1 else None
         if state is None:
             self.strange_count += 1
@@ -97,10 +97,10 @@ class HeartbeatWatch:
         return changed
 
     def age_ns(self, now_ns: int) -> int:
-        """Time since the last heartbeat, or since the watch was armed; 0 before either."""
+        """Time since the last heartbeat, or since monitoring was armed; 0 before either."""
         return 0 if self._last_ns is None else now_ns - self._last_ns
 
     @property
     def heard(self) -> bool:
-        """Whether the watch runs: it was armed, or a heartbeat came."""
+        """True if monitoring runs: it was armed, or a heartbeat came."""
         return self._last_ns is not None

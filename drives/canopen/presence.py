@@ -1,9 +1,9 @@
-"""Who is on the bus: listening for what should not be there. Part of bring-up.
+"""Detection of nodes that should not be on the bus. Part of bring-up.
 
-Two nodes under one number answer every SDO request twice, and each with its own serial number; on a
+Two nodes under one number answer every SDO request twice, each with its own serial number; on a
 real wire both also collide, which the controller counts as errors. Another master sends SYNC, or a
-heartbeat under our own number. Nothing of it can be seen in a single answer, so this file listens
-for what comes after it.
+heartbeat under this master's number. A single answer shows none of this, so this file also receives
+the frames after it.
 """
 
 from collections.abc import Callable, Generator
@@ -15,22 +15,22 @@ from drives.bringup.steps import SERIAL_NUMBER, Step, StepKind
 from drives.errors import BootFailure, BringUpRefused, DriveSilent
 
 LISTEN_NS: Final = 100_000_000
-"""Ten SYNCs of another master, and five of its heartbeats."""
+"""Time for ten SYNCs of another master, and five of its heartbeats."""
 SLICE_NS: Final = 10_000_000
 """Longest wait between two yields."""
 SECOND_ANSWER_NS: Final = 20_000_000
-"""After an answer, so long is listened for another one to the same request."""
+"""Wait after an answer for another one to the same request."""
 
 _SERIAL_NUMBER: Final = Step(StepKind.ASK, "serial number", *SERIAL_NUMBER, is_hex=True)
 
 Texts = Generator[str, None, None]
-"""Each yield ends a bounded piece of work and says what it was."""
+"""Yields after each bounded piece of work with a description of it."""
 
 
 def until(
     port: DrivePort, deadline_ns: int, text: str, met: Callable[[], bool]
 ) -> Generator[str, None, bool]:
-    """Listen in slices until the condition is met or the deadline is over; which of the two."""
+    """Receive in slices until the condition is met (True) or the deadline is over (False)."""
     while not met():
         now_ns = port.now_ns()
         if now_ns >= deadline_ns:
@@ -41,12 +41,12 @@ def until(
 
 
 def refuse_second_node(target: SdoTarget, sdo_repeat_count: int, text: str) -> Texts:
-    """Ask a node twice who it is, and listen for a second answer to either question.
+    """Read a node's identity twice, and wait for a second answer to either request.
 
     Args:
         target: the node.
-        sdo_repeat_count: that of its traffic when bring-up began.
-        text: what is told meanwhile.
+        sdo_repeat_count: its repeated SDO replies when bring-up began.
+        text: progress text to yield meanwhile.
 
     Raises:
         BringUpRefused: two nodes answer under this number.
@@ -64,10 +64,10 @@ def refuse_second_node(target: SdoTarget, sdo_repeat_count: int, text: str) -> T
 
 
 def refuse_second_answer(target: SdoTarget, sdo_repeat_count: int) -> None:
-    """Has any request of this bring-up been answered twice?
+    """Refuse the node if any request of this bring-up was answered twice.
 
     Raises:
-        BringUpRefused: it has.
+        BringUpRefused: a request was answered twice.
     """
     if target.port.traffic(target.node_id).sdo_repeat_count > sdo_repeat_count:
         what = f"one request to node {target.node_id} was answered twice"
@@ -75,16 +75,16 @@ def refuse_second_answer(target: SdoTarget, sdo_repeat_count: int) -> None:
 
 
 class OtherMaster:
-    """Whether somebody else behaves as the master of this bus, from now on."""
+    """Detects another master on this bus, from its creation on."""
 
     def __init__(self, port: DrivePort, node_id: int) -> None:
         self._port = port
         self._node_id = node_id
-        port.wait(port.now_ns())  # what is already there was sent before
+        port.wait(port.now_ns())  # whatever is queued now was sent before
         self._before = self._counts()
 
     def listen(self) -> Texts:
-        """Hear the bus out before anything is sent: our first frame would be a reset of its drives.
+        """Listen to the bus before anything is sent: the first frame resets its drives.
 
         Raises:
             DriveSilent: as `check`.
@@ -95,10 +95,10 @@ class OtherMaster:
             yield text
 
     def check(self) -> None:
-        """Is there none?
+        """Raise if another master was detected.
 
         Raises:
-            DriveSilent: of no drive: there is, and it may go away.
+            DriveSilent: there is another master; it names no drive, and the master may go away.
         """
         before, now = self._before, self._counts()
         if now[0] > before[0]:

@@ -1,7 +1,7 @@
-"""The bus of simulated time: a `Bus` whose wire and whose time are those of `gaitd sim`.
+"""The bus of simulated time: a `Bus` whose wire and clock belong to `gaitd sim`.
 
-Time passes only in a wait. Looking at what has come is a wait of no length, so that what happens at
-this very instant is seen.
+Time passes only in a wait. Reading received frames is a wait of no length, so that frames of the
+present instant are included.
 """
 
 from collections.abc import Generator, Sequence
@@ -13,7 +13,7 @@ from drives.errors import BusError
 from simtime.link import Link, LinkLostError
 
 RETRY_NS: Final = 200_000
-"""Between two tries of an urgent frame, as on a real bus."""
+"""Pause between two tries of an urgent frame, as on a real bus."""
 
 
 class SimulatedBus:
@@ -22,10 +22,10 @@ class SimulatedBus:
     def __init__(self, link: Link, channel: str) -> None:
         self._link, self._channel = link, channel
         self.foreign_count = 0
-        """As `CanBus.foreign_count`: no such frame gets on this bus."""
+        """As `CanBus.foreign_count`: always 0, this bus carries no such frame."""
 
     def open(self) -> "SimulatedBus":
-        """Take the seat.
+        """Connect to the simulation.
 
         Raises:
             BusError: nothing answers there.
@@ -59,7 +59,7 @@ class SimulatedBus:
         return self._link.take()
 
     def close(self) -> None:
-        """Forget what has come; the seat stays, because the clock goes by it."""
+        """Drop what was received; the connection stays, because the clock uses it."""
         self._link.take()
 
     def _wait(self, until_ns: int, *, for_frame: bool) -> None:

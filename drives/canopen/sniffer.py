@@ -1,11 +1,11 @@
-"""What is heard on a bus by somebody who only listens and reads: every frame noted, none judged.
+"""Passive observation of a bus: every frame is counted, none is evaluated.
 
-`BusSniffer` takes all frames, ours too; `WitnessedBus` puts it in front of any `Bus`, so that
-whoever works over that bus is overheard. Rules:
-1.  An answer belongs to a request that somebody sent, us or another client. What was answered more
-    often than asked was answered by two nodes.
-2.  A request that we did not send means another SDO client: a bring-up, or a tool.
-3.  Identifiers are counted as they come; who explains them is judged in `inventory.py`.
+`BusSniffer` takes all frames, those of this program too; `WitnessedBus` wraps any `Bus`, so that all
+traffic over that bus is recorded. Rules:
+1.  An answer belongs to a request of this program or of another client. More answers than requests
+    means that two nodes answer.
+2.  A request that this program did not send means another SDO client: a bring-up, or a tool.
+3.  Identifiers are counted as they come; `inventory.py` attributes them to their senders.
 """
 
 from collections import Counter, deque
@@ -28,85 +28,85 @@ _COMMAND: Final = 0xE0
 _INITIATES: Final = frozenset((0x20, 0x40))
 """Client's command specifiers whose bytes 1..3 name an object: download, upload."""
 _ANSWERS: Final = frozenset((0x40, 0x60))
-"""The server's, likewise: upload, download (CiA 301 7.2.4.3). An abort may follow an answer."""
+"""The server's: upload, download (CiA 301 7.2.4.3). An abort may follow an answer."""
 _ABORT: Final = 0x80
 _OF_ONE_NODE: Final = frozenset((EMERGENCY_ID, SDO_ANSWER_ID, SDO_REQUEST_ID, HEARTBEAT_ID))
 
 
 @dataclass(slots=True)
 class Heard:
-    """What one node has said, and what was said to it."""
+    """Traffic from and to one node."""
 
     watch: HeartbeatWatch = field(default_factory=HeartbeatWatch)
     heartbeat_count: int = 0
     emergencies: deque[bytes] = field(default_factory=lambda: deque[bytes](maxlen=EMERGENCIES_KEPT))
     requests: Counter[bytes] = field(default_factory=Counter[bytes])
-    """By bytes 1..3 of the request: index and sub-index."""
+    """Counts by bytes 1..3 of the request: index and sub-index."""
     answers: Counter[bytes] = field(default_factory=Counter[bytes])
     abort_count: int = 0
     foreign_request_count: int = 0
-    """SDO requests to it that were not ours."""
+    """SDO requests to it from other clients."""
 
     @property
     def answered(self) -> bool:
-        """Whether it has answered anybody's SDO request."""
+        """True if it has answered an SDO request of any client."""
         return bool(self.answers) or self.abort_count > 0
 
     @property
     def answered_twice(self) -> bool:
-        """Rule 1."""
+        """True if it gave more answers than there were requests (rule 1)."""
         return any(count > self.requests[of] > 0 for of, count in self.answers.items())
 
 
 class BusSniffer:
-    """Takes every frame of a bus."""
+    """Records every frame of a bus."""
 
     def __init__(self) -> None:
         self.nodes: dict[int, Heard] = {}
         self.bus_state = BusMonitor()
         self.received_count: Counter[int] = Counter()
-        """Frames of others, by identifier."""
+        """Frames of other nodes, by identifier."""
         self._troubles_before: tuple[int, int] | None = None
-        """Until we have sent anything, errors are not about us."""
+        """Error counts before the first sent frame: those errors have another cause."""
         self.odd_sync_count = 0
-        """SYNC with a counter byte, or more."""
+        """SYNCs with data: a counter byte, or more."""
 
     @property
     def sync_count(self) -> int:
-        """SYNC heard."""
+        """Number of SYNCs received."""
         return self.received_count[SYNC_ID]
 
     @property
     def nmt_count(self) -> int:
-        """NMT commands heard."""
+        """Number of NMT commands received."""
         return self.received_count[NMT_ID]
 
     @property
     def heard_nothing(self) -> bool:
-        """Not one frame of anybody."""
+        """True if no frame of any node was received."""
         return not self.received_count
 
     @property
     def is_mute(self) -> bool:
-        """What we send reaches nobody: bus-off, or not one acknowledgement since we began."""
+        """True if sent frames reach no node: bus-off, or no acknowledgement since the first one."""
         if self.bus_state.condition is BusCondition.OFF:
             return True
         asked = self._troubles_before is not None
         return asked and self.heard_nothing and self._troubles() != self._troubles_before
 
     def node(self, node_id: int) -> Heard:
-        """What is known of one node."""
+        """Traffic of one node."""
         return self.nodes.setdefault(node_id, Heard())
 
     def sent(self, frame: Frame) -> None:
-        """A frame that we have put on the bus."""
+        """Record a frame sent by this program."""
         if self._troubles_before is None:
             self._troubles_before = self._troubles()
         if frame.can_id & _SERVICE == SDO_REQUEST_ID:
             _count_request(self.node(frame.can_id & _NODE), frame.data)
 
     def take(self, frame: Frame, now_ns: int) -> None:
-        """A frame of somebody else's, or an error frame of the controller."""
+        """Record a frame of another node, or an error frame of the controller."""
         if frame.is_error:
             self.bus_state.feed(frame)
             return
@@ -142,7 +142,7 @@ def _count_request(heard: Heard, data: bytes) -> None:
 
 
 class WitnessedBus:
-    """A `Bus` in front of another one, which tells a witness of every frame."""
+    """A `Bus` around another one that reports every frame to a `BusSniffer`."""
 
     def __init__(self, bus: Bus, clock: Clock, witness: BusSniffer) -> None:
         self._bus = bus

@@ -1,4 +1,4 @@
-"""CiA 402 as a master sees it.
+"""CiA 402, master side.
 
 `power_state.py` (statusword in, one controlword out), `pdo.py`, `units.py`, `torque.py`,
 `option_codes.py`, `homing.py`; `profile.py` and `axis_file.py` (the files of a drive); `drive.py`

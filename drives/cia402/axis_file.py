@@ -1,4 +1,4 @@
-"""What an axis file may say: one drive of the machine (`configs/drives/hip_*.toml`, `slide_*`)."""
+"""The axis file: one drive of the machine (`configs/drives/hip_*.toml`, `slide_*`)."""
 
 import math
 from typing import Annotated, Literal
@@ -15,27 +15,27 @@ MotorData = Annotated[int, Meta(gt=0, le=0xFFFFFFFF)]
 
 
 class Identity(Table, frozen=True, kw_only=True):
-    """1018h."""
+    """Identity object 1018h."""
 
     vendor_id: Unsigned32
     product_code: Unsigned32
     revision: Unsigned32
     serial: Unsigned32 | None = None
-    """Absent: any drive of this kind will do."""
+    """Absent: any drive of this kind is accepted."""
 
 
 class Transmission(Table, frozen=True, kw_only=True):
-    """From the motor to the joint. Losses are friction's: there is no efficiency factor."""
+    """From the motor to the joint. Losses belong to friction: there is no efficiency factor."""
 
     kind: Literal["rotary", "linear"]
     gear_ratio: Annotated[float, Meta(gt=0, le=1000)]
-    """Motor revolutions per revolution of the joint, or of what drives the slide."""
+    """Motor revolutions per revolution of the joint, or of the shaft that drives the slide."""
     lead_m: Annotated[float, Meta(gt=0, le=2)] | None = None
     """Linear: travel per revolution after the gear."""
     sign: Literal[-1, 1]
     """+1: counts grow along the positive axis."""
     counts_per_rev: Annotated[int, Meta(ge=4, le=0x1000000)]
-    """Of the motor, all edges counted."""
+    """Encoder counts per motor revolution, all edges counted."""
     offset_rad: Annotated[float, Meta(ge=-10, le=10)] | None = None
     offset_m: Annotated[float, Meta(ge=-10, le=10)] | None = None
     """Joint position at count 0."""
@@ -47,18 +47,18 @@ class Transmission(Table, frozen=True, kw_only=True):
 
     @property
     def nm_per_n(self) -> float:
-        """Torque at the motor of one N along a linear joint."""
+        """Motor torque, N·m, per N along a linear joint."""
         return 1.0 / (math.tau * self.revs_per_si)
 
 
 class Encoder(Table, frozen=True, kw_only=True):
-    """What position is worth after power-on."""
+    """Encoder: validity of its position after power-on."""
 
     absolute: bool
 
 
 class Motor(Table, frozen=True, kw_only=True):
-    """The motor's sheet, and what the drive's base objects must therefore hold.
+    """Data sheet of the motor, and the values that the drive's base objects must therefore hold.
 
     A linear motor counts as one whose revolution is `lead_m`, with `gear_ratio` 1: its torque
     constant is its force constant in N/A times `lead_m` / 2π.
@@ -88,15 +88,15 @@ class AxisFile(Table, frozen=True, kw_only=True):
     homing: Homing | None = None
     """Absent: this axis cannot be homed."""
     enable_max_ms: Annotated[int, Meta(ge=50, le=2000)] = 250
-    """From a request to enable until the drive is enabled and follows; a brake that opens or a DC
-    link that charges on the way (transition 4) takes longer than the states themselves."""
+    """Time from a request to enable until the drive is enabled and follows; a brake that opens or a
+    DC link that charges during transition 4 takes longer than the state changes themselves."""
 
 
 def check_transmission(transmission: Transmission) -> None:
-    """What a rotary and a linear joint need and must not have.
+    """Check the keys that a rotary and a linear joint need and must not have.
 
     Raises:
-        DescriptionError: a key that is missing, or one too many.
+        DescriptionError: a missing or superfluous key.
     """
     linear = transmission.kind == "linear"
     needs = {

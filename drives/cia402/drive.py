@@ -1,23 +1,23 @@
-"""One drive in the cycle, and all drives of a bus: frames in, feedback out, and the way back.
+"""One drive in the cycle, and all drives of a bus: frames to feedback, commands to frames.
 
-What one cycle does with a `DriveGroup`, in the order of time:
+The calls of one cycle on a `DriveGroup`, in order of time:
 
-    feed_between(frames)   what was in the socket before SYNC, and what comes between two windows
+    feed_between(frames)   frames received before SYNC, and between two windows
     (SYNC leaves)
-    feed(frames)           what came in the window
+    feed(frames)           frames received in the window
     end_of_window(cycle)   one DriveFeedback for each drive
     frames(commands)       RPDO1 and RPDO2 of each drive
 
 Rules:
 1.  A sample is fresh only if every cyclic TPDO of the drive came inside the window, at its mapped
-    length. Position and torque always are those of the last complete sample, so they belong to
+    length. Position and torque are always those of the last complete sample, so they belong to
     the same SYNC; statusword, mode and inputs are the newest that came inside any window.
 2.  A TPDO outside a window is late: counted, not used. One identifier twice in a window means that
     the first was late, since a drive sends one for each SYNC in order: the second is used.
 3.  A frame of another length than mapped is not used, and counted (what a drive would answer with
     EMCY 8210h or 8220h).
 4.  EMCY, heartbeat, boot-up and TPDO3 count whenever they come.
-5.  What TPDO3 told is known until three of them are missing, and unknown from then on.
+5.  Values of TPDO3 are known until three of them are missing in a row.
 """
 
 from collections.abc import Callable, Sequence
@@ -51,17 +51,17 @@ _CYCLIC_MODES: Final = frozenset(
 """Modes in which statusword bit 12 means that the drive follows; 9 is cyclic sync velocity."""
 
 SLOW_MISSED_MAX: Final = 3
-"""TPDO3s in a row that may be lost."""
+"""Number of TPDO3s in a row that may be lost."""
 
 Handler = Callable[[bytes, int, bool], bool]
-"""Takes a frame's data, the time, whether a window is open; True asks for an answer at once."""
+"""Arguments: data, time, whether a window is open; True asks for an immediate reaction."""
 
 
 class Drive:
-    """What is known of one drive, and the memory that its commands need."""
+    """State of one drive, and what its next commands depend on."""
 
     def __init__(self, description: DriveDescription, armed_ns: int) -> None:
-        """Start from the end of bring-up, `armed_ns`, in which the drive has been heard."""
+        """Start from the end of bring-up, `armed_ns`, when the drive was last received."""
         profile = description.profile
         self.description = description
         self.name = description.name
@@ -76,7 +76,7 @@ class Drive:
         self._input_mask = sum(1 << bit.bit for _, bit in self._input_bits)
         self._inputs_seen: dict[int, Input] = {}
         self._sent = Sent()
-        # the newest that came inside a window
+        # the newest received inside a window
         self._power_state = PowerState.UNKNOWN
         self._statusword = 0
         self._mode_display = 0
@@ -93,7 +93,7 @@ class Drive:
         self._position_counts = 0
         self._torque_raw = 0
         self._sample_cycle: int | None = None
-        """Of the last complete sample; before the first one, the cycle before the first window."""
+        """Cycle of the last complete sample; initially the cycle before the first window."""
         self._last_cycle = 0
         self._late_count = 0
         self._protocol_error_count = 0
@@ -105,7 +105,7 @@ class Drive:
 
     @property
     def controlword(self) -> int:
-        """What the last RPDO1 carried."""
+        """Controlword of the last RPDO1."""
         return self._sent.controlword
 
     @property
@@ -115,14 +115,14 @@ class Drive:
 
     @property
     def ignores_reset_edge(self) -> bool:
-        """A fault reset needs NMT reset communication, a new bring-up, first (EPOS4: 8130h)."""
+        """True if a fault reset first needs NMT reset communication and bring-up (EPOS4: 8130h)."""
         emergency = self.emergencies.open
         codes = {self._error_code, 0 if emergency is None else emergency.code}
         first = self.description.profile.fault_reset.communication_reset_first
         return not codes.isdisjoint(first)
 
     def handlers(self) -> dict[int, Handler]:
-        """What to call for each identifier that this drive sends."""
+        """Handlers by identifier of the frames that this drive sends."""
         return {
             self._pdos.status.can_id: self._on_status,
             self._pdos.torque.can_id: self._on_torque,
@@ -132,11 +132,11 @@ class Drive:
         }
 
     def end_of_window(self, cycle: int, now_ns: int) -> DriveFeedback:
-        """Close the window of this cycle: is there a complete sample, and what else is known."""
+        """Close this cycle's window and return the feedback."""
         fresh = self._has_status and self._has_torque
         self._last_cycle = cycle
         if self._sample_cycle is None:
-            # Bring-up has seen samples: what does not come now has not been gone for long.
+            # Bring-up has received samples, so a missing one has not been missing for long.
             self._sample_cycle = cycle - 1
         if fresh:
             self._position_counts = self._window_position_counts
@@ -149,7 +149,7 @@ class Drive:
         return self._feedback(now_ns, fresh=fresh, news=self.emergencies.take_news())
 
     def peek(self, now_ns: int) -> DriveFeedback:
-        """What is known between two windows: the sample is the last one, and no news."""
+        """Return the state between two windows: the last sample, without news."""
         return self._feedback(now_ns, fresh=False)
 
     def _feedback(
@@ -185,11 +185,11 @@ class Drive:
         )
 
     def _is_slow_overdue(self) -> bool:
-        """Counted in windows: while we send no SYNC, none is due."""
+        """True if TPDO3 is overdue, counted in windows: without SYNC none is due."""
         return self._windows_since_slow > SLOW_MISSED_MAX * self._pdos.slow.transmission_type
 
     def frames(self, command: DriveCommand) -> tuple[Frame, Frame]:
-        """RPDO1 and RPDO2 for this command, the controlword chosen from the state last shown."""
+        """RPDO1 and RPDO2 for this command; the controlword follows the last displayed state."""
         self._sent = next_word(self._power_state, command.power, self._sent, resume=self._resume)
         control, torque = self._pdos.control, self._pdos.target_torque
         return (
@@ -264,38 +264,38 @@ class DriveGroup:
         self.drives = tuple(drives)
         self.bus_state = BusMonitor()
         self.stray_count = 0
-        """Frames with an identifier that none of our drives uses."""
+        """Frames with an identifier of no configured drive."""
         self.cyclic_ids = frozenset(can_id for drive in drives for can_id in drive.cyclic_ids)
-        """What a complete window contains: the loop may close it early once all have come.
+        """Identifiers of a complete window: the loop may close the window early once all came.
 
-        After a window in which one was missing it should not: what comes first may be the late one.
+        After a window with a missing TPDO it must not: the first one to arrive may be the late one.
         """
         self._handlers = {
             can_id: handler for drive in drives for can_id, handler in drive.handlers().items()
         }
 
     def feed(self, frames: Sequence[Frame], now_ns: int) -> bool:
-        """Frames that came in the window of this cycle; True if one asks for an answer at once."""
+        """Take frames of this cycle's window; True if one asks for an immediate reaction."""
         return self._feed(frames, now_ns, True)
 
     def feed_between(self, frames: Sequence[Frame], now_ns: int) -> bool:
-        """Frames that came outside a window; True if one asks for an answer at once.
+        """Take frames from outside a window; True if one asks for an immediate reaction.
 
-        That is an EMCY that is an alarm and no repetition, a boot-up message, a change of NMT
-        state, or a change of the controller's condition (bus-off).
+        That is an EMCY that is a new alarm, a boot-up message, a change of NMT state, or a change
+        of the controller's condition (bus-off).
         """
         return self._feed(frames, now_ns, False)
 
     def end_of_window(self, cycle: int, now_ns: int) -> tuple[DriveFeedback, ...]:
-        """Close this cycle's window: one feedback for each drive."""
+        """Close this cycle's window and return one feedback for each drive."""
         return tuple([drive.end_of_window(cycle, now_ns) for drive in self.drives])
 
     def peek(self, now_ns: int) -> tuple[DriveFeedback, ...]:
-        """What is known between two windows: EMCY and heartbeat of now, no sample that is fresh."""
+        """Return the state between two windows: current EMCY and heartbeat, no fresh sample."""
         return tuple([drive.peek(now_ns) for drive in self.drives])
 
     def frames(self, commands: Sequence[DriveCommand]) -> list[Frame]:
-        """The RPDOs of all drives, controlwords and positions of all before any torque."""
+        """RPDOs of all drives: controlwords and positions of all drives before any torque."""
         pairs = [
             drive.frames(command) for drive, command in zip(self.drives, commands, strict=True)
         ]

@@ -1,10 +1,10 @@
-"""Option codes of CiA 402: what a drive does by itself, in words, and what no leg may be given.
+"""Option codes of CiA 402: a drive's own reactions, as text, and the values that are refused.
 
-605Ah says what a quick stop does: 0 to 4 end without torque (transition 12), 5 to 8 stop in the
-same ways and then hold in quick stop active. 605Eh says how a fault stops; every fault ends without
-torque. 605Dh says how a halt stops. 6007h says what the drive does when its master is gone.
-Source: CiA 402-2 / IEC 61800-7-201 as reproduced by public manuals (Applied Motion CANopen manual,
-Parker SLVD-N, Kollmorgen AKD CAN-BUS communication).
+605Ah selects the quick stop: 0 to 4 end without torque (transition 12), 5 to 8 stop in the same
+ways and then hold in quick stop active. 605Eh selects the stop of a fault; every fault ends without
+torque. 605Dh selects the stop of a halt. 6007h selects the reaction to a lost master. Source: CiA
+402-2 / IEC 61800-7-201 as reproduced by public manuals (Applied Motion CANopen manual, Parker
+SLVD-N, Kollmorgen AKD CAN-BUS communication).
 """
 
 from typing import Annotated, Final
@@ -56,26 +56,26 @@ _NEVER: Final = {
     ABORT_CONNECTION: (0, "a drive that goes on without its master moves by itself"),
     FAULT_REACTION: (0, "a fault that only switches off lets the leg fall"),
 }
-"""Option codes that every profile must write, the value none may choose, and why."""
+"""Option codes that every profile must write, the values that are refused, and why."""
 
 _WITHOUT_BRAKE: Final = {
     QUICK_STOP: (range(5), "5 to 8, which hold"),
     ABORT_CONNECTION: ((2,), "1 or 3, which slow down first"),
 }
-"""Codes that leave an axis without torque where it may still move, and what would hold it."""
+"""Codes that leave an axis without torque while it may still move, and the codes that hold it."""
 
 
 class WrittenObject(ObjectRef, frozen=True, kw_only=True):
-    """A setting that bring-up writes and reads back, whatever was there."""
+    """A setting that bring-up writes and reads back, whatever its present value."""
 
     value: int
     legal: Annotated[tuple[int, ...], Meta(min_length=1)]
-    """What this drive accepts; `value` must be one of them."""
+    """Values that this drive accepts; `value` must be one of them."""
     why: Annotated[str, Meta(min_length=5)]
 
 
 def in_words(entry: WrittenObject) -> str | None:
-    """`quick stop (605Ah = 6): slow down on ... `; None for what is no option code."""
+    """`quick stop (605Ah = 6): slow down on ... `; None for other objects."""
     if entry.index not in _MEANINGS:
         return None
     meaning = _MEANINGS[entry.index].get(entry.value, "the maker's own meaning")
@@ -83,7 +83,7 @@ def in_words(entry: WrittenObject) -> str | None:
 
 
 def check_written(written: tuple[WrittenObject, ...], *, halt: bool) -> None:
-    """Every option code is there, legal for this drive, and none that lets a leg fall or run.
+    """Check that every option code is written, legal for this drive, and none drops a leg.
 
     Args:
         written: all settings of the profile.
@@ -115,7 +115,7 @@ def holds_after_quick_stop(written: tuple[WrittenObject, ...]) -> bool:
 def without_torque(
     written: tuple[WrittenObject, ...],
 ) -> tuple[tuple[WrittenObject, str], ...]:
-    """The codes that an axis without a brake must not have, and what each may be instead."""
+    """List the codes that an axis without a brake must not have, with the alternatives."""
     return tuple(
         (entry, instead)
         for entry in written

@@ -1,7 +1,7 @@
-"""PDOs as fixed structs: which objects travel in which frame, and nothing decided in the cycle.
+"""PDOs as fixed structs: which objects are in which frame; nothing is decided in the cycle.
 
 All PDOs are synchronous. RPDO1 holds controlword, mode and target position together, so that a
-drive never sees one without the others. What is not used is switched off at bring-up.
+drive never sees one without the others. Unused PDOs are switched off at bring-up.
 
     TPDO1  180h+id  6041 statusword, 6064 position, 6061 mode display   every SYNC
     TPDO2  280h+id  the profile's torque source, 60FD inputs            every SYNC
@@ -33,7 +33,7 @@ _FORMAT: Final = {
 
 @dataclass(frozen=True, slots=True)
 class MappedObject:
-    """One object inside a PDO."""
+    """One object of a PDO."""
 
     index: int
     sub: int
@@ -63,7 +63,7 @@ class PdoLayout:
     number: int
     """1..4, as in TPDO1."""
     transmit: bool
-    """Seen from the drive: a TPDO."""
+    """True for a TPDO (sent by the drive)."""
     can_id: int
     transmission_type: int
     objects: tuple[MappedObject, ...]
@@ -81,7 +81,7 @@ class PdoLayout:
 
     @property
     def size(self) -> int:
-        """Bytes."""
+        """Length in bytes."""
         return self.codec.size
 
     def __str__(self) -> str:

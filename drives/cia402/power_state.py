@@ -2,30 +2,30 @@
 
 Rules of this file, all in the two tables below:
 
-1.  One transition at a time. A word is chosen from the state that the drive last *showed*, never
-    from what was sent before; while the drive has not moved yet, the same word goes out again.
+1.  One transition at a time. A word is chosen from the state that the drive last *displayed*, never
+    from what was sent before; until the drive changes its state, the same word is sent again.
 2.  Bit 3 (enable operation) is raised by ENABLE and HOME alone, and only from switched on onwards;
     HALT keeps it where it is already. 0Fh is never sent from switch on disabled or ready to switch
     on, so a drive without the automatic transition 4 works the same as one with it.
 3.  QUICK_STOP never energises: from ready to switch on and switched on it is transition 7 or 10
     (to switch on disabled), and only from operation enabled is it transition 11 (the ramp).
 4.  Nothing but FAULT_RESET raises bit 7, and one request raises it once: low for at least one
-    cycle, high for one, low again until the request has gone away. It ends in switch on disabled;
-    enabling is another request. A fault that is still there stays there, and we do not try again.
+    cycle, high for one, low again until the request ends. It ends in switch on disabled; enabling
+    is another request. A persistent fault remains, and there is no second try.
 5.  Disable voltage (bit 1 low) beats quick stop (bit 2 low) beats the rest, in the drive.
 6.  HOME raises bit 4 in operation enabled only, so a homing starts with an edge that the drive sees
-    while it is enabled, and goes on for as long as it is asked for. Its progress is bits 10, 12
+    while it is enabled, and goes on for as long as it is requested. Its progress is bits 10, 12
     and 13 of the statusword (HOMING_STATES), and means something in mode 6 only.
 7.  HALT raises bit 8 on top of 0Fh, in operation enabled alone: the drive brakes as 605Dh says and
-    holds, and goes on once the request is another one. It is a level, sent again every cycle, and
-    in every other state it asks for no transition. It is made for homing and profile modes: in the
-    cyclic ones a vendor may leave the bit unused (Beckhoff EL7411: bits 8 to 15 are reserved in
-    CST, CSV and CSP), so no stop of ours rests on it.
+    holds, and goes on once the request changes. It is a level, sent again every cycle, and causes
+    no transition in any other state. It is defined for homing and profile modes: in the cyclic ones
+    a vendor may leave the bit unused (Beckhoff EL7411: bits 8 to 15 are reserved in CST, CSV and
+    CSP), so no stop depends on it.
 8.  An unknown state (no statusword yet, or a bit pattern that the standard does not know) is
     answered with quick stop: it brakes a drive that should be on and energises none that is off.
-9.  One ENABLE or HOME leads to operation enabled once. Once that state was shown, a drive that
-    shows any other one gets quick stop for as long as the request goes on: it has left by itself,
-    and only another request may enable it again. Where it shows nothing, the word stays 0Fh: no
+9.  One ENABLE or HOME leads to operation enabled once. Once that state was displayed, a drive that
+    displays any other one gets quick stop for as long as the request goes on: it left by itself,
+    and only a new request may enable it again. Where it displays nothing, the word stays 0Fh: no
     other word keeps a drive enabled, and one lost TPDO1 is no reason to stop.
 
                  +----------------------+  0,1 automatic
@@ -71,7 +71,8 @@ SHUTDOWN: Final = 0x0006
 SWITCH_ON: Final = 0x0007
 ENABLE_OPERATION: Final = 0x000F
 START_HOMING: Final = 0x001F
-"""Enable operation with bit 4: in homing mode its rising edge starts, its fall interrupts."""
+"""Enable operation with bit 4: in homing mode its rising edge starts, its falling edge
+interrupts."""
 DISABLE_VOLTAGE: Final = 0x0000
 QUICK_STOP: Final = 0x0002
 HALT: Final = 0x010F
@@ -79,7 +80,7 @@ FAULT_RESET: Final = 0x0080
 
 STATUS_WARNING: Final = 0x0080
 STATUS_FOLLOWS: Final = 0x1000
-"""Bit 12 in the cyclic modes: the drive follows the target; otherwise it ignores it."""
+"""Bit 12 in the cyclic modes: the drive follows the target; if low, it ignores the target."""
 
 STATUS_TARGET_REACHED: Final = 0x0400
 STATUS_HOMING_ATTAINED: Final = 0x1000
@@ -139,10 +140,10 @@ TRANSITIONS: Final = (
     Transition(15, _FAULT, _OFF, FAULT_RESET, "fault reset, rising edge, once the cause is gone"),
     Transition(16, _STOPPING, _ENABLED, ENABLE_OPERATION, "enable operation, only 605Ah 5..8"),
 )
-"""The standard's transitions (0, power on, is before anything that we could see)."""
+"""Transitions of the standard (0, power on, is not observable)."""
 
 _WORDS: Final[dict[PowerRequest, dict[PowerState, int]]] = {
-    # Power down, ramp or not: from every state by bit 1.
+    # Power down, with or without a ramp: from every state by bit 1.
     PowerRequest.DISABLE_VOLTAGE: dict.fromkeys(PowerState, DISABLE_VOLTAGE),
     # Transitions 7, 10, 11; in quick stop active it keeps the drive there.
     PowerRequest.QUICK_STOP: dict.fromkeys(PowerState, QUICK_STOP),
@@ -194,7 +195,7 @@ _WORDS: Final[dict[PowerRequest, dict[PowerState, int]]] = {
         _REACTING: DISABLE_VOLTAGE,
         _FAULT: DISABLE_VOLTAGE,
     },
-    # What goes out beside the one edge: a drive that carries a load keeps braking or holding it.
+    # Sent besides the one edge: a drive that carries a load keeps braking or holding it.
     PowerRequest.FAULT_RESET: {
         PowerState.UNKNOWN: QUICK_STOP,
         PowerState.NOT_READY_TO_SWITCH_ON: DISABLE_VOLTAGE,
@@ -213,23 +214,23 @@ _ENABLING: Final = frozenset({PowerRequest.ENABLE, PowerRequest.HOME})
 
 
 class ResetEdge(Enum):
-    """How far the one rising edge of the present FAULT_RESET request has come."""
+    """Progress of the one rising edge of the present FAULT_RESET request."""
 
     IDLE = "idle"
     """No reset is requested."""
     LOWERED = "lowered"
-    """Bit 7 has been low for a cycle since the request came."""
+    """Bit 7 has been low for a cycle since the request began."""
     SPENT = "spent"
-    """The edge went out; whatever the drive made of it, this request raises no other."""
+    """The edge was sent; whatever the drive did, this request raises no other."""
 
 
 class Sent(NamedTuple):
-    """The word that goes out, and the memory that the next one needs."""
+    """The word to send, and the state that the next call needs."""
 
     controlword: int = DISABLE_VOLTAGE
     edge: ResetEdge = ResetEdge.IDLE
     was_enabled: bool = False
-    """Operation enabled has been shown during the present ENABLE or HOME."""
+    """Operation enabled has been displayed during the present ENABLE or HOME."""
 
 
 def _decode(low_bits: int) -> PowerState:
@@ -249,7 +250,7 @@ _STATE: Final = tuple(_decode(low_bits) for low_bits in range(0x80))
 
 
 def decode_statusword(statusword: int) -> PowerState:
-    """The state that a statusword shows; UNKNOWN for a pattern that the standard does not have.
+    """Decode the power state; UNKNOWN for a pattern that the standard does not define.
 
     Source: CiA 402-2, statusword 6041h: masks 4Fh and 6Fh.
     """
@@ -267,11 +268,11 @@ HOMING_STATES: Final[dict[tuple[bool, bool, bool], HomingState]] = {
     (False, True, True): HomingState.FAILED_MOVING,
     (True, True, True): HomingState.FAILED,
 }
-"""CiA 402-2, homing mode, statusword; attained and an error together is reserved: an error here."""
+"""CiA 402-2, homing mode, statusword; attained with error is reserved: treated as an error."""
 
 
 def homing_state(statusword: int) -> HomingState:
-    """How far a homing is, by a statusword that was sent in homing mode."""
+    """Decode the progress of a homing from a statusword sent in homing mode."""
     bits = (STATUS_TARGET_REACHED, STATUS_HOMING_ATTAINED, STATUS_HOMING_ERROR)
     reached, attained, error = (statusword & bit != 0 for bit in bits)
     return HOMING_STATES[reached, attained, error]
@@ -281,12 +282,12 @@ def next_word(state: PowerState, request: PowerRequest, sent: Sent, *, resume: b
     """The next controlword on the way from `state` to what is requested.
 
     Args:
-        state: as the newest statusword shows it.
-        request: what the core wants, as a level.
-        sent: what this function returned in the cycle before.
+        state: as in the newest statusword.
+        request: what the core requests, as a level.
+        sent: result of this function in the previous cycle.
         resume: whether an ENABLE that finds a drive in quick stop active leaves it by transition
-            16, torque going on, which a drive must support (605Ah 5..8); otherwise it goes the
-            long way by transition 12.
+            16 with continuous torque, which the drive must support (605Ah 5..8); otherwise it goes
+            through transition 12.
     """
     if request is PowerRequest.FAULT_RESET:
         return _reset(state, sent)

@@ -1,12 +1,12 @@
-"""What a profile may say (`configs/drives/profiles/*.toml`), and both files of a drive joined.
+"""The drive profile (`configs/drives/profiles/*.toml`), and both files of a drive joined.
 
-A profile holds a maker's facts: which object tells the torque, in which unit, which one limits it,
-what the input bits mean, which objects there are at all, which option codes we write. An axis file
-(`axis_file.py`) holds one drive's: node, identity, gear, motor. `describe` joins the two into a
-`DriveDescription` and refuses what cannot be. Numbers are CiA 301/402 indices.
+A profile holds a manufacturer's facts: which object holds the torque, in which unit, which one
+limits it, what the input bits mean, which objects there are, which option codes are written. An
+axis file (`axis_file.py`) holds one drive's: node, identity, gear, motor. `describe` joins the two
+into a `DriveDescription` and refuses contradictions. Numbers are CiA 301/402 indices.
 
-What CiA leaves to the maker must be stated, with `true` or `false`: an object that nobody thought
-of must not be one that is silently not written.
+What CiA leaves to the manufacturer must be stated, with `true` or `false`: otherwise a forgotten
+object would silently not be written.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ from drives.cia402.torque import (
 from drives.errors import DescriptionError
 
 BASE_TOLERANCE_RATIO: Final = 0.01
-"""How far the torque base of a drive may be from what its file says (canopen.md 4.3)."""
+"""How far the torque base of a drive may deviate from its file (canopen.md 4.3)."""
 
 Bit = Annotated[int, Meta(ge=0, le=31)]
 Unsigned32 = Annotated[int, Meta(ge=0, le=0xFFFFFFFF)]
@@ -60,14 +60,14 @@ class Temperature(ObjectRef, frozen=True, kw_only=True):
 
 
 class InputBit(Table, frozen=True, kw_only=True):
-    """Where an input is in 60FDh, and at which level it means what its name says."""
+    """Position of an input in 60FDh, and the level at which its name holds."""
 
     bit: Bit
     level: Literal[0, 1]
 
 
 class Inputs(Table, frozen=True, kw_only=True):
-    """60FDh. Hand switch and STO are mandatory; good means: both named conditions hold."""
+    """60FDh. Hand switch and STO are mandatory; good means that both named conditions hold."""
 
     hand_switch_closed: InputBit
     sto_released: InputBit
@@ -76,7 +76,7 @@ class Inputs(Table, frozen=True, kw_only=True):
 
 
 class CheckedObject(ObjectRef, frozen=True, kw_only=True):
-    """What must stand in the drive already, or its numbers mean something else; never written."""
+    """An object that must already hold a value, or the drive's numbers are wrong; never written."""
 
     value: int
     mask: Unsigned32
@@ -84,13 +84,13 @@ class CheckedObject(ObjectRef, frozen=True, kw_only=True):
 
 
 class OptionalObjects(Table, frozen=True, kw_only=True):
-    """Which of the objects that a drive may lack this one has; all of them are used where they are.
+    """Optional objects that this drive has; all of them are used.
 
-    `gaitd check` says what is then not limited or not watched by the drive.
+    `gaitd check` lists what the drive therefore does not limit or monitor.
     """
 
     interpolation_time: bool
-    """60C2h: written to our cycle."""
+    """60C2h: set to our cycle."""
     position_limits: bool
     """607Dh."""
     speed_limit: bool
@@ -101,7 +101,7 @@ class OptionalObjects(Table, frozen=True, kw_only=True):
     """605Dh; then it must be among `written`."""
     polarity: bool
     """607Eh: must read 0 in bits 5 to 7. Signs have one place, `transmission.sign`; a drive that
-    turns position, speed or torque around by itself is refused, not corrected."""
+    inverts position, speed or torque by itself is refused, not corrected."""
     sync_counter: bool
     """1019h: SYNC with a counter."""
     sync_window: bool
@@ -109,19 +109,19 @@ class OptionalObjects(Table, frozen=True, kw_only=True):
 
 
 class Keeps(Enum):
-    """Whether a drive itself keeps to a limit in a mode."""
+    """Statement whether a drive itself enforces a limit in a mode."""
 
     KEPT = "kept"
     NOT_KEPT = "not_kept"
     UNKNOWN = "unknown"
-    """No public document says."""
+    """Not publicly documented."""
 
 
 class TorqueMode(Table, frozen=True, kw_only=True):
-    """Which limits bind the drive in cyclic synchronous torque, where CiA 402 names only 6072h.
+    """Limits that the drive enforces in cyclic synchronous torque, where CiA 402 names only 6072h.
 
-    Makers differ: Beckhoff's EP7412 limits its speed in cyclic position and velocity alone, Lenze's
-    i700 and Nanotec's PD4-E in cyclic torque, too.
+    Manufacturers differ: Beckhoff's EP7412 limits its speed in cyclic position and velocity only,
+    Lenze's i700 and Nanotec's PD4-E in cyclic torque, too.
     """
 
     speed_limit: Keeps
@@ -131,42 +131,42 @@ class TorqueMode(Table, frozen=True, kw_only=True):
 
 
 class Pdo(Table, frozen=True, kw_only=True):
-    """Which PDO communication parameters this drive has."""
+    """PDO communication parameters that this drive has."""
 
     count: Annotated[int, Meta(ge=3, le=8)]
-    """RPDOs and TPDOs, of each; what the mapping does not use is switched off."""
+    """Number of RPDOs, and of TPDOs; those that the mapping does not use are switched off."""
     inhibit_time: bool
     """1800h:03."""
     event_timer: bool
     """1800h:05."""
     rpdo_timeout: bool
-    """1400h:05: the drive stops by itself when RPDO1 stays away."""
+    """1400h:05: the drive stops by itself when RPDO1 is missing."""
     error_code: bool
-    """603Fh can be mapped, into TPDO3; otherwise EMCY alone tells the code."""
+    """603Fh can be mapped into TPDO3; otherwise only EMCY carries the code."""
 
 
 class Heartbeat(Table, frozen=True, kw_only=True):
-    """What this drive watches."""
+    """Heartbeats that this drive monitors."""
 
     consumer_entries: Annotated[int, Meta(ge=0, le=127)]
-    """Entries of 1016h; the first watches us, the others are cleared."""
+    """Entries of 1016h; the first monitors the master, the others are cleared."""
 
 
 class FaultReset(Table, frozen=True, kw_only=True):
-    """What a fault reset needs besides the edge of bit 7."""
+    """Extra conditions of a fault reset, besides the edge of bit 7."""
 
     communication_reset_first: tuple[Annotated[int, Meta(ge=0, le=0xFFFF)], ...]
     """EMCY codes after which the edge is ignored until NMT reset communication."""
 
 
 class DriveProfile(Table, frozen=True, kw_only=True):
-    """One kind of drive."""
+    """One type of drive."""
 
     vendor: str
     family: str
     verified_on_hardware: bool
     provenance: Annotated[str, Meta(min_length=20)]
-    """Where the facts of this file come from."""
+    """Source of the facts in this file."""
     torque_source: TorqueSource
     torque_base: TorqueBase
     torque_limit: TorqueObject
@@ -175,7 +175,7 @@ class DriveProfile(Table, frozen=True, kw_only=True):
     velocity_unit: SpeedUnit
     deceleration_unit: DecelerationUnit
     temperature: Temperature | None = None
-    """Absent: the drive has none that can be mapped, and its limit is not watched."""
+    """Absent: no temperature can be mapped, and its limit is not monitored."""
     inputs: Inputs
     optional_objects: OptionalObjects
     torque_mode: TorqueMode
@@ -183,21 +183,21 @@ class DriveProfile(Table, frozen=True, kw_only=True):
     heartbeat: Heartbeat
     fault_reset: FaultReset
     fault_reaction_max_ms: Annotated[int, Meta(ge=10, le=5000)]
-    """After a fault the drive has no torque any more at the latest so long after: a stop that waits
-    for a reaction waits no longer."""
+    """Longest time from a fault until the drive gives no torque; a stop that waits for the fault
+    reaction waits no longer."""
     emergency_table: EmergencyTable
     resume_from_quick_stop: bool
     """Enabling leaves quick stop active by transition 16, so a held load stays held."""
     written: tuple[WrittenObject, ...]
     checked: tuple[CheckedObject, ...] = ()
     referenced_bit: Annotated[int, Meta(ge=8, le=15)] | None = None
-    """Statusword bit that says: position referenced to home."""
+    """Statusword bit that means: position referenced to home."""
     homing: HomingObjects | None = None
-    """Absent: it cannot home, or nobody knows how."""
+    """Absent: homing is not supported, or not documented."""
 
 
 class BaseObject(NamedTuple):
-    """An object that torque numbers refer to, and what it must hold for this motor."""
+    """An object that torque numbers refer to, and the value it must hold for this motor."""
 
     ref: ObjectRef
     what: str
@@ -206,7 +206,7 @@ class BaseObject(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class DriveDescription:
-    """Everything that the files say about one drive."""
+    """All settings of one drive from its files."""
 
     name: str
     """`LEG/AXIS`, for example `right/hip`."""
@@ -217,12 +217,12 @@ class DriveDescription:
 
     @property
     def node_id(self) -> int:
-        """Its CANopen node."""
+        """CANopen node id."""
         return self.axis.node_id
 
     @property
     def torque_bases(self) -> tuple[BaseObject, ...]:
-        """What bring-up reads and compares before it believes any torque."""
+        """Objects that bring-up reads and compares before torque values are used."""
         base, motor = self.profile.torque_base, self.axis.motor
         unit = "" if base.rated_torque_unit is None else base.rated_torque_unit.value
         named = (
@@ -245,7 +245,7 @@ def describe(name: str, profile: DriveProfile, axis: AxisFile, eds: str) -> Driv
     """Join a profile and an axis file.
 
     Raises:
-        DescriptionError: one of the two says something that cannot be, or they disagree.
+        DescriptionError: an impossible value in one of the two, or a contradiction between them.
     """
     check_written(profile.written, halt=profile.optional_objects.halt_option)
     _check_torque_objects(profile)
@@ -337,7 +337,7 @@ def _check_motor(profile: DriveProfile, axis: AxisFile) -> None:
 
 
 def _expected_raw(profile: DriveProfile, axis: AxisFile) -> dict[str, float]:
-    """What the base objects must hold for this motor, as floats of their own units."""
+    """Values of the base objects for this motor, as floats in the objects' own units."""
     motor, unit = axis.motor, profile.torque_base.rated_torque_unit
     rated_si = motor.torque_constant_nm_per_a * motor.nominal_current_a
     if unit is RatedTorqueUnit.MILLI_NEWTON:

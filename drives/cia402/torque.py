@@ -1,7 +1,7 @@
-"""What a drive's torque numbers mean: objects, units, and the bases that they refer to.
+"""Meaning of a drive's torque numbers: objects, units, and the bases that they refer to.
 
-A profile says for three objects what one count of them is: the torque source (mapped into TPDO2),
-the torque limit (written and read back), and the target (6071h, in RPDO2). The units:
+A profile defines one count of three objects: the torque source (mapped into TPDO2), the torque
+limit (written and read back), and the target (6071h, in RPDO2). The units:
 
     milliampere                 k_t · count / 1000                 EPOS4 30D1h:02, 3001h:02
     ampere                      k_t · count                        a vendor's own count, by `factor`
@@ -9,10 +9,11 @@ the torque limit (written and read back), and the target (6071h, in RPDO2). The 
     permille_of_rated_torque    rated torque · count / 1000        CiA 402: 6071h, 6072h, 6077h
 
 each times the object's `factor`: 1 where the object counts in just that unit, 2·I_peak/65520 where
-one count is that part of an ampere, 1/√2 where k_t is told per A rms and the count is a peak value.
+one count is that part of an ampere, 1/√2 where k_t is given per A rms and the count is a peak
+value.
 
 The bases (rated torque, rated current, k_t) are objects of the drive where it has them: read at
-bring-up, compared with the axis file, never written. What it does not have is the axis file's.
+bring-up, compared with the axis file, never written. Missing ones are taken from the axis file.
 """
 
 from enum import Enum
@@ -28,11 +29,11 @@ Sub = Annotated[int, Meta(ge=0, le=254)]
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One table of a file."""
+    """One table of a configuration file."""
 
 
 class TorqueUnit(Enum):
-    """What one count of a torque object is, times the object's factor."""
+    """Meaning of one count of a torque object, before the object's factor."""
 
     MILLIAMPERE = "milliampere"
     AMPERE = "ampere"
@@ -41,17 +42,17 @@ class TorqueUnit(Enum):
 
     @property
     def is_current(self) -> bool:
-        """The torque constant makes it a torque."""
+        """True for current units, which the torque constant converts to torque."""
         return self is not TorqueUnit.PERMILLE_OF_RATED_TORQUE
 
 
 class RatedTorqueUnit(Enum):
-    """What one count of 6076h means: CiA 402 says mN·m, EPOS4 means µN·m (a factor of 1000)."""
+    """Unit of one count of 6076h: mN·m in CiA 402, µN·m in EPOS4 (a factor of 1000)."""
 
     MICRO_NEWTON_METRE = "micro_newton_metre"
     MILLI_NEWTON_METRE = "milli_newton_metre"
     MILLI_NEWTON = "milli_newton"
-    """Of a linear motor: its rated force."""
+    """For a linear motor: its rated force."""
 
     @property
     def si(self) -> float:
@@ -60,19 +61,19 @@ class RatedTorqueUnit(Enum):
 
 
 class TorqueSampling(Enum):
-    """What a torque sample at a SYNC stands for."""
+    """Meaning of a torque sample at a SYNC."""
 
     INSTANT = "instant"
     """The value at the SYNC. In CST the target is constant, so it held for the cycle; in CSP the
     drive's loops change it each millisecond and it is not the cycle's mean."""
     FILTERED = "filtered"
-    """Low-passed in the drive: late by the filter's lag."""
+    """Low-pass filtered in the drive: delayed by the filter's lag."""
     UNKNOWN = "unknown"
-    """No public document says; `gaitd check` warns."""
+    """Not publicly documented; `gaitd check` warns."""
 
 
 class ObjectRef(Table, frozen=True, kw_only=True):
-    """One object of the dictionary, and how wide it is."""
+    """One object of the dictionary and its width."""
 
     index: Index
     sub: Sub
@@ -86,32 +87,32 @@ class ObjectRef(Table, frozen=True, kw_only=True):
 
 
 class TorqueObject(ObjectRef, frozen=True, kw_only=True):
-    """An object that measures, limits or asks for torque."""
+    """An object that measures, limits or commands torque."""
 
     unit: TorqueUnit
     factor: Annotated[float, Meta(gt=0, le=1000)]
-    """How many of the unit one count is."""
+    """Number of units per count."""
 
 
 class TorqueSource(TorqueObject, frozen=True, kw_only=True):
-    """The object that says how hard the motor pulls; mapped into TPDO2."""
+    """The object that measures the motor's torque; mapped into TPDO2."""
 
     sign: Literal[-1, 1]
-    """+1: positive where the motor pulls towards higher counts of 6064h, as CiA 402 says."""
+    """+1: positive where the motor drives towards higher counts of 6064h, as CiA 402 defines."""
     sampling: TorqueSampling
 
 
 class TorqueBase(Table, frozen=True, kw_only=True):
-    """The objects that the torque numbers refer to; read at bring-up, compared, never written.
+    """Objects that the torque numbers refer to; read at bring-up, compared, never written.
 
-    An object that is not here the drive does not have: the axis file's motor data count instead.
+    Objects that are absent here do not exist in the drive: the axis file's motor data replace them.
     """
 
     rated_torque: ObjectRef | None = None
-    """6076h: 1000 per mille of 6071h and 6077h."""
+    """6076h: the base of 1000 per mille in 6071h and 6077h."""
     rated_torque_unit: RatedTorqueUnit | None = None
     rated_current: ObjectRef | None = None
-    """In mA: 6075h, or a vendor's own."""
+    """In mA: 6075h, or a vendor-specific object."""
     torque_constant: ObjectRef | None = None
     """In µN·m/A."""
 
@@ -130,11 +131,11 @@ _NEEDED: Final = {
     TorqueUnit.PERMILLE_OF_RATED_CURRENT: ("rated_current",),
     TorqueUnit.PERMILLE_OF_RATED_TORQUE: ("rated_torque",),
 }
-"""The base objects without which a unit means nothing. k_t alone may be the motor sheet's."""
+"""Base objects that a unit requires. k_t alone may come from the motor's data sheet."""
 
 
 def count_nm(torque: TorqueObject, base: DriveBase) -> float:
-    """Torque at the motor of one count, N·m."""
+    """Torque at the motor per count, N·m."""
     match torque.unit:
         case TorqueUnit.MILLIAMPERE:
             unit_nm = 1e-3 * base.torque_constant_nm_per_a
@@ -148,7 +149,7 @@ def count_nm(torque: TorqueObject, base: DriveBase) -> float:
 
 
 def base_in_words(torque: TorqueObject, base: TorqueBase) -> str:
-    """What a count of this object refers to, with the objects that hold it."""
+    """Describe what a count of this object refers to, with the objects that hold it."""
     rated_torque, rated_current = base.rated_torque, base.rated_current
     if not torque.unit.is_current:
         unit = base.rated_torque_unit
@@ -163,10 +164,10 @@ def base_in_words(torque: TorqueObject, base: TorqueBase) -> str:
 
 
 def check_bases(objects: dict[str, TorqueObject], base: TorqueBase) -> None:
-    """Every unit has the base object that it refers to.
+    """Check that every unit has the base object that it refers to.
 
     Raises:
-        DescriptionError: naming the base that is missing, and for which object.
+        DescriptionError: names the missing base, and the object that needs it.
     """
     for key, torque in objects.items():
         for name in _NEEDED[torque.unit]:

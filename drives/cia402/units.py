@@ -1,15 +1,16 @@
-"""The only conversion factors of the master: a drive's numbers to SI units at the joint and back.
+"""All conversion factors of the master: drive units to SI units at the joint and back.
 
     position = sign * counts / counts_per_rev * (2 pi | lead) / gear + offset         rad | m
     effort   = sign * torque at the motor * gear * (1 | 2 pi / lead)                  N·m | N
-    torque at the motor: of one count as the profile says (`torque.py`)               N·m
+    torque at the motor: per count as the profile says (`torque.py`)                  N·m
 
-There is no efficiency factor: what the transmission loses is friction, and the observer's.
+There is no efficiency factor: losses of the transmission are friction, which the observer
+estimates.
 
-Which base counts: the numbers that the *drive* holds (6076h, 6075h, 3001h:05), read at bring-up and
-found within 1 % of the files, are used from then on. The drive computes with its own integers: a
-6076h of 279 mN·m for 278.68 is what 1000 per mille means in it. Before bring-up (`gaitd check`, the
-limits that bring-up writes) the files' integers stand in for them.
+Base values: the numbers that the *drive* holds (6076h, 6075h, 3001h:05), read at bring-up and
+found within 1 % of the files, are used from then on. The drive computes with its own integers: with
+6076h = 279 mN·m for 278.68, 1000 per mille are 279 mN·m. Before bring-up (`gaitd check`, the limits
+that bring-up writes) the files' integers are used.
 """
 
 import math
@@ -28,14 +29,14 @@ _UNITS_PER_COUNT: Final[dict[SpeedUnit | DecelerationUnit, float]] = {
     DecelerationUnit.COUNTS_PER_S2: 1.0,
     DecelerationUnit.TEN_COUNTS_PER_S2: 0.1,
 }
-"""Per count/s or count/s²; what is not here is in rpm or rpm/s."""
+"""Per count/s or count/s²; units that are not listed are rpm or rpm/s."""
 _RPM_PER_REV_PER_S: Final = 60.0
 _FLOAT_SLACK: Final = 1e-6
-"""Of one count: 11999.9999999 is 12000 and a rounding error of the computation."""
+"""Of one count: 11999.9999999 counts as 12000 with a rounding error."""
 
 
 class AxisScaling(NamedTuple):
-    """All factors of one axis; its sign is inside `counts_per_si` and the two effort factors."""
+    """All factors of one axis; the sign is part of `counts_per_si` and the two effort factors."""
 
     counts_per_si: float
     """Encoder counts per rad or m; negative where counts fall along the positive axis."""
@@ -44,7 +45,7 @@ class AxisScaling(NamedTuple):
     effort_per_torque_count_si: float
     """N·m or N at the joint per count of the profile's torque source."""
     permille_per_effort_si: float
-    """Counts of 6071h per N·m or N at the joint: per mille, or what the profile says."""
+    """Counts of 6071h per N·m or N at the joint: per mille, or as the profile says."""
     target_limit_count: int
     """The largest count of 6071h, which has 16 or 32 bits."""
     speed_counts_per_si: float
@@ -61,7 +62,7 @@ class JointSample(NamedTuple):
 
 
 class DriveLimits(NamedTuple):
-    """What is written into one drive, in SI units at the joint (from limits.toml)."""
+    """Limits written into one drive, in SI units at the joint (from limits.toml)."""
 
     position_min_si: float
     position_max_si: float
@@ -72,7 +73,7 @@ class DriveLimits(NamedTuple):
 
 
 class RawLimits(NamedTuple):
-    """The same in the drive's own units, rounded to the careful side."""
+    """`DriveLimits` in the drive's own units, rounded to the safe side."""
 
     position_min_counts: int
     position_max_counts: int
@@ -82,7 +83,7 @@ class RawLimits(NamedTuple):
     """The profile's torque limit object."""
     following_error_counts: int
     deceleration_raw: int
-    """6085h; rounded up, so that the ramp is not longer than assumed."""
+    """6085h; rounded up, so that the ramp is never longer than assumed."""
 
 
 class RawHoming(NamedTuple):
@@ -99,7 +100,7 @@ class RawHoming(NamedTuple):
 
 
 def expected_base(description: DriveDescription) -> DriveBase:
-    """The base as the axis file's integers say, for use before the drive could be asked."""
+    """Base from the axis file's integers, for use before the drive has been read."""
     motor = description.axis.motor
     raw = motor.torque_constant_raw
     return base_from_raw(description, motor.rated_torque_raw, motor.rated_current_raw, raw)
@@ -111,9 +112,9 @@ def base_from_raw(
     rated_current_raw: int | None,
     torque_constant_raw: int | None,
 ) -> DriveBase:
-    """The base from the drive's integers; what it has no object for is the axis file's.
+    """Base from the drive's integers; values without an object are taken from the axis file.
 
-    Without a rated torque of its own a drive's 1000 per mille are its rated current's torque.
+    Without a rated torque, 1000 per mille of a drive are the torque at its rated current.
     """
     motor, unit = description.axis.motor, description.profile.torque_base.rated_torque_unit
     constant_nm_per_a = motor.torque_constant_nm_per_a
@@ -149,7 +150,7 @@ def axis_scaling(description: DriveDescription, base: DriveBase) -> AxisScaling:
 
 
 def to_joint(feedback: DriveFeedback, scaling: AxisScaling) -> JointSample:
-    """Where the joint is and what the drive exerts on it, positive along the positive axis."""
+    """Joint position and effort of the drive, positive along the positive axis."""
     return JointSample(
         position_si(feedback.position_counts, scaling),
         feedback.torque_raw * scaling.effort_per_torque_count_si,
@@ -162,7 +163,7 @@ def position_si(counts: int, scaling: AxisScaling) -> float:
 
 
 def position_to_counts(position_si: float, scaling: AxisScaling) -> int:
-    """The nearest encoder count, held inside 32 bits.
+    """The nearest encoder count, clamped to 32 bits.
 
     Raises:
         CommandNotFinite: for NaN and infinity.
@@ -172,7 +173,7 @@ def position_to_counts(position_si: float, scaling: AxisScaling) -> int:
 
 
 def effort_to_permille(effort_si: float, scaling: AxisScaling) -> int:
-    """The nearest value of 6071h, held inside its bits: a large one never wraps into its opposite.
+    """The nearest value of 6071h, clamped to its width: a large value never wraps around.
 
     Raises:
         CommandNotFinite: for NaN and infinity.
@@ -182,12 +183,12 @@ def effort_to_permille(effort_si: float, scaling: AxisScaling) -> int:
 
 
 def permille_to_effort(permille: int, scaling: AxisScaling) -> float:
-    """What a value of 6071h asks for at the joint, N·m or N."""
+    """Effort at the joint, N·m or N, that a value of 6071h commands."""
     return permille / scaling.permille_per_effort_si
 
 
 def raw_limits(limits: DriveLimits, description: DriveDescription) -> RawLimits:
-    """Limits in the drive's units, never wider than asked for.
+    """Limits in the drive's units, never wider than given.
 
     The torque limit is the smaller of the joint's and the motor's (`current_limit_a`).
     """
@@ -249,7 +250,7 @@ def _clipped(value: float, largest: int) -> int:
 
 
 def _unsigned(value: int, bits: int) -> int:
-    # Never 0: to some drives a limit of 0 means none.
+    # Never 0: some drives take a limit of 0 as no limit.
     return max(1, min(value, (1 << bits) - 1))
 
 

@@ -1,8 +1,8 @@
-"""What a drive holds against what it should hold: the plan of bring-up, an EDS, an earlier dump.
+"""Comparison of a drive's objects with the bring-up plan, an EDS, or an earlier dump.
 
-Pure. `expectations` takes from a plan everything that bring-up would write or check, with the last
-word on each object: a mapping is emptied, filled and counted, and it is the count that stays. What
-is only reported, or depends on where the joint is (the target position), is not expected.
+Pure. `expectations` takes from a plan everything that bring-up would write or check, with the final
+value of each object: a mapping is emptied, filled and counted, and only the count remains. Objects
+that are only reported, or depend on the joint's position (the target position), are not expected.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -16,10 +16,10 @@ from drives.service.dump import Address, Entry, Value
 
 
 class Expectation(NamedTuple):
-    """One object and what bring-up wants of it."""
+    """One object and the value that bring-up expects of it."""
 
     step: Step
-    """With `value` for this object alone: a range is two of them."""
+    """Step with `value` for this object alone: a range becomes two of them."""
 
     @property
     def address(self) -> Address:
@@ -28,7 +28,7 @@ class Expectation(NamedTuple):
 
     @property
     def wanted(self) -> str:
-        """In words."""
+        """The expected value as text."""
         match self.step.kind:
             case StepKind.SWITCH_OFF:
                 return "off (bit 31)"
@@ -38,7 +38,7 @@ class Expectation(NamedTuple):
                 return self.step.shown(self.step.value)
 
     def is_met(self, value: int) -> bool:
-        """Whether a value that was read is what bring-up would accept, or leave behind."""
+        """True if bring-up would accept the value that was read, or leave it behind."""
         step = self.step
         match step.kind:
             case StepKind.SWITCH_OFF:
@@ -51,14 +51,14 @@ class Expectation(NamedTuple):
                 return (value ^ step.value) & step.mask & ((1 << step.bits) - 1) == 0
 
     def shown(self, value: int) -> str:
-        """A value as this expectation looks at it: the bits that it asks for."""
+        """Format a value restricted to the bits of this expectation."""
         masked = value if self.step.mask == ALL_BITS else value & self.step.mask
         return self.step.shown(masked)
 
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """One object, what it should hold and what it holds."""
+    """One object with its expected and its present value."""
 
     index: int
     sub: int
@@ -80,12 +80,13 @@ _EXPECTED = frozenset(
 
 
 def expectations(plan: DrivePlan) -> tuple[Expectation, ...]:
-    """What bring-up wants of each object, in the order in which it comes to them."""
+    """List the expectation of bring-up for each object, in order of first use."""
     wanted: dict[tuple[int, int, int], Expectation] = {}
     for step in plan.steps:
         if step.kind in _EXPECTED:
             for part in _parts(step):
-                # Two checks of one object ask for other bits of it; a write has the last word.
+                # Two checks of one object may test different bits; a write replaces earlier
+                # expectations.
                 bits = part.mask if step.kind is StepKind.CHECK else 0
                 wanted[part.index, part.sub, bits] = Expectation(part)
     return tuple(wanted.values())
@@ -102,7 +103,7 @@ def _parts(step: Step) -> Iterator[Step]:
 def with_plan(
     wanted: Iterable[Expectation], found: Mapping[Address, Entry]
 ) -> tuple[Compared, ...]:
-    """What bring-up wants against what a drive holds. `found` has every object of `wanted`."""
+    """Compare a plan's expectations with a drive. `found` has every object of `wanted`."""
     return tuple(
         _with_expectation(expectation, found[expectation.address]) for expectation in wanted
     )
@@ -119,7 +120,7 @@ def _with_expectation(expectation: Expectation, entry: Entry) -> Compared:
 def with_values(
     wanted: Mapping[Address, Value], found: Iterable[Entry], why: str
 ) -> tuple[Compared, ...]:
-    """Given values against what a drive holds. `wanted` has every object of `found`."""
+    """Compare given values with a drive. `wanted` has every object of `found`."""
     return tuple(_with_value(wanted[entry.index, entry.sub], entry, why) for entry in found)
 
 
@@ -136,12 +137,12 @@ def _with_value(wanted: Value, entry: Entry, why: str) -> Compared:
 
 
 def shown(value: Value, bits: int) -> str:
-    """A value for people: numbers in decimal and hex."""
+    """Format a value for the operator: numbers in decimal and hex."""
     if isinstance(value, int) and bits:
         return f"{value} ({in_hex(value, bits)})"
     return str(value) if value != "" else '""'
 
 
 def in_hex(value: int, bits: int) -> str:
-    """As the drive holds it, in two's complement: `FFFFFFFEh`."""
+    """Format as the drive holds it, in two's complement: `FFFFFFFEh`."""
     return f"{value & ((1 << bits) - 1):0{(bits + 3) // 4}X}h"

@@ -1,10 +1,10 @@
-"""All objects of one drive that its EDS says can be read: read, decoded, kept in a DCF.
+"""Dump of all readable objects of one drive according to its EDS, decoded and saved as a DCF.
 
-The DCF (CiA 306: an EDS with ParameterValue) is written and read by canopen 2.4.1. What is worked
-around, with where it was seen: its export writes a negative number as `0x-5`, which its own import
-drops without a word (eds.py, _revert_variable): numbers are handed over as text. A `;` after a
-space begins a comment for its parser: texts are kept without any. An object that the drive refused
-has no ParameterValue and is not in what `read_dcf` gives.
+The DCF (CiA 306: an EDS with ParameterValue) is written and read by canopen 2.4.1. Workarounds,
+with their place in canopen: its export writes a negative number as `0x-5`, which its own import
+silently drops (eds.py, _revert_variable): numbers are handed over as text. A `;` after a space
+begins a comment for its parser: texts are saved without any. An object that the drive refused has
+no ParameterValue and is not in the result of `read_dcf`.
 """
 
 import struct
@@ -21,11 +21,11 @@ from drives.service.eds import load_eds
 from drives.service.scan import Progress
 
 FIRST_INDEX: Final = 0x1000
-"""Below are data types and dummy entries."""
+"""Lower indices are data types and dummy entries."""
 SILENCES_MAX: Final = 3
-"""Objects in a row without an answer, after which the drive is gone."""
+"""After this many objects in a row without an answer the drive counts as gone."""
 PAUSE_NS: Final = 2_000_000
-"""Between two transfers, so that a service on the same bus does not feel them."""
+"""Pause between two transfers, so that a service on the same bus is not disturbed."""
 DCF: Final = "dcf"
 
 Value = int | float | str
@@ -42,16 +42,16 @@ _TEXTS: Final = frozenset((datatypes.VISIBLE_STRING, datatypes.UNICODE_STRING))
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One object as it was read; either `value` or `trouble`."""
+    """One object as read; either `value` or `trouble` is set."""
 
     index: int
     sub: int
     name: str
     value: Value | None = None
     bits: int = 0
-    """Of a whole number; 0 of anything else. Bytes without a type are a text in hex."""
+    """Width of an integer; 0 for other types. Bytes without a type are text in hex."""
     trouble: str = ""
-    """Why there is no value: the abort, or silence."""
+    """Why there is no value: the abort text, or no answer."""
     silent: bool = False
 
     @property
@@ -63,13 +63,13 @@ class Entry:
 def read_objects(
     node_id: int, variables: Sequence[ODVariable], port: DrivePort, *, as_filled: bool = False
 ) -> Generator[Progress, None, tuple[Entry, ...]]:
-    """Read objects, one at a time and paced, in the order given.
+    """Read objects in the given order, one at a time, with pauses.
 
     Args:
-        node_id: whose.
-        variables: which.
+        node_id: the drive.
+        variables: the objects.
         port: the bus.
-        as_filled: of an array or a mapping only so many as its sub-index 0 says just before.
+        as_filled: read only as many entries of an array or a mapping as its sub-index 0 says.
 
     Raises:
         SdoTimeout: several objects in a row were not answered.
@@ -92,13 +92,13 @@ def read_objects(
 
 
 def _is_filled(variable: ODVariable) -> bool:
-    """Whether sub-index 0 says how many of the following ones mean anything."""
+    """True if sub-index 0 gives the number of valid entries."""
     mapping = any(variable.index in indices for indices in _MAPPINGS)
     return mapping or isinstance(cast("object", variable.parent), ODArray)
 
 
 def readable(dictionary: ObjectDictionary) -> list[ODVariable]:
-    """Every variable that can be read, in order."""
+    """List every readable variable, in order."""
     variables: list[ODVariable] = []
     for index in dictionary:
         item = dictionary[index]
@@ -108,7 +108,7 @@ def readable(dictionary: ObjectDictionary) -> list[ODVariable]:
 
 
 def variable_at(dictionary: ObjectDictionary, index: int, sub: int, bits: int) -> ODVariable:
-    """The EDS's object, or a plain unsigned one where the EDS does not know it."""
+    """The EDS's object, or a plain unsigned one where the EDS lacks it."""
     variable = dictionary.get_variable(index, sub)
     if variable is None:
         variable = ODVariable("(not in the EDS)", index, sub)
@@ -134,19 +134,19 @@ def _read(variable: ODVariable, node_id: int, port: DrivePort, last_chance: bool
 
 
 def pause(port: DrivePort) -> None:
-    """Leave the bus to others for a moment, and listen."""
+    """Receive during a short pause that leaves the bus to others."""
     end_ns = port.now_ns() + PAUSE_NS
     while port.now_ns() < end_ns:
         port.wait(end_ns)
 
 
 def bits_of(variable: ODVariable) -> int:
-    """The width of a whole number; 0 for anything else."""
+    """Width of an integer; 0 for other types."""
     return len(variable) if variable.data_type in datatypes.INTEGER_TYPES else 0
 
 
 def decoded(variable: ODVariable, data: bytes) -> Value:
-    """What the bytes of an object mean by its data type; bytes without a type as hex.
+    """Decode the bytes of an object by its data type; bytes without a type as hex.
 
     Some drives answer four bytes for a smaller number: it is cut to its own width.
     """
@@ -163,7 +163,7 @@ def decoded(variable: ODVariable, data: bytes) -> Value:
 
 
 def kept_text(text: str) -> str:
-    """A text as a DCF can hold it: one line, no `;`, nothing that does not print."""
+    """Make a text fit for a DCF: one line, no `;`, only printable characters."""
     letters = text.split("\0", maxsplit=1)[0].replace(";", ",")
     return "".join(letter if letter.isprintable() else "?" for letter in letters).strip()
 
@@ -174,12 +174,12 @@ def kept_text(text: str) -> str:
 def write_dcf(
     entries: tuple[Entry, ...], dictionary: ObjectDictionary, node_id: int, file: TextIO
 ) -> None:
-    """Write what was read as a DCF; `dictionary` gets the values, too."""
+    """Write what was read as a DCF; also sets the values in `dictionary`."""
     dictionary.node_id = node_id
     for entry in entries:
         variable = dictionary.get_variable(entry.index, entry.sub)
         if variable is not None and entry.value is not None:
-            # Its export takes `value_raw` as it is; the class does not declare it.
+            # The export uses `value_raw` unchanged; the class does not declare it.
             vars(variable).update(value=entry.value, value_raw=str(entry.value))
     canopen.export_od(dictionary, file, doc_type=DCF)
 
@@ -201,7 +201,7 @@ def read_dcf(path: str, node_id: int) -> dict[Address, Value]:
 
 
 def settings(dictionary: ObjectDictionary) -> list[ODVariable]:
-    """What stays as it is until somebody writes it, or never changes: no measurement."""
+    """List writable and constant variables, which excludes measurements."""
     return [
         variable
         for variable in readable(dictionary)
@@ -216,7 +216,7 @@ def defaults(dictionary: ObjectDictionary) -> dict[Address, Value]:
 
 
 def _kept(value: object) -> Value:
-    """A value of canopen's as `decoded` gives it."""
+    """Convert a value of canopen to the form of `decoded`."""
     if isinstance(value, bytes):
         return value.hex()
     return value if isinstance(value, int | float) else kept_text(str(value))

@@ -1,9 +1,9 @@
-"""Plan against EDS: does the drive's data sheet know every object that bring-up will touch?
+"""Check of a plan against the EDS: the data sheet must define every object that bring-up uses.
 
 For `gaitd check`, without any bus. The file is read by canopen; the virtual drives read the same
-file with a parser of their own, so a misreading does not cancel out. Judged are existence, width,
-sign, access and range of what is read and written, constants that are told (identity, modes), and
-whether what the PDOs carry can be mapped.
+file with a parser of their own, so a parser error does not cancel out. Checked are existence,
+width, sign, access and range of what is read and written, constants in the file (identity, modes),
+and whether the objects of the PDOs can be mapped.
 """
 
 import configparser
@@ -40,7 +40,7 @@ def load_eds(path: str, node_id: int) -> ObjectDictionary:
     """Read an EDS.
 
     Raises:
-        DescriptionError: it is not there, or is none.
+        DescriptionError: the file is missing, or is no EDS.
     """
     try:
         with Path(path).open(encoding=_encoding(Path(path))) as file:
@@ -52,7 +52,7 @@ def load_eds(path: str, node_id: int) -> ObjectDictionary:
 
 
 def _encoding(path: Path) -> str:
-    """CiA 306 asks for ASCII; files of manufacturers are often in their Windows' code page."""
+    """Encoding of the file: CiA 306 requires ASCII, but many files use a Windows code page."""
     try:
         path.read_bytes().decode("utf-8")
     except UnicodeDecodeError:
@@ -61,7 +61,7 @@ def _encoding(path: Path) -> str:
 
 
 def objections(plan: DrivePlan, dictionary: ObjectDictionary) -> list[str]:
-    """What the EDS has against the plan, one line for each object; empty if nothing."""
+    """List the conflicts between plan and EDS, one line per object; empty without any."""
     steps = [part for step in plan.steps for part in _parts(step)]
     found = [_objection(step, dictionary) for step in steps]
     pdos = layouts(plan.description.profile, plan.description.node_id)
@@ -77,7 +77,7 @@ def objections(plan: DrivePlan, dictionary: ObjectDictionary) -> list[str]:
 
 
 def unused(has: OptionalObjects, dictionary: ObjectDictionary) -> list[str]:
-    """Objects of the EDS that would protect, and that the profile says the drive has not."""
+    """Protective objects in the EDS that the profile declares absent."""
     return [
         name
         for name, index in _PROTECTIVE.items()
@@ -86,7 +86,7 @@ def unused(has: OptionalObjects, dictionary: ObjectDictionary) -> list[str]:
 
 
 def _parts(step: Step) -> tuple[Step, ...]:
-    """A range is two objects; a step without an object is none."""
+    """Split a range into its two objects; a step without an object gives none."""
     if step.kind is StepKind.RANGE:
         upper = replace(step, sub=step.sub + 1, value=step.second)
         return step, upper
@@ -108,7 +108,7 @@ def _objection(step: Step, dictionary: ObjectDictionary) -> str | None:
 
 
 def _other_value(step: Step, variable: ODVariable) -> str | None:
-    """What a drive cannot change, its EDS may already tell; many leave it empty, or 0."""
+    """Conflict with a constant in the EDS, if it has one; many files leave it empty, or 0."""
     told = variable.default
     if variable.writable or not told or told & step.mask == step.value:
         return None

@@ -1,7 +1,7 @@
-"""A survey judged: which stations there are, which drives of a configuration, and what is wrong.
+"""Evaluation of a survey: stations, the configuration's drives among them, and errors.
 
-Pure. Every finding has a kind that a program can test, and a text for people. Those in WRONG mean
-that the machine of the configuration cannot work as it is; the others are to be known.
+Pure. Every finding has a kind for programs and a text for the operator. Kinds in WRONG mean that
+the machine of the configuration cannot work as it is; the others are for information.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,7 +20,7 @@ from drives.signals import NmtState
 
 
 class FindingKind(Enum):
-    """What a finding is about."""
+    """Subject of a finding."""
 
     MISSING = "expected drive is missing"
     OTHER_DEVICE = "another device than the files describe"
@@ -53,7 +53,7 @@ WRONG: Final = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing to be known."""
+    """One fact to report."""
 
     kind: FindingKind
     text: str
@@ -63,19 +63,19 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Inventory:
-    """All that a scan has to say."""
+    """Result of a scan."""
 
     stations: tuple[Station, ...]
     findings: tuple[Finding, ...]
 
     @property
     def is_wrong(self) -> bool:
-        """Whether the machine cannot work as it is."""
+        """True if the machine cannot work as it is."""
         return any(finding.kind in WRONG for finding in self.findings)
 
 
 def take_stock(survey: Survey, expected: Expected) -> Inventory:
-    """Stations and findings, each in the order of node ids; findings of the bus first."""
+    """List stations and findings, each in order of node ids; findings of the bus come first."""
     nodes = sorted(
         node_id
         for node_id, heard in survey.witness.nodes.items()
@@ -219,7 +219,7 @@ def _missing(stations: Sequence[Station], expected: Expected) -> Iterator[Findin
 
 
 def _elsewhere(drive: DriveDescription, stations: Sequence[Station]) -> str:
-    """A device of the same kind at a node id that no file names may be the one."""
+    """Name a device of the same kind at an unconfigured node id, which may be the drive."""
     identity = drive.axis.identity
     same = [
         str(station.node_id)
@@ -230,7 +230,7 @@ def _elsewhere(drive: DriveDescription, stations: Sequence[Station]) -> str:
     return f"; such a device is at node {' and '.join(same)}" if same else ""
 
 
-# --- frames that nobody explains ------------------------------------------------------------------
+# --- frames without a known sender ----------------------------------------------------------------
 
 _TIME_ID: Final = 0x100
 _LSS_IDS: Final = frozenset((0x7E4, 0x7E5))
@@ -263,5 +263,5 @@ def _unexplained(survey: Survey, nodes: Sequence[int], expected: Expected) -> It
 
 
 def _is_service(can_id: int) -> bool:
-    """EMCY, SDO and NMT error control: these are heard of one node."""
+    """True for EMCY, SDO and NMT error control, which are counted per node."""
     return bool(can_id & _NODE) and can_id & ~_NODE in (0x080, 0x580, 0x600, 0x700)

@@ -1,7 +1,7 @@
-"""What a raw number of a drive's dictionary means, in words: for people who read a dump.
+"""Meaning of raw object values as text, for the operator who reads a dump.
 
-From the standard (CiA 301, CiA 402) where it says the same of every drive, else from the drive's
-profile, and from the plan of bring-up, whose steps say what they are for and in which unit.
+The text comes from the standard (CiA 301, CiA 402) where it is the same for every drive, else from
+the drive's profile, and from the plan of bring-up, whose steps name purpose and unit.
 """
 
 from collections.abc import Callable
@@ -26,18 +26,18 @@ _TYPES: Final = {0: "on an event, at the next SYNC", 254: "on an event", 255: "o
 _MODES: Final = {0: "PP", 1: "VL", 2: "PV", 3: "TQ", 5: "HM", 6: "IP", 7: "CSP", 8: "CSV", 9: "CST"}
 """Bits of 6502h (CiA 402-2)."""
 _ABOUT_US: Final = frozenset((StepKind.CHECK, StepKind.SWITCH_OFF))
-"""Steps whose words say nothing about a value that is as it should be."""
+"""Steps whose text adds nothing to a correct value."""
 
 
 class ObjectWords:
-    """The words for one drive's objects."""
+    """Texts for one drive's objects."""
 
     def __init__(self, plan: DrivePlan) -> None:
         self._profile = plan.description.profile
         self._expected = {one.address: one for one in expectations(plan)}
 
     def of(self, index: int, sub: int, value: int) -> str:
-        """What a value of this object means; nothing where nobody says."""
+        """Describe a value of this object; an empty string where nothing is known."""
         texts = (self._measured(index, sub, value), self._wanted((index, sub), value))
         return "; ".join(text for text in texts if text)
 
@@ -64,7 +64,7 @@ class ObjectWords:
 
 
 def inputs(value: int, profile: DriveProfile) -> str:
-    """60FDh by the names that the profile gives its bits; a condition that holds is named."""
+    """60FDh by the profile's names of its bits; conditions that hold are listed."""
     wired: dict[str, InputBit | None] = {
         "hand switch closed": profile.inputs.hand_switch_closed,
         "STO released": profile.inputs.sto_released,
@@ -76,7 +76,7 @@ def inputs(value: int, profile: DriveProfile) -> str:
 
 
 def pdo(index: int, sub: int, value: int) -> str:
-    """A PDO's identifier (bit 31: off), its type, or a mapping entry (index, sub, bits)."""
+    """Describe a PDO's identifier (bit 31: off), type, or mapping entry (index, sub, bits)."""
     if sub == 1 and _within(index, _PARAMETERS):
         return f"identifier {value & _CAN_ID:03X}h, {'off' if value & PDO_OFF else 'on'}"
     if sub == 2 and _within(index, _PARAMETERS):

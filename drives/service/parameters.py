@@ -1,13 +1,13 @@
-"""Storing what a drive holds (1010h), and going back to what its maker delivered (1011h).
+"""Storing a drive's parameters (1010h), and restoring the manufacturer's defaults (1011h).
 
-Only when somebody asks for it, and only if (rules, checked in this order):
-1.  Nobody works on this bus: no SYNC, no heartbeat of the master, no NMT command, no SDO request of
-    anybody else while we listened.
-2.  It is the drive that the files describe.
-3.  It has no power on its motor (6041h).
-4.  It says that it does so on command: bit 0 of 1010h:01 or 1011h:01 (CiA 301 7.5.2.13, 7.5.2.14).
-The signature is written once and not again; a drive may take seconds to answer. What is restored
-acts after NMT reset node or the next power-on.
+Only on request, and only if (rules, checked in this order):
+1.  The bus is not in use: no SYNC, no heartbeat of the master, no NMT command, no SDO request of
+    another client was received while listening.
+2.  The drive is the one that the files describe.
+3.  Its motor has no power (6041h).
+4.  It supports storing on command: bit 0 of 1010h:01 or 1011h:01 (CiA 301 7.5.2.13, 7.5.2.14).
+The signature is written once and not repeated; a drive may take seconds to answer. Restored values
+take effect after NMT reset node or the next power-on.
 """
 
 from collections.abc import Generator
@@ -26,9 +26,9 @@ from drives.service.scan import DEVICE_TYPE, VENDOR, Progress
 from drives.signals import PowerState
 
 SDO_TIMEOUT_NS: Final = 5_000_000_000
-"""For the answer to a signature: the drive writes its memory first."""
+"""Limit for the answer to a signature: the drive writes its memory first."""
 BOOT_TIMEOUT_NS: Final = 5_000_000_000
-"""After NMT reset node, which starts the drive's firmware again."""
+"""Limit after NMT reset node, which restarts the drive's firmware."""
 
 _SLICE_NS: Final = 50_000_000
 _ON_COMMAND: Final = 1
@@ -45,31 +45,31 @@ _STATUSWORD: Final = Step(StepKind.REPORT, "statusword", 0x6041, bits=16, is_hex
 
 
 class Keeping(Enum):
-    """What is asked for; the values are the object and its signature."""
+    """Requested operation; the values are the object and its signature."""
 
     STORE = (0x1010, b"save")
     RESTORE = (0x1011, b"load")
 
     @property
     def index(self) -> int:
-        """Its object; sub-index 1 is about all parameters."""
+        """Index of the object; sub-index 1 covers all parameters."""
         return self.value[0]
 
     @property
     def signature(self) -> bytes:
-        """What must be written, so that nobody does it by mistake."""
+        """Value to write, which prevents accidental use."""
         return self.value[1]
 
 
 class KeepingRefusedError(DrivesError):
-    """We or the drive will not do it; nothing has been written or changed."""
+    """The program or the drive refuses the request; nothing has been written or changed."""
 
 
 def check_bus(witness: BusSniffer, master_node_id: int) -> None:
-    """Rule 1.
+    """Check rule 1.
 
     Raises:
-        KeepingRefusedError: somebody works on this bus.
+        KeepingRefusedError: the bus is in use.
     """
     foreign_count = sum(heard.foreign_request_count for heard in witness.nodes.values())
     heard = {
@@ -85,11 +85,11 @@ def check_bus(witness: BusSniffer, master_node_id: int) -> None:
 
 
 def check_drive(plan: DrivePlan, keeping: Keeping, port: DrivePort) -> None:
-    """Rules 2 to 4.
+    """Check rules 2 to 4.
 
     Raises:
         BringUpRefused: it is another drive.
-        KeepingRefusedError: it has power, or does not do it on command.
+        KeepingRefusedError: it has power, or does not support it on command.
         DriveSilent: it does not answer.
         BusError: the bus is down.
     """
@@ -112,7 +112,7 @@ def keep(plan: DrivePlan, keeping: Keeping, port: DrivePort) -> None:
 
     Raises:
         KeepingRefusedError: the drive refuses, with its abort text.
-        DriveSilent: no answer: nobody knows whether it has been done.
+        DriveSilent: no answer: the result is unknown.
         BusError: the bus is down.
     """
     name, node_id = plan.description.name, plan.description.node_id
@@ -127,7 +127,7 @@ def keep(plan: DrivePlan, keeping: Keeping, port: DrivePort) -> None:
 
 
 def reset_node(plan: DrivePlan, port: DrivePort) -> Generator[Progress, None, None]:
-    """NMT reset node, and its boot-up message.
+    """Send NMT reset node and wait for the boot-up message.
 
     Raises:
         DriveSilent: it did not boot within BOOT_TIMEOUT_NS.

@@ -1,17 +1,17 @@
-"""Who is on a bus: listen, ask all 127 nodes for 1000h, then read who those are that answer.
+"""Survey of a bus: listen, read 1000h of all 127 nodes, then the identity of those that answer.
 
-`survey` is a generator as `bringup.bring_up` is: it yields what it has done, and its value is what
-it found. It reads and listens, and nothing else: no NMT command, no write, no SYNC. Rules:
+`survey` is a generator like `bringup.bring_up`: it yields its progress and returns what it found.
+It only reads and listens: no NMT command, no write, no SYNC. Rules:
 
-1.  SDO channels of different nodes are independent (CiA 301 7.2.4): all are asked one after the
-    other, and the answers collected, so a silent node costs no time of its own.
-2.  It must not be felt on a bus at work: between two requests lie PAUSE_FRAMES frame times, so the
+1.  SDO channels of different nodes are independent (CiA 301 7.2.4): requests go to all nodes one
+    after the other, and the answers are collected, so a silent node adds no waiting time.
+2.  It must not disturb a bus in use: between two requests lie PAUSE_FRAMES frame times, so the
     requests take an eighth of the bus at most, their identifiers lose every arbitration against
-    SYNC and PDOs, and the transmit queue that we share with a service holds one frame of ours.
-3.  A node to which somebody else sends SDO requests (a bring-up) is asked for nothing that takes
-    more than one answer: its names, in segments, would mix with the other's transfer.
-4.  Whoever stops answering is not asked again: silence is waited for once.
-5.  Where nobody acknowledges our first frames, or they end in bus-off, no more are sent.
+    SYNC and PDOs, and the transmit queue shared with a service holds one frame of the survey.
+3.  A node to which another client sends SDO requests (a bring-up) gets no request with an answer of
+    several frames: its names, in segments, would mix with the other's transfer.
+4.  A node that stops answering gets no more requests, so only one timeout is spent on it.
+5.  If the first frames are not acknowledged, or end in bus-off, no more are sent.
 """
 
 from collections.abc import Generator
@@ -24,15 +24,15 @@ from drives.canopen.sniffer import SDO_REQUEST_ID, BusSniffer, WitnessedBus
 from drives.errors import SdoAborted, SdoGarbled, SdoTimeout
 
 LISTEN_NS: Final = 1_000_000_000
-"""Before anything is asked: heartbeats, SYNC and commands of a running service."""
+"""Before the first request: heartbeats, SYNC and commands of a running service."""
 ANSWER_NS: Final = 200_000_000
-"""After the last request; a drive answers within some ms."""
+"""Wait after the last request; a drive answers within some ms."""
 SLICE_NS: Final = 50_000_000
 """Longest wait between two yields."""
 SEND_PATIENCE_NS: Final = 20_000_000
 PAUSE_FRAMES: Final = 8
 FRAME_BITS: Final = 130
-"""Of eight bytes, with stuffing."""
+"""Bits of a frame of eight bytes, with stuffing."""
 NODES: Final = range(1, 128)
 
 DEVICE_TYPE: Final = (0x1000, 0)
@@ -56,7 +56,7 @@ _UPLOAD: Final = 0x40
 
 
 class Progress(NamedTuple):
-    """How far a survey is."""
+    """Progress of a survey."""
 
     text: str
     done_count: int
@@ -65,24 +65,24 @@ class Progress(NamedTuple):
 
 @dataclass(slots=True)
 class Survey:
-    """What was found: what everybody said, and what those that answered hold."""
+    """Result: the traffic of all nodes, and the objects of those that answer."""
 
     witness: BusSniffer
     objects: dict[int, dict[tuple[int, int], bytes]] = field(
         default_factory=dict[int, dict[tuple[int, int], bytes]]
     )
-    """Of each node that answered: raw values by (index, sub); what it refused is not there."""
+    """Raw values by (index, sub) of each node that answered; refused objects are absent."""
     fell_silent: set[int] = field(default_factory=set[int])
-    """Nodes that answered and then did not any more."""
+    """Nodes that stopped answering."""
     unasked: set[int] = field(default_factory=set[int])
-    """Nodes that were not asked, because nothing leaves this station."""
+    """Nodes without a request, because no frame leaves this station."""
 
 
 Steps = Generator[Progress, None, None]
 
 
 def survey(bus: Bus, clock: Clock, bitrate_bit_per_s: int) -> Generator[Progress, None, Survey]:
-    """Look at a bus; the generator's return value is what was found.
+    """Survey a bus; the generator's return value is the result.
 
     Raises:
         BusError: the interface is down, or the controller is bus-off.
@@ -104,7 +104,7 @@ def survey(bus: Bus, clock: Clock, bitrate_bit_per_s: int) -> Generator[Progress
 def listen(
     bus: Bus, clock: Clock, duration_ns: int, text: str = "listening", done_count: int = 0
 ) -> Steps:
-    """Hear what goes on, in slices.
+    """Receive in slices.
 
     Raises:
         BusError: the bus is down.
@@ -158,7 +158,7 @@ def _read_one(
     try:
         objects[place] = port.read(node_id, *place)
     except (SdoAborted, SdoGarbled):
-        return  # an object that it does not have is not there in what was found
+        return  # an object that the drive lacks is absent from the result
     finally:
         end_ns = port.now_ns() + pause_ns
         while port.now_ns() < end_ns:
@@ -166,6 +166,6 @@ def _read_one(
 
 
 def profile_number(objects: dict[tuple[int, int], bytes]) -> int | None:
-    """The device profile of a node: the low word of 1000h; None if it did not say."""
+    """Device profile of a node: the low word of 1000h; None if it was not read."""
     device_type = objects.get(DEVICE_TYPE)
     return None if device_type is None else int.from_bytes(device_type[:2], "little")

@@ -1,4 +1,4 @@
-"""Who a node is: what was heard of it and read from it, in names, numbers and words. Pure."""
+"""Description of a node from its traffic and its objects: names, numbers and text. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,20 +25,20 @@ from drives.service.scan import (
 from drives.service.vendors import vendor_name
 
 ANY_VENDOR: Final = "any"
-"""A profile's vendor that stands for all of a standard."""
+"""A profile's vendor that stands for every drive of a standard."""
 
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """One node that was heard or that answered. None and "": it did not say."""
+    """One node that sent frames or answered. None and "" mean unknown."""
 
     node_id: int
     drive: str
-    """Which drive of the configuration its node id belongs to, or nothing."""
+    """The configuration's drive with this node id, or an empty string."""
     nmt_state: str
-    """From heartbeats and boot-ups heard; `unknown` without any."""
+    """State from received heartbeats and boot-ups; `unknown` without any."""
     answers: bool
-    """To SDO requests."""
+    """True if it answers SDO requests."""
     device_type: int | None
     profile_number: int | None
     vendor_id: int | None
@@ -54,11 +54,11 @@ class Station:
     error_code: int | None
     error_text: str
     fitting_profile: str
-    """A profile for drives of this kind; with a question mark where only the vendor fits."""
+    """Profile for drives of this kind; with a question mark where only the vendor matches."""
 
 
 class ProfileFile(NamedTuple):
-    """What a profile says of the drives that it is for."""
+    """The drives that a profile is for."""
 
     name: str
     vendor: str
@@ -66,24 +66,24 @@ class ProfileFile(NamedTuple):
 
 
 class Expected(NamedTuple):
-    """What a configuration says of its bus; nothing of it where there is none."""
+    """The configuration's bus; empty without a configuration."""
 
     drives: tuple[DriveDescription, ...] = ()
     master_node_id: int | None = None
     profiles: tuple[ProfileFile, ...] = ()
 
     def drive(self, node_id: int) -> DriveDescription | None:
-        """The drive that should be there."""
+        """The drive configured for a node id."""
         return next((drive for drive in self.drives if drive.node_id == node_id), None)
 
     def error_table(self, node_id: int) -> EmergencyTable:
-        """What a node's error codes mean."""
+        """The table of a node's error codes."""
         drive = self.drive(node_id)
         return "standard" if drive is None else drive.profile.emergency_table
 
 
 def station(node_id: int, survey: Survey, expected: Expected) -> Station:
-    """One node of a survey."""
+    """Describe one node of a survey."""
     heard = survey.witness.node(node_id)
     objects = survey.objects.get(node_id, {})
     number = {place: int.from_bytes(data, "little") for place, data in objects.items()}
@@ -119,7 +119,7 @@ def station(node_id: int, survey: Survey, expected: Expected) -> Station:
 def fitting_profile(
     vendor: str, device_name: str, profile_number: int | None, profiles: Sequence[ProfileFile]
 ) -> str:
-    """The profile for a device, by vendor and name; `NAME?` where the name does not say so."""
+    """Profile for a device, by vendor and name; `NAME?` where the name does not match."""
     if profile_number != DRIVE_PROFILE:
         return ""
     words = device_name.casefold()
@@ -139,5 +139,5 @@ def _text(data: bytes | None) -> str:
 
 
 def words(name: str) -> str:
-    """The name of an enum's member as people read it."""
+    """Name of an enum's member as text."""
     return name.lower().replace("_", " ")

@@ -1,6 +1,6 @@
-"""Names of vendor ids (1018h:01), for people: CAN in Automation assigns them.
+"""Names of vendor ids (1018h:01), which CAN in Automation assigns.
 
-Only ids that can be cited. Sources: EDS and DCF files of EPOS4 (repository YamamotoSoya/
+Only ids with a source. Sources: EDS and DCF files of EPOS4 (repository YamamotoSoya/
 maxon_epos4compact50-5can_ros2), Elmo Gold (ipa320/cob_robots) and Faulhaber (KITmedical/kacanopen);
 Beckhoff's object reference (1018:01 of AX8000); Moog's DS2100 manual, page 246; the others from
 etg.c of Glowbuzzer's EtherCAT master, since vendors use one id on both buses.
@@ -35,5 +35,5 @@ VENDORS: Final = {
 
 
 def vendor_name(vendor_id: int) -> str:
-    """The vendor's name, or nothing where we know none."""
+    """The vendor's name, or an empty string where it is unknown."""
     return VENDORS.get(vendor_id, "")

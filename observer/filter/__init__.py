@@ -2,5 +2,5 @@
 
 `cdkf.py` (Appendix A, for any model), `states.py`, `leg_model.py`, `leg_noise.py`, `leg_filter.py`
 (one cycle, compiled) with `leg_memory.py`, `observability.py`, `validity.py` and `status.py`;
-`leg_observer.py` (samples in, estimates out), `leg_smoother.py` (the same, 150 ms later).
+`leg_observer.py` (samples in, estimates out), `leg_smoother.py` (smoothed, 150 ms later).
 """

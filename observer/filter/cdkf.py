@@ -1,9 +1,9 @@
 """Central difference Kalman filter in square-root form: Appendix A of the paper, for any model.
 
-Conventions, each of which the paper leaves open and a test holds:
+Conventions that the paper leaves open, each checked by a test:
 - S is lower triangular with P = S S' and a diagonal >= 0, so logs and golden vectors are unique.
 - The model is a map over one time step, not a derivative.
-- Sigma points are x and x +- h S's columns; they are drawn anew for every use.
+- Sigma points are x and x +- h S's columns; they are drawn again for every use.
 - A wide matrix A becomes the lower triangular L with A A' = L L' by Householder reflections of its
   rows. Nothing is ever subtracted from a covariance, so none can become indefinite.
 - sigma_4 = 3, the fourth moment of a Gaussian, apart from h: variances of quadratics are exact.
@@ -11,11 +11,11 @@ Conventions, each of which the paper leaves open and a test holds:
 
 Points lie state by state, `points[state * lanes + point]`, with `lanes` >= 2 n + 1: a model that
 runs over the points of one state after the other becomes vector code. Point 0 is the mean, 1..n
-and n+1..2n are the two sides. What is beyond them is filled with the mean.
+and n+1..2n are the two sides. The rest is filled with the mean.
 
 `spread` and `compress` are the time update around a model; `innovate` and `correct` the update by
 measured states, which needs no sigma points; `time_update` and `measurement_update` make a whole
-filter of two models. Scratch memory is the caller's; nothing here allocates but the last two.
+filter of two models. The caller provides scratch memory; only the last two allocate.
 """
 
 import math
@@ -30,7 +30,7 @@ from observer.jit import inline
 
 SIGMA_4: Final = 3.0
 STEP: Final = math.sqrt(3.0)
-"""h: the best for a Gaussian state."""
+"""h: optimal for a Gaussian state."""
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -66,7 +66,7 @@ def compress(
     Args:
         points: sigma points after the model, (n * lanes).
         noise_root: lower triangular root of this step's process noise, (n, n).
-        step: h, as they were drawn.
+        step: h of the sigma points.
         n: number of states.
         lanes: points per state in memory.
         mean: result, (n).
@@ -95,7 +95,7 @@ def compress(
 
 @inline
 def triangularise(work: Vector, n: int, columns: int, dense: int, lead: int, root: Matrix) -> None:
-    """L in the lower triangle of `root` (n, n), with L L' = A A'; A is in `work`, row by row.
+    """Write L with L L' = A A' to the lower triangle of `root` (n, n); A is in `work`, row by row.
 
     Columns from `dense` on have zeros above a diagonal that begins in row `lead`; they stay out of
     the rows that they do not reach. A full matrix has `dense` = `columns`.
@@ -149,7 +149,7 @@ def innovate(
         innovation_root: result, the lower triangle of its first `count` rows.
         work: scratch, (count (n + count)).
     """
-    dense = picks[count - 1] + 1  # S is lower triangular: what lies right of it is zero
+    dense = picks[count - 1] + 1  # S is lower triangular: columns right of it are zero
     columns = dense + count
     for row in range(count):
         state = picks[row]
@@ -163,7 +163,7 @@ def innovate(
 
 @inline
 def _chi_square(innovation: Vector, innovation_root: Matrix, count: int, work: Vector) -> float:
-    """Innovation squared over its covariance, by one forward substitution."""
+    """Return the innovation squared over its covariance, by one forward substitution."""
     total = 0.0
     for row in range(count):
         whitened = innovation[row]
@@ -232,7 +232,7 @@ def correct(
 def _gain_from_cross(
     gain: Matrix, row: int, innovation_root: Matrix, innovation: Vector, count: int
 ) -> float:
-    """K = (P_xy / S_y') / S_y in place for one state, and how far the innovation moves it."""
+    """K = (P_xy / S_y') / S_y in place for one state; return the correction of that state."""
     for j in range(count):
         for k in range(j):
             gain[row, j] -= gain[row, k] * innovation_root[j, k]
@@ -302,7 +302,7 @@ def measurement_update(observe: Callable[[Vector, Vector], Vector]) -> Callable[
 def correct_by_points(
     mean: Vector, root: Matrix, seen: Matrix, measured: Vector, noise_std: Vector, step: float
 ) -> float:
-    """Measurement update in place from what sigma points of (mean, root) would measure; the NIS.
+    """Update in place from the measurements at the sigma points of (mean, root); return the NIS.
 
     Args:
         mean: predicted, then corrected, (n).
@@ -314,7 +314,7 @@ def correct_by_points(
     """
     n, m = mean.size, measured.size
     columns = 2 * n + m
-    wide = np.zeros((m, columns))  # [S_y1, S_y2, sqrt(R)], kept, because its factor destroys it
+    wide = np.zeros((m, columns))  # [S_y1, S_y2, sqrt(R)], copied before it is factorised
     innovation, innovation_root, gain = np.zeros(m), np.zeros((m, m)), np.zeros((n, m))
     for j in range(m):
         innovation[j] = measured[j] - seen[j, 0]

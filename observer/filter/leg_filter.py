@@ -1,21 +1,21 @@
-"""One cycle of the leg observer as one compiled function: predict, gate, correct, judge, report.
+"""One cycle of the leg observer as one compiled function: predict, gate, correct, check, report.
 
 Live operation (`leg_observer.py`) and replay (`batch.py`) call the same `advance`, so a replay
-gives the same bits. All that a cycle leaves for the next one is in one flat array, `memory`.
+gives the same bits. All state from one cycle to the next is in one flat array, `memory`.
 
-What happens to a sample, in this order:
-1. A torque or position that is no finite number is not used; the cycle is predicted over, with the
-   last good torque. With a position missing on one axis only, the other one still corrects.
-2. A time step that is not positive is a duplicate or out of order: it raises flags, nothing else.
-   One beyond GAP_MAX_S, or more than HOLD_AFTER_CYCLES without samples, ends prediction: the state
-   is held, and the filter begins anew at the next complete sample.
+Processing of a sample, in this order:
+1. A torque or position that is not finite is not used; the cycle is only predicted, with the last
+   valid torque. With a position missing on one axis only, the other axis still corrects.
+2. A time step that is not positive is a duplicate or out of order: it only raises flags. A step
+   beyond GAP_MAX_S, or more than HOLD_AFTER_CYCLES without samples, ends prediction: the state is
+   held, and the filter restarts at the next complete sample.
 3. The prediction runs over the true time step; process noise grows with it.
 4. A sample whose NIS is beyond the gate is rejected. If a push could have moved the leg there, the
-   next prediction allows for that push, so that it is followed from the second sample on, and the
-   split is in doubt for a while: it may be friction that catches. A jump of the encoder is too
-   large for a push. After GATED_MAX_IN_A_ROW rejections the next sample is
-   believed: the filter begins anew there, says so, and is BAD until it has warmed up.
-5. The estimate is judged (bits, level of each axis) and written out.
+   next prediction allows for that push, so that the filter follows from the second sample on, and
+   the split is unreliable for a while, because the cause may be sticking friction. A jump of the
+   encoder is too large for a push. After GATED_MAX_IN_A_ROW rejections the next sample is
+   accepted: the filter restarts there, flags it, and is BAD until its warm-up is over.
+5. Status bits and the validity of each axis are determined, and the estimate is written.
 """
 
 import math
@@ -80,7 +80,7 @@ from observer.quantities import Number
 
 Vector = NDArray[np.float64]
 
-# Places in `out`: the mean, and then
+# Places in `out`: the mean first, then
 OUT_STD: Final = N
 OUT_COVARIANCE: Final = 2 * N
 """Lower triangle, row by row."""
@@ -91,11 +91,12 @@ OUT_NET_STD: Final = OUT_NET + 2
 OUT_SIZE: Final = OUT_NET_STD + 2
 
 PUSH_MAX: Final = 30.0
-"""rad/s^2, m/s^2: no push or stick-slip accelerates a leg more; a larger jump is the encoder's."""
+"""rad/s^2, m/s^2: no push or stick-slip accelerates a leg more; a larger jump is an encoder
+error."""
 PUSHED_SIGMAS: Final = 4.0
-"""Of a rejected sample: an axis that is off by less was not pushed itself."""
+"""In sigma of a rejected sample: an axis with a smaller error was not pushed itself."""
 WILD_RATE: Final = 100.0
-"""Predicted velocities (rad/s, m/s) that no leg has: the prediction is discarded."""
+"""Predicted velocities (rad/s, m/s) beyond those of any leg: the prediction is discarded."""
 
 BOTH: Final = np.array([0, 1], dtype=np.int64)
 HIP_ONLY: Final = np.array([0], dtype=np.int64)
@@ -112,7 +113,7 @@ RK4: Final = Integrator.RK4.value
 
 
 class Options(NamedTuple):
-    """Tuning as the kernel takes it; all floats, because such a tuple is quick to hand over."""
+    """Tuning as the kernel takes it; all floats, because such a tuple is fast to pass."""
 
     gate_nis: float
     velocity_gated: Number
@@ -146,14 +147,15 @@ def advance(
     caller_bits: int,
     out: Vector,
 ) -> tuple[int, int, int]:
-    """One cycle; Status, Validity of the hip, Validity of the slide. Numbers go to `out`.
+    """Run one cycle; return Status and the Validity of hip and slide. Numbers go to `out`.
 
-    Physics and Options come as plain tuples of floats, quicker to hand over than named ones.
+    Physics and Options are plain tuples of floats, which are faster to pass than named ones.
     `process_std` (N) is per step of STEP_S, `measurement_std` (2) in rad, m. `memory` (MEMORY_SIZE)
-    is what the cycle before left, zero before the first; `scratch` (SCRATCH_SIZE) and `points`
-    (POINTS_SIZE) need no content. Positions are measured now (rad, m; not finite if missing),
-    efforts acted since the cycle before (N m, N), `dt_s` ago. `caller_bits` of Status only the
-    caller can know. `out` (OUT_SIZE): mean, std, covariance, innovation, nis, net and net std.
+    is the state after the previous cycle, zero before the first; `scratch` (SCRATCH_SIZE) and
+    `points` (POINTS_SIZE) need no content. Positions are measured now (rad, m; not finite if
+    missing), efforts acted since the previous cycle (N m, N), `dt_s` ago. `caller_bits` are the
+    Status bits that only the caller can know. `out` (OUT_SIZE): mean, std, covariance, innovation,
+    nis, net and net std.
     """
     options = Options(*options_of)
     model = LegModel(
@@ -192,7 +194,7 @@ def advance(
 def _begin(
     model: LegModel, options: Options, memory: Vector, hip: float, slide: float, complete: bool
 ) -> int:
-    """Begin, or begin anew after a gap, at a complete sample of a possible pose; bits."""
+    """Start, or restart, at a complete sample of a possible pose; return status bits."""
     possible = complete and may_start(model.leg, hip, slide)
     if memory[STARTED] == 0.0:
         if possible:
@@ -208,7 +210,7 @@ def _begin(
 def begin_at_rest(
     model: LegModel, options: Options, memory: Vector, hip: float, slide: float
 ) -> None:
-    """Begin at a measured pose, at rest."""
+    """Start at a measured pose, at rest."""
     start(memory, hip, slide)
     if options.velocity_gated != 0.0:
         rest_from_the_start(model.hip, memory, 0)
@@ -224,7 +226,7 @@ def _predict(
     a: Arrays,
     dt_s: float,
 ) -> int:
-    """Time update over `dt_s`; bits. A prediction that no leg could follow is not taken."""
+    """Time update over `dt_s`; return status bits. An impossible prediction is discarded."""
     set_process_noise(
         model,
         process_std,
@@ -251,7 +253,7 @@ def _predict(
     compress(a.points, a.noise, STEP, N, LANES, a.mean, a.root, a.work)
     rate = math.fabs(a.mean[2]) + math.fabs(a.mean[3])
     for i in range(EFFORT):
-        rate += 0.0 * a.memory[i]  # not a number if that one is not finite
+        rate += 0.0 * a.memory[i]  # NaN if that element is not finite
     if not rate < WILD_RATE:
         for i in range(EFFORT):
             a.memory[i] = a.backup[i]
@@ -274,7 +276,7 @@ def _measure(
     dt_s: float,
     out: Vector,
 ) -> int:
-    """Measurement update by the axes that have a sample, or its rejection; bits."""
+    """Measurement update by the axes that have a sample, or its rejection; return status bits."""
     count = 2 if have_hip and have_slide else 1
     picks = BOTH if count == 2 else (HIP_ONLY if have_hip else SLIDE_ONLY)
     set_measurement_noise(measurement_std, options.sample_jitter_s, a)
@@ -322,7 +324,7 @@ def _measure(
 
 @inline
 def _bound_friction(f: FrictionParameters, a: Arrays, axis: int) -> None:
-    """At rest friction holds no more than its breakaway level; the rest is the patient's."""
+    """Limit friction at rest to its breakaway level; the rest is assigned to the patient."""
     if gate(f, a.mean[2 + axis]) < STANDSTILL_GATE:
         friction = a.mean[4 + axis]
         held = min(max(friction, -f.stribeck), f.stribeck)
@@ -332,7 +334,7 @@ def _bound_friction(f: FrictionParameters, a: Arrays, axis: int) -> None:
 
 @inline
 def _reject(model: LegModel, a: Arrays, picks: NDArray[np.int64], count: int, dt_s: float) -> int:
-    """Count the sample, and ask whether a push explains it or only the encoder does; bits."""
+    """Count the rejection, and decide between a push and an encoder error; return status bits."""
     a.memory[GATED] += 1.0
     if a.memory[GATED] == 1.0:
         a.memory[PUSH] = a.memory[PUSH + 1] = 0.0
@@ -352,7 +354,7 @@ def _reject(model: LegModel, a: Arrays, picks: NDArray[np.int64], count: int, dt
 
 @inline
 def _distrust_pushed(model: LegModel, a: Arrays, picks: NDArray[np.int64], count: int) -> None:
-    """The split of the axes that were pushed is in doubt."""
+    """Mark the split of the pushed axes as unreliable."""
     for j in range(count):
         variance = 0.0
         for k in range(j + 1):
@@ -363,9 +365,10 @@ def _distrust_pushed(model: LegModel, a: Arrays, picks: NDArray[np.int64], count
 
 @inline
 def _report(a: Arrays, out: Vector) -> None:
-    """State, standard deviations, covariance and net efforts into `out`.
+    """Write state, standard deviations, covariance and net efforts to `out`.
 
-    What is uncertain of the split of a joint at rest counts, wherever it is kept (leg_noise.py).
+    The uncertainty of the split of a joint at rest is included, wherever it is stored
+    (leg_noise.py).
     """
     at = OUT_COVARIANCE
     for row in range(N):

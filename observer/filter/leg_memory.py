@@ -1,6 +1,6 @@
-"""What the leg observer keeps from one cycle to the next, where it lies, and how it begins.
+"""State of the leg observer between two cycles: its layout, and its initial values.
 
-Everything is in flat arrays of floats: they are quick to hand to a compiled function, and a copy of
+Everything is in flat arrays of floats: they are fast to pass to a compiled function, and a copy of
 one array is a snapshot.
 """
 
@@ -28,48 +28,48 @@ Matrix = NDArray[np.float64]
 
 N: Final = STATE_COUNT
 
-# Places in `memory`: the mean, and then
+# Places in `memory`: the mean first, then
 ROOT: Final = N
 EFFORT: Final = ROOT + N * N
-"""The last finite torque and force, and those before them."""
+"""The last finite torque and force, followed by older ones."""
 EFFORTS: Final = 4
-"""Of each axis, newest first: the newest one, and older ones for a delay."""
+"""For each axis, newest first: the newest effort, and older ones for a delay."""
 REST_S: Final = EFFORT + 2 * EFFORTS
-"""For how long each axis has been at rest."""
+"""How long each axis has been at rest."""
 SETTLE_S: Final = REST_S + 2
-"""For how much longer each axis has to move after a rest until its split can be trusted again."""
+"""How much longer each axis has to move after a rest until its split is valid again."""
 QUIET_S: Final = SETTLE_S + 2
-"""For how long each axis has certainly not moved (leg_noise.py)."""
+"""How long each axis has certainly not moved (leg_noise.py)."""
 MARK: Final = QUIET_S + 2
-"""Where each axis has last been seen to move."""
+"""Position at which each axis was last detected to move."""
 SPLIT: Final = MARK + 2
-"""Variance of how a load is shared by friction and patient, gathered at rest."""
+"""Variance of the share of a load between friction and patient, accumulated at rest."""
 LEAN: Final = SPLIT + 2
-"""Mean of each axis' whitened innovations of late: 0 is white."""
+"""Running mean of each axis' whitened innovations: 0 is white."""
 NIS_MEAN: Final = LEAN + 2
 STARTED: Final = NIS_MEAN + 1
 WARM_UP: Final = STARTED + 1
-"""Cycles left of warm-up."""
+"""Remaining cycles of warm-up."""
 DISTRUST: Final = WARM_UP + 1
-"""Cycles left in which a new start counts as inconsistent."""
+"""Remaining cycles in which a restart counts as inconsistent."""
 GATED: Final = DISTRUST + 1
-"""Rejected samples in a row."""
+"""Number of consecutive rejected samples."""
 PUSH: Final = GATED + 1
-"""Unforeseen acceleration of each axis that would explain the sample that was rejected."""
+"""Unmodelled acceleration of each axis that would explain the rejected sample."""
 PREDICTED: Final = PUSH + 2
-"""Cycles since each axis was last corrected."""
+"""Cycles since the last correction of each axis."""
 EVENT: Final = PREDICTED + 2
-"""What this cycle did to the estimate: NOTHING, STEPPED or BEGAN; for who chains cycles."""
+"""Effect of this cycle on the estimate: NOTHING, STEPPED or BEGAN; used by the smoother."""
 MEMORY_SIZE: Final = EVENT + 1
 
 NOTHING: Final = 0.0
-"""Not begun yet, a duplicate, or held."""
+"""Not started yet, a duplicate, or held."""
 STEPPED: Final = 1.0
-"""Predicted, and corrected by what was measured."""
+"""Predicted, and corrected by the measurements."""
 BEGAN: Final = 2.0
-"""Began, or began anew, at a measured pose: nothing of the past is in it."""
+"""Started or restarted at a measured pose: independent of the past."""
 
-# Places in `scratch`: the working matrix, and then
+# Places in `scratch`: the working matrix first, then
 NOISE: Final = 3 * N * N
 BACKUP: Final = NOISE + N * N
 FORECAST: Final = BACKUP + N + N * N
@@ -82,13 +82,13 @@ SCRATCH_SIZE: Final = GAIN + 2 * N
 POINTS_SIZE: Final = N * LANES
 
 START_STD: Final = (1e-3, 1e-3, 1e-2, 1e-2, 3.0, 30.0, 1.0, 10.0)
-"""At rest at a measured pose."""
+"""Initial standard deviations at rest at a measured pose."""
 RESTART_STD: Final = (1e-3, 1e-3, 1.0, 1.0, 10.0, 100.0, 10.0, 100.0)
-"""Anywhere, maybe moving."""
+"""Initial standard deviations for a pose that may be moving."""
 
 
 class Arrays(NamedTuple):
-    """Names for the parts of `memory` and `scratch`; views, no copies."""
+    """Views of the parts of `memory` and `scratch` by name."""
 
     memory: Vector
     mean: Vector
@@ -103,7 +103,7 @@ class Arrays(NamedTuple):
     """Mean and root after the prediction, before the correction."""
     measured: Vector
     seen_std: Vector
-    """Of this step's measurement."""
+    """Standard deviation of this step's measurement."""
     innovation: Vector
     innovation_root: Matrix
     gain: Matrix
@@ -111,7 +111,7 @@ class Arrays(NamedTuple):
 
 @inline
 def arrays_in(memory: Vector, scratch: Vector, points: Vector) -> Arrays:
-    """The parts by name."""
+    """Return the parts of the arrays by name."""
     return Arrays(
         memory,
         memory[:N],
@@ -131,14 +131,14 @@ def arrays_in(memory: Vector, scratch: Vector, points: Vector) -> Arrays:
 
 @inline
 def fill(values: Vector, start: int, end: int, value: float) -> None:
-    """values[start:end] = value, which as a slice takes numba a second to compile."""
+    """Set values[start:end] = value; the slice would take numba a second to compile."""
     for i in range(start, end):
         values[i] = value
 
 
 @inline
 def may_start(leg: LegParameters, hip: float, slide: float) -> bool:
-    """Whether this is a pose to begin at: closed, off the singularity, knee not bent backwards."""
+    """True for a pose to start at: closed, not singular, knee not bent backwards."""
     at = pose(leg, hip, slide)
     ratio = -at.delta / (leg.shank_length_m * leg.shoe_length_m)
     cross = at.knee_x * at.shank_y - at.knee_y * at.shank_x
@@ -148,7 +148,7 @@ def may_start(leg: LegParameters, hip: float, slide: float) -> bool:
 
 @inline
 def start(memory: Vector, hip: float, slide: float) -> None:
-    """Begin at rest at the measured pose; what rests there has rested for long."""
+    """Start at rest at the measured pose, with a long rest of both axes assumed."""
     fill(memory, 0, EFFORT, 0.0)
     memory[0] = hip
     memory[1] = slide
@@ -163,7 +163,7 @@ def start(memory: Vector, hip: float, slide: float) -> None:
 
 @inline
 def restart(memory: Vector, hip: float, slide: float, keep_efforts: bool) -> None:
-    """Begin anew at the measured pose, maybe moving; what is not kept begins at zero."""
+    """Restart at the measured pose, maybe moving; efforts that are not kept start at zero."""
     memory[0] = hip
     memory[1] = slide
     if not keep_efforts:
@@ -190,7 +190,7 @@ def _begin(memory: Vector) -> None:
 
 @inline
 def begin_cycle(memory: Vector, dt_s: float) -> None:
-    """One cycle further from what was known: corrections and efforts are older now."""
+    """Advance counters and efforts by one cycle."""
     memory[EVENT] = NOTHING
     memory[PREDICTED] += 1.0
     memory[PREDICTED + 1] += 1.0
@@ -201,20 +201,20 @@ def begin_cycle(memory: Vector, dt_s: float) -> None:
 
 @inline
 def lose(memory: Vector) -> None:
-    """Give up prediction: the state is held until the filter can begin anew."""
+    """Stop prediction: the state is held until the filter can restart."""
     fill(memory, PREDICTED, EVENT, HOLD_AFTER_CYCLES + 1.0)
     memory[EVENT] = NOTHING
 
 
 @inline
 def is_lost(memory: Vector) -> bool:
-    """Whether prediction was given up, or has gone on for too long."""
+    """True if prediction was stopped, or has gone on for too long."""
     return max(memory[PREDICTED], memory[PREDICTED + 1]) > HOLD_AFTER_CYCLES
 
 
 @inline
 def take_efforts(memory: Vector, hip: float, slide: float) -> bool:
-    """Remember the efforts that are numbers, in place of others the last ones; whether both are."""
+    """Store the finite efforts and keep the last value of the others; True if both are finite."""
     if math.isfinite(hip):
         memory[EFFORT] = hip
     if math.isfinite(slide):
@@ -224,9 +224,10 @@ def take_efforts(memory: Vector, hip: float, slide: float) -> bool:
 
 @inline
 def effort_acting(memory: Vector, axis: int, delay_cycles: float) -> float:
-    """The effort that acted in this step if it acts so much later than it was given.
+    """Effort that acted in this step if efforts act this much later than given.
 
-    A delay between whole cycles: part of the step is under each of two efforts; their mean.
+    A delay between whole cycles: each part of the step is under one of two efforts; returns their
+    mean.
     """
     whole = math.floor(delay_cycles)
     part = delay_cycles - whole

@@ -8,7 +8,7 @@ Two maps of one substep:
   velocity held; stable where `friction.stability_number` is below 4;
 - RK4 of the whole.
 
-Explicit Euler is no choice: at 10 ms it needs F_s'(v) dt / M < 1, and real joints have 3 to 10.
+Explicit Euler is not usable: at 10 ms it needs F_s'(v) dt / M < 1, and real joints have 3 to 10.
 
 Points lie as in `cdkf.py`. The loops run over all LANES, also those beyond the last point, which
 repeat the mean: a loop of a known multiple of eight is vector code without a remainder.
@@ -35,9 +35,9 @@ from observer.mechanism.parameters import LegParameters
 from observer.quantities import Effort, Number, Position, Speed
 
 STEP_S: Final = 0.01
-"""The time step that noise and substeps are given for."""
+"""Time step to which noise and substeps refer."""
 LANES: Final = 24
-"""Of 17 sigma points, filled up to a multiple of the widest vector registers."""
+"""17 sigma points, filled up to a multiple of the widest vector registers."""
 SUBSTEPS_MAX: Final = 10
 STABILITY_LIMIT: Final = 4.0
 GROWTH_LIMIT: Final = 1.0 + 1e-9
@@ -46,17 +46,17 @@ Vector = NDArray[np.float64]
 
 
 class Integrator(IntEnum):
-    """How one substep is taken."""
+    """Integration method of one substep."""
 
     SEMI_IMPLICIT = 0
     RK4 = 1
 
 
 def integrator_named(name: str) -> Integrator:
-    """The integrator of a configuration.
+    """Return the integrator of a configuration.
 
     Raises:
-        ValueError: there is none of that name; explicit Euler is refused with its reason.
+        ValueError: unknown name; explicit Euler is refused with its reason.
     """
     if name.lower() in ("euler", "explicit_euler"):
         raise ValueError(
@@ -81,10 +81,10 @@ def substeps_needed(
         hip: friction of the hip.
         slide: friction of the slide.
         inertia: least effective inertia of the two, `mechanism.smallest_inertia`.
-        integrator: what is used.
+        integrator: the one in use.
 
     Raises:
-        ValueError: SUBSTEPS_MAX do not suffice.
+        ValueError: SUBSTEPS_MAX are not enough.
     """
     for substeps in range(1, SUBSTEPS_MAX + 1):
         axes = zip((hip, slide), inertia, strict=True)
@@ -104,13 +104,13 @@ def _stable(f: FrictionParameters, inertia: float, dt_s: float, integrator: Inte
 
 @inline
 def substeps_for(dt_s: float, substeps: int) -> int:
-    """Substeps for a step of `dt_s` that are no longer than those of a nominal step, about."""
-    # Jitter of some percent must not switch the count to and fro.
+    """Number of substeps for `dt_s` that keeps them about as long as those of a nominal step."""
+    # Jitter of some percent must not change the count.
     return max(1, math.ceil(substeps * dt_s / STEP_S - 0.1))
 
 
 class LegModel(NamedTuple):
-    """Everything physical that the model needs."""
+    """All physical parameters of the model."""
 
     leg: LegParameters
     hip: FrictionParameters
@@ -125,11 +125,11 @@ class LegModel(NamedTuple):
 def semi_implicit(
     model: LegModel, effort_hip: float, effort_slide: float, dt_s: float, points: Vector
 ) -> int:
-    """One substep in place; how many points were where the mechanism does not close."""
+    """Advance one substep in place; return the number of points where no pose exists."""
     outside = 0
     at_once_hip = model.viscous_outside * model.hip.viscous
     at_once_slide = model.viscous_outside * model.slide.viscous
-    # Not LANES: a loop of a count that the compiler knows is unrolled, and never vector code.
+    # Not LANES: the compiler unrolls a loop of known count, and then does not vectorise it.
     for j in range(points.size // STATE_COUNT):
         velocity_hip = points[2 * LANES + j]
         velocity_slide = points[3 * LANES + j]
@@ -145,7 +145,7 @@ def semi_implicit(
             effort_slide + points[7 * LANES + j] - friction_slide,
             model.coriolis_share,
         )
-        # Positions by the mean velocity: with the new one they would run ahead by dt^2 a / 2.
+        # Positions by the mean velocity: the new one would add an error of dt^2 a / 2.
         points[j] += dt_s * (velocity_hip + 0.5 * dt_s * a_hip)
         points[LANES + j] += dt_s * (velocity_slide + 0.5 * dt_s * a_slide)
         velocity_hip += dt_s * a_hip

@@ -1,25 +1,25 @@
-"""Process and measurement noise of one step: what is not modelled, and where it acts.
+"""Process and measurement noise of one step: its sources, and the states it acts on.
 
 Process noise is given per 10 ms and grows with the root of the true time step. Beyond that:
 
 - A patient who begins to push, or pushes ever harder, is no random walk: the innovations of that
-  axis then lean to one side. While they do, the patient's noise rises with their lean, up to
-  `patient_noise_max_ratio`; the estimate lags less, and its sigma stays honest.
-- After a rejected sample that a push explains, the state is as uncertain as that push is strong.
+  axis then have a biased mean. Meanwhile the patient's noise rises with that mean, up to
+  `patient_noise_max_ratio`; the estimate lags less, and its sigma stays consistent.
+- After a rejected sample that a push explains, the state's uncertainty matches the push.
 - The current that a drive samples is not its mean over the cycle where its own loops change it each
-  millisecond (position mode): that ripple is an effort nobody knows, for one step.
+  millisecond (position mode): that ripple is an unknown effort for one step.
 - A sample that is not taken exactly at its time stamp is uncertain by velocity times jitter.
 
 At rest (gate a(v), eq. (12), near 0) only net = patient - friction is observable. With
 `velocity_gated`, once a joint has rested for longer than a gait's reversal takes:
-- A change of net goes to friction, as in Fig. 5 of the paper: a joint at rest holds by friction
-  what it is loaded with, and a patient who was quiet stays quiet.
-- What nobody can know meanwhile is how a load is shared between the two. That uncertainty lies
-  along (1, 1) of friction and patient. It is kept apart from the filter's covariance (SPLIT), so
-  that noise cannot move the one against the other, and counts in what is reported.
-- When the joint certainly moves again, it goes into the covariance: friction must now follow its
-  law within T1, and the filter can move what it had put to the wrong one within some samples. A
-  joint that really sticks, whose friction was anything up to breakaway, is thus not a patient.
+- A change of net is assigned to friction, as in Fig. 5 of the paper: friction holds the load of a
+  joint at rest, and a passive patient stays passive.
+- The share of a load between the two is unknown meanwhile. That uncertainty lies along (1, 1) of
+  friction and patient. It is kept apart from the filter's covariance (SPLIT), so that noise cannot
+  move one against the other, and is included in reported uncertainties.
+- When the joint certainly moves again, it is added to the covariance: friction must now follow its
+  law within T1, and the filter can correct a wrong assignment within some samples. A joint that
+  really sticks, whose friction was anything up to breakaway, is thus not taken for a patient.
 """
 
 import math
@@ -43,30 +43,31 @@ from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.linkage import dynamics
 
 LEAN_SHARE: Final = 0.1
-"""Of a new innovation in the mean of whitened ones: some ten samples."""
+"""Weight of a new innovation in the mean of whitened ones: some ten samples."""
 LEAN_USUAL: Final = 0.3
-"""White noise leans by 0.23 (one sigma); more counts as a patient that changes."""
+"""One sigma of this mean is 0.23 for white noise; more counts as a change of the patient."""
 LEAN_SAMPLE_MAX: Final = 6.0
-"""A single innovation counts no more than this many sigma."""
+"""Limit of a single innovation, in sigma."""
 PUSH_POSITION_SHARE: Final = 1.5
 PUSH_PATIENT_SHARE: Final = 0.5
-"""How uncertain a push makes position and patient: 1 is its own effect within one more cycle. Less
-for the patient avoids overshoot; the velocities' share, 1, does the rest."""
+"""Uncertainty of position and patient after a push: 1 is its own effect within one more cycle. Less
+for the patient avoids overshoot; the velocities' share, 1, corrects the rest."""
 REST_BEGINS_S: Final = 0.07
 REST_COMPLETE_S: Final = 0.12
-"""A reversal of gait is over by the first; the gate acts in full from the second on."""
+"""A reversal of gait is over by the first time; the gate acts fully from the second on."""
 REST_FRICTION_FACTOR: Final = 3.0
-"""On friction's noise at rest, where it follows the load at once."""
+"""Factor on friction's noise at rest, where friction follows the load at once."""
 SPLIT_RATIO: Final = 0.4
 """Standard deviation of friction at rest over its breakaway level: anywhere within it."""
 SPLIT_GROWTH_S: Final = 0.1
 RESTING_PATIENT_RATIO: Final = 0.1
-"""On the patient's uncertainty at the start: what is not known of the split is in SPLIT."""
+"""Factor on the patient's initial uncertainty; the rest of it is in SPLIT."""
 MOVED_S: Final = 0.02
 MOVED_SIGMAS: Final = 5.0
-"""A joint moves when it is so long at the gate's edge speed, and so many sigma, off its mark."""
+"""A joint moves when it is this long at the gate's edge speed, and this many sigma, off its
+mark."""
 MARK_S: Final = 0.05
-"""The mark follows with this time constant: creeping at less than half the edge speed is rest."""
+"""Time constant of the mark: motion below half the edge speed counts as rest."""
 
 
 @inline
@@ -107,7 +108,7 @@ def set_process_noise(
 
 @inline
 def rest_from_the_start(f: FrictionParameters, memory: Vector, axis: int) -> None:
-    """At the start, at rest, friction holds what it finds, and the split is as unsure as can be."""
+    """Initial state at rest: friction holds the load, and the split has its largest uncertainty."""
     memory[ROOT + (6 + axis) * (N + 1)] *= RESTING_PATIENT_RATIO
     memory[SPLIT + axis] = (SPLIT_RATIO * f.stribeck) ** 2
 
@@ -141,9 +142,9 @@ def _gate(f: FrictionParameters, std: float, a: Arrays, axis: int, dt_s: float) 
 
 @inline
 def _moves(f: FrictionParameters, std: float, a: Arrays, axis: int, dt_s: float) -> bool:
-    """Whether the joint has certainly moved on since it was last asked.
+    """True if the joint has certainly moved since the last call.
 
-    By its samples, not by the estimate: a step of torque that friction holds shows there as
+    The check uses samples, not the estimate: a step of torque that friction holds appears there as
     velocity for some cycles. A sample must leave a mark that follows slowly.
     """
     away = a.measured[axis] - a.memory[MARK + axis]
@@ -165,7 +166,7 @@ def set_measurement_noise(measurement_std: Vector, sample_jitter_s: float, a: Ar
 
 @inline
 def note_lean(a: Arrays, state: int, row: int) -> None:
-    """Take the innovation in this row of the measurement into its axis' lean."""
+    """Add the innovation in this row of the measurement to its axis' running mean."""
     variance = 0.0
     for k in range(row + 1):
         variance += a.innovation_root[row, k] * a.innovation_root[row, k]

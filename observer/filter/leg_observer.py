@@ -1,12 +1,13 @@
 """The observer of one leg: samples in, estimates out.
 
 `LegObserver` holds what one leg's filter needs between cycles; `leg_filter.advance` does the work.
-Two observers share nothing.
+Observers share no state.
 
 Conventions: position (hip angle rad, slide position m) is what was measured at this cycle's SYNC;
-effort (hip torque N m, slide force N) is what the drives exerted since the SYNC before; `dt_s` is
-the true time between the two. The patient's effort is the one exerted minus the one seen: along
-the positive axis positive. net = patient - friction is observable always, the split only in motion.
+effort (hip torque N m, slide force N) is the effort of the drives since the previous SYNC; `dt_s`
+is the true time between the two. The patient's effort is the effort exerted on the joint minus the
+effort given to the observer, positive along the positive axis. net = patient - friction is always
+observable, the split only in motion.
 """
 
 import math
@@ -52,34 +53,34 @@ Pair = Sequence[float] | Vector
 
 
 class TuningError(ValueError):
-    """A set of parameters that no estimate should come from; says which and what is allowed."""
+    """Parameters that give no valid estimate; names the parameter and the allowed range."""
 
 
 class PoseError(WorkspaceError):
-    """A measured pose that no leg can have: wrong offset, wrong geometry, wrong branch."""
+    """A measured pose that is impossible for a leg: wrong offset, wrong geometry, wrong branch."""
 
 
 class ObserverTuning(NamedTuple):
-    """What may be tuned (observer.md 3.1), besides the physics."""
+    """Tuning parameters (observer.md 3.1), besides the physics."""
 
     process_std: tuple[float, float, float, float, float, float, float, float]
-    """Per 10 ms step, in the order and units of `states.STATE_NAMES`."""
+    """Process noise per 10 ms step, in the order and units of `states.STATE_NAMES`."""
     measurement_std: tuple[float, float]
-    """rad, m."""
+    """Encoder noise: rad, m."""
     coriolis: bool = True
     velocity_gated: bool = False
-    """At rest what changes is friction's, the patient's stays put, and the split is uncertain."""
+    """At rest, changes go to friction, the patient stays constant, and the split is uncertain."""
     integrator: Integrator = Integrator.RK4
     substeps: int = 2
     gate_nis: float = 60.0
     patient_noise_max_ratio: float = 1.0
-    """How far the patient's process noise may rise while innovations lean to one side."""
+    """Largest factor on the patient's process noise while the innovations are biased."""
     viscous_outside: bool = False
     """Viscous friction acts at once, as with bristles; else through eq. (11)'s low-pass."""
     effort_delay_ms: float = 0.0
-    """The effort given with a sample acts so much later than the step that it is given for."""
+    """Delay of the effort relative to the step that it is given for."""
     sample_jitter_us: float = 0.0
-    """Standard deviation of a sample's true time about the one given."""
+    """Standard deviation of a sample's true time about the given one."""
     ripple_hip_nm: float = 0.0
     ripple_slide_n: float = 0.0
     """Standard deviation of the sampled effort about its mean over the step."""
@@ -99,18 +100,18 @@ CALLER_BITS: Final = (
     Status.INPUT_SATURATED,
     Status.NEAR_LIMIT,
 )
-"""Bits that only the caller of `step` can know, in the order of its arguments."""
+"""Status bits that only the caller of `step` can know, in the order of its arguments."""
 
 
 @dataclass(frozen=True, slots=True)
 class LegEstimate:
-    """What is known of one leg after one cycle. Numbers of a BAD axis are not to be used.
+    """Estimate of one leg after one cycle. Numbers of a BAD axis must not be used.
 
-    `innovation` and `nis` are NaN for what was not measured; before the first pose all numbers are.
+    `innovation` and `nis` are NaN for missing measurements; before the first pose all numbers are.
     """
 
     state: tuple[float, ...]
-    """In the order and units of `states.STATE_NAMES`."""
+    """State in the order and units of `states.STATE_NAMES`."""
     std: tuple[float, ...]
     covariance: tuple[float, ...]
     """Lower triangle, row by row: 36 values."""
@@ -119,17 +120,17 @@ class LegEstimate:
     nis: float
     """Innovation squared over its covariance; 2 on average when two axes are measured."""
     mean_nis: float
-    """Of the last hundred cycles or so, for two measurements each; in 1.72..2.28 for 95 of 100."""
+    """Mean over about a hundred cycles, for two measurements each; 95 of 100 are in 1.72..2.28."""
     net: tuple[float, float]
     """Patient minus friction: N m, N."""
     net_std: tuple[float, float]
     validity: tuple[Validity, Validity]
-    """Of hip and slide."""
+    """Validity of hip and slide."""
     status: Status
 
 
 class LegObserver:
-    """Estimates state, friction and patient activity of one leg, one cycle after the other."""
+    """Estimates state, friction and patient activity of one leg, cycle by cycle."""
 
     def __init__(
         self,
@@ -140,14 +141,14 @@ class LegObserver:
         *,
         calibrated: bool = True,
     ) -> None:
-        """An observer that begins at the first pose that it is given.
+        """Create an observer that starts at the first pose it is given.
 
         Args:
             leg: mechanism, with or without a patient's leg in it.
             hip: friction of the hip.
             slide: friction of the slide.
             tuning: noise, integrator, gate.
-            calibrated: whether the friction parameters were measured on this machine.
+            calibrated: True if the friction parameters were measured on this machine.
 
         Raises:
             TuningError: noise that is not positive, friction whose hump turns over, or an
@@ -162,13 +163,13 @@ class LegObserver:
         self._out = np.zeros(OUT_SIZE)
 
     def reset(self, position: Pair) -> None:
-        """Begin at a measured pose, at rest.
+        """Start at a measured pose, at rest.
 
         Args:
             position: hip angle rad, slide position m.
 
         Raises:
-            PoseError: the leg cannot be there. The observer is as it was.
+            PoseError: impossible pose. The observer is unchanged.
         """
         hip, slide = _number(position[0]), _number(position[1])
         if not (math.isfinite(hip) and math.isfinite(slide)):
@@ -193,21 +194,22 @@ class LegObserver:
         input_saturated: bool = False,
         near_limit: bool = False,
     ) -> LegEstimate:
-        """One cycle.
+        """Process one cycle.
 
         Args:
             position: hip angle rad and slide position m, measured now; None or NaN if missing.
-            effort: hip torque N m and slide force N that acted since the cycle before.
-            dt_s: time since the cycle before, s.
-            effort_std: of `effort` about what acted: the ripple of this step if it is more than the
-                tuning's, and unknown in patient and net, as it may lean to one side for long.
+            effort: hip torque N m and slide force N that acted since the previous cycle.
+            dt_s: time since the previous cycle, s.
+            effort_std: standard deviation of `effort`: the ripple of this step if it exceeds the
+                tuning's; also added to the uncertainty of patient and net, because it may be biased
+                for long.
             late: the sample came after its cycle.
-            unreferenced: an axis does not know its origin.
+            unreferenced: an axis is not referenced.
             artificial: an artificial disturbance is in `effort`.
-            input_saturated: a drive gave less than was asked.
+            input_saturated: a drive exerted less than requested.
             near_limit: a joint is at its end stop.
 
-        Fails: never; what cannot be used is predicted over and shows in `status`.
+        Never fails: unusable samples are replaced by prediction, which `status` shows.
         """
         bits = self._always
         if late or unreferenced or artificial or input_saturated or near_limit:
@@ -243,11 +245,11 @@ class LegObserver:
 
     @property
     def buffers(self) -> tuple[Vector, Vector, Vector]:
-        """Memory, scratch and points as the last cycle left them, for `smoother.remember`."""
+        """Memory, scratch and points after the last cycle, for `smoother.remember`."""
         return self._memory, self._scratch, self._points
 
     def warm_up(self) -> None:
-        """Compile, or load from the cache, what `step` and `reset` call; changes nothing."""
+        """Compile, or load from the cache, the kernels of `step` and `reset`; changes no state."""
         memory, out = np.zeros(MEMORY_SIZE), np.zeros(OUT_SIZE)
         scratch, points = np.zeros(SCRATCH_SIZE), np.zeros(POINTS_SIZE)
         missing = (math.nan, math.nan, math.nan, math.nan)
@@ -299,7 +301,7 @@ def setup_of(
 
 
 def _rippled(setup: Setup, ripple: tuple[float, float]) -> Setup:
-    """The setup with the larger of its ripple and this one."""
+    """Return the setup with the larger of its own ripple and this one."""
     options = Options(*setup.options)
     options = options._replace(
         ripple_hip=max(float(options.ripple_hip), ripple[0]),
@@ -309,7 +311,7 @@ def _rippled(setup: Setup, ripple: tuple[float, float]) -> Setup:
 
 
 def _widen(out: Vector, effort_std: tuple[float, float]) -> None:
-    """Add an effort that nobody knows to the uncertainty of patient and net."""
+    """Add an unknown effort to the uncertainty of patient and net."""
     for axis, std in enumerate(effort_std):
         if std == 0.0:
             continue
@@ -326,10 +328,10 @@ def check_tuning(
     slide: FrictionParameters,
     tuning: ObserverTuning,
 ) -> None:
-    """Refuse what cannot give honest numbers.
+    """Refuse parameters that cannot give consistent estimates.
 
     Raises:
-        TuningError: which parameter, its value, and what is allowed.
+        TuningError: names the parameter, its value and the allowed range.
     """
     for name, values, count in (
         ("process_std", tuning.process_std, STATE_COUNT),
@@ -374,7 +376,7 @@ def _begin_at(
     hip: float,
     slide: float,
 ) -> bool:
-    """Begin at rest at a pose if the leg can be there."""
+    """Start at rest at a pose if it is possible."""
     model = LegModel(
         LegParameters(*leg),
         FrictionParameters(*friction_hip),

@@ -1,4 +1,4 @@
-"""The smoother of one leg, live: one cycle in, the cycle of 150 ms ago out."""
+"""Live smoother of one leg: each cycle returns the smoothed cycle of 150 ms ago."""
 
 from collections.abc import Sequence
 
@@ -18,10 +18,10 @@ from observer.strides import notes_of
 
 
 class LegSmoother:
-    """Follows one `LegObserver`, cycle by cycle."""
+    """Smooths the estimates of one `LegObserver`, cycle by cycle."""
 
     def __init__(self, observer: LegObserver) -> None:
-        """A smoother that has seen nothing yet."""
+        """Start without any samples."""
         self._observer = observer
         self._ring = np.zeros(RING_SIZE)
         self._work = np.zeros(WORK_SIZE)
@@ -31,12 +31,12 @@ class LegSmoother:
     def take(
         self, estimate: LegEstimate, effort: Sequence[float], dt_s: float
     ) -> list[float] | None:
-        """What is known now of the cycle LAG cycles ago; None before there is one.
+        """Add one cycle; return the smoothed estimate LAG cycles ago, None before there is one.
 
         Args:
             estimate: of the cycle that the observer has just finished.
-            effort: that it was given, N m and N.
-            dt_s: since the cycle before.
+            effort: the observer's input, N m and N.
+            dt_s: since the previous cycle.
 
         Returns:
             Places as in `smoother.py` (SMOOTH_SIZE), notes as in `strides.py`.

@@ -1,12 +1,12 @@
-"""How much of the eight states two encoders can tell: the rank of the local observability matrix.
+"""Observability of the eight states from two encoders: the rank of the observability matrix.
 
 The model is linearised at a state (central differences of one step of the filter's own RK4 map).
 C, C A, C A^2, ... of eight steps are stacked, in units in which all states are of order one. The
 rank is 6 with both axes at rest, 7 with one in motion and 8 with both: at rest friction_i and
 patient_i enter only as their difference (observer.md, fact 4; null vector friction_i + patient_i).
 
-At run time nobody computes a singular value: an axis' split is observable when its gate a(v) is
-open, which the status bits STANDSTILL_HIP and STANDSTILL_SLIDE say; a test holds the two together.
+No singular value is computed at run time: an axis' split is observable when its gate a(v) is open,
+which the status bits STANDSTILL_HIP and STANDSTILL_SLIDE show; a test compares the two.
 """
 
 from typing import Final
@@ -24,17 +24,17 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 SCALE: Final = np.array((1e-4, 5e-5, 1e-2, 5e-3, 1.0, 10.0, 1.0, 10.0))
-"""Of the states, in their own units: what is small for each."""
+"""Scale of each state, in its own unit."""
 DIFFERENCE: Final = 1e-2
-"""Half width of the differences, in SCALE."""
+"""Half width of the differences, in units of SCALE."""
 STEPS: Final = 8
 SUBSTEPS: Final = 2
 RANK_TOLERANCE: Final = 1e-4
-"""Of the largest singular value."""
+"""Relative to the largest singular value."""
 
 
 def rank_of(status: Status) -> int:
-    """States that can be told apart: 8, less one for each axis at rest."""
+    """Number of observable states: 8, less one for each axis at rest."""
     resting = (Status.STANDSTILL_HIP in status) + (Status.STANDSTILL_SLIDE in status)
     return STATE_COUNT - resting
 
@@ -44,14 +44,14 @@ def rank(model: LegModel, state: Vector) -> int:
 
     Args:
         model: of the filter.
-        state: shape (8,). The drives are taken to hold it: velocities stay what they are.
+        state: shape (8,). The drives are assumed to hold it: velocities stay constant.
     """
     values = singular_values(model, state)
     return int(np.count_nonzero(values > RANK_TOLERANCE * values[0]))
 
 
 def singular_values(model: LegModel, state: Vector) -> Vector:
-    """Of the observability matrix of STEPS steps, in SCALE; largest first, shape (8,)."""
+    """Singular values of the observability matrix in SCALE; largest first, shape (8,)."""
     transition = jacobian(model, state)
     block = np.zeros((2, STATE_COUNT))
     block[0, 0] = block[1, 1] = 1.0
@@ -64,7 +64,7 @@ def singular_values(model: LegModel, state: Vector) -> Vector:
 
 
 def null_vectors(model: LegModel, state: Vector) -> Matrix:
-    """Directions in SCALE that no measurement shows, one in each row."""
+    """Unobservable directions in SCALE, one in each row."""
     transition = jacobian(model, state)
     block = np.eye(2, STATE_COUNT)
     rows = [block := block @ transition for _ in range(STEPS)]
@@ -75,7 +75,7 @@ def null_vectors(model: LegModel, state: Vector) -> Matrix:
 
 
 def jacobian(model: LegModel, state: Vector) -> Matrix:
-    """D next state / d state of one step of STEP_S, shape (8, 8)."""
+    """Derivative of the next state by the state, one step of STEP_S, shape (8, 8)."""
     effort = holding_effort(model, state)
     columns = [
         (_after(model, effort, state + change) - _after(model, effort, state - change))
@@ -86,7 +86,7 @@ def jacobian(model: LegModel, state: Vector) -> Matrix:
 
 
 def holding_effort(model: LegModel, state: Vector) -> Vector:
-    """Torque and force of the drives at which no axis accelerates, shape (2,): N m, N."""
+    """Torque and force of the drives without acceleration of any axis, shape (2,): N m, N."""
     load = state[FRICTION] - state[PATIENT]
     full = bool(model.coriolis_share)
     pose = state[POSITION]

@@ -1,12 +1,12 @@
-"""What may be said of an estimate: the bits that the filter can see, and the level of each axis.
+"""Validity of an estimate: the status bits that the filter determines, and the level of each axis.
 
-The three levels are the design's. An axis is BAD when its numbers may be wrong (out of workspace,
-inconsistent, unreferenced, uncalibrated, predicted over for too long), SPLIT_UNOBSERVABLE when it
-has rested for longer than 100 ms, or was hit by a push that nothing foresaw, and has not moved for
-four T1 since; and OK otherwise. A reversal that takes less than 100 ms keeps its split.
+An axis is BAD when its numbers may be wrong (out of workspace, inconsistent, unreferenced,
+uncalibrated, predicted for too long), SPLIT_UNOBSERVABLE when it has rested for longer than 100 ms,
+or was hit by an unmodelled push, and has not moved for four T1 since; and OK otherwise. A reversal
+of less than 100 ms keeps its split.
 
-Consistency is judged by the mean NIS from above only: a filter that is too modest shows no wrong
-number. Nor does NIS see a bias (observer.md, fact 10); other checks must.
+Consistency is checked by an upper limit of the mean NIS: a filter with too large a covariance gives
+no wrong number. NIS does not detect a bias either (observer.md, fact 10); other checks must.
 """
 
 from typing import Final
@@ -50,7 +50,7 @@ BAD: Final = Validity.BAD.value
 
 @inline
 def judge(model: LegModel, memory: Vector, dt_s: float, status: int) -> tuple[int, int, int]:
-    """All bits, and the level of each axis."""
+    """Determine all status bits and the validity of each axis."""
     leg = model.leg
     at = pose(leg, memory[0], memory[1])
     if not at.closes:
@@ -78,7 +78,7 @@ def judge(model: LegModel, memory: Vector, dt_s: float, status: int) -> tuple[in
 
 @inline
 def _count_rest(f: FrictionParameters, memory: Vector, axis: int, dt_s: float) -> bool:
-    """Count how long an axis rests, then how long it has moved since; whether it rests."""
+    """Count how long an axis rests, then how long it has moved since; True if it rests."""
     resting = gate(f, memory[2 + axis]) < STANDSTILL_GATE
     passed_s = dt_s if 0.0 < dt_s <= GAP_MAX_S else 0.0
     if resting:
@@ -93,7 +93,7 @@ def _count_rest(f: FrictionParameters, memory: Vector, axis: int, dt_s: float) -
 
 @inline
 def distrust_split(f: FrictionParameters, memory: Vector, axis: int) -> None:
-    """Friction may be anything: only motion, for some T1, brings the split back."""
+    """Mark friction as unknown: only motion for some T1 makes the split valid again."""
     memory[SETTLE_S + axis] = SETTLE_TIME_CONSTANTS * f.time_constant_s
 
 

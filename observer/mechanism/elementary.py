@@ -1,8 +1,8 @@
 """sin, cos, expm1 and tanh without branches, so that loops over sigma points become vector code.
 
-The C library's functions are calls, and a loop with a call in it stays scalar. These are range
-reduction and a Taylor series long enough for double precision; the tests hold them within two
-units in the last place of the C library's. Arguments are finite; callers see to that.
+A loop with a call to the C library is not vectorised. These functions are range reduction and a
+Taylor series long enough for double precision; the tests hold them within two units in the last
+place of the C library's. Arguments must be finite; callers ensure that.
 """
 
 import math
@@ -13,18 +13,18 @@ import numpy as np
 from observer.jit import inline
 
 ROUND: Final = 6755399441055744.0
-"""1.5 * 2**52: adding it rounds to an integer, which then stands in the low bits."""
+"""1.5 * 2**52: adding it rounds to an integer, which is then in the low bits."""
 LN2_HIGH: Final = 6.93147180369123816490e-01
 LN2_LOW: Final = 1.90821492927058770002e-10
 """log 2 in two parts; products of the high part with small integers are exact."""
 HALF_PI_HIGH: Final = 1.57079632673412561417
 HALF_PI_MIDDLE: Final = 6.07710050630396597660e-11
 HALF_PI_LOW: Final = 2.02226624879595063154e-21
-"""Half pi in three parts, for the same reason."""
+"""Half pi in three parts, with exact products as for log 2."""
 LOG2_E: Final = 1.0 / math.log(2.0)
 TWO_OVER_PI: Final = 2.0 / math.pi
 SMALLEST_EXPONENT: Final = -700.0
-"""Below it exp is 1e-304, and expm1 is -1 long before."""
+"""Below it exp is under 1e-304, and expm1 is -1."""
 EXPONENT_BIAS: Final = 1023
 MANTISSA_BITS: Final = 52
 

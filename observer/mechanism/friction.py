@@ -5,8 +5,8 @@
     a(v)   = 1 - exp(-(v / v_0)^2)                                                          (12)
     F'     = a(v) / T1 (F_s(v) - F)                                                         (11)
 
-The static law is odd, never drives (F_s v >= 0) and meets F^ exactly at the peak speed v_p. The
-gate holds the friction state at rest, where it remembers the load, and lets it follow in motion.
+The static law is odd, dissipative (F_s v >= 0) and equals F^ exactly at the peak speed v_p. The
+gate holds the friction state at rest, where it keeps the load; in motion the state follows the law.
 
 Units: hip N m, rad/s; slide N, m/s; the same law for both.
 """
@@ -21,11 +21,11 @@ from observer.quantities import Effort, Speed, Viscosity
 SQRT_E: Final = math.exp(0.5)
 SUBSTEPS_MAX: Final = 10
 STANDSTILL_GATE: Final = 0.5
-"""a(v) below this counts as standstill: friction and patient cannot be told apart."""
+"""a(v) below this counts as standstill: friction and patient are not distinguishable."""
 
 
 class FrictionParameters(NamedTuple):
-    """One axis of eqs. (11) to (13)."""
+    """Friction parameters of one axis, eqs. (11) to (13)."""
 
     stribeck: Effort
     """F^, the peak of the static law."""
@@ -34,9 +34,9 @@ class FrictionParameters(NamedTuple):
     viscous: Viscosity
     """d."""
     transition: Speed
-    """v_t, where tanh turns over."""
+    """v_t, where tanh saturates."""
     peak: Speed
-    """v_p, where the static law meets F^."""
+    """v_p, where the static law equals F^."""
     edge: Speed
     """v_0 of the gate."""
     time_constant_s: float
@@ -56,7 +56,7 @@ def static_friction(f: FrictionParameters, velocity: float) -> float:
 def gate(f: FrictionParameters, velocity: float) -> float:
     """a(v) in 0..1, eq. (12)."""
     at_edge = velocity / f.edge
-    return 0.0 - expm1_of_negative(-at_edge * at_edge)  # 0.0 - 0.0: at rest not -0.0
+    return 0.0 - expm1_of_negative(-at_edge * at_edge)  # 0.0 - 0.0 avoids -0.0 at rest
 
 
 @inline
@@ -85,7 +85,7 @@ def gate_of(f: FrictionParameters, velocity: float) -> float:
 
 
 def smallest_stribeck(f: FrictionParameters) -> float:
-    """What F^ must exceed: the rest of the law at the peak speed, else its hump turns over."""
+    """Lower limit of F^: the rest of the law at the peak speed; below it the hump is inverted."""
     return f.coulomb * math.tanh(f.peak / f.transition) + f.viscous * f.peak
 
 
@@ -107,8 +107,8 @@ def stability_number(f: FrictionParameters, inertia: float, dt_s: float) -> floa
         dt_s: one substep.
 
     kappa = F_s'(v) dt / M, e = 1 - exp(-a(v) dt / T1), from the Jury criterion of the axis
-    linearised at v. Where the slope is negative the axis itself is unstable (stick-slip); there
-    the number is small and no integrator is to blame.
+    linearised at v. Where the slope is negative the axis itself is unstable (stick-slip); there the
+    number is small, and the instability is not the integrator's.
     """
     top = 4.0 * max(f.transition, f.peak, f.edge)
     speeds = (top * (i / 2000.0) ** 2 for i in range(2001))

@@ -1,7 +1,7 @@
-"""The mechanism's pieces for filters and plants: pose, link rates, dynamics, acceleration.
+"""Parts of the mechanism for filters and plants: pose, link rates, dynamics, acceleration.
 
-`mechanism.py` has the derivation and the functions that Python calls. These are what its kernels
-and the sigma points' loop are made of: scalars in, scalars out, no branches, never NaN.
+`mechanism.py` has the derivation and the functions for callers in Python. Its kernels and the loop
+over sigma points use the functions of this file: scalars in, scalars out, no branches, never NaN.
 
 Symbols: K thigh (hip to knee), u shank (knee to ankle), w shoe (slide joint to ankle); q1, v1 hip
 angle and velocity, q2, v2 slide position and velocity.
@@ -17,7 +17,7 @@ from observer.quantities import Area, Effort, Inertia, Length, Mass, TurnRate
 
 
 class Pose(NamedTuple):
-    """Where the links are: thigh K, shank u, shoe w; m."""
+    """Link vectors: thigh K, shank u, shoe w; m."""
 
     knee_x: Length
     knee_y: Length
@@ -31,7 +31,7 @@ class Pose(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """How fast shank and shoe turn for each driven rate: rad/rad and rad/m."""
+    """Angular rate of shank and shoe per driven rate: rad/rad and rad/m."""
 
     shank_hip: TurnRate
     shank_slide: TurnRate
@@ -40,7 +40,7 @@ class Rates(NamedTuple):
 
 
 class Dynamics(NamedTuple):
-    """M q'' + bias = u + d - F: the matrix, and everything that depends on q and q' only."""
+    """M q'' + bias = u + d - F: the matrix, and all terms that depend on q and q' only."""
 
     m11: Inertia
     m12: Inertia
@@ -52,7 +52,7 @@ class Dynamics(NamedTuple):
 
 @inline
 def pose(p: LegParameters, hip: float, slide: float) -> Pose:
-    """Links at q; where the circles do not meet, with shank and shoe held at the smallest ratio."""
+    """Links at q; if the circles do not meet, shank and shoe are held at the smallest ratio."""
     cosine, sine = cos_sin(p.thigh_angle_rad + hip)
     knee_x = p.thigh_length_m * cosine
     knee_y = p.thigh_length_m * sine
@@ -77,7 +77,7 @@ def pose(p: LegParameters, hip: float, slide: float) -> Pose:
 
 @inline
 def rates(p: LegParameters, at: Pose) -> Rates:
-    """W of the module's head: from u' = i omega u and K' + u' = S' + w', dotted with w and u."""
+    """W in the module docstring: from u' = i omega u and K' + u' = S' + w', dotted with w and u."""
     over_delta = 1.0 / at.delta
     return Rates(
         shank_hip=(at.knee_y * at.shoe_x - at.knee_x * at.shoe_y) * over_delta,
@@ -115,7 +115,7 @@ def dynamics(
     m22 = p.slide_inertia + w.shank_slide * s2 + w.shoe_slide * s3
     rate2 = w.shank_hip * v1 + w.shank_slide * v2
     rate3 = w.shoe_hip * v1 + w.shoe_slide * v2
-    # The rates of a strut that only stands for "no such pose" are no physics: no Coriolis there.
+    # Rates of a pose that does not exist are not physical: no Coriolis terms there.
     share = coriolis_share if at.closes else 0.0
     square1 = share * v1 * v1
     square2 = share * rate2 * rate2
@@ -139,12 +139,12 @@ def dynamics(
 
 
 class _Coupling(NamedTuple):
-    """B and h of the module's head, but for the links' own inertias."""
+    """B and h of the module docstring, without the links' own inertias."""
 
     x2: Mass
-    """Horizontal part of the shank's moment, turned to where the shank points."""
+    """Horizontal part of the shank's moment, rotated into the shank's direction."""
     x3: Mass
-    """The same of the shoe."""
+    """The same for the shoe."""
     b12: Inertia
     b13: Inertia
     b23: Inertia
@@ -203,7 +203,7 @@ def bounded_acceleration(
     force2: float,
     coriolis_share: float,
 ) -> tuple[float, float, bool]:
-    """Acceleration under generalised forces (N m, N), and whether the mechanism closes at q.
+    """Return the acceleration under generalised forces (N m, N), and True if a pose exists at q.
 
     Never NaN. Where it does not close, shank and shoe act as if held at the smallest ratio: a
     stiff strut.

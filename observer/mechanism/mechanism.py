@@ -5,8 +5,8 @@ the shoe w runs from the slide joint S to the ankle; S moves on a straight rail.
 intersection of two circles, on the branch with the knee flexed. Four moving links and five joints
 leave two degrees of freedom, q = (hip angle, slide position).
 
-Written in the angular rates of the links (thigh 1, shank 2, shoe 3), which follow from q' by the
-closure condition K + u = S + w, everything is short and needs no second derivatives:
+In the angular rates of the links (thigh 1, shank 2, shoe 3), which follow from q' by the closure
+condition K + u = S + w, all terms are short and need no second derivatives:
 
     inertia     M = W' B W + diag(0, slide)     W = d(rates)/dq', B(q) couples the links
     gravity     g = W' G + springs
@@ -14,11 +14,11 @@ closure condition K + u = S + w, everything is short and needs no second derivat
                                                 h: centripetal coupling of the links
     dampers     D = W' d(joint rates)
 
-which are M, g, c and C~ q' of the paper's eq. (6), with the Coriolis part that it leaves out.
+which are M, g, c and C~ q' of the paper's eq. (6), with the Coriolis part that the paper omits.
 
-Where the circles do not meet, the functions that Python calls raise `WorkspaceError`; those that
-filters and plants are made of go on with shank and shoe held at SMALLEST_RATIO and say so, because
-a sigma point may look beyond the edge of the workspace without harm. None gives NaN.
+Where the circles do not meet, the functions for callers in Python raise `WorkspaceError`; those for
+filters and plants continue with shank and shoe held at SMALLEST_RATIO and return a flag, because a
+sigma point may be outside the workspace without harm. None returns NaN.
 
 Symbols: p parameters, q (hip angle rad, slide position m), dq their rates; effort, friction: hip
 N m, slide N. Angles in rad, counter-clockwise and flexion positive.
@@ -102,7 +102,7 @@ class WorkspaceError(ValueError):
 
 @kernel
 def closes(p: LegParameters, hip: float, slide: float) -> bool:
-    """Whether a pose exists at these coordinates: the circles about knee and slide joint meet."""
+    """True if a pose exists at these coordinates: the circles about knee and slide joint meet."""
     return pose(p, hip, slide).closes
 
 
@@ -113,7 +113,7 @@ def _ratio(p: LegParameters, at: Pose) -> float:
 
 @kernel
 def singularity_ratio(p: LegParameters, q: Vector) -> float:
-    """|sin| of the angle between shank and shoe: 0 is singular, and where no pose exists."""
+    """|sin| of the angle between shank and shoe: 0 where it is singular, or no pose exists."""
     return _ratio(p, pose(p, q[0], q[1]))
 
 
@@ -165,7 +165,7 @@ def slide_position_for_knee(p: LegParameters, hip_angle_rad: float, knee_angle_r
     reach2 = p.shoe_length_m * p.shoe_length_m - ankle_across * ankle_across
     if reach2 < 0.0:
         raise WorkspaceError("the shoe does not reach the rail at these hip and knee angles")
-    # Toes forward first; the pose is ours where cross(u, w) is negative.
+    # Toes forward first; the right pose is the one with negative cross(u, w).
     for reach in (math.sqrt(reach2), -math.sqrt(reach2)):
         if shank_along * ankle_across + shank_across * reach < 0.0:
             return ankle_along + reach
@@ -232,7 +232,7 @@ def damping(p: LegParameters, q: Vector, dq: Vector) -> Vector:
 def acceleration(
     p: LegParameters, q: Vector, dq: Vector, effort: Vector, friction: Vector, full: bool
 ) -> Vector:
-    """Acceleration q'', eq. (6), shape (2,): rad/s^2, m/s^2; not `full` is without Coriolis.
+    """Acceleration q'', eq. (6), shape (2,): rad/s^2, m/s^2; without Coriolis unless `full`.
 
     Raises:
         WorkspaceError: no pose exists at q.
@@ -279,7 +279,7 @@ def potential_energy(p: LegParameters, q: Vector) -> float:
 def smallest_inertia(p: LegParameters, ratio: float) -> tuple[float, float]:
     """Least effective inertia of hip kg m^2 and slide kg where |sin| exceeds `ratio`.
 
-    What one axis feels when the other is free: det M / M22 and det M / M11. The grid covers all
+    The inertia of one axis when the other is free: det M / M22 and det M / M11. The grid covers all
     poses of a hip from -90 to 90 degrees and a slide within the leg's reach.
     """
     reach = p.thigh_length_m + p.shank_length_m + p.shoe_length_m
@@ -297,7 +297,7 @@ def smallest_inertia(p: LegParameters, ratio: float) -> tuple[float, float]:
 
 
 def warm_up(p: LegParameters) -> None:
-    """Compile, or load from the cache, what Python calls here; outside of any cycle."""
+    """Compile, or load from the cache, the kernels for callers in Python, before any cycle."""
     q, zero = np.zeros(2), np.zeros(2)
     closes(p, 0.0, 0.0)
     singularity_ratio(p, q)
@@ -315,7 +315,7 @@ def warm_up(p: LegParameters) -> None:
         lambda: potential_energy(p, q),
     )
     for call in calls:
-        # Compiled is compiled, whether or not this leg can be at the origin.
+        # The kernels compile whether or not this leg can reach the origin.
         with contextlib.suppress(WorkspaceError):
             call()
 

@@ -1,8 +1,8 @@
-"""What a leg is made of: the links as a drawing gives them, and the numbers that kernels want.
+"""Parameters of a leg: the links as in a drawing, and the derived numbers for the kernels.
 
-`leg_parameters` composes a `LegParameters` once; no kernel composes anything again. A link's
-centre of mass is polar: a ratio of the link's length from its proximal joint, and an angle from
-the link's line, counter-clockwise positive. Lengths in m, masses in kg, inertias in kg m^2.
+`leg_parameters` composes a `LegParameters` once, outside the kernels. A link's centre of mass is
+polar: a ratio of the link's length from its proximal joint, and an angle from the link's line,
+counter-clockwise positive. Lengths in m, masses in kg, inertias in kg m^2.
 """
 
 import cmath
@@ -18,19 +18,19 @@ SMALLEST_RATIO: Final = 0.01
 
 
 class Geometry(NamedTuple):
-    """Lengths and where the rail lies; the hip is the origin, x forward, y up."""
+    """Link lengths and the position of the rail; the hip is the origin, x forward, y up."""
 
     thigh_length_m: float
     shank_length_m: float
     shoe_length_m: float
     recline_rad: float
-    """Of the trunk from the vertical."""
+    """Angle of the trunk from the vertical."""
     rail_x_m: float
     rail_y_m: float
-    """Where the slide's joint is at slide position 0."""
+    """Position of the slide's joint at slide position 0."""
     rail_angle_rad: float
     thigh_offset_rad: float = 0.0
-    """Of the thigh's line at hip angle 0 from the trunk's line."""
+    """Angle of the thigh's line at hip angle 0 from the trunk's line."""
 
 
 class Link(NamedTuple):
@@ -44,7 +44,7 @@ class Link(NamedTuple):
 
 
 class Slide(NamedTuple):
-    """The slide: its own mass weighs, what its drive adds (reflected) only accelerates."""
+    """The slide: its own mass has weight, the reflected mass of its drive only inertia."""
 
     mass_kg: float
     drive_mass_kg: float
@@ -69,7 +69,7 @@ class Dampers(NamedTuple):
 
 
 class LegParameters(NamedTuple):
-    """One leg as the kernels of `mechanism.py` take it. All floats; made by `leg_parameters`.
+    """One leg in the form that the kernels of `mechanism.py` take; made by `leg_parameters`.
 
     With K the vector hip to knee, u knee to ankle, w slide joint to ankle (complex numbers), the
     centres of mass are c1 K, K + c2 u and K + u - c3 w. Kinetic energy, potential energy and bias
@@ -80,7 +80,7 @@ class LegParameters(NamedTuple):
     shank_length_m: float
     shoe_length_m: float
     thigh_angle_rad: float
-    """Of the thigh's line in the world at hip angle 0."""
+    """Angle of the thigh's line in the world at hip angle 0."""
     rail_x_m: float
     rail_y_m: float
     rail_cos: Number
@@ -103,7 +103,7 @@ class LegParameters(NamedTuple):
     shoe_moment_im: Mass
     """m3 c3, kg."""
     slide_weight_n: float
-    """Of the slide's own mass along the rail."""
+    """Weight of the slide's own mass along the rail."""
     hip_stiffness: Stiffness
     hip_rest_rad: float
     slide_stiffness: Stiffness
@@ -124,7 +124,7 @@ def leg_parameters(
     springs: Springs,
     dampers: Dampers,
 ) -> LegParameters:
-    """Compose what the kernels need.
+    """Compose the parameters for the kernels.
 
     Args:
         geometry: lengths, recline and rail.
@@ -172,7 +172,7 @@ def leg_parameters(
         slide_joint_damping=dampers.slide_joint,
         smallest_delta=SMALLEST_RATIO * l2 * l3,
     )
-    return LegParameters._make(map(float, composed))  # an int would be another type to numba
+    return LegParameters._make(map(float, composed))  # an int would be another type for numba
 
 
 def _about_joint(link: Link, length_m: float) -> float:
@@ -205,8 +205,8 @@ def with_patient(
     Args:
         links: the machine's own links.
         geometry: its lengths; the patient's joints are at the machine's joints.
-        mass_kg: of the whole body.
-        height_m: of the whole body.
+        mass_kg: whole body mass.
+        height_m: whole body height.
 
     Source: Winter, Biomechanics and Motor Control of Human Movement, 2009, table 4.1.
     """
@@ -225,7 +225,7 @@ def _of_body(segment: BodySegment, mass_kg: float, height_m: float) -> Link:
 
 
 def _combined(one: Link, other: Link, length_m: float) -> Link:
-    """Two rigid bodies on the same link as one (parallel axis theorem)."""
+    """Combine two rigid bodies on the same link into one (parallel axis theorem)."""
     mass = one.mass_kg + other.mass_kg
     com_one = cmath.rect(one.com_ratio, one.com_offset_rad)
     com_other = cmath.rect(other.com_ratio, other.com_offset_rad)

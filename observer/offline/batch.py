@@ -1,7 +1,7 @@
-"""The observer over recorded columns: the same `advance`, in one compiled loop, so the same bits.
+"""The observer over recorded columns: the live `advance` in one compiled loop, with the same bits.
 
-One row is one cycle. The filter begins at the first complete row; the time step of a row is its
-distance from the row before, so gaps and jitter of a recording count as they did.
+One row is one cycle. The filter starts at the first complete row; the time step of a row is its
+distance from the previous row, so gaps and jitter of a recording have the same effect as live.
 """
 
 from collections.abc import Callable
@@ -31,7 +31,7 @@ Matrix = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 BLOCK_ROWS: Final = 20_000
-"""Rows between two words about the progress: a fifth of a second."""
+"""Rows between two progress reports: a fifth of a second."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,14 +43,14 @@ class Columns:
     position: Matrix
     """Shape (n, 2): hip angle rad, slide position m, sampled at the row's time; NaN if missing."""
     effort: Matrix
-    """Shape (n, 2): hip torque N m, slide force N that acted from the row before until this one."""
+    """Shape (n, 2): hip torque N m, slide force N that acted from the previous row to this one."""
     caller_bits: Integers | None = None
-    """Shape (n,): Status bits known from elsewhere; none if None."""
+    """Shape (n,): Status bits known to the caller; none if None."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BatchEstimates:
-    """What `LegObserver.step` would have given at each of n rows; NaN before the first pose."""
+    """Results of `LegObserver.step` at each of n rows; NaN before the first pose."""
 
     state: Matrix
     """Shape (n, 8), in the order and units of `states.STATE_NAMES`."""
@@ -75,12 +75,12 @@ class BatchEstimates:
 def run(
     setup: Setup, columns: Columns, progress: Callable[[float], None] | None = None
 ) -> BatchEstimates:
-    """Estimates of a whole recording.
+    """Run the observer over a whole recording.
 
     Args:
-        setup: of `leg_observer.setup_of`, or an observer's `setup`.
+        setup: from `leg_observer.setup_of`, or an observer's `setup`.
         columns: the recording.
-        progress: told now and then the share that is done; changes no bit of the result.
+        progress: called now and then with the share done; changes no bit of the result.
 
     Raises:
         ValueError: columns of different lengths.
@@ -110,7 +110,7 @@ def run(
 
 
 def prepared(columns: Columns) -> tuple[Vector, Matrix, Matrix, Integers]:
-    """Time steps, positions, efforts and bits as the kernels want them.
+    """Time steps, positions, efforts and bits as the kernels take them.
 
     Raises:
         ValueError: columns of different lengths.
@@ -125,7 +125,7 @@ def prepared(columns: Columns) -> tuple[Vector, Matrix, Matrix, Integers]:
         if shape != wanted:
             raise ValueError(f"{name} has the shape {shape}, the times ask for {wanted}")
     time_s = np.asarray(columns.time_s, dtype=np.float64)
-    # Times beyond every number have no step between them; the kernels take that for a gap.
+    # Infinite times have no step between them; the kernels treat that as a gap.
     with np.errstate(over="ignore", invalid="ignore"):
         steps_s = np.diff(time_s, prepend=time_s[:1])
     steps_s[:1] = STEP_S
@@ -138,7 +138,7 @@ def prepared(columns: Columns) -> tuple[Vector, Matrix, Matrix, Integers]:
 
 
 def split_up(numbers: Matrix, flags: Integers) -> BatchEstimates:
-    """What `advance` wrote, by name: numbers (n, OUT_SIZE), and status and validity (n, 3)."""
+    """Name the outputs of `advance`: numbers (n, OUT_SIZE), and status and validity (n, 3)."""
     return BatchEstimates(
         state=numbers[:, :OUT_STD],
         std=numbers[:, OUT_STD:OUT_COVARIANCE],

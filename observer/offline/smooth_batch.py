@@ -1,7 +1,7 @@
-"""The observer with its smoother over recorded columns: the same kernels as live, so the same bits.
+"""The observer with its smoother over recorded columns: the live kernels, with the same bits.
 
-Estimates are at their own times: the smoothed one of a row is known LAG rows later. The last LAG
-rows are smoothed with what there is.
+Each estimate is at its own time: the smoothed one of a row is known LAG rows later. The last LAG
+rows are smoothed with the rows that remain.
 """
 
 from collections.abc import Callable
@@ -45,9 +45,9 @@ def run_smoothed(
     Innovation, NIS, status and validity are those of the filter at the same row.
 
     Args:
-        setup: of `leg_observer.setup_of`, or an observer's `setup`.
+        setup: from `leg_observer.setup_of`, or an observer's `setup`.
         columns: the recording.
-        progress: told now and then the share that is done; changes no bit of the result.
+        progress: called now and then with the share done; changes no bit of the result.
 
     Raises:
         ValueError: columns of different lengths.
