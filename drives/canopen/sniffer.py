@@ -1,6 +1,6 @@
 """Passive observation of a bus: every frame is counted, none is evaluated.
 
-`BusSniffer` takes all frames, those of this program too; `WitnessedBus` wraps any `Bus`, so that all
+`BusSniffer` takes all frames, those of this program too; `WitnessedBus` wraps any `Bus`, so all
 traffic over that bus is recorded. Rules:
 1.  An answer belongs to a request of this program or of another client. More answers than requests
     means that two nodes answer.
