@@ -122,8 +122,8 @@ class Inside(Service):
         self.parts[part] = Forked(words, self.folder / f"{part}.log")  # type: ignore[assignment]
         return self.parts[part]
 
-    def wait(self, reached: Any, within_s: float = PATIENCE_S) -> None:
-        super().wait(reached, max(within_s, PATIENCE_S), POLL_S)
+    def wait(self, reached: Any, within_s: float = PATIENCE_S, poll_s: float = POLL_S) -> None:
+        super().wait(reached, max(within_s, PATIENCE_S), max(poll_s, POLL_S))
 
     def done(self, name: str, **payload: object) -> dict[str, Any]:
         """Ask until it is done; what it said at last."""
