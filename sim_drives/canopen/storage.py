@@ -59,7 +59,7 @@ class Storage:
         self._dictionary.restore(parameters, communication_only=communication_only)
 
     def exchange(self, address: Address, value: Value) -> None:
-        """Replace the drive by another one, delivered with this value; acts from the next reset on."""
+        """Replace the drive by one delivered with this value; acts from the next reset on."""
         self._commissioned[address] = value
 
     def _judge(self, value: int, signature: int) -> None:

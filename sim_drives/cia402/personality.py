@@ -55,7 +55,7 @@ from sim_drives.settings import DriveSettings, EncoderKind, PersonalityName
 
 
 class SpeedUnit(Enum):
-    """Of 606Ch and 6080h; of 6084h and 6085h the same per second. All of the motor."""
+    """Unit of 606Ch and 6080h; 6084h and 6085h use the same per second. All refer to the motor."""
 
     RPM = "rpm"
     COUNTS_PER_S = "counts/s"
@@ -69,7 +69,7 @@ class Personality:
     torque_base_nm: float
     """One unit of 6076h."""
     torque_counts_current: bool
-    """6071h and 6077h are per mille of the rated current, whatever 6076h says."""
+    """True if 6071h and 6077h are per mille of the rated current, regardless of 6076h."""
     temperature_address: Address
     temperature_step_degc: float
     automatic_enable: bool
@@ -78,11 +78,11 @@ class Personality:
     generic_error_bit: bool
     sto_error_code: int
     statusword_period_ns: int = 0
-    """How often 6041h is renewed; 0 is at once."""
+    """Update period of 6041h; 0 is at once."""
     refuses_misplaced_controlword: bool = False
     interlock_input: bool = True
     misses_targets: bool = False
-    """Cyclic position without a new target by PDO is a lost connection."""
+    """True if cyclic position without a new target by PDO is a lost connection."""
     smallest_interpolation_s: float = 0.0
     quick_stop_codes: frozenset[int] = frozenset(QUICK_STOP_OPTION)
     halt_codes: frozenset[int] = frozenset(HALT_OPTION)
@@ -145,7 +145,7 @@ CYCLIC_MODE_BITS: Final = 1 << 7 | 1 << 8 | 1 << 9
 
 
 def commissioned(settings: DriveSettings) -> dict[Address, Value]:
-    """Motor data that the drive had been given before it was built in, and its identity."""
+    """Return the motor data set at commissioning, and the drive's identity."""
     nominal_ma = round(settings.nominal_current_a * 1e3)
     limit_permille = round(settings.current_limit_a / settings.nominal_current_a * 1e3)
     shared: dict[Address, Value] = {
@@ -169,7 +169,7 @@ def commissioned(settings: DriveSettings) -> dict[Address, Value]:
 
 
 def guard_option_codes(dictionary: ObjectDictionary, personality: Personality) -> None:
-    """Let each option code be only what this make of drive knows."""
+    """Restrict each option code to the values that this make of drive supports."""
     legal_codes: Mapping[int, frozenset[int]] = {
         0x605A: personality.quick_stop_codes,
         0x605B: frozenset(DISABLE_OPTION),
@@ -188,6 +188,6 @@ def _judge_option(value: int, legal: frozenset[int]) -> None:
 
 
 def supported_modes(settings: DriveSettings) -> int:
-    """6502h: homing where an origin can be lost, or where the settings ask for it."""
+    """Return 6502h: homing where an origin can be lost, or where the settings enable it."""
     homing = settings.homes or settings.encoder is EncoderKind.INCREMENTAL
     return CYCLIC_MODE_BITS | HOMING_MODE_BIT * homing
