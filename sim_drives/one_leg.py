@@ -104,7 +104,7 @@ class OneLeg:
     # --- time ---------------------------------------------------------------------------------
 
     def advance_to(self, time_ns: int) -> list[TimedFrame]:
-        """Advance to `time_ns`; return the frames up to and including it, in order of time."""
+        """Advance to `time_ns`; return the frames up to and including it, by time."""
         sent: list[TimedFrame] = []
         while True:
             self._advance_plant(min(self._next_deadline_ns(), time_ns))
@@ -115,7 +115,7 @@ class OneLeg:
                 return sent + self._release()
 
     def next_event_ns(self) -> int:
-        """Return the time of the next event, or NEVER; flags of the plant are not included."""
+        """Return the time of the next event, or NEVER; flags of the plant not included."""
         return min(self._next_deadline_ns(), self._outbox[0][0] if self._outbox else NEVER)
 
     def _next_deadline_ns(self) -> int:
@@ -123,7 +123,7 @@ class OneLeg:
         return min(timers_ns, self._agenda[0][0] if self._agenda else NEVER)
 
     def _advance_plant(self, time_ns: int) -> None:
-        """Advance the plant to `time_ns`, or until it raises a flag, which the nodes then process."""
+        """Advance the plant to `time_ns`, or until it raises a flag, which the nodes process."""
         self.now_ns = self._plant.advance(max(time_ns, self.now_ns))
         for name, node in self.nodes.items():
             flags = node.axis.flags()

@@ -1,9 +1,9 @@
 """The simulated bus as an interface of python-can: `can.Bus(interface="gaitd", channel=PATH)`.
 
-Registered by an entry point, so that `can.logger -i gaitd -c PATH`, `can.viewer`, and other programs
-can join the bus of `gaitd sim`. By default the program is a listener: it receives all frames, may
-send, and its time-outs use the computer's clock. With `in_step=True` it is a seat that simulated
-time waits for: its time-outs are simulated, and time passes only while it receives.
+Registered by an entry point, so that `can.logger -i gaitd -c PATH`, `can.viewer`, and other
+programs can join the bus of `gaitd sim`. By default the program is a listener: it receives all
+frames, may send, and its time-outs use the computer's clock. With `in_step=True` it is a seat that
+simulated time waits for: its time-outs are simulated, and time passes only while it receives.
 """
 
 import select

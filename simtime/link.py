@@ -82,7 +82,7 @@ class SocketLink:
     """A seat over the socket of `gaitd sim`.
 
     Before the seat is taken its time is that of the server's page. When a server has ended, time
-    continues by the computer's clock from its last value; a later server begins no earlier than that.
+    continues by the computer's clock from its last value; a later server begins no earlier.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class SocketLink:
             role: role of the seat for time.
             name: name for messages, and for `stall NAME`.
             wall_clock_only: refuse a server whose time is simulated.
-            patience_s: time limit for any answer, of the computer's time; None: unlimited, as in a core.
+            patience_s: time limit for any answer, of the computer's time; None: unlimited (core).
         """
         self._path, self._role, self._name = path, role, name
         self._wall_clock_only = wall_clock_only
@@ -122,7 +122,7 @@ class SocketLink:
     # --- time ---------------------------------------------------------------------------------
 
     def now_ns(self) -> int:
-        """As `Link.now_ns`: read from the page, so a stopped process sees the time that has passed."""
+        """As `Link.now_ns`: the page's time, so a stopped process sees how much has passed."""
         if self._is_wall_clock:
             return time.monotonic_ns()
         if self._page is None or (self._socket is None and self._was_open):

@@ -217,11 +217,11 @@ class Push(Effort, frozen=True, tag_field="kind", tag="push"):
 
 
 class Spasm(Effort, frozen=True, tag_field="kind", tag="spasm"):
-    """An effort against the motion at its onset, for all its duration; `rise_s` is short."""
+    """An effort against the motion at its onset, for all its duration; short `rise_s`."""
 
 
 class Programme(Table, frozen=True):
-    """A programme that `gaitd sim`'s command `patient NAME` starts. No effort: a passive patient."""
+    """A programme, started by `gaitd sim`'s command `patient NAME`. No effort: passive patient."""
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9_-]+$")]
     repeat_s: Positive | None = None

@@ -86,7 +86,7 @@ def _paper_step(f: FrictionParameters, joint: np.void, target: float, step_s: fl
 
 @kernel
 def _lugre_step(f: FrictionParameters, bristles: Bristles, joint: np.void, step_s: float) -> float:
-    """Advance the bristles one step at constant velocity, exactly; return mean friction.
+    """Advance the bristles one step at constant velocity, exactly; return the mean.
 
     The damping part uses the mean deflection rate, so it stays passive where sigma_0 |v| h / g > 1.
     """
@@ -124,7 +124,7 @@ def sliding_friction(
 
 @kernel
 def _solve(joints: Records, m11: float, m12: float, m22: float, step_s: float) -> None:
-    """Solve velocities after the step and held axes' reactions, for `held` and `friction` as set."""
+    """Solve velocities after the step and held axes' reactions, for given `held` and `friction`."""
     a, b = joints[0], joints[1]
     push_a = a["load"] - a["friction"]
     push_b = b["load"] - b["friction"]

@@ -170,7 +170,7 @@ class TimeServer:
         self._runs: list[_Run] = []
         self._cost_seed: int | None = None
         self._costed: Counter[str] = Counter()
-        """Names of seats that draw from the seed: a second seat of a name has its own draws."""
+        """Number of seats that draw from the seed, by name; each has draws of its own."""
         self._utc_ahead_ns = time.time_ns() - time.monotonic_ns()
         self._pace = _Pace(pace_ratio, world.now_ns)
         server.on_leave = self._leave
