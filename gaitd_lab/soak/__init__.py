@@ -1,7 +1,7 @@
 """`gaitd soak`: an hour of gait by the real processes, with faults drawn from a seed.
 
 Reading order: `happenings.py` (possible faults, and how often), `operator.py` (the simulated
-operator), `sniffer.py` (evaluation of the records and of each stop), `memory.py`,
+operator), `witness.py` (evaluation of the records and of each stop), `memory.py`,
 `passing.py` (the time), `machinery.py` (the processes), `play.py` (all of it together), `page.py`,
 `figure.py`.
 
