@@ -3,9 +3,9 @@
 Delivery is from the last TPDO of a cycle, by its time in the core's record, to the callback of a
 Zenoh subscriber in this process. Without the cycle's own work it is compared with bare Zenoh in the
 same minute: a process that does nothing but put (`bare_put.py`) to the same kind of subscriber,
-with the same message length, rate, session and publisher as the gateway's. It is a process, because the
-service's put comes from another one, too. It has the same rate, because a process that slept 10 ms
-begins with cold caches. The service keeps running beside it, because other load delays both.
+with the same message length, rate, session and publisher as the gateway's. It is a process, because
+the service's put comes from another one, too. It has the same rate, because a process that slept 10
+ms begins with cold caches. The service keeps running beside it, because other load delays both.
 
 The virtual drives give up their real-time priority for both measurements: real drives run their
 firmware on their own processors. With two processors the gateway waited 0.4 ms for the virtual
