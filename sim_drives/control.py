@@ -23,7 +23,7 @@ class ControlSocket:
         self._obey = obey
 
     def fileno(self) -> int:
-        """For poll()."""
+        """Return the descriptor for poll()."""
         return self._socket.fileno()
 
     def serve(self) -> None:

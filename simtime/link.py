@@ -21,7 +21,7 @@ from simtime.wire import Role
 CONNECT_TIMEOUT_S: Final = 5.0
 """Time limit for the server's WELCOME."""
 WATCHED_TIMEOUT_S: Final = 0.5
-"""The same where a watchdog uses the computer's clock."""
+"""Time limit for the WELCOME, if a watchdog uses the computer's clock."""
 _LAST_LOOKS: Final = 1000
 _POLL_MAX_NS: Final = 1_000_000_000
 

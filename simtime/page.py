@@ -31,7 +31,7 @@ from typing import Final, NamedTuple
 MAGIC: Final = b"GAITDTP1"
 SUFFIX: Final = ".time"
 ALIVE_CHECK_NS: Final = 200_000_000
-"""After this time without an advance a reader checks whether the writer is alive."""
+"""Time without an advance after which a reader checks whether the writer is alive."""
 _LAYOUT: Final = struct.Struct("<8s6q")
 _NAME: Final = MAGIC[:-1]
 _NO_PROCESS: Final = 2**31 - 1

@@ -203,7 +203,7 @@ class Troupe:
         log: Path,
         program: tuple[str, ...] = ("-m", "gaitd"),
     ) -> None:
-        """Start `python PROGRAM ARGUMENTS` in a session of its own, without Ctrl-C."""
+        """Start `python PROGRAM ARGUMENTS` in a session that receives no Ctrl-C."""
         self._name = name
         self._log = log
         with log.open("wb") as output:

@@ -49,7 +49,7 @@ class Law:
     """Category of the first cause."""
     later: frozenset[Cause] = frozenset()
     latches: frozenset[Cause] = frozenset()
-    """Where the first symptom may be another one: one of these causes is latched in the end."""
+    """Final causes, if the first symptom may be another one: one of these is latched in the end."""
     within_cycles: float | None = None
     """Cycles until the frame that stops the last axis; None: it must stop, without a bound."""
     by_drives: bool = False

@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 from daemon.ipc.record import CycleRecord, Level, Mode, Setpoint
 
 MARGIN_CYCLES: Final = 2
-"""From a gateway state to the record of the cycle that has read it, and one for rounding."""
+"""Cycles from a gateway state to the record of the cycle that has read it, and one for rounding."""
 NEGLIGIBLE: Final = 1e-9
 
 

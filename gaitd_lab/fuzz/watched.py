@@ -60,4 +60,4 @@ class WatchedDrive:
     enabled_still_told: bool = False
     """True if a failure to leave operation enabled was already reported."""
     led_beyond_si: float = 0.0
-    """How far out the joint was moved in a way that no drive could have prevented."""
+    """Distance that the joint was moved out in a way that no drive could have prevented."""

@@ -27,7 +27,7 @@ _STAYS: Final = 12.0
 
 
 class Doer(Enum):
-    """Who or what executes the fault."""
+    """Executor of the fault."""
 
     DRIVE = "a virtual drive"
     PATIENT = "the patient"

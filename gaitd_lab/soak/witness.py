@@ -18,8 +18,8 @@ from gaitd_lab.soak.happenings import Happening
 from observer.filter.status import NIS_WINDOW_SAMPLES, Status
 
 LOOK_BACK_CYCLES: Final = NIS_WINDOW_SAMPLES + OBSERVER_BAD_MAX_CYCLES
-"""For a stop by the observer: it keeps the innovations of its window, and is then unusable for
-some more cycles before it stops.
+"""Cycles of observer values kept for a stop by the observer: it keeps the innovations of its
+window, and is then unusable for some more cycles before it stops.
 """
 OPERATIONAL: Final = 0x05
 """NMT state in which TPDOs come."""

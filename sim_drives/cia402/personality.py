@@ -1,19 +1,19 @@
-"""What the kinds of virtual drive do differently. CiA 402 leaves it open; manufacturers decide.
+"""Differences between the makes of virtual drive, where CiA 402 leaves the choice open.
 
 | | EPOS4-like | Elmo-like | plain CiA 402 |
 |---|---|---|---|
 | 6071h, 6072h, 6077h | per mille of 6076h | per mille of 6075h | per mille of 6076h |
-| 6076h | µN·m, 3001h:01 x 3001h:05 | mN·m, no number refers to it | mN·m |
+| 6076h | µN·m, 3001h:01 x 3001h:05 | mN·m, unused as a reference | mN·m |
 | current actual | 30D1h:02 in mA | 6078h, per mille of 6075h | 6078h, per mille of 6075h |
 | torque limit | 3001h:02 in mA | 6072h, 6073h in per mille | 6072h, 6073h in per mille |
 | speeds, decelerations | rpm, rpm/s of the motor | counts/s, counts/s² | counts/s, counts/s² |
-| units of one's own | none | 607Eh, 608Fh, 6091h, 6092h | none |
+| configurable units | none | 607Eh, 608Fh, 6091h, 6092h | none |
 | temperature | 3201h:01, 0.1 °C | 22A2h, °C | 2100h:01, °C |
 | 0Fh in ready to switch on | transitions 3 and 4 | 3; 4 by the next 0Fh | 3; 4 by the next 0Fh |
-| a controlword out of place | ignored | 06090030, EMCY 6300h, bit 7 | ignored |
-| 6041h is renewed | at once | every 3 ms | at once |
-| lost connection, 6007h | slows down so, then Fault | the command so named, 1: Fault | as Elmo |
-| 8130h, 8120h are gone | by NMT reset communication | when the heartbeat is back | as Elmo |
+| an invalid controlword | ignored | 06090030, EMCY 6300h, bit 7 | ignored |
+| update of 6041h | at once | every 3 ms | at once |
+| lost connection, 6007h | slow-down, then Fault | its command; 1: Fault | as Elmo |
+| end of 8130h, 8120h | by NMT reset communication | when the heartbeat is back | as Elmo |
 | COB-ID of a valid PDO | locked: 06010000 | if it stays valid: 06090030 | as Elmo |
 | error register | the class's bit alone | bit 0 beside the class's | as Elmo |
 | STO | 8A88h | 5441h | 9000h, external error |
@@ -30,7 +30,7 @@ here is 0170h.
 
 Sources: EPOS4 application facts as collected from public EDS/DCF files and manuals. Elmo: public
 device configuration ipa320/cob_robots, Elmo.dcf, for objects, limits and identity; per mille of the
-rated current as leggedrobotics/elmo_ethercat_sdk reckons; EMCY codes as leducp/KickCAT lists them
+rated current as in leggedrobotics/elmo_ethercat_sdk; EMCY codes as leducp/KickCAT lists them
 (5441h is its code of an open inhibit input, taken for the STO here).
 CiA 402-2.
 """

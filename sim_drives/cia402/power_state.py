@@ -109,7 +109,7 @@ MISPLACED: Final = frozenset(
 
 
 class Ramp(Enum):
-    """How a drive slows down by an option code."""
+    """Slow-down of an option code."""
 
     COAST = "power stage off at once"
     SLOW = "profile deceleration 6084h"

@@ -44,25 +44,25 @@ class Axis(NamedTuple):
     number: int
 
     def order(self, actuation: AxisActuation) -> None:
-        """See `Plant.set_axis`."""
+        """As `Plant.set_axis`."""
         self.plant.set_axis(self.number, actuation)
 
     def sample(self) -> AxisSample:
-        """See `Plant.sample`."""
+        """As `Plant.sample`."""
         return self.plant.sample(self.number)
 
     def flags(self) -> AxisFlag:
-        """See `Plant.flags`."""
+        """As `Plant.flags`."""
         return self.plant.flags(self.number)
 
     def block(self, *, blocked: bool) -> None:
-        """See `Plant.block_rotor`."""
+        """As `Plant.block_rotor`."""
         self.plant.block_rotor(self.number, blocked)
 
     def wire(self, *, motor_sense: int, encoder_sense: int) -> None:
-        """See `Plant.wire`."""
+        """As `Plant.wire`."""
         self.plant.wire(self.number, motor_sense, encoder_sense)
 
     def offset_current(self, offset_a: float) -> None:
-        """See `Plant.offset_current`."""
+        """As `Plant.offset_current`."""
         self.plant.offset_current(self.number, offset_a)

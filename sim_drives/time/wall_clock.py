@@ -9,7 +9,7 @@ between it wakes up every SLICE_NS, so that a SYNC finds the plant nearly up to 
 answered early.
 
 A frame reaches the drives at its time on the wire, however late this process reads it: a real drive
-latches its encoder at SYNC. That time is the kernel's stamp, on our own socket the sender's stamp.
+latches its encoder at SYNC. That time is the kernel's stamp, on the simulated bus the sender's.
 Without a stamp, or if the wall clock has just been set, it is the time of reading. Received frames
 are therefore processed before the world advances to the present.
 """
@@ -37,7 +37,7 @@ from simtime.page import PageWriter
 
 SLICE_NS: Final = 5 * MILLISECOND
 SYNC_SILENCE_NS: Final = 20 * MILLISECOND
-"""After this time SYNC is not late any more, but missing."""
+"""Time after which SYNC is not late any more, but missing."""
 QUIET_ROW_NS: Final = 10 * MILLISECOND
 NS_PER_S: Final = 1_000_000_000
 SOCKETCAN: Final = "socketcan"
