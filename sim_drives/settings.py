@@ -141,7 +141,7 @@ class FaultSettings(Table, frozen=True):
     """LEG/AXIS, or * for every drive."""
     kind: FaultKind
     duration_s: Positive | None = None
-    """If absent, the fault lasts until cleared by command. A reboot and a glitch without one are over at once."""
+    """Until cleared by command, if absent. A reboot and a glitch without one are over at once."""
     value: float = 0.0
     """Value of the fault, depending on its kind: error code, TPDO number, delay in ms, counts."""
 

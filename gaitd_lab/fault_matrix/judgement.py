@@ -26,7 +26,9 @@ STOP_HIP_DEG: Final = 8.9
 F = PUSH_NM at the speed limit: k x^2 / 2 = F x + J v^2 / 2 gives 5.9 deg.
 """
 STOP_SLIDE_MM: Final = 96.0
-"""Slide travel beyond the limit, by the same energy balance: 20 mm, and 76 mm of its spring by PUSH_N and 20 kg at the speed limit."""
+"""Slide travel beyond the limit, by the same equation: 20 mm to the stop, and 76 mm of its spring
+by PUSH_N and 20 kg at the speed limit.
+"""
 REST_CYCLES: Final = 250.0
 """Time after the stop command, or after the drives' own stop."""
 LOST_MODES: Final = frozenset({Mode.OFF, Mode.BRINGING_UP, Mode.READY})

@@ -5,7 +5,7 @@
 | 8120h | controller error-passive | | until NMT reset communication | while it lasts |
 | 8130h | heartbeat of a watched node lost | yes | until NMT reset communication | while it lasts |
 | 8140h | bus-off; on EPOS4 81FDh | yes | while it lasts | while it lasts |
-| 8150h | another node sends with this node's identifier | | one of a TPDO; over at once | any; until a reset |
+| 8150h | identifier used by another node | | one of a TPDO; over at once | any; until a reset |
 | 8250h | no RPDO in time: 1400h:05 | | while it lasts | while it lasts |
 | 8250h | no target in time: 60C2h | | over at once | |
 

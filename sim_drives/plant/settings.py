@@ -21,7 +21,7 @@ class FrictionLaw(Enum):
     PAPER = "paper"
     """Eq. (11) to (13) as in the observer. Under load it creeps at rest."""
     PAPER_STICKING = "paper_sticking"
-    """Eq. (11) and (12) while sliding, with ideal sticking: an axis at rest does not move at all."""
+    """Eq. (11) and (12) while sliding, with ideal sticking: an axis at rest does not move."""
     LUGRE = "lugre"
     """Bristles: sticks elastically; a structure different from the observer's."""
 
