@@ -116,7 +116,7 @@ class _Show:
         self._exit_code: int | None = None
         self._trouble = ""
         self._mode = Mode.OFF
-        """Values of the newest record before the fault."""
+        """Mode of the newest record before the fault."""
         self._verdict = Verdict()
 
     def plan(self, begun_ns: int) -> None:

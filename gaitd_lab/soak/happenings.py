@@ -74,7 +74,7 @@ def _drive(words: str, low_s: float, high_s: float, *, every: bool = False) -> S
 
 
 def _blind(words: str, row: str) -> Source:
-    """Law of a wrong encoder that lasts: the joint may reach its limit switch undetected."""
+    """Wrong encoder until the fault is over: the joint may reach its limit switch undetected."""
     law = replace(ROWS[row], causes=ROWS[row].causes | {Cause.LIMIT_SWITCH})
     return Source(Doer.DRIVE, words, _STAYS, _STAYS, law=law)
 

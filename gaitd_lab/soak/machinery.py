@@ -190,7 +190,7 @@ class RecordTail:
 
 
 def until_ready(made: Machinery, within_s: float) -> float:
-    """Seconds from the core's start, at the call; the virtual drives may start later.
+    """Return the seconds from the core's start, which is the call, until it is ready.
 
     Raises:
         ActError: a process has ended, or the service was not ready in time.
