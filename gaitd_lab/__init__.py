@@ -1,5 +1,5 @@
-"""The laboratory: lock-step sessions, fault matrix, random sessions, soak, demonstration, benches.
+"""Simulation tools: lock-step sessions, fault matrix, random sessions, soak, demonstration, bench.
 
-It needs the virtual drives, and nothing of the service imports it. `gaitd.testing` is the part that
-other projects use in their tests.
+They need the virtual drives, and nothing of the service imports them. `gaitd.testing` is the part
+that other projects use in their tests.
 """

@@ -1,4 +1,4 @@
-"""The trials of the ablation: which situations are recorded, and for how long."""
+"""The trials of the ablation: recorded situations and their durations."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -35,11 +35,11 @@ class Planned(NamedTuple):
     title: str
     record: Job
     is_basis: bool = False
-    """Its copies are spoiled."""
+    """True if distorted copies of the trial are made."""
 
 
 def planned(config: Path, *, quick: bool) -> list[Planned]:
-    """What the ablation records.
+    """Return the trials that the ablation records.
 
     Args:
         config: trainer file with a plant.
@@ -61,11 +61,11 @@ def planned(config: Path, *, quick: bool) -> list[Planned]:
 
 
 def record(plan: Sequence[Planned], told: Callable[[str], Told]) -> Iterator[Trial]:
-    """The trials of a plan, one after the other, and the spoiled copies of its basis.
+    """Record the trials of a plan in sequence, and the distorted copies of its basis.
 
     Args:
-        plan: of `planned`.
-        told: gets the title of a trial, and gives who is told the share done of it.
+        plan: result of `planned`.
+        told: receives the title of a trial, and returns a callback for its progress.
     """
     for one in plan:
         trial = one.record(told(one.title))
@@ -81,7 +81,7 @@ def _walk(trials: Trials, situation: Situation, duration_s: float) -> Planned:
 
 
 def _others(config: Path, trials: Trials) -> Iterator[Planned]:
-    """Other plants and patients, whose robot file is right."""
+    """Trials with other plants and patients, whose robot file is right."""
     robots = (
         friction_levels(0.5)(trials.robot),
         friction_levels(2.0)(trials.robot),
@@ -97,7 +97,7 @@ def _active_walk(name: str, trials: Trials) -> Job:
 
 
 def _weighing(trials: Trials, mass_kg: float) -> Robot:
-    """Another patient, carried by springs that are set for him."""
+    """Return a robot with another patient, carried by springs set for that patient."""
     robot = trials.robot
     if robot.patient is None:
         return robot

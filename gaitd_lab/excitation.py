@@ -35,32 +35,33 @@ READY_S: Final = 10.0
 BEGIN_S: Final = 30.0
 SETTLE_S: Final = 0.2
 TURN_S: Final = 0.25
-"""Of simulated time between two words about the progress."""
+"""Simulated time between two progress reports."""
 STICKING_FROZEN_CYCLES: Final = 200
-"""Of the watch over frozen encoders, with ideal sticking: the hip then stands without a count for a
-second while its torque turns round and the slide takes load off it, which looks the same."""
+"""Time limit of the frozen-encoder check, with ideal sticking: the hip then stands without a count
+for a second while its torque reverses and the slide unloads it, which looks the same.
+"""
 
 
 class Played(NamedTuple):
-    """What became of a scenario."""
+    """Result of a scenario."""
 
     run: Run
     trouble: str
-    """Why it ended before its time; empty if it did not."""
+    """Reason of an early end; empty if there was none."""
 
 
 class NotPlayedError(Exception):
-    """The scenario did not begin: says why."""
+    """The scenario did not begin; the message gives the reason."""
 
 
 class Stage:
-    """The empty machine of a configuration, and a plant that may rub by another law."""
+    """The empty machine of a configuration, whose plant may have another friction law."""
 
     def __init__(self, config: Path, law: FrictionLaw | None = None) -> None:
         """Read all files.
 
         Raises:
-            ConfigError: a file, or there is no empty machine beside it.
+            ConfigError: in a file, or there is no empty machine beside it.
         """
         read = read_all(config)
         self.settings = replace(read, robot=_empty(read.robot, config, read.trainer.robot))
@@ -76,22 +77,22 @@ class Stage:
 
     @property
     def law(self) -> FrictionLaw:
-        """Of the plant."""
+        """Friction law of the plant."""
         return self._plant.friction.law
 
     @property
     def seed(self) -> int:
-        """Of all noise."""
+        """Seed of all noise."""
         return self._plant.seed
 
     @property
     def step_s(self) -> float:
-        """Of the service's cycle."""
+        """Period of the service's cycle."""
         return STEP_S
 
     @property
     def note(self) -> str:
-        """What is otherwise than the configuration says; empty if nothing is."""
+        """Differences from the configuration; empty if there are none."""
         if self.law is not FrictionLaw.PAPER_STICKING:
             return ""
         return (
@@ -101,11 +102,11 @@ class Stage:
 
     @property
     def frictions(self) -> tuple[FrictionParameters, FrictionParameters]:
-        """Of the plant: hip and slide."""
+        """Friction of the plant: hip and slide."""
         return friction_parameters(self._robot)
 
     def longest_s(self, scenario: str) -> float:
-        """How long a scenario may last.
+        """Return the longest duration of a scenario.
 
         Raises:
             ConfigError: the trainer file has none of this name.
@@ -123,16 +124,16 @@ class Stage:
         told: Callable[[float], None],
         heard: Callable[[CycleRecord], None] | None = None,
     ) -> Played:
-        """From power-on to the end of the scenario.
+        """Run from power-on to the end of the scenario.
 
         Args:
             scenario: name of an [excite] table.
-            seconds: of it.
-            told: the simulated seconds of the scenario so far.
-            heard: gets every record, from power-on, as a gateway would.
+            seconds: duration of the scenario.
+            told: receives the simulated seconds of the scenario so far.
+            heard: receives every record, from power-on, as a gateway would.
 
         Raises:
-            NotPlayedError: the service refused it, or did not get as far.
+            NotPlayedError: the service refused it, or stopped before.
         """
         truth = TruthLog(None)
         try:
@@ -156,7 +157,7 @@ class Stage:
 
 
 def _begin(lockstep: Lockstep, scenario: str, seconds: float) -> int:
-    """Bring up, enable and begin; the index of the first record of the scenario."""
+    """Bring up, enable and begin; return the index of the scenario's first record."""
     wanted = ModeRequest(Mode.EXCITE, duration_s=seconds, scenario=scenario)
     try:
         lockstep.run_until(lambda record: record.mode == Mode.READY, READY_S)
@@ -176,7 +177,7 @@ def _playing(record: CycleRecord) -> bool:
 
 
 def _run(records: list[CycleRecord], truth: list[TruthRow], count: int) -> Run:
-    """The first `count` cycles of the scenario, each beside the truth of its SYNC."""
+    """Return the first `count` cycles of the scenario, each with the truth of its SYNC."""
     rows = {row.sync_mono_ns: row for row in truth}
     played = [one for one in records if _playing(one) and one.sync_mono_ns in rows][:count]
     legs = [record.legs[0] for record in played]
@@ -213,7 +214,7 @@ def _why(lockstep: Lockstep, run: Run) -> str:
 
 
 def _empty(robot: Robot, file: Path, named: str) -> Robot:
-    """The machine with nobody in it, and its springs turned down as the file beside it says."""
+    """Return the empty machine, with its springs reduced as in the file beside it."""
     if robot.patient is None:
         return robot
     path = beside(file, named).with_name(EMPTY)

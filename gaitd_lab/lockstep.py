@@ -1,9 +1,9 @@
-"""The real loop against the virtual machine in one thread, faster than time, bit for bit the same.
+"""The real loop against the virtual machine in one thread, faster than real time and reproducible.
 
-Nothing of the service is replaced but its ends: bus and clock are those of simulated time, over a
-link that lets time pass by itself (`sim_drives/time/conductor.py`). `Gateway`
-(`lockstep_gateway.py`) stands in for the other process: it keeps every record and asks for what a
-script says. What runs in between is the product.
+Only the ends of the service are replaced: bus and clock are those of simulated time, over a link
+that advances time by itself (`sim_drives/time/conductor.py`). `Gateway` (`lockstep_gateway.py`)
+replaces the gateway process: it stores every record and sends the requests of a script. Everything
+in between is the production code. The same inputs give the same results bit for bit.
 """
 
 import errno
@@ -27,9 +27,9 @@ NS_PER_S: Final = 1_000_000_000
 
 
 class WorldBus(SimulatedBus):
-    """The service's end of a bus in memory, with the seat in the script's hand.
+    """The service's interface to a bus in memory; a script may disturb its seat.
 
-    What a script does to the seat: `at`, `hold`, `pause`, `report`, `trouble` (see `Conductor`).
+    Disturbances of the seat: `at`, `hold`, `pause`, `report`, `trouble` (see `Conductor`).
     """
 
     def __init__(self, world: World) -> None:
@@ -45,16 +45,16 @@ class WorldBus(SimulatedBus):
 
     @property
     def now_ns(self) -> int:
-        """The service's monotonic time."""
+        """Monotonic time of the service."""
         return self.seat.now_ns
 
     @property
     def behind_ns(self) -> int:
-        """By how much the service's clock is behind the world's."""
+        """Offset of the service's clock behind the world's."""
         return self.seat.behind_ns
 
     def let_pass(self, until_ns: int) -> None:
-        """Time passes; what the drives send meanwhile waits."""
+        """Let time pass; frames that the drives send meanwhile are queued."""
         self.link.wait(until_ns, for_frame=False)
 
 
@@ -67,7 +67,7 @@ class WorldClock(SimulatedClock):
 
     @property
     def utc_stepped_ns(self) -> int:
-        """By how much the wall clock was set."""
+        """Total change of the wall clock by a script."""
         return self._seat.utc_ahead_ns - UTC_OF_START_NS
 
     @utc_stepped_ns.setter
@@ -76,7 +76,7 @@ class WorldClock(SimulatedClock):
 
 
 class MemoryStateFile:
-    """Keeps the newest axis notes."""
+    """Stores the newest persistent state in memory."""
 
     def __init__(self, notes: PersistentState) -> None:
         self.notes = notes
@@ -94,7 +94,7 @@ class MemoryStateFile:
 
 
 class Lockstep:
-    """One service and one virtual machine, turned as far as a script wants."""
+    """One service and one virtual machine, run under the control of a script."""
 
     def __init__(
         self,
@@ -108,18 +108,18 @@ class Lockstep:
         log: Log | None = None,
         boot_id: str = BOOT_ID,
     ) -> None:
-        """Build the service; nothing turns yet.
+        """Build the service; nothing runs yet.
 
         Args:
-            settings: of the service.
+            settings: settings of the service.
             world: the virtual machine.
-            on_record: told each record.
-            notes: that an earlier life of the core has left.
-            bus: to this world, with what is on its agenda; else a new one.
-            gateway: in place of a well-behaved one.
-            supervisor: told what systemd is told.
-            log: told what the journal is told.
-            boot_id: of this core; another one than its gateway's is not listened to.
+            on_record: receives each record.
+            notes: persistent state of an earlier core.
+            bus: a bus to this world, with its scheduled actions; else a new one.
+            gateway: replaces the standard gateway.
+            supervisor: receives the notifications to systemd.
+            log: receives the journal messages.
+            boot_id: boot id of this core, which ignores gateway states for another one.
         """
         self.notebook = MemoryStateFile(notes or PersistentState())
         built = build(settings, boot_id, self.notebook.notes)
@@ -135,25 +135,25 @@ class Lockstep:
 
     @property
     def record(self) -> CycleRecord:
-        """The newest."""
+        """The newest record."""
         return self.gateway.records[-1]
 
     @property
     def records(self) -> list[CycleRecord]:
-        """All since the start."""
+        """All records since the start."""
         return self.gateway.records
 
     def run(self, duration_s: float) -> None:
-        """Turn for so much simulated time."""
+        """Run for a simulated time."""
         end_ns = self.bus.now_ns + round(duration_s * NS_PER_S)
         while self.bus.now_ns < end_ns:
             self.loop.turn()
 
     def run_until(self, reached: Callable[[CycleRecord], bool], within_s: float) -> CycleRecord:
-        """Turn until a record is as wanted.
+        """Run until a record meets a condition.
 
         Raises:
-            NotReachedError: none was within that simulated time.
+            NotReachedError: none did within that simulated time.
         """
         end_ns = self.bus.now_ns + round(within_s * NS_PER_S)
         while self.bus.now_ns < end_ns:
@@ -165,13 +165,13 @@ class Lockstep:
     def request(
         self, kind: RequestKind, wanted: ModeRequest | None = None, within_s: float = 10.0
     ) -> RequestResult:
-        """Ask for something and turn until it is answered."""
+        """Send a request and run until it is answered."""
         self.gateway.ask(kind, wanted)
         self.run_until(lambda _: self.gateway.outcome().outcome != Outcome.PENDING, within_s)
         return self.gateway.outcome()
 
     def shut_down(self, within_s: float = 10.0) -> None:
-        """As on SIGTERM: stop what moves, switch off, let go of the drives."""
+        """Shut down as on SIGTERM: stop all motion, switch off, release the drives."""
         end_ns = self.bus.now_ns + round(within_s * NS_PER_S)
         while not self.loop.may_end() and self.bus.now_ns < end_ns:
             self.loop.turn(shutdown=True)
@@ -179,7 +179,7 @@ class Lockstep:
 
 
 class NotReachedError(Exception):
-    """A script waited for something that did not happen."""
+    """A condition of a script was not reached."""
 
     def __init__(self, within_s: float, record: CycleRecord) -> None:
         super().__init__(
@@ -188,16 +188,16 @@ class NotReachedError(Exception):
 
 
 class _NoSupervisor:
-    """Nobody watches a lock-step run."""
+    """A systemd notifier without a receiver."""
 
     def send(self, *lines: str) -> bool:
-        """Nobody listens."""
+        """Do nothing."""
         del lines
         return True
 
 
 class _NoLog:
-    """And nobody reads."""
+    """A log without a receiver."""
 
     def tell(self, text: str, priority: int, fields: Mapping[str, str]) -> None:
-        """Nobody reads."""
+        """Do nothing."""

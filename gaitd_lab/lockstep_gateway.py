@@ -1,4 +1,4 @@
-"""The other end of the seam in a lock-step run: keeps every record, says what a script wants."""
+"""The gateway side of the IPC channel in a lock-step run: stores records, sends requests."""
 
 from collections.abc import Callable
 from typing import Final
@@ -16,20 +16,20 @@ from daemon.ipc.record import (
 BOOT_ID: Final = "lockstep"
 
 Controller = Callable[[CycleRecord], tuple[Setpoint, ...]]
-"""A controller in the script's hand: a record in, the setpoints that the gateway forwards out."""
+"""A scripted controller: receives a record, returns the setpoints that the gateway forwards."""
 
 
 class Gateway:
-    """The other end of the seam: hears every record, and asks when a script tells it to."""
+    """The gateway side of the IPC channel: stores every record, and sends requests of a script."""
 
     def __init__(self, on_record: Callable[[CycleRecord], None] | None = None) -> None:
         self.records: list[CycleRecord] = []
         self.core_boot_id = BOOT_ID
-        """Of the core that it talks to."""
+        """Boot id of the connected core."""
         self.silent = False
-        """A gateway that hangs: no levels any more."""
+        """True for a gateway that hangs: it sends no state."""
         self.lease = 0
-        """That is held, as the gateway tells it; 0: none."""
+        """The present lease number in the gateway state; 0: none."""
         self.controller: Controller | None = None
         """Answers each record with the newest setpoint of each leg."""
         self._setpoints: tuple[Setpoint, ...] = ()
@@ -39,10 +39,10 @@ class Gateway:
         self._stop_count = 0
         self._request = Request()
 
-    # --- the loop's side --------------------------------------------------------------------
+    # --- interface of the loop ----------------------------------------------------------------
 
     def publish(self, record: CycleRecord) -> None:
-        """Keep it, and let the script look at it."""
+        """Store a record, and pass it to the script."""
         self.records.append(record)
         if self._on_record is not None:
             self._on_record(record)
@@ -50,7 +50,7 @@ class Gateway:
             self._setpoints = self.controller(record)
 
     def levels(self) -> list[GatewayState]:
-        """One level for each turn, made when the newest record had been read."""
+        """Return one gateway state for each turn, made when the newest record had been read."""
         if self.silent or not self.records:
             return []
         self._seq += 1
@@ -60,10 +60,10 @@ class Gateway:
         return [GatewayState(self.core_boot_id, *told)]
 
     def take_notices(self) -> list[str]:
-        """Nothing is refused here: there are no bytes."""
+        """Return no notices: this gateway exchanges objects, so no bytes can be refused."""
         return []
 
-    # --- the script's side ------------------------------------------------------------------
+    # --- interface of the script --------------------------------------------------------------
 
     def lend(self, controller: Controller) -> int:
         """Give a new lease to a controller that answers each record from now on.
@@ -75,19 +75,19 @@ class Gateway:
         return self.lease
 
     def end_lease(self) -> None:
-        """Nobody holds it any more; whoever sends setpoints goes on doing so."""
+        """End the lease; its controller continues to send setpoints."""
         self.lease = 0
 
     def ask(self, kind: RequestKind, wanted: ModeRequest | None = None) -> None:
-        """Ask for something once; the answer comes in the records."""
+        """Send a request once; the answer comes in the records."""
         cycle = self.records[-1].cycle if self.records else 0
         self._request = Request(self._request.id + 1, kind, cycle, wanted or ModeRequest())
 
     def stop(self) -> None:
-        """Stop, whatever else is going on."""
+        """Request a stop, in any state."""
         self._stop_count += 1
 
     def outcome(self) -> RequestResult:
-        """What became of the newest request."""
+        """Return the outcome of the newest request."""
         result = self.records[-1].request
         return result if result.id == self._request.id else RequestResult(self._request.id)

@@ -1,4 +1,4 @@
-"""Processes that end with us, and where they and their files find room."""
+"""Child processes that end with this process, their ports, and a folder for their files."""
 
 import contextlib
 import os
@@ -12,17 +12,18 @@ _END_WITH_PARENT: Final = (
     "import ctypes, os, sys; ctypes.CDLL(None).prctl(1, {number}); "
     "os.getppid() == int(sys.argv[1]) and os.execv(sys.argv[2], sys.argv[2:])"
 )
-"""Asks the kernel for a signal when we are gone, however we went (PR_SET_PDEATHSIG), and becomes
-the command behind it, if we are not gone already. A function between fork and exec would do the
-same, but not beside threads."""
+"""Requests a signal from the kernel for the end of the parent (PR_SET_PDEATHSIG), and then executes
+the given command, unless the parent has already ended. A function between fork and exec would do
+the same, but is not safe beside threads.
+"""
 
 
 def tied(*words: str, number: signal.Signals = signal.SIGTERM) -> list[str]:
-    """The command `python WORDS...` that gets a signal when this process is gone.
+    """Return the command `python WORDS...` that gets a signal when this process has ended.
 
     Args:
-        words: what Python runs.
-        number: of the signal; SIGKILL also ends what is stopped and cannot obey.
+        words: arguments of Python.
+        number: number of the signal; SIGKILL also ends a stopped process.
     """
     python = sys.executable
     program = _END_WITH_PARENT.format(number=int(number))
@@ -30,7 +31,7 @@ def tied(*words: str, number: signal.Signals = signal.SIGTERM) -> list[str]:
 
 
 def free_ports(count: int) -> list[int]:
-    """Ports of the loopback interface that nobody listens on now."""
+    """Return ports of the loopback interface that are not in use."""
     with contextlib.ExitStack() as holding:
         ports: list[int] = []
         for _ in range(count):
@@ -41,7 +42,7 @@ def free_ports(count: int) -> list[int]:
 
 
 def memory_folder() -> str | None:
-    """A file system in memory where there is one: a disk that writes back stalls who writes to it.
+    """Return a folder in memory if there is one: a disk's write-back stalls its writers.
 
     Measured: 110 ms without an answer, half a minute after the truth was first written to a disk.
     """

@@ -1,6 +1,6 @@
-"""Trials: the real loop on the virtual machine over CAN frames, faster than time, with the truth.
+"""Trials: the real loop on the virtual machine over CAN frames, faster than real time, with truth.
 
-A trial is recorded once and replayed with as many observers as one likes. The same situation and
+A trial is recorded once and can be replayed with any number of observers. The same situation and
 the same configuration give the same bits. Nothing is written to a disk.
 
     trials = Trials(configs / "demo.toml")
@@ -39,21 +39,21 @@ READY_S: Final = 10.0
 BEGIN_S: Final = 30.0
 SETTLE_S: Final = 0.2
 TURN_S: Final = 0.25
-"""Of simulated time between two words about the progress."""
+"""Simulated time between two progress reports."""
 MOTION_HIP_RAD_PER_S: Final = 0.05
-"""Slower at the hip, a motion has not begun yet, or it was stopped."""
+"""Hip speed below which a motion has not begun yet, or was stopped."""
 REST_BEGINS_S: Final = 1.0
-"""Of a rest that is not judged: the estimate is new."""
+"""Time at the start of a rest that is not evaluated: the estimate is new."""
 
 STATIC_LOAD_RATIO: Final = 1.5
-"""Of breakaway friction: the tolerance of the static load is at least so much."""
+"""Least tolerance of the static load, as a share of breakaway friction."""
 
 Told = Callable[[float], None]
-"""Told the share done, 0 to 1."""
+"""Receives the progress, 0 to 1."""
 
 
 class Situation(NamedTuple):
-    """The plant and what the patient in it does."""
+    """The plant and the scripted patient of a trial."""
 
     law: FrictionLaw = FrictionLaw.PAPER
     cadence_hz: float = 0.25
@@ -62,12 +62,12 @@ class Situation(NamedTuple):
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Title of the situation."""
         return f"{self.law.value}, {self.cadence_hz:g} Hz, {self.programme}"
 
 
 class TrialError(Exception):
-    """A trial did not begin: says why."""
+    """A trial did not begin; the message gives the reason."""
 
 
 class Trials:
@@ -78,11 +78,11 @@ class Trials:
 
         Args:
             config: trainer file with a plant.
-            robot: in place of the configuration's own, for the plant and for the service: another
+            robot: replaces the configuration's own, for the plant and for the service: another
                 patient, other friction. See `balanced`.
 
         Raises:
-            ConfigError: a file, or what the files say together.
+            ConfigError: in a file, or between the files.
         """
         self._config = config
         self._settings = read_all(config)
@@ -94,16 +94,16 @@ class Trials:
 
     @property
     def robot(self) -> Robot:
-        """Of plant and service."""
+        """Robot of plant and service."""
         return self._robot
 
     @property
     def start_pose(self) -> tuple[float, float]:
-        """Where the plant is at power-on: rad, m."""
+        """Pose of the plant at power-on: rad, m."""
         return math.radians(self._plant.start.hip_deg), self._plant.start.slide_m
 
     def gait(self, situation: Situation, duration_s: float, told: Told | None = None) -> Trial:
-        """The patient walks: enable, approach, gait, for so long from its first stride on.
+        """Record gait: enable, approach, gait, for a time from its first stride on.
 
         Raises:
             TrialError: the service refused it. A service that stops later shortens the trial.
@@ -119,7 +119,7 @@ class Trials:
         return run.trial(begun, while_moving=True)
 
     def excite(self, scenario: str, duration_s: float, told: Told | None = None) -> Trial:
-        """The empty machine is moved by torque; its artificial disturbance counts as patient.
+        """Record the empty machine moved by torque; its artificial disturbance counts as patient.
 
         Raises:
             TrialError: the service refused it.
@@ -134,7 +134,7 @@ class Trials:
         return run.trial(begun, while_moving=True)
 
     def rest(self, duration_s: float, told: Told | None = None) -> Trial:
-        """Nothing moves: enabled, holding the pose, a passive patient.
+        """Record a rest: enabled, holding the pose, a passive patient.
 
         Raises:
             TrialError: the service refused it.
@@ -169,10 +169,10 @@ class Trials:
 
 
 def balanced(robot: Robot, pose: tuple[float, float]) -> Robot:
-    """The robot with its springs preloaded so that they carry the leg at a pose.
+    """Return the robot with its springs preloaded to carry the leg at a pose.
 
     Args:
-        robot: as changed: another patient.
+        robot: the changed robot, for example with another patient.
         pose: hip angle rad, slide position m.
     """
     bare = msgspec.structs.replace(robot.springs, hip_rest_rad=pose[0], slide_rest_m=pose[1])
@@ -186,7 +186,7 @@ def balanced(robot: Robot, pose: tuple[float, float]) -> Robot:
 
 
 def _limits_for(limits: Limits, robot: Robot) -> Limits:
-    """Limits of a machine that may rub more: friction hides so much load at rest."""
+    """Return limits for higher friction, which can hide more load at rest."""
     hip, slide = friction_parameters(robot)
     least_nm, least_n = STATIC_LOAD_RATIO * hip.stribeck, STATIC_LOAD_RATIO * slide.stribeck
     change = msgspec.structs.replace
@@ -219,12 +219,12 @@ class _Run:
             raise TrialError(f"{self._name}: {kind.name.lower()} was refused: {answer.reason}")
 
     def until(self, reached: Callable[[CycleRecord], bool], within_s: float = BEGIN_S) -> int:
-        """Turn on; the index of the first record that is as wanted."""
+        """Run until a record meets a condition; return its index."""
         self._lockstep.run_until(reached, within_s)
         return len(self._lockstep.records) - 1
 
     def on(self, duration_s: float, mode: Mode, told: Told | None) -> None:
-        """Turn on for so long, or until the service leaves the mode."""
+        """Run for a time, or until the service leaves the mode."""
         turns = max(round(duration_s / TURN_S), 1)
         for turn in range(turns):
             if self._lockstep.record.mode != mode:
@@ -234,7 +234,7 @@ class _Run:
                 told((turn + 1) / turns)
 
     def trial(self, begun: int, *, while_moving: bool) -> Trial:
-        """All rows of which the truth is known; those since `begun` are judged."""
+        """Return all rows with a known truth; those since `begun` are evaluated."""
         rows = {row.sync_mono_ns: row for row in self._truth.rows}
         paired = [
             (index, record, rows[record.sync_mono_ns])

@@ -1,4 +1,4 @@
-"""The virtual drives of a configuration, built but not yet running: for `sim`, `demo` and tests."""
+"""The virtual drives of a configuration, built but not running: for `sim`, `demo` and tests."""
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
@@ -13,7 +13,7 @@ from sim_drives.settings import PlantFile
 
 
 def load_plant(trainer: TrainerFile) -> tuple[Path, PlantFile]:
-    """Read plant.toml of a trainer file; with its path.
+    """Read plant.toml of a trainer file; return it with its path.
 
     Raises:
         ConfigError: the trainer file names none, or it cannot be used.
@@ -31,14 +31,14 @@ def virtual_machine(
     truth: Mapping[str, TruthLog] | None = None,
     without: Collection[str] = (),
 ) -> Machine:
-    """Build what a trainer file's plant.toml describes.
+    """Build the machine that a trainer file's plant.toml describes.
 
     Args:
         trainer: the trainer file.
-        seed: in place of plant.toml's own.
+        seed: replaces plant.toml's own.
         start_ns: the first time of the machine's clock.
-        truth: takes the truth at each SYNC, by leg.
-        without: drives, LEG/AXIS, that others stand in for.
+        truth: receives the truth at each SYNC, by leg.
+        without: drives, LEG/AXIS, that are not simulated here.
 
     Raises:
         ConfigError: plant.toml, its robot file, or an EDS.

@@ -1,4 +1,4 @@
-"""Load: processes that only compute, beside what is measured."""
+"""Load: processes that only compute, running beside a measurement."""
 
 import contextlib
 import subprocess
@@ -12,7 +12,7 @@ BURN: Final = "while True: pass"
 
 @contextlib.contextmanager
 def burners(count: int) -> Generator[None]:
-    """So many of them, which end with us."""
+    """Start this many load processes, which end with this process."""
     burning = [subprocess.Popen(tied("-c", BURN)) for _ in range(count)]
     try:
         yield

@@ -1,4 +1,4 @@
-"""What a station that only listens sees of a master: SYNC, commands, and its answer to an EMCY.
+"""Timing of a master on the bus, measured by a listener: SYNC, commands, and reaction to an EMCY.
 
 Times are those at which a frame was sent, by the one clock of this computer: the same for every
 master.
@@ -15,18 +15,18 @@ PERIOD_US: Final = 10_000
 TARGETS: Final = (0x305, 0x306)
 """RPDO2 of hip and slide, the last that a master sends in a cycle."""
 ANSWERS: Final = (0x185, 0x186, 0x285, 0x286)
-"""TPDO1 and TPDO2 of both."""
+"""TPDO1 and TPDO2 of both drives."""
 CONTROLWORDS: Final = (0x205, 0x206)
 EMERGENCIES: Final = (0x085, 0x086)
 NO_ERROR: Final = b"\0\0"
 QUICK_STOP_MASK, QUICK_STOP = 0x86, 0x02
-"""Controlword, CiA 402-2: bit 2 low, bit 1 high, no fault reset."""
+"""Quick stop controlword, CiA 402-2: bit 2 low, bit 1 high, no fault reset."""
 STATE_MASK, STOPPING, ENABLED = 0x6F, 0x07, 0x27
 """Statusword: quick stop active, operation enabled."""
 
 
 class Heard(NamedTuple):
-    """A frame on the bus."""
+    """A received frame."""
 
     time_us: float
     can_id: int
@@ -34,23 +34,23 @@ class Heard(NamedTuple):
 
 
 class Syncs(NamedTuple):
-    """Intervals between SYNCs, and what came in each."""
+    """Intervals between SYNCs, and the frames in each."""
 
     sync_count: int
     jitter_std_us: float
-    """Of the interval."""
+    """Standard deviation of the interval."""
     jitter_p99_us: float
-    """Of the interval's distance from 10 ms; 99 % are nearer."""
+    """The interval's deviation from 10 ms; 99 % are smaller."""
     jitter_worst_us: float
     answer_median_us: float
-    """From the last TPDO of a SYNC to the last command."""
+    """Time from the last TPDO of a SYNC to the last command."""
     answer_p99_us: float
     without_command_ratio: float
-    """Of the cycles: not every drive got a new target before the next SYNC."""
+    """Share of cycles in which not every drive got a new target before the next SYNC."""
 
 
 def syncs(frames: Sequence[Heard]) -> Syncs:
-    """Statistics of a stretch in which both drives were held.
+    """Statistics of a period in which both drives were held.
 
     Raises:
         ValueError: there are no two SYNCs in it.
@@ -73,7 +73,7 @@ def syncs(frames: Sequence[Heard]) -> Syncs:
 
 
 def _cycles(frames: Sequence[Heard], starts: Sequence[float]) -> list[list[Heard]]:
-    """Frames between each SYNC and the next."""
+    """Group the frames between each SYNC and the next."""
     cycles: list[list[Heard]] = [[] for _ in starts]
     for frame in frames:
         number = bisect_right(starts, frame.time_us) - 1
@@ -93,18 +93,18 @@ def _answer_us(cycle: Iterable[Heard]) -> float | None:
 
 
 class Reaction(NamedTuple):
-    """From an EMCY of one drive to what the other one is told, and does."""
+    """Times from an EMCY of one drive to the command and the reaction of the other one."""
 
     told_us: float
-    """Its controlword asks for a quick stop."""
+    """The controlword commands a quick stop."""
     obeyed_us: float
-    """Its statusword shows quick stop active."""
+    """The statusword shows quick stop active."""
 
 
 def reaction(frames: Sequence[Heard], failing: int) -> Reaction | None:
-    """Of the drive beside the one with index `failing`; None if it has not stopped.
+    """Return the reaction of the drive other than `failing`; None if it has not stopped.
 
-    An EMCY without an error (0000h) is none.
+    An EMCY without an error (0000h) is ignored.
     """
     other = 1 - failing
     begun = _first(frames, 0.0, EMERGENCIES[failing], lambda frame: frame.data[:2] != NO_ERROR)
@@ -118,18 +118,18 @@ def reaction(frames: Sequence[Heard], failing: int) -> Reaction | None:
 
 
 def asks_to_stop(data: bytes) -> bool:
-    """Whether an RPDO1 asks for a quick stop, or for less: no voltage."""
+    """Return whether an RPDO1 commands a quick stop, or disable voltage."""
     word = int.from_bytes(data[:2], "little")
     return word & QUICK_STOP_MASK == QUICK_STOP or not word & QUICK_STOP_MASK
 
 
 def state(frame: Heard) -> int:
-    """Of the statusword in a TPDO1."""
+    """Return the state of the statusword in a TPDO1."""
     return int.from_bytes(frame.data[:2], "little") & STATE_MASK
 
 
 def held(frames: Sequence[Heard]) -> bool:
-    """Both drives' newest statuswords show operation enabled."""
+    """Return whether both drives' newest statuswords show operation enabled."""
     newest = {frame.can_id: frame for frame in frames if frame.can_id in ANSWERS[:2]}
     return len(newest) == 2 and all(state(frame) == ENABLED for frame in newest.values())
 
@@ -137,7 +137,7 @@ def held(frames: Sequence[Heard]) -> bool:
 def _first(
     frames: Sequence[Heard], since_us: float, can_id: int, fits: Callable[[Heard], bool]
 ) -> float | None:
-    """When the first such frame came."""
+    """Return the time of the first such frame."""
     for frame in frames:
         if frame.can_id == can_id and frame.time_us >= since_us and fits(frame):
             return frame.time_us

@@ -1,8 +1,7 @@
-"""Where the Python time of a cycle goes: the real one in lock-step, its parts under a stopwatch.
+"""Python time of the parts of a cycle: the real cycle in lock-step, each part timed.
 
-The stopwatch stands between the caller and each part of `daemon/core/cycle.py`, for as long as the
-measurement takes. The virtual machine computes between two cycles, so caches are as cold as in
-service.
+The timer wraps each part of `daemon/core/cycle.py` for the duration of the measurement. The virtual
+machine computes between two cycles, so caches are as cold as in service.
 """
 
 import contextlib
@@ -38,7 +37,7 @@ PARTS: Final[tuple[tuple[str, Any, str], ...]] = (
     ("record", cycle_record, "record"),
     (WHOLE, cycle, "step"),
 )
-"""What people read, where the function is looked up, and its name there."""
+"""Title, the module where the function is looked up, and its name there."""
 RING: Final = "ring of records (after the frames are sent)"
 WALK_S: Final = 4.0
 MEASURED_S: Final = 20.0
@@ -52,11 +51,11 @@ class Part(NamedTuple):
     high_us: float
     """99.9 % are not longer."""
     share_ratio: float
-    """Of the whole cycle's median."""
+    """Share of the whole cycle's median."""
 
 
 def measure(settings: Settings) -> tuple[Part, ...]:
-    """Parts of the cycle in gait with two drives; the last but one is the whole."""
+    """Measure the parts of the cycle in gait with two drives; the last but one is the whole."""
     machine = virtual_machine(settings.file)
     lockstep = Lockstep(settings, machine.world)
     lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
@@ -81,7 +80,7 @@ def _part(name: str, values_ns: list[int], whole_us: float) -> Part:
 
 @contextlib.contextmanager
 def quiet() -> Generator[None]:
-    """No garbage collection, as in the core."""
+    """Disable garbage collection, as in the core."""
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -94,7 +93,7 @@ def quiet() -> Generator[None]:
 
 @contextlib.contextmanager
 def stopwatch() -> Generator[dict[str, list[int]]]:
-    """Put a stopwatch before every part; takes it away again."""
+    """Wrap every part in a timer; removes the timers again."""
     times: dict[str, list[int]] = {}
     with contextlib.ExitStack() as restoring:
         for name, owner, attribute in PARTS:

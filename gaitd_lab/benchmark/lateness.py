@@ -1,4 +1,4 @@
-"""How late SYNC leaves in real time: service and virtual drives by the wall clock, at rest."""
+"""Lateness of SYNC in real time: service and virtual drives by the wall clock, at rest."""
 
 import time
 from pathlib import Path
@@ -17,7 +17,7 @@ BOUNDS_US: Final = (50, 100, 200, 500, 1000, 2000, 5000, 10_000)
 
 
 class Lateness(NamedTuple):
-    """Of all SYNCs of a stretch of time."""
+    """Statistics of all SYNCs of a period."""
 
     sync_count: int
     median_us: float
@@ -25,12 +25,12 @@ class Lateness(NamedTuple):
     p999_us: float
     worst_us: float
     overrun_count: int
-    """Grid points that were skipped."""
+    """Skipped grid points."""
     bound_us: tuple[int, ...]
     class_count: tuple[int, ...]
-    """SYNCs up to each bound, and one class more."""
+    """Number of SYNCs up to each bound, and one class above."""
     collect_median_us: float
-    """SYNC to the last TPDO of both drives."""
+    """Time from SYNC to the last TPDO of both drives."""
 
 
 def measure(configs: Path, duration_s: float, burner_count: int = 0) -> Lateness:
@@ -38,8 +38,8 @@ def measure(configs: Path, duration_s: float, burner_count: int = 0) -> Lateness
 
     Args:
         configs: the project's folder of configurations.
-        duration_s: of the stretch that is measured.
-        burner_count: other processes that only compute meanwhile.
+        duration_s: duration of the measurement.
+        burner_count: number of load processes meanwhile.
 
     Raises:
         ActError: a process ended, or the service was not ready in time.
@@ -75,7 +75,7 @@ def _ready(where: Stage) -> RingReader:
 
 
 def of(records: list[CycleRecord]) -> Lateness:
-    """Statistics of consecutive records."""
+    """Return the statistics of consecutive records."""
     late_us = np.array([record.timing.lateness_ns for record in records]) / 1000
     collect_us = np.array([record.timing.collect_ns for record in records]) / 1000
     classes = np.searchsorted(BOUNDS_US, late_us)

@@ -1,4 +1,4 @@
-"""The masters beside each other, for people."""
+"""Tables that compare the masters."""
 
 import statistics
 from collections.abc import Callable, Sequence
@@ -45,11 +45,11 @@ ROWS: Final[tuple[tuple[str, Figure, str], ...]] = (
     ("EMCY until the other shows it, worst", lambda cell: _obeyed_us(cell) / US_PER_MS, "ms"),
     ("EMCYs without a quick stop", lambda cell: float(cell.unanswered_count), ""),
 )
-"""What people read, how it is found, and its unit."""
+"""Title, how the figure is found, and its unit."""
 
 
 def ratios(cells: Sequence[Cell]) -> dict[str, dict[str, float]]:
-    """Each figure of each cell, to that of the first master in the same load."""
+    """Ratio of each figure of each cell to that of the first master under the same load."""
     told: dict[str, dict[str, float]] = {}
     for loaded in (False, True):
         row = [cell for cell in cells if cell.loaded == loaded]
@@ -73,7 +73,7 @@ def _load(*, loaded: bool) -> str:
 
 
 def tables(title: str, cells: Sequence[Cell]) -> list[Table]:
-    """One table without load, one under it; ratios are to the first column."""
+    """Return one table without load, one with it; ratios are to the first column."""
     return [
         _table(f"{title}, {_load(loaded=loaded)}", [c for c in cells if c.loaded == loaded])
         for loaded in (False, True)

@@ -1,11 +1,11 @@
-"""`gaitd core` beside python-canopen as a master: the same bus, the same virtual drives, one run.
+"""`gaitd core` compared with python-canopen as a master: same bus, same virtual drives, one run.
 
-Each cell starts drives and master anew, in turn, so that what else this computer does befalls all
+Each cell restarts drives and master, in turn, so that disturbances of this computer affect all
 alike. Both masters hold both axes with the same spring and damper. A third station listens
-(`bus_times.py`). Processor time is the master process' own, from /proc; of ours that is the core,
-with its observer, safety and records, while the gateway runs beside it.
+(`bus_times.py`). Processor time is the master process' own, from /proc; for `gaitd core` it is the
+core with its observer, safety and records, while the gateway runs beside it.
 
-The peer is `benchmarks/python_canopen_peer.py`, whose head says how it is written.
+The peer is `benchmarks/python_canopen_peer.py`, whose module docstring describes it.
 """
 
 import contextlib
@@ -34,26 +34,26 @@ from gaitd_lab.soak.memory import sample
 
 PEER: Final = Path(__file__).resolve().parents[2] / "benchmarks" / "python_canopen_peer.py"
 STARTED_WITHIN_S: Final = 120.0
-"""The first start compiles the observer's kernels."""
+"""Time limit: the first start compiles the observer's kernels."""
 HELD_WITHIN_S: Final = 20.0
-"""Again, after a stop."""
+"""Time limit to hold again after a stop."""
 SETTLE_S: Final = 1.0
 EMERGENCY_COUNT: Final = 8
-"""In each cell and round."""
+"""Number in each cell and round."""
 ROUND_COUNT: Final = 2
 LATE_S: Final = 2.0
-"""A frame may be heard so long after it came."""
+"""Largest delay from a frame's arrival to its reception."""
 REACTION_S: Final = 0.4
 EMERGENCY: Final = "emcy_warning right/hip 0.2 0x2310"
-"""The drive tells of an overcurrent, and leaves it to the master to stop."""
+"""The drive reports an overcurrent, and leaves the stop to the master."""
 FAILING: Final = 0
 US_PER_S: Final = 1e6
 PEER_START_S: Final = 30.0
-"""Most that it takes to import, connect and map by itself."""
+"""Longest time to import, connect and map."""
 
 
 class Master(NamedTuple):
-    """A column of the table."""
+    """A master, one column of the table."""
 
     name: str
     ours: bool
@@ -70,20 +70,20 @@ MASTERS: Final = (
 
 @dataclass(slots=True)
 class Cell:
-    """One master, with or without load: all of its rounds."""
+    """All rounds of one master, with or without load."""
 
     master: str
     loaded: bool
     syncs: list[Syncs] = field(default_factory=list[Syncs])
     cpu_ratio: list[float] = field(default_factory=list[float])
-    """Of one processor."""
+    """Share of one processor."""
     reactions: list[Reaction] = field(default_factory=list[Reaction])
     unanswered_count: int = 0
     """EMCYs after which the other drive was not stopped within REACTION_S."""
     stopped_count: int = 0
-    """Times that it did not hold any more, of itself."""
+    """Number of times that the master stopped holding by itself."""
     trouble: str = ""
-    """It could not be measured at all."""
+    """True if it could not be measured."""
 
 
 def measure(
@@ -93,14 +93,14 @@ def measure(
     round_count: int,
     say: Callable[[str], None],
 ) -> tuple[Cell, ...]:
-    """All cells, in turn.
+    """Measure all cells in turn.
 
     Args:
         configs: the project's folder of configurations.
-        seconds: of each cell in each round.
-        emergency_count: in each cell and round.
-        round_count: how often all of it.
-        say: told which cell is measured.
+        seconds: duration of each cell in each round.
+        emergency_count: EMCYs in each cell and round.
+        round_count: number of rounds.
+        say: receives the name of the measured cell.
     """
     cells = {
         (master.name, loaded): Cell(master.name, loaded)
@@ -132,7 +132,7 @@ def _fifo_is_granted() -> bool:
 def measure_cell(
     cell: Cell, master: Master, configs: Path, seconds: float, emergency_count: int
 ) -> None:
-    """One round of one cell, with drives of its own.
+    """Measure one round of one cell, with its own drives.
 
     Raises:
         ActError: a process has ended.
@@ -174,10 +174,10 @@ def _measure_reaction(cell: Cell, ear: "Ear", made: Machinery) -> None:
 
 
 def _hold(ear: "Ear", subject: "Subject", cell: Cell, *, first: bool = False) -> None:
-    """Both drives held, whatever was before.
+    """Bring both drives to hold, from any state.
 
     Raises:
-        TimeoutError: they are not, for too long.
+        TimeoutError: they are not held in time.
     """
     end_s = time.monotonic() + (STARTED_WITHIN_S if first else HELD_WITHIN_S)
     asked_s = time.monotonic() + (subject.start_s if first else -subject.retry_s)
@@ -190,27 +190,27 @@ def _hold(ear: "Ear", subject: "Subject", cell: Cell, *, first: bool = False) ->
             asked_s = time.monotonic()
 
 
-# --- who is measured ------------------------------------------------------------------------------
+# --- measured masters ---------------------------------------------------------------------------
 
 
 class Subject(NamedTuple):
-    """A master, as it is handled here."""
+    """The control interface of a measured master."""
 
     pid: Callable[[], int]
     recover: Callable[[], None]
-    """Ask for the next step to both drives held."""
+    """Requests the next step towards both drives held."""
     check: Callable[[], None]
-    """Raises ActError if it has ended."""
+    """Raises ActError if the master has ended."""
     last_words: Callable[[], str]
     retry_s: float
-    """Between two steps."""
+    """Delay between two steps."""
     start_s: float
-    """Before the first."""
+    """Delay before the first step."""
 
 
 @contextlib.contextmanager
 def _drives(configs: Path, *, realtime: bool) -> Generator[Machinery]:
-    """Virtual drives alone, and a configuration for a core on their bus."""
+    """Run virtual drives alone, and write a configuration for a core on their bus."""
     folder = Path(tempfile.mkdtemp(prefix="gaitd-bench-", dir=memory_folder()))
     made = Machinery(configs, folder, Tempo(wall_clock=True))
     if not realtime:
@@ -257,7 +257,7 @@ def _subject(master: Master, made: Machinery) -> Generator[Subject]:
 
 
 def _operate(made: Machinery) -> None:
-    """What an operator would ask next, in the modes of the service."""
+    """Send the operator's next request towards hold."""
     answer = ask(made.target, "status", {})
     if answer.text is None:
         return
@@ -268,16 +268,16 @@ def _operate(made: Machinery) -> None:
 
 
 class Ear:
-    """A station that only listens."""
+    """A listener on the bus."""
 
     def __init__(self, bus: can.BusABC) -> None:
         """Listen on `bus`."""
         self._bus = bus
 
     def listen(self, seconds: float) -> list[Heard]:
-        """Everything that came since the last call, and for so long from now.
+        """Return all frames since the last call, and those of a further period from now.
 
-        Beside processes that compute we hear late, so what counts is when a frame came.
+        Beside load processes the reception is late, so the arrival time counts.
         """
         frames: list[Heard] = []
         end_us = (time.time() + seconds) * US_PER_S

@@ -1,4 +1,4 @@
-"""How fast a recording is replayed: computing alone, and from CSV to CSV."""
+"""Replay speed of a recording: computing alone, and from CSV to CSV."""
 
 import tempfile
 import time
@@ -16,13 +16,13 @@ RATE_HZ: Final = 100
 
 
 class ReplaySpeed(NamedTuple):
-    """In seconds of recording for each second of work."""
+    """Speeds in seconds of recording per second of work."""
 
     row_count: int
     computing_ratio: float
     with_csv_ratio: float
     reading_us: float
-    """For each row, as the next two."""
+    """Time per row, like the next two."""
     computing_us: float
     writing_us: float
 

@@ -1,4 +1,4 @@
-"""How the observer's cost grows with recordings and legs in one process, and what it allocates."""
+"""Growth of the observer's cost with recordings and legs in one process, and its allocations."""
 
 import importlib
 import statistics
@@ -20,54 +20,54 @@ from observer.offline.batch import BatchEstimates, Columns, run
 
 COUNTS: Final = (1, 2, 4, 8)
 ROWS: Final = 2000
-"""Of each recording."""
+"""Rows of each recording."""
 STEPS: Final = 500
-"""Of each leg, live."""
+"""Steps of each leg, live."""
 REPEATS: Final = 9
 COUNTED_STEPS: Final = 1000
 DOUBLE_BYTES: Final = 8
 
 
 class Growth(NamedTuple):
-    """Of a number of recordings, or of legs that step in turn; medians over some repeats."""
+    """Medians over some repeats for a number of recordings, or of legs that step in turn."""
 
     together_count: int
     recording_us: float
-    """For each row of each recording."""
+    """Time per row of each recording."""
     recording_ratio: float
-    """To one recording; 1 is linear growth."""
+    """Ratio to one recording; 1 is linear growth."""
     leg_us: float
-    """For each step of each leg, from Python."""
+    """Time per step of each leg, from Python."""
     leg_ratio: float
-    """To one leg."""
+    """Ratio to one leg."""
 
 
 class Memory(NamedTuple):
-    """What is allocated while it runs, and what is there for good."""
+    """Allocations during operation, and permanent memory."""
 
     compiled_count: int
     """Allocations by the compiled step in 1000 rows of a recording."""
     call_count: int
-    """Those in 1000 steps from Python: numba wraps each array that it is handed, and lets it go."""
+    """Allocations in 1000 steps from Python: numba wraps each array argument, then frees it."""
     kept_count: int
-    """Python objects that are there after 1000 steps more and were not before."""
+    """Python objects left over by 1000 further steps."""
     peak_bytes_count: int
-    """Most that Python held at a time beyond its beginning: the estimate that is handed out."""
+    """Peak of Python memory above its initial value: the returned estimate."""
     leg_bytes_count: int
-    """Arrays of one filter."""
+    """Size of one filter's arrays."""
     row_bytes_count: int
-    """Results of one row of a replay."""
+    """Size of the results of one row of a replay."""
 
 
 class Scaling(NamedTuple):
-    """Both of a run."""
+    """Growth and memory of one run."""
 
     growth: tuple[Growth, ...]
     memory: Memory
 
 
 def measure(robot: Robot) -> Scaling:
-    """Numbers of recordings and legs take turns, so that a busy machine is busy for all."""
+    """Measure all numbers of recordings and legs in turn, so that other load affects all alike."""
     columns = _recording(ROWS)
     setup = setup_for(robot)
     legs = [_leg(robot) for _ in range(max(COUNTS))]
@@ -90,7 +90,7 @@ def measure(robot: Robot) -> Scaling:
 
 
 def memory(leg: LegObserver, columns: Columns) -> Memory:
-    """Counted with the recording's rows, of which there are at least 1000."""
+    """Measure with the recording's rows, of which there are at least 1000."""
     steps = _steps([leg], columns, COUNTED_STEPS)
     steps()
     made = run(leg.setup, columns)
@@ -135,7 +135,7 @@ def _recordings(setup: Setup, columns: Columns, count: int) -> Callable[[], obje
 
 
 def _steps(legs: list[LegObserver], columns: Columns, count: int) -> Callable[[], object]:
-    """All legs one step, then the next step, as the core's cycle does."""
+    """Step all legs once, then again, as the core's cycle does."""
     positions, efforts = columns.position[:count], columns.effort[:count]
 
     def walk() -> None:
@@ -163,8 +163,8 @@ def _race(
 
 
 def _compiled_allocations(work: Callable[[], object]) -> int:
-    """By numba's own count."""
-    # numba has no public switch for it.
+    """Return the allocations by numba's own count."""
+    # numba has no public switch for this count.
     switch: Any = importlib.import_module("numba.core.runtime._nrt_python")
     counter: Any = nrt.rtsys
     switch.memsys_enable_stats()
@@ -177,7 +177,7 @@ def _compiled_allocations(work: Callable[[], object]) -> int:
 
 
 def _of_more_rows(leg: LegObserver, columns: Columns) -> int:
-    """Of 1000 rows more: what a call allocates whatever its length is no matter here."""
+    """Return the allocations of 1000 more rows, without those of each call."""
     many = Columns(columns.time_s[:1500], columns.position[:1500], columns.effort[:1500])
     few = Columns(columns.time_s[:500], columns.position[:500], columns.effort[:500])
     return _compiled_allocations(lambda: run(leg.setup, many)) - _compiled_allocations(
@@ -186,7 +186,7 @@ def _of_more_rows(leg: LegObserver, columns: Columns) -> int:
 
 
 def _kept(before: tracemalloc.Snapshot, after: tracemalloc.Snapshot) -> int:
-    """Objects of the observer's files; the measurement's own do not count."""
+    """Return the live objects of the observer's files; the measurement's own do not count."""
     only = tracemalloc.Filter(inclusive=True, filename_pattern="*/observer/*")
     grown = after.filter_traces([only]).compare_to(before.filter_traces([only]), "filename")
     return sum(row.count_diff for row in grown)

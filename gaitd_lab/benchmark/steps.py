@@ -1,4 +1,4 @@
-"""The observer's step against its competitors, by `benchmarks/observer_step.py`."""
+"""The observer's step compared with its competitors, by `benchmarks/observer_step.py`."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from daemon.config.strict import load_toml
 
 
 def measure(robot_file: Path) -> tuple[StepTimes, ...]:
-    """One row for each integrator and number of substeps."""
+    """Measure one row for each integrator and number of substeps."""
     robot = load_toml(robot_file, Robot)
     hip, slide = friction_parameters(robot)
     tuning = observer_tuning(robot)

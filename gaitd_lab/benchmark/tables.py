@@ -1,4 +1,4 @@
-"""Tables for people: each number beside the budget it is held to."""
+"""Output tables: each number beside its budget."""
 
 import math
 from dataclasses import fields, is_dataclass
@@ -28,7 +28,7 @@ READY_MAX_S: Final = 5.0
 CORE_MAX_MB: Final = 200.0
 GATEWAY_MAX_MB: Final = 120.0
 DELIVERY_MAX: Final = 2.0
-"""The budgets of the design, for a desktop core that does nothing else."""
+"""Budgets of the design, for an idle desktop core."""
 BAR_WIDTH: Final = 30
 
 
@@ -45,7 +45,7 @@ def _judged(text: str, good: bool) -> str:
 
 
 def steps(title: str, found: "tuple[StepTimes, ...]") -> Table:
-    """The observer's step."""
+    """Return the table of the observer's step."""
     table = _table(
         title,
         "integrator",
@@ -73,7 +73,7 @@ def steps(title: str, found: "tuple[StepTimes, ...]") -> Table:
 
 
 def scaling(title: str, found: Scaling) -> Table:
-    """Growth with recordings and legs, and what is allocated."""
+    """Return the table of growth with recordings and legs, and of allocations."""
     table = _table(title, "count", "recording", "to one (≤ 1.2)", "leg, live", "to one (≤ 1.2)")
     for row in found.growth:
         table.add_row(
@@ -95,7 +95,7 @@ def scaling(title: str, found: Scaling) -> Table:
 
 
 def cycle(title: str, found: tuple[Part, ...]) -> Table:
-    """Parts of a cycle."""
+    """Return the table of a cycle's parts."""
     table = _table(title, "part", "median", "99.9 %", "share", "")
     for part in found:
         whole = part.name == WHOLE
@@ -112,7 +112,7 @@ def cycle(title: str, found: tuple[Part, ...]) -> Table:
 
 
 def lateness(title: str, found: Lateness) -> Table:
-    """Histogram of SYNC's lateness."""
+    """Return the histogram of SYNC's lateness."""
     table = _table(title, "SYNC late by", "count", "")
     names = [f"≤ {bound} µs" for bound in found.bound_us] + [f"> {found.bound_us[-1]} µs"]
     most = max(found.class_count)
@@ -129,7 +129,7 @@ def lateness(title: str, found: Lateness) -> Table:
 
 
 def replay(title: str, found: ReplaySpeed) -> Table:
-    """Speed of replay."""
+    """Return the table of replay speed."""
     table = _table(title, "", "times real time", "each row")
     computing = _judged(
         f"{found.computing_ratio:.0f}", found.computing_ratio >= COMPUTING_RATIO_MIN
@@ -143,7 +143,7 @@ def replay(title: str, found: ReplaySpeed) -> Table:
 
 
 def service(title: str, found: Service) -> list[Table]:
-    """Start, memory, and how long a sample takes to a subscriber, by part."""
+    """Return the table of start, memory, and delivery time to a subscriber, by part."""
     table = _table(title, "what", "found", "budget")
     for what, value, budget, unit in (
         ("start to ready, warm caches", found.ready_s, READY_MAX_S, "s"),
@@ -158,7 +158,7 @@ def service(title: str, found: Service) -> list[Table]:
 
 
 def _delivery(found: Service) -> Table:
-    """The parts of the way from the last TPDO to a subscriber, beside bare Zenoh."""
+    """Rows from the last TPDO to a subscriber, beside bare Zenoh."""
     one = found.delivery
     table = _table("last TPDO to subscriber, by part", "part", "median", "99 %")
     for name, part in (
@@ -177,7 +177,7 @@ def _delivery(found: Service) -> Table:
 
 
 def plain(value: object) -> object:
-    """Results as json takes them: what has names becomes an object."""
+    """Convert results for json: named tuples become objects."""
     if is_dataclass(value) and not isinstance(value, type):
         return {one.name: plain(getattr(value, one.name)) for one in fields(value)}
     if isinstance(value, dict):

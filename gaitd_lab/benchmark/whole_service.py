@@ -1,17 +1,17 @@
-"""The service as processes: start to ready, memory, and how long a sample takes to a subscriber.
+"""The service as processes: time from start to ready, memory, and delivery time to a subscriber.
 
-Delivery is from the last TPDO of a cycle, as the core's record times it, to the callback of a Zenoh
-subscriber in this process. Less the cycle's own work it is compared with bare Zenoh in the same
-minute: a process that does nothing but put (`bare_put.py`) to the same kind of subscriber, a
-message as long, as often, from a session and a publisher like the gateway's. A process, because the
-service's put comes from another one, too; as often, because one that slept 10 ms begins with cold
-caches; beside the service that runs on, because what shares the processors delays both.
+Delivery is from the last TPDO of a cycle, by its time in the core's record, to the callback of a
+Zenoh subscriber in this process. Without the cycle's own work it is compared with bare Zenoh in the
+same minute: a process that does nothing but put (`bare_put.py`) to the same kind of subscriber,
+with the same message length, rate, session and publisher as the gateway's. It is a process, because
+the service's put comes from another one, too. It has the same rate, because a process that slept 10
+ms begins with cold caches. The service keeps running beside it, because other load delays both.
 
-The virtual drives give up their real-time priority for this, for both: where there are drives,
-their firmware takes no processor away from the gateway. With two processors it waited 0.4 ms for
-them, just when the core had told the drives what to do.
+The virtual drives give up their real-time priority for both measurements: real drives run their
+firmware on their own processors. With two processors the gateway waited 0.4 ms for the virtual
+drives, just after the core had sent the commands.
 
-Zenoh's own stamp of the put divides what is beyond the work; it is of the wall clock.
+Zenoh's own stamp of the put, in wall-clock time, divides the time beyond the work.
 """
 
 import json
@@ -38,50 +38,50 @@ from gaitd_lab.soak.memory import sample
 
 READY_WITHIN_S: Final = 60.0
 FILLED_S: Final = 31.0
-"""The ring has been written once, so all of its pages are there."""
+"""Time until the ring has been written once, so that all of its pages are resident."""
 CONNECT_S: Final = 1.0
 HIGH_RATIO: Final = 0.99
 NS_PER_US: Final = 1000
 
 
 class Service(NamedTuple):
-    """What was found."""
+    """Results of the measurement."""
 
     ready_s: float
-    """From the start of the core's process to mode ready."""
+    """Time from the start of the core's process to mode ready."""
     core_mb: float
-    """Resident, without the ring, once that has been written whole."""
+    """Resident memory, without the ring, once that has been written whole."""
     gateway_mb: float
     ring_mb: float
     delivery: "Delivery"
     bare: "Spread"
-    """Put to callback."""
+    """Time from put to callback."""
     delivery_ratio: float
-    """What the delivery takes beyond the cycle's work, to bare Zenoh; medians."""
+    """Ratio of the delivery time beyond the cycle's work to bare Zenoh; medians."""
 
 
 class Spread(NamedTuple):
-    """Of one time."""
+    """Median and 99 % of one time."""
 
     median_us: float
     high_us: float
-    """99 %."""
+    """99 % are not longer."""
 
 
 class Delivery(NamedTuple):
-    """Last TPDO to callback, and the parts of that in their order."""
+    """Time from the last TPDO to the callback, and its parts in order."""
 
     whole: Spread
     work: Spread
-    """Of the core's cycle: decode to frames sent."""
+    """Work of the core's cycle: decode to frames sent."""
     beyond: Spread
-    """All that follows."""
+    """All time after the work."""
     seam: Spread
     """Record into the ring, the gateway's wake-up, and the encoding of the message."""
     gateway_us: float
-    """From its wake-up to the message, as `health` says; median."""
+    """From the gateway's wake-up to the message, as in `health`; median."""
     zenoh: Spread
-    """Put to callback."""
+    """Time from put to callback."""
 
 
 def measure(configs: Path, seconds: float) -> Service:
@@ -106,10 +106,10 @@ def measure(configs: Path, seconds: float) -> Service:
 
 
 def _step_back(pid: int) -> None:
-    """No real-time priority for any thread of a process."""
+    """Remove the real-time priority from all threads of a process."""
     for task in Path(f"/proc/{pid}/task").iterdir():
         number = int(task.name)
-        # Only root may take this flag away.
+        # Only root may clear this flag.
         flag = os.sched_getscheduler(number) & os.SCHED_RESET_ON_FORK
         os.sched_setscheduler(number, os.SCHED_OTHER | flag, os.sched_param(0))
 
@@ -120,11 +120,11 @@ class Came(NamedTuple):
     time_ns: int
     payload: bytes
     zenoh_ns: int
-    """Since it was put, by the wall clock; 0 where nobody stamped it."""
+    """Time since the put, by the wall clock; 0 without a stamp."""
 
 
 def _delivery(made: Machinery, seconds: float) -> tuple[Delivery, int]:
-    """Of the estimates of one leg, and the bytes of one."""
+    """Measure the estimates of one leg; return also the size of one in bytes."""
     came: list[Came] = []
     health: list[Came] = []
     records: list[CycleRecord] = []
@@ -149,12 +149,12 @@ def _delivery(made: Machinery, seconds: float) -> tuple[Delivery, int]:
 
 
 def divide(came: Sequence[Came], records: Sequence[CycleRecord], gateway_us: float) -> Delivery:
-    """Messages and the records they were made from, by cycle.
+    """Match messages with the records they were made from, by cycle.
 
     Raises:
         ActError: they have no cycle in common.
     """
-    # A record has the work of the cycle before.
+    # A record contains the work of the previous cycle.
     works_ns = {record.cycle - 1: record.timing.work_ns for record in records}
     sampled = {record.cycle: record for record in records if record.cycle in works_ns}
     rows: list[tuple[int, int, int, int]] = []
@@ -172,7 +172,7 @@ def divide(came: Sequence[Came], records: Sequence[CycleRecord], gateway_us: flo
 
 
 def spread(times_ns: Sequence[float]) -> Spread:
-    """Median and 99 %."""
+    """Return median and 99 %."""
     ordered = sorted(times_ns)
     high_ns = ordered[int(HIGH_RATIO * (len(ordered) - 1))]
     return Spread(statistics.median(ordered) / NS_PER_US, high_ns / NS_PER_US)
@@ -196,10 +196,10 @@ def _settings(endpoints: tuple[str, ...]) -> zenoh.Config:
 
 
 def bare_puts(size: int, seconds: float) -> Spread:
-    """Put to callback, of a process that does nothing else.
+    """Measure put to callback of a process that does nothing else.
 
     Raises:
-        ActError: nothing came.
+        ActError: no message came.
     """
     endpoint = f"tcp/127.0.0.1:{free_ports(1)[0]}"
     words = ("-m", bare_put.__name__, endpoint, str(size), str(seconds + CONNECT_S))

@@ -1,7 +1,7 @@
-"""The demonstration: what `gaitd demo` plays, shows and judges.
+"""The demonstration `gaitd demo`: plays scenes, shows the estimate, and evaluates its errors.
 
-Reading order: `script.py` (the acts, as one reads a play), `stage.py` (files and processes of an
-act), `feed.py` (what comes over Zenoh, and the truth of the virtual drives), `judgement.py`
+Reading order: `script.py` (the acts as generators), `stage.py` (files and processes of an
+act), `feed.py` (data from Zenoh, and the truth of the virtual drives), `judgement.py`
 (errors and bounds), `view.py` (the live view), `picture.py` (the PNG), `performance.py` (all of it
 together).
 """

@@ -12,7 +12,7 @@ from rich.text import Text
 Values = NDArray[np.float64]
 
 POINTS_MAX: Final = 400
-"""Of one curve: more than braille dots fit side by side."""
+"""Points of one curve: more than braille dots fit side by side."""
 
 
 class Curve(NamedTuple):
@@ -20,16 +20,16 @@ class Curve(NamedTuple):
 
     label: str
     colour: str
-    """In plotext's words."""
+    """Colour name of plotext."""
     time_s: Values
     values: Values
 
 
 class Chart:
-    """Curves over the last seconds, as large as the space that rich gives it."""
+    """Curves over the last seconds, in the size that rich allots."""
 
     def __init__(self, curves: Sequence[Curve], window_s: float, least_span: float) -> None:
-        """Draw later, when the size is known.
+        """Store the curves; they are drawn when the size is known.
 
         Args:
             curves: the later ones on top; time 0 is now.
@@ -41,7 +41,7 @@ class Chart:
         self._least_span = least_span
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Draw into the space that there is."""
+        """Draw in the available size."""
         height = options.height or 12
         text = _drawn(self._curves, options.max_width, height, self._window_s, self._span())
         yield Text.from_ansi(text, no_wrap=True, end="")
@@ -53,7 +53,7 @@ class Chart:
 
 
 def _round_up(value: float) -> float:
-    """To the next of 1, 2, 3, 5, 7 times a power of ten, so that the axis rests."""
+    """Round up to the next of 1, 2, 3, 5, 7 times a power of ten, so that the axis is steady."""
     if value <= 0:
         return 0.0
     power = 10.0 ** np.floor(np.log10(value))
@@ -61,7 +61,7 @@ def _round_up(value: float) -> float:
 
 
 def _drawn(curves: Sequence[Curve], width: int, height: int, window_s: float, span: float) -> str:
-    plotext.terminal.limit(False, False)  # the size is rich's matter
+    plotext.terminal.limit(False, False)  # rich decides the size
     figure: Any = plotext.figure
     figure.clear()
     figure.theme("colorless")
@@ -85,7 +85,7 @@ def _ticks(low: float, high: float, count: int) -> list[float]:
 
 
 def _pieces(curve: Curve) -> list[Curve]:
-    """Without gaps, and thinned: a curve is drawn point by point."""
+    """Return the pieces between gaps, thinned: a curve is drawn point by point."""
     step = max(1, len(curve.time_s) // POINTS_MAX)
     time_s, values = curve.time_s[::step], curve.values[::step]
     known = np.isfinite(values)

@@ -1,7 +1,7 @@
-"""What the audience hears: messages over Zenoh as any client gets them, and the plant's truth.
+"""Data of the demonstration: Zenoh messages as any client receives them, and the plant's truth.
 
-The truth comes from the file that the virtual drives write for comparison; the service never sees
-it. Both are put on the monotonic clock of the core, where the SYNC of a cycle is one instant.
+The truth comes from the file that the virtual drives write for comparison; the service has no
+access to it. Both are on the monotonic clock of the core, where the SYNC of a cycle is one instant.
 """
 
 import math
@@ -27,15 +27,15 @@ HEARD: Final = (
     *("hip_friction_nm", "slide_friction_n", "hip_angle_rad", "slide_position_m"),
     *("artificial_hip_nm", "artificial_slide_n"),
 )
-"""What is kept of an estimate; NaN where the service says null."""
+"""Stored fields of an estimate; NaN where the message has null."""
 TRUE: Final = ("hip_patient_nm", "slide_patient_n", "hip_friction_nm", "slide_friction_n")
-"""What is kept of the truth."""
+"""Stored columns of the truth."""
 EVENTS_KEPT: Final = 100
 CATCH_UP_S: Final = 1.0
-"""So long is waited, by the computer's clock, for messages that should be there."""
+"""Waiting time, by the computer's clock, for messages that are due."""
 FRESH_NS: Final = 500_000_000
 CYCLE_DONE_NS: Final = 20_000_000
-"""So long after its SYNC the record of a cycle is there, at most."""
+"""Largest time from a SYNC to the record of its cycle."""
 ESTIMATES_KEPT: Final = 16
 
 Values = NDArray[np.float64]
@@ -48,7 +48,7 @@ class Track:
     """Values over monotonic time, written by one thread and read by another."""
 
     def __init__(self, columns: tuple[str, ...]) -> None:
-        """Begin empty."""
+        """Start empty."""
         self.columns = columns
         self._rows: list[tuple[int, tuple[float, ...]]] = []
 
@@ -67,33 +67,33 @@ class Track:
         return times, values.reshape(len(rows), len(self.columns))
 
     def column(self, name: str, values: Values) -> Values:
-        """One column of what `arrays` gave."""
+        """Return one column of the result of `arrays`."""
         return values[:, self.columns.index(name)]
 
 
 class ActClock(Protocol):
-    """The time of an act, as its audience needs it."""
+    """The time of an act, for the evaluation of its messages."""
 
     def now_ns(self) -> int:
         """Monotonic time of the core."""
         ...
 
     def of_utc_ns(self, utc_ns: int) -> int:
-        """The monotonic time of an instant of the core's UTC."""
+        """Return the monotonic time of an instant of the core's UTC."""
         ...
 
 
 class Audience:
-    """A plain Zenoh client of one service: subscribes, and keeps what it hears."""
+    """A plain Zenoh client of one service: subscribes, and stores the received messages."""
 
     def __init__(self, target: Target, leg: str, heard: Track, clock: ActClock) -> None:
-        """Know whom to listen to; `connect` opens the session.
+        """Configure the client; `connect` opens the session.
 
         Args:
-            target: where the service listens.
-            leg: whose estimate is kept.
-            heard: takes the columns of HEARD.
-            clock: of the act.
+            target: address of the service.
+            leg: leg whose estimate is stored.
+            heard: receives the columns of HEARD.
+            clock: clock of the act.
         """
         self._clock = clock
         self.safety: wire.Safety | None = None
@@ -101,7 +101,7 @@ class Audience:
         self.drives: dict[str, wire.DriveState] = {}
         self.events: deque[wire.Event] = deque(maxlen=EVENTS_KEPT)
         self._estimates: deque[tuple[int, wire.Estimate]] = deque(maxlen=ESTIMATES_KEPT)
-        """The newest, each with the monotonic time of its SYNC."""
+        """The newest messages, each with the monotonic time of its SYNC."""
         self._has_come = threading.Condition()
         self._heard_s: float | None = None
         self._track = heard
@@ -110,11 +110,11 @@ class Audience:
 
     @property
     def hears_the_core(self) -> bool:
-        """Whether records of a core arrive."""
+        """True if records of a core arrive."""
         return self.safety is not None and self.safety.valid
 
     def connect(self) -> bool:
-        """Try once; False while nobody listens."""
+        """Try to connect once; False if the service does not listen."""
         if self._session is not None:
             return True
         self._session = open_client(self._target.endpoints)
@@ -125,24 +125,24 @@ class Audience:
 
     @property
     def is_connected(self) -> bool:
-        """Whether the service has accepted us."""
+        """True if the service has accepted the session."""
         return self._session is not None
 
     def catch_up(self, now_ns: int) -> None:
-        """Wait until the estimates of all cycles before `now_ns` are here, if they still come."""
+        """Wait for the estimates of all cycles before `now_ns`, as long as they still arrive."""
         complete_ns = now_ns - CYCLE_DONE_NS
         with self._has_come:
             if self._estimates and now_ns - self._estimates[-1][0] < FRESH_NS:
                 self._has_come.wait_for(lambda: self._estimates[-1][0] >= complete_ns, CATCH_UP_S)
 
     def situation(self, now_ns: int, began_ns: int, outcome: str | None, reason: str) -> Situation:
-        """What the script may know at this moment.
+        """Return the input of the script at this moment.
 
         Args:
-            now_ns: monotonic.
-            began_ns: when the act began.
-            outcome: of the request asked last.
-            reason: of its refusal.
+            now_ns: monotonic time.
+            began_ns: begin of the act.
+            outcome: outcome of the last request.
+            reason: reason of its refusal.
         """
         safety = self.safety
         estimate = self._estimate_at(now_ns - CYCLE_DONE_NS)
@@ -158,7 +158,7 @@ class Audience:
         )
 
     def _estimate_at(self, time_ns: int) -> wire.Estimate | None:
-        """The newest of a SYNC no later than that, which each run knows then; None if it is old."""
+        """Newest estimate of a SYNC up to a time, the same on each run; None if it is old."""
         with self._has_come:
             known = [one for one in self._estimates if one[0] <= time_ns]
         return known[-1][1] if known and time_ns - known[-1][0] < FRESH_NS else None
@@ -232,10 +232,10 @@ def verdict_text(safety: wire.Safety | None) -> str:
 
 
 class TruthTail:
-    """Follows the file of truth as it grows; whole lines only."""
+    """Reads the truth file as it grows; whole lines only."""
 
     def __init__(self, path: Path, track: Track) -> None:
-        """Follow `path`, which need not be there yet, into the columns of TRUE."""
+        """Read `path`, which need not exist yet, into the columns of TRUE."""
         self._path = path
         self._track = track
         self._file: TextIOWrapper | None = None
@@ -244,7 +244,7 @@ class TruthTail:
         self._values = [TruthRow._fields.index(name) for name in TRUE]
 
     def read(self) -> None:
-        """Take in what was written since the last call."""
+        """Read the lines written since the last call."""
         if self._file is None:
             if not self._path.exists():
                 return
@@ -257,7 +257,7 @@ class TruthTail:
                 self._track.add(int(cells[self._time]), values)
 
     def close(self) -> None:
-        """Stop following."""
+        """Close the file."""
         if self._file is not None:
             self._file.close()
             self._file = None

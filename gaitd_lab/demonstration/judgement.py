@@ -1,8 +1,8 @@
-"""How good the estimate was: each span of the demonstration against its bounds.
+"""Errors of the estimate: each span of the demonstration against its bounds.
 
-Judged is what the service published as valid. At rest the split between friction and patient cannot
-be observed, and the service says null: that counts as coverage, not as error. The wanted value is
-the true patient plus the artificial disturbance, which the observer is made to see as one.
+Only published valid estimates are evaluated. At rest the split between friction and patient cannot
+be observed, and the service publishes null: that counts as coverage, not as error. The reference is
+the true patient plus the artificial disturbance, which the observer must estimate as one.
 """
 
 import math
@@ -21,14 +21,14 @@ MATCH_NS: Final = 5_000_000
 
 
 class Bound(NamedTuple):
-    """What a span must keep to, per axis."""
+    """Bounds of a span, per axis."""
 
     hip_rms_nm: float
     slide_rms_n: float
     correlation_min: float
-    """-1 asks for none: a truth that is constant has no correlation."""
+    """-1 disables the bound: a constant truth has no correlation."""
     covered_min_ratio: float
-    """Share of the cycles that must have a valid estimate."""
+    """Required share of cycles with a valid estimate."""
 
 
 BOUNDS: Final = {
@@ -40,7 +40,7 @@ BOUNDS: Final = {
 
 
 class Span(NamedTuple):
-    """A stretch of time with something to judge."""
+    """A period of time that is evaluated."""
 
     title: str
     kind: Kind
@@ -61,7 +61,7 @@ class Row(NamedTuple):
 
     @property
     def passed(self) -> bool:
-        """Whether everything is within its bound; without samples nothing is."""
+        """True if everything is within its bound; false without samples."""
         found = self.score
         correlated = self.correlation_min <= -1.0 or found.correlation >= self.correlation_min
         return (
@@ -73,7 +73,7 @@ class Row(NamedTuple):
 
 
 class Pair(NamedTuple):
-    """Estimate and wanted value of one axis, at the same instants."""
+    """Estimate and reference of one axis, at the same instants."""
 
     time_ns: NDArray[np.int64]
     estimate: NDArray[np.float64]
@@ -84,16 +84,16 @@ class Pair(NamedTuple):
 
 
 AXES: Final = (("hip", "nm", "N·m"), ("slide", "n", "N"))
-"""Name, suffix of the fields, unit for people."""
+"""Name, suffix of the fields, displayed unit."""
 
 
 def pairs(heard: Track, true: Track, newest: int = 0) -> tuple[Pair, Pair]:
-    """Hip and slide: the estimate beside what it should have been; NaN where one is missing.
+    """Return hip and slide: estimates with their references; NaN where one is missing.
 
     Args:
-        heard: with the columns of HEARD.
-        true: with the columns of TRUE.
-        newest: so many rows of both; 0 means all.
+        heard: track with the columns of HEARD.
+        true: track with the columns of TRUE.
+        newest: number of newest rows of both; 0 means all.
     """
     heard_ns, said = heard.arrays(newest)
     true_ns, truth = true.arrays(newest)
@@ -126,7 +126,7 @@ def _pair(
 
 
 def within(both: tuple[Pair, Pair], spans: Sequence[Span]) -> tuple[Pair, Pair]:
-    """Only what was heard in one of the spans: an act that was played again is left out."""
+    """Select the samples inside the spans; acts that were repeated are left out."""
     time_ns = both[0].time_ns
     inside = np.zeros(len(time_ns), dtype=np.bool_)
     for span in spans:
@@ -146,7 +146,7 @@ def _only(pair: Pair, inside: NDArray[np.bool_]) -> Pair:
 
 
 def judge(spans: Sequence[Span], both: tuple[Pair, Pair]) -> tuple[Row, ...]:
-    """Both axes in every span that has bounds."""
+    """Evaluate both axes in every span that has bounds."""
     return tuple(
         _row(span, BOUNDS[span.kind], both[index], index)
         for span in spans

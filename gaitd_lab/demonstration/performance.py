@@ -1,9 +1,9 @@
-"""The performance: acts on their stages, messages to the audience, pictures on the screen.
+"""The run of a demonstration: acts, their messages, and the display.
 
-One loop looks around ten times a second of simulated time: read what came, ask the script what to
-do, do it, show.
-In simulated time nothing in it depends on how fast this computer is: requests are in the gateway's
-hands before time passes, and the script sees the cycles up to the same instant on each run.
+One loop runs ten times a second of simulated time: it reads new messages, requests the script's
+next action, executes it, and updates the display. In simulated time its results do not depend on
+the speed of this computer: requests reach the gateway before time passes, and the script receives
+the cycles up to the same instant on each run.
 """
 
 import json
@@ -37,10 +37,10 @@ from gaitd_lab.demonstration.view import Moment
 from observer.jit import is_cached
 
 CLIENT: Final = "gaitd demo"
-"""The name that the service hears."""
+"""Client name in the requests."""
 TAKEN_WITHIN_S: Final = 2.0
 SETTLE_S: Final = 0.3
-"""After an act: the last messages and rows of truth are on their way."""
+"""Time after an act for its last messages and rows of truth."""
 BEFORE: Final = Scene("the virtual drives and the service start", Kind.INTERLUDE)
 COMPILING: Final = Scene(
     "the virtual drives and the service start; the first start compiles for about a minute",
@@ -49,32 +49,32 @@ COMPILING: Final = Scene(
 
 
 class Screen(Protocol):
-    """Where a performance is shown."""
+    """The display of a demonstration."""
 
     def show(self, moment: Moment) -> None:
-        """Called at every turn; draws as often as it likes."""
+        """Called at every turn; may skip drawing."""
         ...
 
     def scene(self, scene: Scene) -> None:
-        """A scene begins."""
+        """Begin a scene."""
         ...
 
 
 class Requests:
-    """At most one request to the service, over a session of its own."""
+    """At most one pending request to the service, over a session of its own."""
 
     def __init__(self, target: Target) -> None:
-        """Nothing is asked yet."""
+        """Start without a request."""
         self._target = target
         self._session: zenoh.Session | None = None
         self._replies: list[str] = []
         self._is_answered = threading.Event()
 
     def ask(self, request: Ask) -> None:
-        """Ask; the outcome of an earlier request is forgotten.
+        """Send a request; the outcome of an earlier one is dropped.
 
-        The gateway has the request when this returns: it takes queries in their order, and two of
-        its own have been answered since. So the core takes it with the next cycle, on each run.
+        The gateway has the request when this returns: it processes queries in order, and two later
+        ones have been answered. The core therefore takes it with the next cycle, on each run.
 
         Raises:
             ActError: the service refuses the session.
@@ -100,7 +100,7 @@ class Requests:
                 pass
 
     def outcome(self) -> tuple[str | None, str]:
-        """Outcome and reason; None while the service has not answered."""
+        """Return outcome and reason; None until the answer."""
         if not self._is_answered.is_set():
             return None, ""
         if not self._replies:
@@ -109,7 +109,7 @@ class Requests:
         return reply.get("outcome", "refused"), reply.get("reason", "")
 
     def close(self) -> None:
-        """Close the session; an answer that is still coming is not waited for."""
+        """Close the session; a pending answer is not waited for."""
         if self._session is not None:
             self._session.close()
 
@@ -125,7 +125,7 @@ class Requests:
 
 
 class Performance:
-    """All acts, one after the other, and what they leave."""
+    """All acts in sequence, and their results."""
 
     def __init__(
         self, configs: Path, plan: Plan, screen: Screen, tempo: Tempo | None = None
@@ -143,7 +143,7 @@ class Performance:
         self._began_s = time.monotonic()
 
     def play(self) -> Results:
-        """Play to the end, or to the first trouble; whatever happened, the results are judged."""
+        """Play to the end, or to the first error; the results are evaluated in every case."""
         trouble = ""
         try:
             self._act(gait_act(self._plan), empty=False)
@@ -233,12 +233,12 @@ class Performance:
 
 
 def _first_scene() -> Scene:
-    """What is seen until the service answers; a first start takes long, and says why."""
+    """Return the scene shown until the service answers; the first start takes long."""
     return BEFORE if is_cached() else COMPILING
 
 
 def _next(act: Act, now: Situation) -> tuple[Action, bool]:
-    """The act's next action, and whether it is over."""
+    """Return the act's next action, and whether the act is over."""
     try:
         return act.send(now), False
     except StopIteration:

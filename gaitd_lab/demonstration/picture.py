@@ -41,19 +41,19 @@ SHADES: Final = {
 
 
 class Results(NamedTuple):
-    """Everything that a demonstration leaves."""
+    """All results of a demonstration."""
 
     pairs: tuple[Pair, Pair]
     spans: Sequence[Span]
     rows: Sequence[Row]
     health: Sequence[wire.Health]
-    """The last of each act; of the computer's clock alone, in simulated time nothing is late."""
+    """The last lateness of each act; only with the computer's clock, simulated time has none."""
     trouble: str
-    """Why it did not play to its end; empty if it did."""
+    """Reason of an early end; empty if it was complete."""
 
     @property
     def passed(self) -> bool:
-        """Everything within its bounds, nothing stopped, something judged."""
+        """True if all errors are within bounds, nothing stopped, and something was evaluated."""
         return not self.trouble and bool(self.rows) and all(row.passed for row in self.rows)
 
 
@@ -81,7 +81,7 @@ def draw(results: Results, path: Path) -> None:
 
 
 class _Curves(NamedTuple):
-    """One axis, ready to draw: seconds, and NaN where nobody spoke."""
+    """Data of one axis, ready to draw: seconds, and NaN where there was no message."""
 
     time: Values
     estimate: Values
@@ -93,7 +93,7 @@ class _Curves(NamedTuple):
 
 def _curves(pair: Pair, begin_ns: int) -> _Curves:
     time = np.asarray((pair.time_ns - begin_ns) * 1e-9, dtype=np.float64)
-    # Between two acts nobody speaks: no line is drawn through the silence.
+    # Between two acts there are no messages: no line is drawn across the gap.
     quiet = np.flatnonzero(np.diff(time) > QUIET_S) + 1
     values = (pair.estimate, pair.std, pair.wanted, pair.friction, pair.true_friction)
     return _Curves(
@@ -159,7 +159,7 @@ def _name_spans(panel: Axes, spans: Sequence[Span], begin_ns: int) -> None:
 
 
 def _bounds(panel: Axes, spans: Sequence[Span], begin_ns: int, index: int) -> None:
-    """The rms bound of each span as dashed lines: an error may pass them, its rms may not."""
+    """Draw each span's rms bound as dashed lines: an error may exceed it, its rms may not."""
     for span in spans:
         if span.kind in BOUNDS:
             bound = BOUNDS[span.kind][index]
@@ -204,7 +204,7 @@ def _table(panel: Axes, results: Results) -> None:
     cells: list[list[str]] = []
     colours: list[str] = []
     for row in results.rows:
-        # Nothing correlates with a patient who does nothing.
+        # A constant zero patient has no correlation.
         asked = row.span.kind is not Kind.PASSIVE and not np.isnan(row.score.correlation)
         correlation = f"{row.score.correlation:.3f}" if asked else "–"
         cells.append(

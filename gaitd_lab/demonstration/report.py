@@ -1,4 +1,4 @@
-"""What a demonstration says in words: one line a second, and the table at its end."""
+"""Text output of a demonstration: one line a second, and the final table."""
 
 import math
 from collections.abc import Sequence
@@ -18,11 +18,11 @@ from gaitd_lab.demonstration.view import Moment
 
 NEWEST: Final = 12
 PLAIN_WIDTH: Final = 132
-"""Of a table that goes to a file."""
+"""Width of a table in a file."""
 
 
 def line(moment: Moment) -> str:
-    """One line of plain text: time, mode, each axis as estimated and as it is, lateness, stop."""
+    """Return one text line: time, mode, estimate and truth of each axis, lateness, stop."""
     audience = moment.audience
     safety = audience.safety if audience else None
     words = [f"{moment.elapsed_s:6.1f} s", f"{(safety.mode if safety else None) or 'starting':<12}"]
@@ -41,7 +41,7 @@ def _newest(values: np.ndarray) -> str:
 
 
 def report(results: Results, plan: Plan) -> None:
-    """Print the table of errors, the cycle's statistics, and the verdict."""
+    """Print the table of errors, the cycle's statistics, and the result."""
     console = Console()
     if not console.is_terminal:
         console = Console(width=PLAIN_WIDTH)
@@ -89,7 +89,7 @@ def _text(value: float, digits: int = 2) -> str:
 
 
 def _cycles(healths: Sequence[wire.Health]) -> Table:
-    """Statistics of all cycles: how late SYNC left, what was missed."""
+    """Statistics of all cycles: lateness of SYNC, missed cycles."""
     bounds = healths[0].lateness_bound_us
     counts = np.sum([health.lateness_count for health in healths], axis=0)
     table = Table(box=box.SIMPLE_HEAD, title="cycles of 10 ms", title_justify="left")
@@ -106,7 +106,7 @@ def _cycles(healths: Sequence[wire.Health]) -> Table:
 
 
 def _quantile(counts: np.ndarray, bounds: tuple[int, ...], share: float) -> str:
-    """The class of the histogram that holds this share of all cycles."""
+    """Return the class of the histogram that contains this share of all cycles."""
     if counts.sum() == 0:
         return "–"
     place = int(np.searchsorted(np.cumsum(counts), share * counts.sum()))

@@ -1,8 +1,8 @@
-"""The acts of the demonstration, each a generator that reads like a play.
+"""The acts of the demonstration as generators.
 
-An act is sent a `Situation` several times a second and yields what is to be done now, or None to
-wait. It knows no clock, no socket and no process, so a test plays it in no time. What must not
-happen (a stop, a refusal, silence) ends it with `ActError`.
+An act receives a `Situation` several times a second and yields the next action, or None to wait. It
+uses no clock, socket or process, so a test can run it without delay. An unexpected stop, a refusal
+or missing messages end it with `ActError`.
 """
 
 from collections.abc import Callable, Generator
@@ -12,76 +12,78 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 READY_WITHIN_S: Final = 900.0
-"""From start; the very first start compiles the observer's kernels: 40 s of an idle processor, and
-many times that beside other programs."""
+"""Time limit of the start; the first start compiles the observer's kernels: 40 s of an idle
+processor, and many times that beside other programs.
+"""
 ENABLE_WITHIN_S: Final = 20.0
 MOTION_WITHIN_S: Final = 40.0
-"""From the request to the first stride: announcement and approach."""
+"""Time limit from the request to the first stride: announcement and approach."""
 END_MARGIN_S: Final = 30.0
-"""For the end of an exercise, beyond its duration: the last stride and the way to rest."""
+"""Time limit after an exercise's duration: the last stride and the way to rest."""
 DISABLE_WITHIN_S: Final = 20.0
 ENABLE_AT_S: Final = 5.0
 MOVE_AT_S: Final = 8.0
-"""Of the act's time. Requests are made at fixed instants, seconds after what they wait for, so that
-each run in simulated time plays the same frames and ends with the same errors."""
+"""Time of the act. Requests are made at fixed instants, seconds after the event they wait for, so
+that each run in simulated time has the same frames and the same errors.
+"""
 SILENCE_MAX_S: Final = 5.0
 STOPPED: Final = frozenset({"stopping", "fault"})
 UNPOWERED: Final = frozenset({"off", "bringing_up"})
 
 
 class ActError(Exception):
-    """The demonstration cannot go on; the text says why, in words for a person."""
+    """The demonstration cannot continue; the message gives the reason to the operator."""
 
     folder: Path | None = None
-    """Where logs, truth and black box of the act are, once it has ended."""
+    """Folder of logs, truth and black box of the act, once it has ended."""
 
 
 class Situation(NamedTuple):
-    """What the audience knows at one moment."""
+    """Present state of the service, input of an act."""
 
     now_s: float
-    """Since the act began."""
+    """Time since the act began."""
     heard_s: float | None
-    """When the newest word of the service came; None before the first."""
+    """Time of the newest message of the service; None before the first."""
     mode: str | None
     verdict: str
     """Category, cause and place of the latched verdict; empty if there is none."""
     phase_ratio: float | None
-    """0..1 of the stride; None while no gait plays."""
+    """Phase 0..1 of the stride; None while no gait is running."""
     artificial: bool
-    """The artificial scenario plays: the excitation itself, not the way to it."""
+    """True during the excitation itself, not during the approach to it."""
     outcome: str | None = None
-    """Of the request asked last, `refused` for example; None while it is outstanding."""
+    """Outcome of the last request, for example `refused`; None while it is pending."""
     reason: str = ""
 
 
 class Ask(NamedTuple):
-    """Ask the service for something over Zenoh."""
+    """A request to the service over Zenoh."""
 
     name: str
     payload: dict[str, Any]
 
 
 class Patient(NamedTuple):
-    """Start one of the scripted patient's programmes in the virtual drives."""
+    """Starts one of the scripted patient's programmes in the virtual drives."""
 
     programme: str
 
 
 class Kind(Enum):
-    """What a span of time is judged as."""
+    """Evaluation of a span of time."""
 
     INTERLUDE = "interlude"
     PASSIVE = "passive"
-    """Moved with a patient who does nothing: all activity is false."""
+    """Motion with a passive patient: all estimated activity is false."""
     ACTIVE = "active"
-    """Moved with a patient who takes part."""
+    """Motion with an active patient."""
     OPEN_LOOP = "open loop"
     """The paper's experiment with its artificial disturbance."""
 
 
 class Scene(NamedTuple):
-    """From now on this is what can be seen, for about so long."""
+    """A scene begins; its title and expected duration."""
 
     title: str
     kind: Kind
@@ -95,7 +97,7 @@ Playing = Generator[Action, Situation, Situation]
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """How long what is played."""
+    """Durations of the parts."""
 
     passive_s: float
     active_s: float
@@ -108,7 +110,7 @@ class Plan:
 
     @property
     def total_s(self) -> float:
-        """Seconds of movement."""
+        """Total seconds of movement."""
         return self.passive_s + self.active_s + self.paper_s
 
 
@@ -117,9 +119,9 @@ SHORTEST_GAIT_S: Final = 15.0
 
 
 def plan_of(seconds: float) -> Plan:
-    """Share the seconds of movement: the paper's scenario plays whole or not at all.
+    """Divide the seconds of movement: the paper's scenario runs completely or not at all.
 
-    What it leaves is gait, a third of it with a patient who does nothing.
+    The rest is gait, a third of it with a passive patient.
     """
     paper_s = PAPER_S if seconds >= PAPER_S + SHORTEST_GAIT_S else 0.0
     gait_s = seconds - paper_s
@@ -127,7 +129,7 @@ def plan_of(seconds: float) -> Plan:
 
 
 def gait_act(plan: Plan) -> Act:
-    """Gait first with a passive patient, then with one who takes part."""
+    """Gait with a passive patient, then with an active one."""
     passive, active = plan.programmes
     yield from _enabled("trainer and patient are brought up")
     yield Patient(passive)
@@ -191,7 +193,7 @@ def _disabled() -> Playing:
 
 
 def _asked(name: str, payload: dict[str, Any]) -> Playing:
-    """Ask, and wait for the outcome; a refusal ends the act with its reason."""
+    """Send a request, and wait for the outcome; a refusal ends the act with its reason."""
     now = yield Ask(name, payload)
     while now.outcome is None:
         now = yield from _look(None)
@@ -210,13 +212,13 @@ def _wait(until_s: float) -> Playing:
 def _until(
     reached: Callable[[Situation], bool], what: str, within_s: float, *, powered: bool = True
 ) -> Playing:
-    """Wait for something to happen; a stop, silence, or too much time ends the act.
+    """Wait for a condition; a stop, missing messages, or a time-out end the act.
 
     Args:
-        reached: whether it has happened.
-        what: it is, for the error.
-        within_s: it must happen.
-        powered: the drives are enabled, so that a bus that went away is an error too.
+        reached: the condition.
+        what: its name, for the error.
+        within_s: time limit.
+        powered: the drives are enabled, so that a lost bus is an error, too.
     """
     now = yield from _look(None)
     since_s = now.now_s

@@ -1,10 +1,10 @@
-"""The stage of an act: a folder of its own, virtual drives and service as processes, its time.
+"""The environment of an act: its folder, virtual drives and service as processes, its time.
 
-The act is played in simulated time, in which the demonstration has a seat as the core has: time
-passes only while it waits. With `--wall-clock` it is the computer's.
+An act runs in simulated time, in which the demonstration has a seat like the core: time passes
+only while it waits. With `--wall-clock` time is the computer's.
 
-Nothing outlives an act. The processes get SIGTERM in their order, SIGKILL when their time is over,
-and SIGTERM from the kernel should the demonstration itself be killed.
+No process outlives an act. The processes get SIGTERM in their order, SIGKILL after their time
+limit, and SIGTERM from the kernel if the demonstration itself is killed.
 """
 
 import contextlib
@@ -47,38 +47,38 @@ HAND_NAME, SEAT_NAME, CORE_SEAT = "demo", "demo", "core"
 OBEYED_WITHIN_S: Final = 10.0
 ANSWER_SIZE_MAX: Final = 4096
 STOPPED: Final = "T"
-"""State of a process that was stopped by a signal, as proc(5) has it."""
+"""State of a process that was stopped by a signal, as in proc(5)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tempo:
-    """How fast the time of the acts passes."""
+    """Pace of the acts' time."""
 
     pace: str = "1"
-    """Of simulated time, as `gaitd sim --pace` takes it."""
+    """Pace of simulated time, as in `gaitd sim --pace`."""
     wall_clock: bool = False
-    """The computer's time instead."""
+    """True to use the computer's time instead."""
 
     @property
     def arguments(self) -> list[str]:
-        """For `gaitd sim`."""
+        """Return the arguments for `gaitd sim`."""
         return ["--wall-clock"] if self.wall_clock else ["--pace", self.pace]
 
 
 class StageTime:
     """The time of an act.
 
-    In simulated time it stands still until core and gateway are there, so that an act begins at the
-    same instant for both on each run; then the demonstration takes a seat in step.
+    Simulated time is held until core and gateway are connected, so that an act begins at the same
+    instant for both on each run; then the demonstration takes a seat in step.
     """
 
     def __init__(self, channel: Path, begin_ns: int, tempo: Tempo) -> None:
-        """Let it begin no earlier than the act before has ended.
+        """Begin no earlier than the end of the previous act.
 
         Args:
             channel: socket of the act's simulated bus.
-            begin_ns: when the act before has ended.
-            tempo: how fast it passes.
+            begin_ns: end of the previous act.
+            tempo: pace of the time.
         """
         page = PageWriter(page_path(channel))
         page.begin(max(begin_ns, page.left_ns), time.time_ns() - begin_ns, wall_clock=False)
@@ -89,7 +89,7 @@ class StageTime:
         self._link = SocketLink(channel, Role.IN_STEP, SEAT_NAME)
         self._has_begun = False
         self.began_ns = 0
-        """When core and gateway were there."""
+        """Time at which core and gateway were connected."""
         self._began_wall_s = 0.0
 
     def now_ns(self) -> int:
@@ -97,12 +97,12 @@ class StageTime:
         return self._page.now_ns()
 
     def of_utc_ns(self, utc_ns: int) -> int:
-        """The monotonic time of an instant of the core's UTC."""
+        """Return the monotonic time of an instant of the core's UTC."""
         return utc_ns - self._page.utc_ahead_ns()
 
     @property
     def speed_ratio(self) -> float | None:
-        """How fast time has passed against the computer's; None before the act begins."""
+        """Ratio of the act's time to the computer's; None before the act begins."""
         wall_s = time.monotonic() - self._began_wall_s
         if not self._has_begun or wall_s < 1:
             return None
@@ -115,11 +115,11 @@ class StageTime:
                 self._pass()
                 return
         except LinkLostError:
-            pass  # the process that has ended is found by its exit code
+            pass  # the ended process is detected by its exit code
         time.sleep(TURN_S)
 
     def close(self) -> None:
-        """Time need not wait for us any more."""
+        """Give up the seat."""
         self._link.close()
         self._hand.close()
 
@@ -143,13 +143,13 @@ class StageTime:
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """Where everything of one act is."""
+    """Files, processes and time of one act."""
 
     folder: Path
     config: Path
     truth: Path
     control: Path
-    """Socket of the virtual drives: faults and the patient, by command."""
+    """Command socket of the virtual drives, for faults and the patient."""
     target: Target
     leg: str
     time: StageTime
@@ -175,16 +175,16 @@ class Stage:
                 own.unlink(missing_ok=True)
 
     def check(self) -> None:
-        """Both processes live.
+        """Check that both processes are alive.
 
         Raises:
-            ActError: one has ended, with the last lines that it said.
+            ActError: one has ended; with its last output.
         """
         for troupe in (self.drives, self.service):
             troupe.check()
 
     def stopped(self) -> list[str]:
-        """The processes of the act that a signal has stopped, for people."""
+        """Return the processes of the act that a signal has stopped, as text."""
         return [
             f"{name} (pid {pid}) is stopped by a signal"
             for troupe in (self.drives, self.service)
@@ -203,7 +203,7 @@ class ManagedProcess:
         log: Path,
         program: tuple[str, ...] = ("-m", "gaitd"),
     ) -> None:
-        """Start `python PROGRAM ARGUMENTS` in a session of its own: Ctrl-C reaches us alone."""
+        """Start `python PROGRAM ARGUMENTS` in a session that receives no Ctrl-C."""
         self._name = name
         self._log = log
         with log.open("wb") as output:
@@ -217,29 +217,29 @@ class ManagedProcess:
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Process id."""
         return self._process.pid
 
     def check(self) -> None:
-        """It lives.
+        """Check that the process is alive.
 
         Raises:
-            ActError: it does not.
+            ActError: it is not.
         """
         code = self._process.poll()
         if code is not None:
             raise ActError(f"{self._name} ended with {code}; its last words:\n{self.last_words()}")
 
     def exit_code(self) -> int | None:
-        """None while it lives."""
+        """Exit code; None while it is alive."""
         return self._process.poll()
 
     def signal(self, number: int) -> None:
-        """Send it a signal; after its end this does nothing."""
+        """Send a signal; does nothing after the process has ended."""
         self._process.send_signal(number)
 
     def family(self) -> list[tuple[int, str]]:
-        """It and its children, by process id, with what they run."""
+        """Return the process and its children, by process id, with what they run."""
         pids = [self.pid]
         for task in Path(f"/proc/{self.pid}/task").glob("*/children"):
             with contextlib.suppress(OSError):
@@ -247,12 +247,12 @@ class ManagedProcess:
         return [(pid, f"gaitd {_part_of(pid)}") for pid in pids]
 
     def last_words(self) -> str:
-        """The end of its output."""
+        """Return the end of its output."""
         lines = self._log.read_text(encoding="utf-8", errors="replace").splitlines()
         return "\n".join(f"    {line}" for line in lines[-TAIL_LINES:]) or "    (nothing)"
 
     def end(self, patience_s: float) -> int:
-        """End it and return its exit code."""
+        """End the process and return its exit code."""
         if self._process.poll() is None:
             self._process.send_signal(signal.SIGTERM)
             try:
@@ -264,7 +264,7 @@ class ManagedProcess:
 
 
 def _part_of(pid: int) -> str:
-    """Which part of gaitd a process runs."""
+    """Return the part of gaitd that a process runs."""
     with contextlib.suppress(OSError):
         words = Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8").split("\0")
         if "--config" in words:
@@ -276,12 +276,12 @@ def _part_of(pid: int) -> str:
 def stage(
     configs: Path, *, empty: bool, tempo: Tempo | None = None, begin_ns: int = 0
 ) -> Generator[Stage]:
-    """Everything of one act, started; ended whatever happens.
+    """Start all of one act; it is ended in every case.
 
     Args:
         configs: the project's folder of configurations.
-        empty: nobody is in the trainer, and its springs carry it alone.
-        tempo: how fast its time passes; None: as the computer's.
+        empty: the trainer is empty, and its springs carry it alone.
+        tempo: pace of its time; None: the computer's.
         begin_ns: its time begins no earlier.
     """
     folder = Path(tempfile.mkdtemp(prefix="gaitd-demo-", dir=memory_folder()))
@@ -306,7 +306,7 @@ def stage(
 
 
 def _tidy(folder: Path) -> Callable[..., bool]:
-    """Removes the folder of an act that went well; after trouble it stays, which the error says."""
+    """Remove the folder of a successful act; after an error it is kept, and the error names it."""
 
     def leave(_kind: type[BaseException] | None, error: BaseException | None, _: object) -> bool:
         if isinstance(error, ActError):
@@ -319,14 +319,14 @@ def _tidy(folder: Path) -> Callable[..., bool]:
 
 
 def write_configs(configs: Path, folder: Path, *, empty: bool) -> tuple[Path, str]:
-    """Copy the configurations, with ports that are free and paths of this act.
+    """Copy the configurations, with free ports and paths of this act.
 
     Args:
         configs: the project's folder of configurations.
-        folder: where the copy goes.
-        empty: nobody is in the trainer.
+        folder: destination of the copy.
+        empty: the trainer is empty.
 
-    Returns: the trainer file, and the Zenoh endpoint it listens on.
+    Returns: the trainer file, and the Zenoh endpoint of the service.
     """
     shutil.copytree(configs, folder)
     (zenoh_port,) = free_ports(1)
@@ -347,10 +347,10 @@ def write_configs(configs: Path, folder: Path, *, empty: bool) -> tuple[Path, st
 
 
 def balance(robot_file: Path, plant_file: Path) -> None:
-    """Turn the springs until they carry the machine where the virtual drives start it.
+    """Adjust the springs to carry the machine in the start pose of the virtual drives.
 
-    Springs set for a patient push the empty machine up to its stop, as its file says; whoever runs
-    an experiment on it turns them down first.
+    Springs set for a patient push the empty machine up to its stop, as its file states; an
+    operator reduces them before an experiment on it.
     """
     text = robot_file.read_text(encoding="utf-8")
     robot = msgspec.toml.decode(text, type=Robot)
@@ -367,7 +367,7 @@ def balance(robot_file: Path, plant_file: Path) -> None:
 
 
 def rewrite(file: Path, values: dict[str, str]) -> None:
-    """Give keys that stand once in a TOML file other values; comments stay."""
+    """Set the values of keys that occur once in a TOML file; comments stay."""
     text = file.read_text(encoding="utf-8")
     for key, value in values.items():
         text, count = re.subn(

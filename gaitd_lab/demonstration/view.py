@@ -1,4 +1,4 @@
-"""The live view: estimate and truth as they happen, and how the service itself is."""
+"""The live view: estimate, truth, and state of the service."""
 
 from datetime import UTC, datetime
 from typing import Final, Literal, NamedTuple
@@ -19,13 +19,13 @@ from gaitd_lab.demonstration.judgement import AXES, BOUNDS, Pair, pairs
 from gaitd_lab.demonstration.script import Scene
 
 WINDOW_S: Final = 16.0
-"""Four strides."""
+"""Time of four strides."""
 RATE_HZ: Final = 100
 LEAST_SPAN: Final = (10.0, 50.0)
-"""Of the axes of torque and force, so that noise does not fill the screen."""
+"""Least span of the axes of torque and force, so that noise does not fill the screen."""
 LEAST_FRICTION_SPAN: Final = (10.0, 100.0)
 ESTIMATE, TRUTH, FRICTION = "cyan+", "orange", "magenta+"
-"""In plotext's words."""
+"""Colour names of plotext."""
 RICH: Final = {ESTIMATE: "bright_cyan", TRUTH: "dark_orange", FRICTION: "bright_magenta"}
 MODE_STYLE: Final = {
     "ready": "bold black on green3",
@@ -39,30 +39,30 @@ EVENT_STYLE: Final = {"high": "bold red", "medium": "yellow", "low": "bright_cya
 EVENTS_SHOWN: Final = 6
 SMALL_EVENTS_SHOWN: Final = 3
 ROOMY_COLUMNS, ROOMY_LINES = 120, 34
-"""From here on there is room for everything."""
+"""Size from which on everything fits."""
 BAR: Final = " ▁▂▃▄▅▆▇█"
 
 
 class Moment(NamedTuple):
-    """What the view shows at one moment."""
+    """Content of the view at one moment."""
 
     now_ns: int
     elapsed_s: float
     scene: Scene
     scene_s: float
-    """Since the scene began."""
+    """Time since the scene began."""
     speed_ratio: float | None
-    """How fast time passes against the computer's; None before it is known."""
+    """Ratio of the time to the computer's; None before it is known."""
     audience: Audience | None
     heard: Track
     true: Track
 
 
 def picture(moment: Moment, width: int, height: int) -> Layout:
-    """The whole screen, of so many columns and lines.
+    """Return the whole screen, in the given columns and lines.
 
-    A small one, as a terminal of 80 x 24, shows what the patient does, the error and the events;
-    friction is a number there, and the service's own state is left out.
+    A small one, as a terminal of 80 x 24, shows the patient's efforts, the error and the events;
+    friction is shown as a number, and the state of the service is left out.
     """
     small = width < ROOMY_COLUMNS or height < ROOMY_LINES
     return _small_picture(moment) if small else _whole_picture(moment)
@@ -198,7 +198,7 @@ def _panel(title: str, unit: str, curves: list[Curve], least_span: float) -> Pan
 
 
 def _newest(values: Values) -> float:
-    """The newest that there is, within the last tenth of a second."""
+    """Return the newest value of the last tenth of a second."""
     last = values[-10:]
     known = last[np.isfinite(last)]
     return float(known[-1]) if len(known) else np.nan
@@ -208,7 +208,7 @@ def _number(value: float | None, digits: int = 1) -> str:
     return "    –" if value is None or not np.isfinite(value) else f"{value:5.{digits}f}"
 
 
-# --- below ----------------------------------------------------------------------------------
+# --- lower part -----------------------------------------------------------------------------
 
 
 def _grid(*justify: Literal["left", "right"]) -> Table:
@@ -257,7 +257,7 @@ def _service(audience: Audience | None) -> Panel:
 
 
 def _bar(count: int) -> str:
-    """One class of the histogram on a logarithmic scale: ten times as many is two steps higher."""
+    """Bar of one histogram class, logarithmic: ten times as many is two steps higher."""
     if count == 0:
         return "[grey30]·[/]"
     return BAR[min(1 + round(1.6 * np.log10(count)), len(BAR) - 1)]

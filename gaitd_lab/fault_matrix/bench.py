@@ -1,8 +1,7 @@
-"""One service and one virtual machine in lock-step, brought to where a cell begins.
+"""One service and one virtual machine in lock-step, brought to the start of a cell.
 
-Beside what plant.toml says, the patient can push each joint into its stop, and the leg can be led
-by hand. Everything random comes
-from the seed: the same seed gives the same frames.
+In addition to plant.toml, the patient can push each joint into its stop, and the leg can be guided
+by hand. All random values come from the seed: the same seed gives the same frames.
 """
 
 from dataclasses import dataclass, replace
@@ -30,35 +29,35 @@ Guidance = Literal["impedance", "position"]
 EMPTY: Final = "robot_empty.toml"
 PUSH_NM: Final = 90.0
 PUSH_N: Final = 700.0
-"""Into a stop: more than the drive is allowed to hold against."""
+"""Patient's effort into a stop: more than the drive's limit can hold."""
 PUSH_RISE_S: Final = 0.4
 LEAD_NM: Final = 11.0
 LEAD_N: Final = 100.0
-"""By hand: beyond breakaway friction, and slower than hand guiding allows."""
+"""Patient's effort in hand guiding: above breakaway friction, slower than hand guiding allows."""
 LEAN_NM: Final = 8.0
 LEAN_N: Final = 50.0
-"""Who lies there, and is not quite at rest."""
+"""Effort of a patient who is not quite at rest."""
 SLOWLY_HZ: Final = 0.3
 HOUR_S: Final = 3600.0
 
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """In what a cell's configuration differs from the trainer file."""
+    """Differences between a cell's configuration and the trainer file."""
 
     guidance: Guidance = "impedance"
     empty: bool = False
-    """Nobody is in the machine: one axis alone may be moved."""
+    """True if the machine is empty: one axis alone may be moved."""
 
 
 class Bench:
-    """From power-on; `lockstep` is another one after the core has died and come again."""
+    """A session from power-on; `lockstep` is replaced when the core is restarted."""
 
     def __init__(self, config: Path, variant: Variant, seed: int) -> None:
         """Read all files and build machine and service.
 
         Raises:
-            ConfigError: a file, or what the files say together.
+            ConfigError: in a file, or between the files.
         """
         self.settings = _varied(read_all(config), config, variant)
         check_together(self.settings)
@@ -69,39 +68,39 @@ class Bench:
 
     @property
     def world_ns(self) -> int:
-        """The world's time, whatever the service's clock says."""
+        """The world's time, independent of the service's clock."""
         return self.machine.world.now_ns
 
     @property
     def mode(self) -> Mode:
-        """The newest record's; OFF before the first."""
+        """Mode of the newest record; OFF before the first."""
         return self.lockstep.record.mode if self.lockstep.records else Mode.OFF
 
     def restart_core(self) -> None:
-        """A new core on the same bus, with what the last one has left in its notebook."""
+        """Start a new core on the same bus, with the state file of the last one."""
         notes = self.lockstep.notebook.notes
         self.gateway = TroubledGateway()
         self.lockstep = Lockstep(
             self.settings, self.machine.world, notes=notes, bus=self.bus, gateway=self.gateway
         )
 
-    # --- on the way to a mode -----------------------------------------------------------------
+    # --- reaching a mode --------------------------------------------------------------------------
 
     def until(self, mode: Mode, within_s: float = 10.0) -> None:
-        """Turn until the service is in a mode.
+        """Run until the service is in a mode.
 
         Raises:
-            NotReachedError: it is not, in that time.
+            NotReachedError: the mode was not reached in that time.
         """
         self.lockstep.run_until(lambda record: record.mode == mode, within_s)
 
     def until_ready(self) -> None:
-        """From power-on."""
+        """Run from power-on until the service is ready."""
         self.until(Mode.READY)
         self.lockstep.run(0.2)
 
     def ask(self, kind: RequestKind, wanted: ModeRequest | None = None) -> None:
-        """Ask, and insist.
+        """Send a request that must be accepted.
 
         Raises:
             RefusedError: it was refused.
@@ -111,17 +110,17 @@ class Bench:
             raise RefusedError(f"{kind.name.lower()} {wanted or ''}: {answer.reason}")
 
     def enable(self) -> None:
-        """From power-on to holding."""
+        """Run from power-on to holding."""
         self.until_ready()
         self.ask(RequestKind.ENABLE)
 
     def patient(self, programme: str) -> None:
-        """The patient begins a programme: plant.toml's, `into_AXIS_stop`, `led`, `leans`."""
+        """Start a programme of the patient: plant.toml's, `into_AXIS_stop`, `led`, `leans`."""
         self.machine.command(f"patient {programme}")
 
 
 class RefusedError(Exception):
-    """The service refused what leads to a mode: says why."""
+    """The service refused a request on the way to a mode; the message gives the reason."""
 
 
 def _varied(settings: Settings, config: Path, variant: Variant) -> Settings:
@@ -156,7 +155,7 @@ def _machine(settings: Settings, variant: Variant, seed: int) -> Machine:
 
 
 def _into_stops() -> tuple[Programme, ...]:
-    """Whoever leans with all their weight: each joint towards its upper stop."""
+    """Programmes that push each joint with full weight towards its upper stop."""
     return tuple(
         Programme(f"into_{axis}_stop", effort=(_lean(hip_nm, slide_n),))
         for axis, hip_nm, slide_n in (("hip", PUSH_NM, 0.0), ("slide", 0.0, PUSH_N))
@@ -175,7 +174,7 @@ def _by_hand() -> tuple[Programme, ...]:
 
 
 def _slowly(name: str, hip_nm: float, slide_n: float) -> Programme:
-    """Up and down, on one joint after the other."""
+    """Efforts that move one joint after the other slowly up and down."""
     effort = Sine(
         at_s=0.0,
         until_s=HOUR_S,

@@ -1,7 +1,7 @@
-"""One cell: a fault begun in a session that stands at its column, and what was seen of it.
+"""One cell: a fault injected into a session in its column's mode, and the measured reaction.
 
 The service runs as its process would: by `Loop.run`, with its exit code. A core that has died or
-ended with a bug is started anew when the fault is over, as systemd does.
+ended with a bug is restarted when the fault is over, as systemd does.
 """
 
 import math
@@ -23,47 +23,47 @@ from gaitd_lab.fault_matrix.watch import AXES, CYCLE_NS, Told, Watch
 
 NS_PER_S: Final = 1_000_000_000
 AFTERWARDS_S: Final = 1.2
-"""After the fault has gone away."""
+"""Observation time after the fault has ended."""
 WATCHED_S: Final = 1.8
-"""At least, from the fault on."""
+"""Least observation time from the fault on."""
 ALIVE_CYCLES: Final = 3
-"""Of the drives by themselves, together: their own watches over us are as exact as this."""
+"""Tolerance between the drives' own stops: each drive's watchdog has this resolution."""
 
 
 class Cell(NamedTuple):
-    """One cell by its names."""
+    """The names that identify one cell."""
 
     fault: str
     mode: str
     axis: str
-    """Empty for a fault that is of no axis."""
+    """Empty for a fault that belongs to no axis."""
 
 
 class Found(msgspec.Struct, frozen=True, kw_only=True):
-    """What one cell was seen to do; how it was drawn is in it, so that it can be run again."""
+    """The result of one cell, with the drawn values that are needed to run it again."""
 
     fault: str
     mode: str
     axis: str
-    """Empty for a fault that is of no axis."""
+    """Empty for a fault that belongs to no axis."""
     seed: int
     phase: float
-    """Of the stride at which the fault came; -1 where no gait plays."""
+    """Phase of the stride at the fault; -1 if no gait is running."""
     driven: bool
-    """A drive was enabled when the fault began."""
+    """True if a drive was enabled when the fault began."""
     stopped: bool
-    """The service stopped, or the drives did."""
+    """True if the service or the drives stopped."""
     causes: tuple[str, ...] = ()
-    """Each cause that was latched or told since, in order."""
+    """Each cause latched or reported since the fault, in order."""
     category: str = ""
-    """Of the first stop."""
+    """Category of the first stop."""
     drive: str = ""
     final_mode: str = ""
     final_cause: str = ""
     told_cycles: float | None = None
-    """To the last axis's first frame that stops; None: none was sent."""
+    """Cycles until the last axis's first stopping frame; None: none was sent."""
     left_cycles: float | None = None
-    """To the moment from which no drive is in operation enabled."""
+    """Cycles until no drive is in operation enabled."""
     rest_cycles: float | None = None
     hip_deg: float = 0.0
     slide_mm: float = 0.0
@@ -71,24 +71,24 @@ class Found(msgspec.Struct, frozen=True, kw_only=True):
     enabled_anew: tuple[str, ...] = ()
     active_again: bool = False
     beyond_hip_deg: float = 0.0
-    """Beyond the limits of limits.toml, at most."""
+    """Largest excess over the limits of limits.toml."""
     beyond_slide_mm: float = 0.0
     exit_code: int | None = None
     trouble: str = ""
-    """An exception: our own bug, or the matrix's."""
+    """An exception: a bug of the service or of the matrix."""
 
     @property
     def cell(self) -> Cell:
-        """Which one it is."""
+        """The cell of this result."""
         return Cell(self.fault, self.mode, self.axis)
 
 
 class _OverError(BaseException):
-    """The cell has been watched for long enough. Not for any handler of ours."""
+    """The cell's observation time is over. Must not be caught by handlers of the service."""
 
 
 def play(bench: Bench, column: Column, fault: Fault, axis: str, seed: int) -> Found:
-    """Begin a fault where the session is, and watch."""
+    """Inject a fault into the present session, and observe the reaction."""
     rng = random.Random(f"{seed}/{fault.name}/{column.name}/{axis}")
     if column.prelude is not None:
         column.prelude(bench)
@@ -99,7 +99,7 @@ def play(bench: Bench, column: Column, fault: Fault, axis: str, seed: int) -> Fo
 
 
 class _Show:
-    """One cell while it plays."""
+    """One running cell."""
 
     def __init__(self, bench: Bench, column: Column, fault: Fault, axis: str) -> None:
         self._bench = bench
@@ -110,17 +110,17 @@ class _Show:
         self._begun_ns = self._gone_ns = self._end_ns = 0
         self._watch = Watch(bench)
         self._records: list[CycleRecord] = []
-        """Since the fault, of all cores."""
+        """Records since the fault, of all cores."""
         self._phase = -1.0
         self._driven = False
         self._exit_code: int | None = None
         self._trouble = ""
         self._mode = Mode.OFF
-        """In the newest record before the fault."""
+        """Mode of the newest record before the fault."""
         self._verdict = Verdict()
 
     def plan(self, begun_ns: int) -> None:
-        """Put begin and end on the agenda."""
+        """Schedule the fault's begin and end."""
         self._begun_ns = begun_ns
         self._gone_ns = begun_ns + round(self._fault.lasts_s * NS_PER_S)
         watched_s = max(self._fault.lasts_s + AFTERWARDS_S, WATCHED_S)
@@ -145,7 +145,7 @@ class _Show:
     # --- the processes ------------------------------------------------------------------------
 
     def run(self) -> None:
-        """The core's process, and what comes after it."""
+        """Run the core's process, and what follows its end."""
         self._live()
         bench = self._bench
         if self._exit_code is not None and bench.world_ns < self._end_ns:
@@ -168,7 +168,7 @@ class _Show:
             self._exit_code = int(code)
 
     def _outlive(self) -> None:
-        """The drives alone, then a new core if this one did not end as asked."""
+        """Run the drives alone, then a new core if this one did not end on request."""
         bench = self._bench
         anew = self._exit_code not in {ExitCode.ENDED, ExitCode.REFUSED}
         until_ns = max(self._gone_ns, bench.world_ns) if anew else self._end_ns
@@ -186,10 +186,10 @@ class _Show:
             raise _OverError
         return self._scene.asked_to_end
 
-    # --- what was seen --------------------------------------------------------------------------
+    # --- measurements -------------------------------------------------------------------------
 
     def found(self, seed: int) -> Found:
-        """The measures of the cell."""
+        """Return the measurements of the cell."""
         bench, begun_ns = self._bench, self._begun_ns
         records = [one for one in self._records if one.sync_mono_ns >= begun_ns]
         stop = watch.first_stop(records)
@@ -236,7 +236,7 @@ class _Show:
         return watch.told(self._bench.bus.sent, nodes, self._begun_ns, stopped_ns)
 
     def _dropped(self, samples: list[watch.Sample]) -> bool:
-        """A drive that was enabled is not any more."""
+        """Return whether a drive that was enabled is not any more."""
         left = watch.left_enabled(samples, self._begun_ns)
         first = samples[0].states
         return any(
@@ -272,7 +272,7 @@ def _range(limits: Limits) -> tuple[watch.Pair, watch.Pair]:
 
 
 def _verdicts(records: list[CycleRecord], before: Verdict) -> list[Verdict]:
-    """Each verdict that was new, in order."""
+    """Return each new verdict, in order."""
     found: list[Verdict] = []
     for one in records:
         if one.verdict != before and one.verdict.cause != Cause.NONE:
@@ -282,6 +282,6 @@ def _verdicts(records: list[CycleRecord], before: Verdict) -> list[Verdict]:
 
 
 def _active_again(records: list[CycleRecord]) -> bool:
-    """From a mode that drives nothing to one that does."""
+    """Return whether an inactive mode was followed by an active one."""
     modes = [one.mode for one in records]
     return any(after.active and not before.active for before, after in pairwise(modes))

@@ -1,4 +1,4 @@
-"""A controller for column `torque`: it moves the hip slowly up and down, as one outside would."""
+"""A controller for column `torque`: it moves the hip slowly up and down, like an external one."""
 
 import math
 
@@ -13,7 +13,7 @@ ASSIST_MAX_NM = 18.0
 
 
 class Swinger:
-    """Holds the lease and answers each record, with nothing until mode torque plays."""
+    """Holds the lease and answers each record; without a setpoint until mode torque is active."""
 
     def __init__(self, gateway: Gateway, leg: str) -> None:
         self._leg = leg
@@ -23,7 +23,7 @@ class Swinger:
         self._lease = gateway.lend(self)
 
     def __call__(self, record: CycleRecord) -> tuple[Setpoint, ...]:
-        """The setpoint for the newest record."""
+        """Return the setpoint for the newest record."""
         self._seq += 1
         assist_nm = self._assist_nm(record) if record.mode == Mode.TORQUE else 0.0
         return (Setpoint(self._lease, self._seq, record.cycle, assist_nm, 0.0, self._leg),)

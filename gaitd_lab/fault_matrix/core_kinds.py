@@ -1,6 +1,6 @@
-"""How faults inside the core begin and end: numbers that are none, memory, a full disk.
+"""Begin and end of faults inside the core: NaN values, memory, a full disk.
 
-What is replaced in the core for them is replaced in a fork that ends with its cell.
+The replaced parts of the core are replaced in a fork that ends with its cell.
 """
 
 from typing import Final, NoReturn
@@ -15,7 +15,7 @@ from observer.filter.states import STATE_COUNT
 
 
 def nan_in_guidance() -> Play:
-    """Where the plan wants one axis is no number."""
+    """The planned position of one axis becomes NaN."""
 
     def begin(scene: Scene, axis: str) -> None:
         original = leg_plan.reference_of
@@ -36,7 +36,7 @@ def nan_in_guidance() -> Play:
 
 
 def nan_in_scaling(field_name: str) -> Play:
-    """A factor between a drive's numbers and SI is none any more."""
+    """A conversion factor between a drive's units and SI becomes NaN."""
 
     def begin(scene: Scene, axis: str) -> None:
         one = scene.axis(axis)
@@ -52,7 +52,7 @@ def nan_in_scaling(field_name: str) -> Play:
 
 
 def observer_state(value: float) -> Play:
-    """The observer's own numbers are overwritten, once."""
+    """The observer's state is overwritten with NaN, once."""
 
     def begin(scene: Scene, _axis: str) -> None:
         for leg in scene.core.legs:
@@ -66,7 +66,7 @@ RUIN_NS: Final = 5 * MS
 
 
 def observer_lost() -> Play:
-    """Whatever the observer begins anew is no number again before the next cycle."""
+    """The observer's state is overwritten again before every cycle, so a restart does not help."""
 
     def begin(scene: Scene, axis: str) -> None:
         ruin = observer_state(NAN)
@@ -103,11 +103,11 @@ def out_of_memory() -> Play:
     return Play(begin, undo)
 
 
-# --- where it writes ------------------------------------------------------------------------------
+# --- files ------------------------------------------------------------------------------------
 
 
 def notebook_full() -> Play:
-    """The notebook cannot be written, and there is something to note."""
+    """The state file cannot be written, and there is something to write."""
 
     def begin(scene: Scene, _axis: str) -> None:
         scene.bench.lockstep.notebook.is_full = True

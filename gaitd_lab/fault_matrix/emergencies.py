@@ -1,4 +1,4 @@
-"""The rows that are emergency messages: one of each error class, told alone and as a fault."""
+"""The rows of emergency messages: one of each error class, as a message alone and as a fault."""
 
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
@@ -23,13 +23,13 @@ EMERGENCIES: Final[Mapping[int, tuple[int, str]]] = MappingProxyType(
         0xF: (0xFF0B, "system peak overloaded"),
     }
 )
-"""One code of each error class of CiA 301 (table of 7.2.7.1), as an EPOS4 means it."""
+"""One code of each error class of CiA 301 (table of 7.2.7.1), with its meaning on an EPOS4."""
 WARNING_CODE: Final = 0xFF01
-"""The only one that an EPOS4 says and goes on with: system overloaded."""
+"""The only code that an EPOS4 sends without stopping: system overloaded."""
 
 
 def emergencies() -> Iterator[Fault]:
-    """Two rows for each class, and the warning."""
+    """Return two rows for each class, and the warning."""
     for error_class, (code, text) in EMERGENCIES.items():
         yield Fault(
             f"emcy_{error_class:x}xxx_fault",

@@ -1,7 +1,7 @@
-"""Where another thing is right than for the rest of the row, with the reason beside it.
+"""Cells whose expected result differs from the rest of their row, with the reason.
 
-An exception never makes a stop milder because a cell wants it: it says why in that mode nothing can
-be seen, or why another cause is found first.
+An exception never weakens the required stop to make a cell pass: it states why the fault cannot be
+detected in that mode, or why another cause is detected first.
 """
 
 from collections.abc import Mapping
@@ -190,5 +190,5 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
 
 
 def law(fault: str, mode: str, axis: str) -> Law:
-    """What is right in one cell."""
+    """Return the expected result of one cell."""
     return EXCEPTIONS.get((fault, mode, axis)) or EXCEPTIONS.get((fault, mode, "")) or ROWS[fault]

@@ -1,10 +1,10 @@
-"""What is right for each fault: a law for each row, and every exception with its reason.
+"""Expected result of each fault: a law for each row; exceptions are listed with their reason.
 
-A row says what must happen where both drives are enabled; where one axis is enabled alone it is the
-same for that axis. Where nothing is enabled there is nothing to stop: the row says what becomes of
-the mode (`Resting`). In STOPPING and FAULT the machine stays stopped, whatever comes.
+A row states what must happen where both drives are enabled; where one axis is enabled alone it is
+the same for that axis. Where nothing is enabled there is nothing to stop: the row states the mode
+that follows (`Resting`). In STOPPING and FAULT the machine stays stopped, whatever comes.
 
-Where it is not the usual one: `exceptions.py`.
+`exceptions.py` has the cells that differ from their row.
 """
 
 from collections.abc import Mapping
@@ -24,13 +24,13 @@ LOST: Final = (
     Cause.DRIVE_NOT_OPERATIONAL,
 )
 AT_ONCE: Final = 2.0
-"""Cycles: in the window into which it falls, or the next."""
+"""Cycles: in the window of the fault, or the next."""
 SILENCE: Final = 6.0
-"""Three samples may be missing, the fourth stops."""
+"""Three samples may be missing, the fourth causes a stop."""
 
 
 class Resting(Enum):
-    """What becomes of a machine that drives nothing."""
+    """Reaction of a machine whose drives are not enabled."""
 
     UNTOUCHED = "stays as it is"
     LOST = "off, looked for again and brought up, and nothing enabled"
@@ -40,36 +40,36 @@ class Resting(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Law:
-    """What is right in one cell."""
+    """Expected result of one cell."""
 
     stops: bool = False
     causes: frozenset[Cause] = frozenset()
-    """The first one told must be one of these; what follows may be also `later`."""
+    """Allowed first causes; the causes that follow may also be in `later`."""
     categories: frozenset[StopCategory] = frozenset()
-    """Of the first."""
+    """Category of the first cause."""
     later: frozenset[Cause] = frozenset()
     latches: frozenset[Cause] = frozenset()
-    """Where what shows first may be another thing: one of these is latched in the end."""
+    """Final causes, if the first symptom may be another one: one of these is latched in the end."""
     within_cycles: float | None = None
-    """To the frame that stops the last axis; None: no bound but that it stops."""
+    """Cycles until the frame that stops the last axis; None: it must stop, without a bound."""
     by_drives: bool = False
     """Nothing can be sent: the drives stop by themselves, within DETECTION_CYCLES."""
     may_go_on: bool = False
-    """It stops if it can be seen, and here it may be that nothing shows it."""
+    """True if the fault may be undetectable in this cell; it must stop if it is detected."""
     resting: Resting = Resting.UNTOUCHED
     ends_in: frozenset[Mode] = frozenset()
-    """What goes on, where it does not stay in its mode."""
+    """Modes that may follow, where the service does not stay in its mode."""
     exit_code: int | None = None
     why: str = ""
-    """Where it is not the row's usual one."""
+    """Reason why the law differs from the row's."""
 
 
 DETECTION_CYCLES: Final = 14.0
-"""The drives' watch over our heartbeat: 100 ms, and what was under way."""
+"""Heartbeat time of the drives: 100 ms, and the frames under way."""
 
 
 def goes_on(why: str = "", resting: Resting = Resting.UNTOUCHED) -> Law:
-    """Nothing stops."""
+    """Law: nothing stops."""
     return Law(why=why, resting=resting)
 
 
@@ -80,7 +80,7 @@ def stops(
     resting: Resting = Resting.UNTOUCHED,
     later: tuple[Cause, ...] = (),
 ) -> Law:
-    """Both axes stop, for one of these causes."""
+    """Law: both axes stop, for one of these causes."""
     return Law(
         stops=True,
         causes=frozenset(causes),
@@ -129,8 +129,9 @@ _WIRED: Final = replace(
     ),
     latches=_DOUBTFUL | {Cause.STOP_NOT_OBEYED},
 )
-"""What is seen first may be a leg that runs the wrong way, towards a limit; what is latched in the
-end is that its feedback is doubtful, or that it did not obey."""
+"""The first symptom may be a leg that moves the wrong way, towards a limit; the cause latched in
+the end is implausible feedback, or a drive that did not obey.
+"""
 _JUMP: Final = stops(Cause.ENCODER_JUMP, Cause.UNREFERENCED, by=(S0,), within=AT_ONCE)
 _PUSHED: Final = stops(
     Cause.POSITION_LIMIT,
@@ -169,7 +170,7 @@ _ALONE: Final = replace(
     ),
     by_drives=True,
 )
-"""Nothing reaches the drives: they notice it, and each of them stops itself."""
+"""Nothing reaches the drives: they detect it, and each of them stops itself."""
 _BUG: Final = replace(
     stops(
         Cause.DRIVE_FAULT,

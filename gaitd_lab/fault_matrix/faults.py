@@ -1,6 +1,6 @@
 """The rows of the matrix: each fault, what it does, how it begins and how long it lasts.
 
-What is right for each is in `expected.py`.
+The expected results are in `expected.py`.
 """
 
 from collections.abc import Mapping
@@ -368,4 +368,4 @@ FAULTS: Final[Mapping[str, Fault]] = MappingProxyType(
         )
     }
 )
-"""By name, in the order of the pages."""
+"""Faults by name, in the order of the pages."""

@@ -1,4 +1,4 @@
-"""The other end of the seam, with what can go wrong with it and with where the core writes."""
+"""The gateway side of the IPC channel, with injectable faults of the gateway and of the ring."""
 
 import errno
 from collections.abc import Callable
@@ -10,21 +10,21 @@ Change = Callable[[list[GatewayState]], list[GatewayState]]
 
 
 class TroubledGateway(Gateway):
-    """A gateway whose levels can be changed on their way, and a ring that can refuse a record."""
+    """A gateway whose states can be altered in transit, and a ring that can refuse a record."""
 
     def __init__(self) -> None:
         super().__init__()
         self.change: Change | None = None
-        """What becomes of the levels of a turn before the core hears them."""
+        """Alters the gateway states of a turn before the core receives them."""
         self.ring_is_full = False
 
     def levels(self) -> list[GatewayState]:
-        """As the core hears them."""
+        """Return the gateway states as the core receives them."""
         sent = super().levels()
         return sent if self.change is None else self.change(sent)
 
     def publish(self, record: CycleRecord) -> None:
-        """Keep a record.
+        """Store a record.
 
         Raises:
             OSError: the ring cannot be written.

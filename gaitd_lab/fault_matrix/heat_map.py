@@ -1,4 +1,4 @@
-"""A picture of the matrix: how long after its fault each cell's axes were told, or stopped."""
+"""A picture of the matrix: time from the fault to each cell's stop command, or its stop."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ Measure = Callable[[Found], float | None]
 
 SIZE_IN: Final = (10.0, 17.0)
 INK_RATIO: Final = 0.1
-"""Of the darkest colour: above, a number is white."""
+"""Share of the darkest colour above which a number is white."""
 LEAST_CYCLES: Final = 0.1
 MOST_CYCLES: Final = 200.0
 LEAST_DEG: Final = 0.1
@@ -45,7 +45,7 @@ def draw(found: Sequence[Found], path: Path) -> None:
 
 
 def _is_stop(one: Found) -> bool:
-    """Not what ended by itself, as a homing does."""
+    """Return whether a result is a stop, and not a normal end, as of a homing."""
     return one.stopped and bool(one.causes)
 
 
@@ -57,7 +57,7 @@ def _reaction_cycles(one: Found) -> float | None:
 
 
 def _grid(found: Sequence[Found], modes: Sequence[str], measure: Measure) -> NDArray[np.float64]:
-    """Faults by modes; NaN where there is nothing to show."""
+    """Faults by modes; NaN where there is no value."""
     grid = np.full((len(FAULTS), len(modes)), np.nan)
     rows = {name: number for number, name in enumerate(FAULTS)}
     for one in found:

@@ -1,15 +1,15 @@
-"""The laws that every cell is held to; what breaks one is said in a sentence.
+"""The laws that every cell must satisfy; a violation is described in a sentence.
 
-1.  No drive that has no power gets it, and no mode that drives nothing becomes one that does: what
-    was stopped stays stopped when its fault has gone away.
-2.  Both axes are told to stop between the same two SYNCs; where nothing can be told, the drives
-    stop by themselves within the time of their own watches.
-3.  The cause is one that is right for the fault, its category is the one that it must have, and
-    what is latched afterwards is the same or what followed from it.
-4.  The leg comes to rest, unless it has no power or somebody goes on leading it by hand; and no
-    joint goes farther than its mechanical stop and what that gives.
-5.  What need not stop goes on, and nothing is latched.
-6.  No exception leaves the loop but where one was thrown in, and then it ends with its exit code.
+1.  No drive without power gets power, and no inactive mode becomes an active one: what was stopped
+    stays stopped when its fault has ended.
+2.  Both axes are commanded to stop between the same two SYNCs; where nothing can be sent, the
+    drives stop by themselves within the time of their own watchdogs.
+3.  The cause is one that is expected for the fault, its category is the required one, and what is
+    latched afterwards is the same or a consequence of it.
+4.  The leg comes to rest, unless it has no power or is still guided by hand; and no joint moves
+    farther than its mechanical stop and the stop's deflection.
+5.  A mode that need not stop continues, and nothing is latched.
+6.  No exception leaves the loop except an injected one, and then the loop ends with its exit code.
 """
 
 from collections.abc import Iterator
@@ -22,12 +22,15 @@ from gaitd_lab.fault_matrix.expected import DETECTION_CYCLES, Law, Resting
 from gaitd_lab.fault_matrix.modes import COLUMNS, Group
 
 STOP_HIP_DEG: Final = 8.9
-"""plant.toml's stop is 3 deg behind the limit. Its spring k takes in whoever weighs on it with
-F = PUSH_NM and comes with the speed limit: k x^2 / 2 = F x + J v^2 / 2 gives 5.9 deg."""
+"""plant.toml's stop is 3 deg behind the limit. Its spring k is deflected by a patient's weight with
+F = PUSH_NM at the speed limit: k x^2 / 2 = F x + J v^2 / 2 gives 5.9 deg.
+"""
 STOP_SLIDE_MM: Final = 96.0
-"""In the same way 20 mm, and 76 mm of its spring by PUSH_N and 20 kg at the speed limit."""
+"""Slide travel beyond the limit, by the same equation: 20 mm to the stop, and 76 mm of its spring
+by PUSH_N and 20 kg at the speed limit.
+"""
 REST_CYCLES: Final = 250.0
-"""After the stop was told, or the drives began it."""
+"""Time after the stop command, or after the drives' own stop."""
 LOST_MODES: Final = frozenset({Mode.OFF, Mode.BRINGING_UP, Mode.READY})
 RESTING_MODES: Final = {
     Resting.UNTOUCHED: frozenset({Mode.READY}),
@@ -38,7 +41,7 @@ RESTING_MODES: Final = {
 
 
 def broken(found: Found) -> list[str]:
-    """The laws that a cell breaks; none for a good cell."""
+    """Return the laws that a cell violates; none for a good cell."""
     right = law(found.fault, found.mode, found.axis)
     column = COLUMNS[found.mode]
     said = [*_process(found, right), *_enabling(found)]
@@ -80,7 +83,7 @@ def _causes(found: Found, right: Law) -> Iterator[str]:
 
 
 def _stays_stopped(found: Found, right: Law) -> Iterator[str]:
-    """Already stopped: it stays so, and a new cause is a right one."""
+    """Check a machine already stopped: it stays so, and a new cause is an expected one."""
     ended = right.exit_code is not None
     if found.final_mode != Mode.FAULT.name and not ended:
         yield f"in mode {found.final_mode}, right is FAULT"
@@ -94,9 +97,9 @@ def _stays_stopped(found: Found, right: Law) -> Iterator[str]:
 
 
 def _resting(found: Found, right: Law) -> Iterator[str]:
-    """Nothing is enabled: nothing is stopped, only looked for again, or latched."""
+    """Check a machine without an enabled drive: it may look for drives again, or latch a cause."""
     allowed = RESTING_MODES[right.resting]
-    if found.mode != "ready":  # a bring-up that goes on, or is tried again
+    if found.mode != "ready":  # a bring-up that continues, or is repeated
         allowed = allowed | LOST_MODES
     if found.final_mode not in {mode.name for mode in allowed}:
         yield f"in mode {found.final_mode}, right is {_names({mode.name for mode in allowed})}"

@@ -1,6 +1,6 @@
-"""What a fault is, and how it begins and ends: in the machine, on our bus, in the gateway, in time.
+"""Kinds of fault: in the machine, on the master's bus interface, in the gateway, in time.
 
-A fault is begun at any moment of a cycle, also while the service waits.
+A fault may begin at any moment of a cycle, also while the service waits.
 """
 
 from collections.abc import Callable
@@ -19,36 +19,36 @@ MS: Final = 1_000_000
 
 
 class KilledError(BaseException):
-    """The core's process is gone: nothing of it runs any more. Not for any handler of ours."""
+    """The core's process is killed. Must not be caught by handlers of the service."""
 
 
 @dataclass(slots=True)
 class Scene:
-    """One cell while it plays."""
+    """One running cell."""
 
     bench: Bench
     asked_to_end: bool = False
-    """SIGTERM has come."""
+    """True if SIGTERM has been received."""
     undo: list[Callable[[], None]] = field(default_factory=list[Callable[[], None]])
-    """What ends the fault, beside what its row says."""
+    """Actions that end the fault, in addition to its row's."""
 
     @property
     def core(self) -> Core:
-        """Of the service that runs."""
+        """The running service's core."""
         return self.bench.lockstep.core
 
     def axis(self, name: str) -> Axis:
-        """One axis of the core."""
+        """Return one axis of the core."""
         return next(axis for axis in self.core.axes if axis.name == name)
 
 
 Act = Callable[[Scene, str], None]
-"""(scene, axis): begins or ends a fault."""
+"""Begins or ends a fault, called with (scene, axis)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Play:
-    """How a fault begins and how it goes away."""
+    """How a fault begins and ends."""
 
     begin: Act
     end: Act
@@ -66,15 +66,15 @@ class Fault:
     play: Play
     of_an_axis: bool = True
     lasts_s: float = LASTS_S
-    """Then it goes away."""
+    """Time until the fault ends."""
 
 
 def nothing(_scene: Scene, _axis: str) -> None:
-    """It goes away by itself, or not at all."""
+    """Do nothing: the fault ends by itself, or never."""
 
 
 def undo(scene: Scene, _axis: str) -> None:
-    """Take back what was replaced, the newest first."""
+    """Undo the replacements, the newest first."""
     while scene.undo:
         scene.undo.pop()()
 
@@ -96,7 +96,7 @@ def machine(fault: str) -> Play:
 
 
 def patient(programme: str) -> Play:
-    """What the patient does; `{}` stands for `hip` or `slide`."""
+    """A programme of the patient; `{}` stands for `hip` or `slide`."""
 
     def begin(scene: Scene, axis: str) -> None:
         scene.bench.patient(programme.format(axis.rpartition("/")[2]))
@@ -122,7 +122,7 @@ def together(*plays: Play) -> Play:
 
 
 def limit_switch_ahead() -> Play:
-    """The switch comes on that the joint moves towards, or either if it stands."""
+    """The limit switch in the joint's direction of motion closes, or either if the joint stands."""
 
     def begin(scene: Scene, axis: str) -> None:
         joint = scene.axis(axis).joint
@@ -136,7 +136,7 @@ def limit_switch_ahead() -> Play:
     return Play(begin, end)
 
 
-# --- on our end of the bus ------------------------------------------------------------------------
+# --- on the master's bus interface ------------------------------------------------------------
 
 BUS_OFF: Final = Frame(0x040, bytes(8))
 RESTARTED: Final = Frame(0x100, bytes(8))
@@ -146,7 +146,7 @@ OVERFLOW: Final = Frame(0x004, b"\0\x01\0\0\0\0\0\0")
 
 
 def our_bus_off() -> Play:
-    """Our controller leaves the bus and says so; at the end it has been restarted."""
+    """The master's controller goes bus-off and reports it; at the end it has been restarted."""
 
     def begin(scene: Scene, _axis: str) -> None:
         scene.bench.bus.trouble.is_off = True
@@ -160,7 +160,7 @@ def our_bus_off() -> Play:
 
 
 def reported(frame: Frame, over: Frame | None = None) -> Play:
-    """Our controller says something of itself, and what ends it."""
+    """The master's controller reports an error, and the end of it."""
 
     def begin(scene: Scene, _axis: str) -> None:
         scene.bench.bus.report(frame)
@@ -185,7 +185,7 @@ def queue_full() -> Play:
 
 
 def adapter_gone() -> Play:
-    """The interface is not there any more."""
+    """The interface does not exist any more."""
 
     def begin(scene: Scene, _axis: str) -> None:
         scene.bench.bus.trouble.is_gone = True
@@ -197,7 +197,7 @@ def adapter_gone() -> Play:
 
 
 def sync_waits(delay_ms: int) -> Play:
-    """SYNC waits for its place on the wire."""
+    """SYNC is delayed on its way to the wire."""
 
     def begin(scene: Scene, _axis: str) -> None:
         scene.bench.bus.trouble.sync_delay_ns = delay_ms * MS
@@ -212,7 +212,7 @@ def sync_waits(delay_ms: int) -> Play:
 
 
 def held(duration_ms: int) -> Play:
-    """The core stands still while the world goes on, and its clock with the world."""
+    """The core is halted while the world and the core's clock continue."""
 
     def begin(scene: Scene, _axis: str) -> None:
         scene.bench.bus.hold(duration_ms * MS)
@@ -221,7 +221,7 @@ def held(duration_ms: int) -> Play:
 
 
 def suspended(duration_ms: int) -> Play:
-    """The machine sleeps: the core and its monotonic clock stand still, the world goes on."""
+    """The machine is suspended: the core and its monotonic clock stop, the world continues."""
 
     def begin(scene: Scene, _axis: str) -> None:
         scene.bench.bus.pause(duration_ms * MS)
@@ -230,7 +230,7 @@ def suspended(duration_ms: int) -> Play:
 
 
 def clock_set(by_ns: int) -> Play:
-    """Somebody sets the wall clock; it is set right when the fault goes away."""
+    """The wall clock is set; it is corrected when the fault ends."""
 
     def begin(scene: Scene, _axis: str) -> None:
         scene.bench.lockstep.clock.utc_stepped_ns += by_ns
@@ -245,7 +245,7 @@ def clock_set(by_ns: int) -> Play:
 
 
 def gateway_silent() -> Play:
-    """No levels any more: dead, stalled, or its session lost; afterwards they come again."""
+    """The gateway sends no state: dead, stalled, or its session lost; afterwards it sends again."""
 
     def begin(scene: Scene, _axis: str) -> None:
         scene.bench.gateway.silent = True
@@ -257,7 +257,7 @@ def gateway_silent() -> Play:
 
 
 def levels(change: Callable[[list[GatewayState]], list[GatewayState]]) -> Play:
-    """What the core hears is another thing than was sent."""
+    """The core receives a gateway state different from the one sent."""
 
     def begin(scene: Scene, _axis: str) -> None:
         scene.bench.gateway.change = change
@@ -269,18 +269,18 @@ def levels(change: Callable[[list[GatewayState]], list[GatewayState]]) -> Play:
 
 
 FLOOD_COUNT: Final = 100
-"""Levels in one turn: 10 kHz."""
+"""Gateway states in one turn: 10 kHz."""
 FOREIGN: Final = "somebody else's core"
 _ENABLE: Final = Request(id=4711, kind=RequestKind.ENABLE)
 
 
 def flood(sent: list[GatewayState]) -> list[GatewayState]:
-    """Each level a hundred times."""
+    """Each gateway state is repeated a hundred times."""
     return [level for level in sent for _ in range(FLOOD_COUNT)]
 
 
 def foreign(sent: list[GatewayState]) -> list[GatewayState]:
-    """Beside ours those of a gateway that speaks to another core, and asks to enable it."""
+    """States of a second gateway arrive, which belong to another core and request to enable it."""
     return [
         level
         for own in sent
@@ -297,27 +297,27 @@ def foreign(sent: list[GatewayState]) -> list[GatewayState]:
 
 
 def foreign_alone(sent: list[GatewayState]) -> list[GatewayState]:
-    """Only those of another core."""
+    """Only the gateway states for another core arrive."""
     return [changed(own, core_boot_id=FOREIGN) for own in sent]
 
 
 def restarted(sent: list[GatewayState]) -> list[GatewayState]:
-    """A gateway that begins anew: counts stops from zero, no request, no lease."""
+    """The gateway is restarted: its stop count is zero, with no request and no lease."""
     return [changed(own, stop_count=0, request=Request(), setpoints=(), lease=0) for own in sent]
 
 
 def lower_stop_count(sent: list[GatewayState]) -> list[GatewayState]:
-    """A stop count that goes down is no stop, and hides none."""
+    """A stop count that decreases is no stop, and hides none."""
     return [changed(own, stop_count=own.stop_count - 1) for own in sent]
 
 
 def nothing_asked(sent: list[GatewayState]) -> list[GatewayState]:
-    """Nobody asks for anything, and no lease is held: only that the gateway lives is said."""
+    """No request and no lease: the gateway only signals that it is alive."""
     return [changed(own, request=Request(), setpoints=(), lease=0) for own in sent]
 
 
 def nan_setpoint(sent: list[GatewayState]) -> list[GatewayState]:
-    """Setpoints that are no numbers, under the lease of the level."""
+    """Setpoints are NaN, under the lease of the gateway state."""
     return [
         changed(
             own,
@@ -340,7 +340,7 @@ def terminated() -> Play:
 
 
 def killed() -> Play:
-    """SIGKILL to the core: it does nothing any more, not even leave."""
+    """SIGKILL to the core: it executes nothing any more, not even its shutdown."""
 
     def begin(scene: Scene, _axis: str) -> None:
         scene.bench.bus.trouble.is_gone = True

@@ -1,8 +1,8 @@
-"""The columns of the matrix: each mode, how a session gets there, and how it goes on by itself.
+"""The columns of the matrix: each mode, how a session reaches it, and how it continues.
 
-A session is turned once to where a column begins; its cells are forked from it one after the other
-while it goes on, so each fault comes at another moment of the mode (`window_s`), drawn by the
-seed. What must not be turned through together, because it is over at once, is each cell's own
+A session is run once to the start of a column; its cells are forked from it one after the other
+while it continues, so each fault comes at another moment of the mode (`window_s`), drawn by the
+seed. A step that cannot be shared, because it is over at once, is executed by each cell
 (`prelude`).
 """
 
@@ -26,7 +26,7 @@ Step = Callable[[Bench], None]
 
 
 class Group(Enum):
-    """What the drives do in a mode: what is right for a fault goes by this."""
+    """State of the drives in a mode; the expected result of a fault depends on it."""
 
     IDLE = "nothing is enabled"
     ALONE = "one axis is enabled alone"
@@ -41,24 +41,24 @@ class Column:
     mode: Mode
     group: Group
     text: str
-    """For people."""
+    """Title for the page."""
     begin: Step
-    """From power-on to where faults may come."""
+    """Runs from power-on to the first moment of a fault."""
     window_s: float
-    """Over which the faults are spread."""
+    """Time over which the faults are spread."""
     goes_to: frozenset[Mode]
-    """Where it may be some seconds later without any fault."""
+    """Modes that the session may reach some seconds later without any fault."""
     variant: Variant = AS_SHIPPED
     after_s: float = 0.01
-    """Of the cell's own time, over which its fault may come: any moment of a cycle."""
+    """Time of the cell over which its fault may come: any moment of a cycle."""
     prelude: Step | None = None
-    """Each cell's own last step."""
+    """The last step, executed by each cell."""
     release: Step | None = None
-    """What else ends when the fault ends: the drives that were away come back."""
+    """Additional action at the end of the fault: absent drives return."""
 
 
 def _nothing(_: Bench) -> None:
-    """Power-on itself."""
+    """Do nothing: the session starts at power-on."""
 
 
 def _off(bench: Bench) -> None:
@@ -283,7 +283,7 @@ COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
         )
     }
 )
-"""By name, in the order of the pages."""
+"""Columns by name, in the order of the pages."""
 
 LEFT_OUT: Final[frozenset[Mode]] = frozenset()
 """Modes without a column."""

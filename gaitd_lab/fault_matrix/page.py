@@ -1,4 +1,4 @@
-"""docs/fault_matrix.md: what every fault did in every mode, as tables made from the cells."""
+"""docs/fault_matrix.md: the result of every fault in every mode, as tables made from the cells."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
@@ -59,7 +59,7 @@ of them break a law today (last section).
 
 
 def page(found: Sequence[Found]) -> str:
-    """The whole page."""
+    """Return the whole page."""
     bad = [(one, reasons) for one in found if (reasons := broken(one))]
     cells = {(one.fault, one.mode, one.axis): one for one in found}
     seed = found[0].seed if found else 0
@@ -75,7 +75,7 @@ def page(found: Sequence[Found]) -> str:
 
 
 def entry(cells: Sequence[Found]) -> str:
-    """What one fault did in one mode: once, if it was the same on both axes."""
+    """Describe one fault in one mode: once, if it was the same on both axes."""
     if not cells:
         return "not played"
     if len({_kind(one) for one in cells}) == 1:
@@ -184,13 +184,13 @@ def _open(bad: Sequence[tuple[Found, list[str]]]) -> str:
 
 
 def command(one: Found) -> str:
-    """What plays one cell again."""
+    """Return the command that runs one cell again."""
     axis = f" --axis {one.axis}" if one.axis else ""
     return f"gaitd matrix --fault {one.fault} --mode {one.mode}{axis} --seed {one.seed}"
 
 
 def tables_of(text: str) -> Iterator[list[list[str]]]:
-    """The tables of a page: rows of cells, the head first."""
+    """Return the tables of a page: rows of cells, the header first."""
     table: list[list[str]] = []
     for line in [*text.splitlines(), ""]:
         if line.startswith("| "):

@@ -1,8 +1,8 @@
-"""All cells: one session for each column, turned through its window, a fork at each cell's moment.
+"""All cells: one session for each column, run through its window, a fork at each cell's moment.
 
-A fork is a copy of the whole session, so a cell costs only what comes after its fault; the session
-goes on to the next cell's moment as if nothing had been. Each cell's moment is drawn by its own
-name and the seed: alone it is played at the same moment, and gives the same bits.
+A fork is a copy of the whole session, so a cell costs only the time after its fault; the session
+continues to the next cell's moment unaffected. Each cell's moment is drawn from its own name and
+the seed: a cell run alone has the same moment, and gives the same bits.
 """
 
 import gc
@@ -25,13 +25,13 @@ from gaitd_lab.fault_matrix.modes import COLUMNS, Column
 from gaitd_lab.fault_matrix.watch import AXES
 
 CELL_MAX_S: Final = 120
-"""Of real time; a cell that takes longer hangs."""
+"""Real time; a cell that takes longer hangs."""
 PART_COUNT: Final = 60
-"""Cells of one part: one session is warmed up for each."""
+"""Cells of one part: one session is prepared for each part."""
 
 
 def cells(faults: Sequence[str] = (), modes: Sequence[str] = (), axis: str = "") -> list[Cell]:
-    """The cells of these rows and columns, in the order of the pages; all where none is named."""
+    """Return the cells of these rows and columns, in the pages' order; all if none is named."""
     return [
         Cell(fault.name, column, one)
         for column in (modes or COLUMNS)
@@ -46,7 +46,7 @@ def _axes(fault: Fault) -> tuple[str, ...]:
 
 
 def parts(wanted: Sequence[Cell]) -> list[list[Cell]]:
-    """The cells of each column, in parts of a few minutes' simulated time."""
+    """Split the cells of each column into parts of a few minutes' simulated time."""
     found: list[list[Cell]] = []
     for mode in dict.fromkeys(cell.mode for cell in wanted):
         of_mode = [cell for cell in wanted if cell.mode == mode]
@@ -56,7 +56,7 @@ def parts(wanted: Sequence[Cell]) -> list[list[Cell]]:
 
 
 def run(config: Path, wanted: Sequence[Cell], seed: int, jobs: int) -> Iterator[list[Found]]:
-    """Play all cells, `jobs` columns at a time; what was found, part by part as it is done."""
+    """Run all cells, `jobs` columns at a time; yields the results of each finished part."""
     work = parts(wanted)
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(max_workers=min(jobs, len(work)), mp_context=spawn) as pool:
@@ -66,7 +66,7 @@ def run(config: Path, wanted: Sequence[Cell], seed: int, jobs: int) -> Iterator[
 
 
 def play_part(config: Path, part: Sequence[Cell], seed: int) -> list[Found]:
-    """Cells of one column, from one session."""
+    """Run cells of one column, from one session."""
     column = COLUMNS[part[0].mode]
     bench = Bench(config, column.variant, seed)
     column.begin(bench)
@@ -80,12 +80,12 @@ def play_part(config: Path, part: Sequence[Cell], seed: int) -> list[Found]:
 
 
 def _delay_s(cell: Cell, column: Column, seed: int) -> float:
-    """When the cell is forked, after the column's begin."""
+    """Time of the cell's fork, after the column's start."""
     return random.Random(f"{seed}/{'/'.join(cell)}").uniform(0.0, column.window_s)
 
 
 def _forked(bench: Bench, column: Column, cell: Cell, seed: int) -> Found:
-    """Play one cell in a fork of this process."""
+    """Run one cell in a fork of this process."""
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
@@ -101,7 +101,7 @@ def _forked(bench: Bench, column: Column, cell: Cell, seed: int) -> Found:
 
 
 def _play_and_exit(bench: Bench, column: Column, cell: Cell, seed: int, writer: int) -> None:
-    """Whatever happens: say it, and end here. A fork must not go on as a copy of its parent."""
+    """Run one cell and exit in every case. A fork must not continue as a copy of its parent."""
     signal.alarm(CELL_MAX_S)
     found: Found | None = None
     try:

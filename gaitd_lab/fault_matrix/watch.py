@@ -1,6 +1,6 @@
-"""What one cell was seen to do: from the truth of the plant, the wire, and the records.
+"""Observations of one cell: from the plant's truth, the wire, and the records.
 
-Time counts in cycles of 10 ms from the moment at which the fault begins, wherever in a cycle.
+Time counts in cycles of 10 ms from the begin of the fault, which may be anywhere in a cycle.
 """
 
 import math
@@ -17,7 +17,7 @@ from sim_drives.cia402.power_state import PowerState
 CYCLE_NS: Final = 10_000_000
 SAMPLE_NS: Final = 5_000_000
 REST_NS: Final = 100_000_000
-"""Still for so long is at rest."""
+"""Time without motion after which a leg is at rest."""
 ENABLE_WORD: Final = 0x0F
 PUSHING: Final = PowerState.OPERATION_ENABLED
 AXES: Final = ("right/hip", "right/slide")
@@ -27,17 +27,17 @@ Pair = tuple[float, float]
 
 
 class Sample(NamedTuple):
-    """The plant and its drives at one moment."""
+    """State of the plant and its drives at one moment."""
 
     time_ns: int
     position: Pair
-    """rad, m."""
+    """Positions, rad, m."""
     velocity: Pair
     states: tuple[PowerState, PowerState]
 
 
 class Watch:
-    """Looks at the world every 5 ms, beside the service and whether or not there is one."""
+    """Samples the world every 5 ms, independent of the service."""
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
@@ -55,17 +55,17 @@ class Watch:
 
 
 class Motion(NamedTuple):
-    """How the leg came to rest after a moment."""
+    """Motion of the leg from a moment until rest."""
 
     rest_ns: int | None
-    """Since that moment; None: it has not come to rest."""
+    """Time since that moment; None: it has not come to rest."""
     hip_deg: float
     slide_mm: float
-    """The farthest from where it was, until then."""
+    """Largest distance from the first position, until then."""
 
 
 def motion(samples: Sequence[Sample], begun_ns: int, standstill: Pair) -> Motion:
-    """From the first sample at or after a moment to rest."""
+    """Measure from the first sample at or after a moment to rest."""
     after = [one for one in samples if one.time_ns >= begun_ns]
     rest_ns = _rest(after, standstill)
     first = after[0].position
@@ -76,7 +76,7 @@ def motion(samples: Sequence[Sample], begun_ns: int, standstill: Pair) -> Motion
 
 
 def _rest(samples: Sequence[Sample], standstill: Pair) -> int | None:
-    """When the first long enough rest begins."""
+    """Return when the first sufficiently long rest begins."""
     since_ns: int | None = None
     for one in samples:
         still = all(abs(one.velocity[axis]) < standstill[axis] for axis in (0, 1))
@@ -87,7 +87,7 @@ def _rest(samples: Sequence[Sample], standstill: Pair) -> int | None:
 
 
 def outside(samples: Sequence[Sample], low: Pair, high: Pair) -> Pair:
-    """By how much each joint was at most beyond a range: rad, m; 0 inside."""
+    """Largest excess of each joint over a range: rad, m; 0 inside."""
     hip, slide = (
         max(
             max(low[axis] - one.position[axis], one.position[axis] - high[axis], 0.0)
@@ -99,7 +99,7 @@ def outside(samples: Sequence[Sample], low: Pair, high: Pair) -> Pair:
 
 
 def enabled_anew(samples: Sequence[Sample]) -> tuple[str, ...]:
-    """Drives that were without operation enabled and came to have it."""
+    """Drives that newly entered operation enabled."""
     return tuple(
         axis
         for number, axis in enumerate(AXES)
@@ -111,7 +111,7 @@ def enabled_anew(samples: Sequence[Sample]) -> tuple[str, ...]:
 
 
 def left_enabled(samples: Sequence[Sample], begun_ns: int) -> tuple[int | None, int | None]:
-    """When each drive was first seen without operation enabled, from a moment on."""
+    """Time at which each drive was first seen without operation enabled, from a moment on."""
     hip, slide = (
         next(
             (
@@ -127,12 +127,12 @@ def left_enabled(samples: Sequence[Sample], begun_ns: int) -> tuple[int | None, 
 
 
 class Told(NamedTuple):
-    """When each drive was told to stop, on the wire: world time; None: it was not."""
+    """Time at which each drive was commanded to stop, on the wire: world time; None: it was not."""
 
     hip_ns: int | None
     slide_ns: int | None
     together: bool
-    """Between the same two SYNCs."""
+    """True if between the same two SYNCs."""
 
 
 def told(
@@ -141,8 +141,8 @@ def told(
     """Find the frames that stop.
 
     Args:
-        sent: of the master's, with the world's time.
-        nodes: of hip and slide.
+        sent: frames of the master, with the world's time.
+        nodes: node ids of hip and slide.
         begun_ns: when the fault began.
         stopped_ns: SYNC of the first record of a stop: commands after it brake, also those that
             leave a drive enabled (S2); None: there was no such record.
@@ -188,6 +188,6 @@ def _stops(
 
 
 def first_stop(records: Sequence[CycleRecord]) -> CycleRecord | None:
-    """The first record in which the machine is being stopped, or is in fault."""
+    """Return the first record in which the machine is being stopped, or is in fault."""
     stopped = (Mode.STOPPING, Mode.FAULT)
     return next((one for one in records if one.mode in stopped), None)

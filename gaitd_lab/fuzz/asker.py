@@ -1,4 +1,4 @@
-"""The gateway of a random session: it asks, falls silent, dies, and outlives cores."""
+"""The gateway of a random session: it sends requests, stalls, dies, and outlives cores."""
 
 from collections.abc import Callable
 from typing import Final
@@ -10,9 +10,9 @@ RECORDS_KEPT: Final = 200
 
 
 class Asker(Gateway):
-    """The lock-step gateway, kept short; it may hang, be started anew, and outlive a core.
+    """The lock-step gateway with a short history; it may hang, be restarted, and outlive a core.
 
-    To a core that it has not heard yet it says what it said to the one before.
+    A core from which it has no record yet receives the gateway state of the previous core.
     """
 
     def __init__(self, on_level: Callable[[GatewayState], None]) -> None:
@@ -22,12 +22,12 @@ class Asker(Gateway):
         self._next_boot_id = self.core_boot_id
 
     def expect(self, boot_id: str) -> None:
-        """A core has started: its first record makes them known to each other."""
+        """Prepare for a new core, which is known from its first record on."""
         self._next_boot_id = boot_id
-        self._fresh.clear()  # the last words of the core before are no records of this one
+        self._fresh.clear()  # the last records of the previous core do not belong to this one
 
     def publish(self, record: CycleRecord) -> None:
-        """Keep the newest records only."""
+        """Store the newest records only."""
         if self.core_boot_id != self._next_boot_id:
             self._meet(record)
         super().publish(record)
@@ -36,12 +36,12 @@ class Asker(Gateway):
             del self.records[:-RECORDS_KEPT]
 
     def fresh(self) -> list[CycleRecord]:
-        """Those that nobody has looked at yet."""
+        """Return the records that have not been read yet."""
         fresh, self._fresh = self._fresh, []
         return fresh
 
     def levels(self) -> list[GatewayState]:
-        """What the core hears now, and the watch with it."""
+        """Return the gateway states that the core, and the checks, receive now."""
         levels = super().levels()
         if self.core_boot_id == self._next_boot_id:
             for level in levels:
@@ -49,18 +49,18 @@ class Asker(Gateway):
         return levels
 
     def _meet(self, record: CycleRecord) -> None:
-        """Another core: nothing that was asked of the one before is asked of this one."""
+        """Switch to another core: requests to the previous one are dropped."""
         self.core_boot_id = self._next_boot_id
         self._request = Request(record.request.id)
         self._setpoints, self.lease, self.controller = (), 0, None
 
     @property
     def number(self) -> int:
-        """Of the newest request."""
+        """Number of the newest request."""
         return self._request.id
 
     def begin_anew(self) -> None:
-        """Another gateway process: it knows the records, and the time its levels count on from."""
+        """Restart the gateway process: it keeps the records, and the time base of its states."""
         self._setpoints = ()
         self.lease, self.controller = 0, None
         newest = self.records[-1].request.id if self.records else 0

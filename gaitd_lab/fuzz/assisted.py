@@ -1,12 +1,13 @@
-"""What must never be of a controller's assist, judged from what the gateway told the core.
+"""Invariants of a controller's assist, checked on the gateway states sent to the core.
 
-1. Assist outlives its lease: assist, or mode TORQUE, is in force only while the newest level names
-   a lease and a good setpoint of it is fresh, and for the time of the fade after that.
-2. Assist beyond its limit: what is in force is finite and inside the limit of its axis.
+1. Assist outlives its lease: assist, or mode TORQUE, is active only while the newest gateway state
+   names a lease and a valid setpoint of it is fresh, and for the fade time after that.
+2. Assist beyond its limit: the active assist is finite and inside the limit of its axis.
 
-Good is what this file says, not what the core has counted: of the lease, a number above all before,
-finite, inside its limits, for a cycle that is neither to come nor too old. Time is counted in the
-core's own cycles, as limits.toml has it: a core that is stopped for a while fades when it goes on.
+Validity is defined in this file, independent of the core's counts: of the lease, a number above all
+before, finite, inside its limits, for a cycle that is neither in the future nor too old. Time is
+counted in the core's own cycles, as in limits.toml: a core that is stopped for a while fades when
+it continues.
 """
 
 import math
@@ -18,46 +19,46 @@ from typing import Final, NamedTuple
 from daemon.ipc.record import CycleRecord, GatewayState, Mode, Setpoint
 
 MARGIN_CYCLES: Final = 2
-"""From a level to the record of the cycle that has heard it, and one for rounding."""
+"""Cycles from a gateway state to the record of the cycle that has read it, and one for rounding."""
 NEGLIGIBLE: Final = 1e-9
 
 
 class AssistBounds(NamedTuple):
-    """From limits.toml."""
+    """Bounds of limits.toml."""
 
     most_si: tuple[float, float]
-    """N·m, N."""
+    """Assist limits, N·m, N."""
     age_max_cycles: int
     fade_cycles: int
     first_cycles: int
-    """Mode TORQUE waits so long for its first setpoint."""
+    """Time limit of mode TORQUE for its first setpoint."""
 
 
 @dataclass
 class AssistWatch:
-    """Both rules over the lives of several cores."""
+    """Both invariants over the lives of several cores."""
 
     bounds: AssistBounds
     checked: Counter[str] = field(default_factory=Counter)
     _lease: int = 0
     _seqs: dict[str, int] = field(default_factory=dict[str, int])
-    """The highest good one of each leg under the lease."""
+    """The highest valid sequence number of each leg under the lease."""
     _good_cycle: int = -(10**9)
-    """That the newest good setpoint was for."""
+    """The cycle of the newest valid setpoint."""
     _cycle: int = 0
     _without_count: int = 0
-    """Records in a row without a lease, or without a good setpoint that is fresh."""
+    """Consecutive records without a lease, or without a valid fresh setpoint."""
     _unleased_count: int = 0
     _torque_count: int = 0
 
     def core_gone(self) -> None:
-        """Another core counts its cycles anew."""
+        """Reset: another core restarts the cycle count."""
         self._lease, self._cycle, self._good_cycle = 0, 0, -(10**9)
         self._without_count = self._unleased_count = self._torque_count = 0
         self._seqs.clear()
 
     def tells(self, level: GatewayState) -> None:
-        """A level on its way to the core."""
+        """Process a gateway state on its way to the core."""
         if level.lease != self._lease:
             self._lease, self._good_cycle = level.lease, -(10**9)
             self._seqs.clear()
@@ -72,7 +73,7 @@ class AssistWatch:
             abs(one) <= most for one, most in zip(wanted, self.bounds.most_si, strict=True)
         )
         return (
-            inside  # NaN is not
+            inside  # false for NaN
             and 0.0 <= setpoint.stiffness_ratio <= 1.0
             and setpoint.lease == self._lease != 0
             and setpoint.seq > self._seqs.get(setpoint.leg, -1)
@@ -80,7 +81,7 @@ class AssistWatch:
         )
 
     def hear(self, record: CycleRecord) -> Iterator[tuple[str, str]]:
-        """Rule and words of what is broken in this record."""
+        """Check a record; yields the violated rule and a text."""
         bounds = self.bounds
         self._cycle = record.cycle
         fresh = record.cycle - self._good_cycle <= bounds.age_max_cycles

@@ -1,11 +1,11 @@
-"""How far a joint may be out.
+"""Allowed excess of a joint over its limit.
 
-Beyond the limit is allowed where no drive could have held the joint: a drive of the leg was without
+A joint may be beyond the limit where no drive could have held it: a drive of the leg was without
 its power stage within BEFORE_S (springs and gravity move the leg), the patient pushes outwards, or
-a fault made the drive see or push wrongly within BEFORE_S (BLINDING). A stop that begins inside is
-no excuse: `gaitd check` has swept its path.
-Where the joint was led by such a thing it may stay: a drive that stopped there holds it there, long
-after the patient pushes no more. Only a margin farther out is judged anew.
+a fault made the drive measure or push wrongly within BEFORE_S (BLINDING). A stop that begins inside
+the limit is no excuse: `gaitd check` has checked its path.
+A joint moved out in this way may stay there: a drive that stopped there holds it, long after the
+patient's push has ended. Only a position a further margin outside is checked again.
 """
 
 import math
@@ -17,10 +17,10 @@ from sim_drives.plant.truth import Truth
 from sim_drives.settings import FaultKind
 
 LIMIT_MARGIN: Final = (math.radians(0.5), 0.003)
-"""rad, m: the path from noticing to the ramp, at what speed is left there."""
+"""rad, m: the path from detection to the ramp, at the speed that remains there."""
 BEFORE_S: Final = 3.0
 PUSH_FLOOR: Final = (1.0, 10.0)
-"""N·m, N: less is no push."""
+"""N·m, N: a smaller effort is no push."""
 BLINDING: Final = frozenset(
     {
         FaultKind.FROZEN_ENCODER,
@@ -33,18 +33,18 @@ BLINDING: Final = frozenset(
         FaultKind.BRAKE_STUCK,
     }
 )
-"""Faults after which a drive sees wrongly, pushes wrongly, or does not do what it shows."""
+"""Faults after which a drive measures wrongly, pushes wrongly, or does not do what it shows."""
 
 
 def beyond_limit(
     drive: WatchedDrive, of_leg: Sequence[WatchedDrive], truth: Truth, now_ns: int
 ) -> Iterator[tuple[str, str]]:
-    """Where this joint really is, and whether something excuses it.
+    """Check the joint's true position; report it if it is outside without an excuse.
 
     Args:
-        drive: of the joint; remembers how far out it was led.
+        drive: drive of the joint; stores how far out the joint was moved.
         of_leg: all drives of its leg.
-        truth: of the leg.
+        truth: true state of the leg.
         now_ns: time of the truth.
     """
     rules = drive.rules

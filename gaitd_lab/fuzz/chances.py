@@ -1,8 +1,8 @@
-"""What may happen next, drawn from a seed.
+"""Random events of a session, drawn from a seed.
 
-A session draws an `Action` every now and then. What a helpful person would do to keep the machine
-walking (`_helpful`: reset, enable, walk) and anything at all (`_anything`) take turns; without the
-former nearly all of an hour would be spent in fault.
+A session draws an `Action` at random intervals. Actions of an operator who keeps the machine
+walking (`_helpful`: reset, enable, walk) alternate with arbitrary ones (`_anything`); without the
+former nearly all of the time would be spent in fault.
 """
 
 import math
@@ -20,12 +20,12 @@ HELPFUL_RATIO: Final = 0.6
 PAUSE_MEAN_S: Final = 0.8
 PAUSE_MIN_S: Final = 0.02
 STOPPED_ENABLE_RATIO: Final = 0.1
-"""Of the helpful ENABLEs: somebody else presses stop in the same cycle."""
+"""Share of the helpful ENABLEs with a stop from another client in the same cycle."""
 FAULT_S: Final = (0.02, 2.5)
 
 
 class Kind(Enum):
-    """What happens."""
+    """Kind of event."""
 
     REQUEST = "request"
     STOP = "stop"
@@ -49,7 +49,7 @@ NO_MODE: Final = ModeRequest()
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """One thing that happens."""
+    """One event."""
 
     kind: Kind
     request: RequestKind = RequestKind.NONE
@@ -87,13 +87,13 @@ _VALUES: Final[Mapping[FaultKind, Callable[[random.Random], float]]] = {
     FaultKind.TORQUE_OFFSET: lambda r: r.uniform(-1500.0, 1500.0),
     FaultKind.HOME_SWITCH_STUCK: lambda r: r.randrange(2),
 }
-"""Faults with a value; a fault that is not here has none."""
+"""Faults with a value; all others have none."""
 
 _ODD_NUMBERS: Final = (0.0, -1.0, math.nan, math.inf, -math.inf, 1e300, 1e-300)
 
 
 class Chances:
-    """The dice of one session."""
+    """The random generator of one session."""
 
     def __init__(
         self,
@@ -110,16 +110,16 @@ class Chances:
         self._cadence_max_hz = cadence_max_hz
 
     def pause_s(self) -> float:
-        """Until the next action."""
+        """Draw the time until the next action."""
         return max(PAUSE_MIN_S, self._dice.expovariate(1.0 / PAUSE_MEAN_S))
 
     def next(self, mode: Mode, *, lease_held: bool = False) -> Action:
-        """What happens now."""
+        """Draw the next action."""
         helpful = self._dice.random() < HELPFUL_RATIO
         return self._helpful(mode, lease_held=lease_held) if helpful else self._anything()
 
     def _helpful(self, mode: Mode, *, lease_held: bool) -> Action:
-        """Whatever brings the machine nearer to walking."""
+        """Draw an action that brings the machine closer to walking."""
         if mode == Mode.FAULT:
             return Action(Kind.REQUEST, RequestKind.RESET)
         if mode == Mode.READY:
@@ -133,7 +133,7 @@ class Chances:
         return Action(Kind.NOTHING)
 
     def _leave_hold(self, *, lease_held: bool) -> Action:
-        """Mostly a walk; or a controller's torque, a hand that guides, a test of the day."""
+        """Draw a mode after HOLD: mostly gait, else torque, hand guiding or a daily test."""
         drawn = self._dice.choices(tuple(_FROM_HOLD), tuple(_FROM_HOLD.values()))[0]
         if drawn == Mode.GAIT:
             return Action(Kind.REQUEST, RequestKind.MODE, self._walk())
@@ -216,7 +216,7 @@ _OF_ALL: Final = frozenset(
         FaultKind.EMCY,
     }
 )
-"""Faults that may come over all drives at once: of the bus, the supply, and the safety chain."""
+"""Faults that may affect all drives at once: of the bus, the supply, and the safety chain."""
 
 _FROM_HOLD: Final = {Mode.GAIT: 10, Mode.TORQUE: 8, Mode.HAND_GUIDING: 3, Mode.SELF_TEST: 3}
 

@@ -1,4 +1,4 @@
-"""A controller that is drawn: mostly good, sometimes wrong in every way there is, and mortal."""
+"""A random controller: mostly valid setpoints, some of each invalid kind, and it may die."""
 
 import math
 import random
@@ -14,12 +14,12 @@ from daemon.ipc.record import CycleRecord, Mode, Setpoint
 GOOD_RATIO: Final = 0.9
 NEUTRAL_RATIO: Final = 0.2
 CHANGES_PER_CYCLE: Final = 0.02
-"""It wants something else about every half second."""
+"""Rate of new random targets: about one every half second."""
 ASSISTED: Final = frozenset({Mode.TORQUE, Mode.GAIT})
 
 
 class Wrong(Enum):
-    """What a setpoint may be."""
+    """Kinds of invalid setpoint."""
 
     STALE = "stale"
     REORDERED = "reordered"
@@ -55,7 +55,7 @@ class RandomController:
     ) -> None:
         self.lease = 0
         self.dead_since_ns: int | None = None
-        """The gateway goes on forwarding its last word until the lease is over."""
+        """Time of its death; the gateway forwards its last setpoint until the lease is over."""
         self._sent = sent
         self._dice = dice
         self._legs = tuple(legs)
@@ -65,7 +65,7 @@ class RandomController:
         self._said: tuple[Setpoint, ...] = ()
 
     def __call__(self, record: CycleRecord) -> tuple[Setpoint, ...]:
-        """The newest setpoint of each leg, for the gateway to forward."""
+        """Return the newest setpoint of each leg, which the gateway forwards."""
         if self.dead_since_ns is None:
             self._seq += 1
             if self._dice.random() < CHANGES_PER_CYCLE:
@@ -77,7 +77,7 @@ class RandomController:
         dice = self._dice
         if dice.random() < NEUTRAL_RATIO:
             return 0.0, 0.0, 1.0
-        # Mostly gentle, and now and then all that is allowed.
+        # Mostly small values, sometimes the whole allowed range.
         hip_nm, slide_n = (most * dice.uniform(-1.0, 1.0) ** 3 for most in self._most_si)
         return hip_nm, slide_n, dice.choice((1.0, 1.0, dice.random()))
 

@@ -1,27 +1,29 @@
-"""What must never happen, judged from the wire and from the truth of the plant.
+"""Invariants of the service, checked on the wire and on the true state of the plant.
 
-The watch hears every frame that the master sends, and sees drives and plant as they really are. Of
-the core's own words it takes only what is judged as words: records, answers, verdicts. It knows
-what it has asked for itself. The rules, by the names that a violation carries:
+The checker receives every frame of the master, and knows the true state of drives and plant. The
+core's own outputs are used only where they are themselves checked: records, answers, verdicts. The
+checker also knows the requests of the session. The rules, by the names that a violation carries:
 
-1. Enables unasked: an RPDO1 that begins to enable a drive comes only after ENABLE (or one axis)
-   was asked, and since then no stop, kill or refusal. After a stop that was no DISABLE RESET must
-   have been asked before.
+1. Enables unasked: an RPDO1 that begins to enable a drive comes only after an ENABLE request (or
+   one for one axis), with no stop, kill or refusal since then. After a stop other than DISABLE
+   there must have been a RESET request before.
 2. Powered unasked: a drive enters "operation enabled" only in such a time, or just after: one that
-   quick-stopped by itself may obey the last word from before we had seen it (transition 16).
+   quick-stopped by itself may execute the last command sent before the stop was seen
+   (transition 16).
 3. Torque without power: a motor gives torque only in states with the power stage on.
-4. Left enabled in silence: a drive to which we have said nothing for 1016h and a margin is not
-   enabled any more.
+4. Left enabled in silence: a drive to which nothing was sent for 1016h and a margin is not enabled
+   any more.
 5. Stops apart, stop not done, enabled still: `stops.py`.
 6. Beyond the limit: a joint is not more than a margin beyond its hard limit (`beyond.py`).
 7. Torque jumps: 6071h changes by no more than limits.toml's rate times the time between two
-   commands, while the drive is told to enable in cyclic torque. The first one is what holds the leg
-   where it really is, to FIRST_TORQUE_OFF_MAX, unless a fault made the drive see or push wrongly.
+   commands, while the drive is commanded to enable in cyclic torque. The first torque is the one
+   that holds the leg at its true pose, within FIRST_TORQUE_OFF_MAX, unless a fault made the drive
+   measure or push wrongly.
 8. Verdict milder: a latched verdict never becomes milder, and fault is not left, without RESET;
-   nor does a core that was left a debt become ready without it.
+   nor does a core that was left an unreset stop become ready without it.
 9. Answers: each request is answered once, within PATIENCE_S of a living core and gateway.
 10. Records: those of one core have no gap, and each can be encoded.
-11. Our own bug: no exception comes out of a cycle.
+11. Our own bug: no exception leaves a cycle.
 12. Assist outlives its lease, assist beyond its limit: `assisted.py`.
 """
 
@@ -59,27 +61,27 @@ NMT_TAKES_AWAY: Final = frozenset({0x02, 0x80, 0x81, 0x82})
 """Stop, pre-operational, both resets: the drive leaves operational, and stops."""
 ALONE: Final = frozenset({Mode.REFERENCE, Mode.COMMISSION})
 NO_DEBT: Final = frozenset({Cause.NONE, Cause.SHUTDOWN, Cause.DRIVE_POWERED})
-"""Not remembered over a restart: none, an orderly end, and a drive that is seen again by itself."""
+"""Verdicts not stored over a restart: none, a normal end, and a drive that reappears by itself."""
 BROUGHT_UP: Final = frozenset({m for m in Mode if m.active} | {Mode.READY})
 
 PATIENCE_S: Final = 15.0
-"""For an answer: the longest request, a gait out of an unfavourable pose, takes some seconds."""
+"""Time limit of an answer: the longest request, gait from an unfavourable pose, takes seconds."""
 SILENCE_MARGIN_S: Final = 0.02
 EFFORT_FLOOR: Final = (0.5, 5.0)
-"""N·m, N: below is no torque (the current dies away within a few milliseconds)."""
+"""N·m, N: smaller values are no torque (the current decays within a few milliseconds)."""
 FIRST_TORQUE_OFF_MAX: Final = (1.0, 10.0)
-"""N·m, N: from what holds the leg; damping of what little it moves, noise of its encoders."""
+"""N·m, N: tolerance of the holding effort; damping of small motions, noise of the encoders."""
 ENABLING_GRACE_S: Final = 0.05
-"""From a controlword to the drive's state."""
+"""Time from a controlword to the drive's state."""
 BLINDED_AFTER_NS: Final = round(BEFORE_S * NS_PER_S)
 ENABLED_STILL_NS: Final = 50_000_000
-"""A drive that has not obeyed DISABLE yet is told to go on, sees that end, and walks up anew."""
+"""A drive that has not yet executed DISABLE may be commanded on, and then be enabled again."""
 DELAYING: Final = frozenset({FaultKind.SLOW_STATE})
 """Faults after which a state may come later than its controlword."""
 
 
 class _Before(NamedTuple):
-    """A request, and what was so before it: a refusal changes nothing."""
+    """A request, and the state before it: a refusal restores it."""
 
     kind: RequestKind
     permitted: bool
@@ -91,32 +93,32 @@ class _Before(NamedTuple):
 
 @dataclass
 class Watch:
-    """All rules over one session; `violations` fills."""
+    """All rules over one session; collects `violations`."""
 
     drives: dict[int, WatchedDrive]
     period_s: float
     detection_s: float
     load_of: Callable[[Pair], Pair]
-    """What holds a leg at a pose: N·m, N."""
+    """Effort that holds a leg at a pose: N·m, N."""
     assist: AssistWatch
     stops: StopWatch
     violations: list[Violation] = field(default_factory=list)
     checked: Counter[str] = field(default_factory=Counter)
-    """How often each rule has been looked at."""
+    """Number of checks of each rule."""
     answered: Counter[str] = field(default_factory=Counter)
-    """By kind and outcome."""
+    """Answers by kind and outcome."""
     now_ns: int = 0
     _permitted: bool = False
     _permitted_ns: int = -(10**18)
     _needs_reset: bool = False
     _orderly: bool = False
-    """DISABLE or RESET was asked since the last ENABLE."""
+    """True if DISABLE or RESET was requested since the last ENABLE."""
     _over: bool = False
-    """It had been when that ENABLE was asked: the time before may end after it."""
+    """Its value at that ENABLE: the previous enabled time may end after it."""
     _debt: bool = False
-    """The core, if it ended now, would leave something that only RESET pays."""
+    """True if the core, ending now, would leave a stop that only RESET clears."""
     _inherited: bool = False
-    """An earlier core has left such a debt, and RESET was not asked since."""
+    """True if an earlier core has left such a stop, without a RESET request since."""
     _spoken_ns: int = 0
     _asked: dict[int, "_Before"] = field(default_factory=dict)
     _answers: dict[int, Outcome] = field(default_factory=dict)
@@ -124,14 +126,14 @@ class Watch:
     _latched: StopCategory = StopCategory.NONE
     _reset_asked: bool = False
     _left_fault: bool = False
-    """Fault was left since RESET was asked."""
+    """True if fault was left since the RESET request."""
     _seq: int | None = None
     _alone: bool = False
 
-    # --- what the session does ------------------------------------------------------------------
+    # --- actions of the session -----------------------------------------------------------------
 
     def asks(self, number: int, kind: RequestKind, wanted: ModeRequest) -> None:
-        """A request leaves."""
+        """Note a request that is sent."""
         self._asked[number] = _Before(
             *(kind, self._permitted, self._alone),
             *(self._needs_reset, self._inherited, self._reset_asked),
@@ -156,12 +158,12 @@ class Watch:
         self._permitted, self._orderly, self._alone = True, False, alone
 
     def asks_to_stop(self) -> None:
-        """The stop count rises, and a core hears it."""
+        """Note that the stop count rises, and a core receives it."""
         self._permitted = False
         self.stops.asked()
 
     def injects(self, kind: FaultKind, name: str, until_ns: int) -> None:
-        """A fault begins."""
+        """Note that a fault begins."""
         for drive in self.drives.values():
             if name in {drive.rules.name, "*"}:
                 if kind in BLINDING:
@@ -170,7 +172,7 @@ class Watch:
                     drive.delayed_ns = max(drive.delayed_ns, until_ns)
 
     def core_gone(self) -> None:
-        """The process ends: a new one enables nothing that nobody asks it for."""
+        """Note that the process has ended: a new one enables nothing without a request."""
         self._permitted = False
         self._needs_reset = self._inherited = self._debt
         self.assist.core_gone()
@@ -185,13 +187,13 @@ class Watch:
         self.stops.core_gone()
 
     def tells(self, level: GatewayState) -> None:
-        """The gateway says something to the core."""
+        """Note a gateway state sent to the core."""
         self.assist.tells(level)
 
     # --- the wire -------------------------------------------------------------------------------
 
     def sent(self, time_ns: int, can_id: int, data: bytes) -> None:
-        """A frame of the master's."""
+        """Check a frame of the master."""
         self.now_ns = time_ns
         if can_id == SYNC_ID:
             self._spoken_ns = time_ns
@@ -227,7 +229,7 @@ class Watch:
         if not enable:
             drive.torque_told = None
         if stops:
-            # Just after ENABLE it is the end of the time before: a DISABLE that came through late.
+            # Just after ENABLE this may be the end of the previous time: a late DISABLE.
             if not self._over or self.now_ns - self._permitted_ns > ENABLED_STILL_NS:
                 self._permitted = False
             self._needs_reset = self._needs_reset or not self._orderly
@@ -255,7 +257,7 @@ class Watch:
                 what = f"by {step_si:.4g} in {span_s * 1e3:.1f} ms, {most_si:.4g}"
                 self._break("torque jumps", f"{drive.rules.name} {what}")
         elif begins and self.now_ns > drive.blinded_ns + BLINDED_AFTER_NS:
-            # Magnitudes: which sign the drive counts in is not the question here.
+            # Magnitudes: the sign in which the drive counts is not checked here.
             off_si = abs(abs(count) * count_si - abs(drive.load_si))
             most_si = FIRST_TORQUE_OFF_MAX[drive.rules.axis]
             if off_si > most_si:
@@ -266,7 +268,7 @@ class Watch:
     # --- the truth ------------------------------------------------------------------------------
 
     def see(self, now_ns: int, truths: dict[str, Truth]) -> None:
-        """Drives and plants as they are; about every 10 ms."""
+        """Check the true state of drives and plants; called about every 10 ms."""
         self.now_ns = now_ns
         for drive in self.drives.values():
             state = drive.node.drive.state
@@ -309,10 +311,10 @@ class Watch:
             self._break("torque without power", what)
         drive.was_off = off
 
-    # --- the core's words -----------------------------------------------------------------------
+    # --- the core's outputs ---------------------------------------------------------------------
 
     def hear(self, record: CycleRecord) -> None:
-        """A record of the core that lives now."""
+        """Check a record of the running core."""
         self.checked["records"] += 1
         if self._seq is not None and record.seq != self._seq + 1:
             self._break("records", f"{record.seq} comes after {self._seq}")
@@ -325,7 +327,7 @@ class Watch:
             self._break(rule, what)
 
     def _hear_debt(self, record: CycleRecord) -> None:
-        """Before `_latched` is brought up to this record: what ended between the two."""
+        """Update the unreset stop, before `_latched` is updated by this record."""
         mode, cause = record.mode, record.verdict.cause
         if self._inherited and mode in BROUGHT_UP:
             self._break("verdict milder", f"{mode.name.lower()}, and an earlier core owes a reset")
@@ -379,7 +381,7 @@ class Watch:
             self._reset_asked = self._reset_asked and before.reset_asked
 
     def waits(self, span_s: float, number: int) -> None:
-        """A request is outstanding; core and gateway live."""
+        """Check the time of a pending request; core and gateway are alive."""
         if number in self._answers:
             return
         self._waiting_s += span_s
@@ -389,11 +391,11 @@ class Watch:
             self._waiting_s = -math.inf
 
     def outcome(self, number: int) -> Outcome:
-        """What the core has said of a request."""
+        """Check the core's answer to a request."""
         return self._answers.get(number, Outcome.PENDING)
 
     def breaks(self, rule: str, what: str) -> None:
-        """Something that only the session can see."""
+        """Add a violation that only the session can detect."""
         self._break(rule, what)
 
     def _break(self, rule: str, what: str) -> None:

@@ -1,4 +1,4 @@
-"""What the sessions have shown, for a terminal and as a page of docs/."""
+"""Results of the sessions, for a terminal and as a page of docs/."""
 
 from collections import Counter
 
@@ -11,17 +11,17 @@ stops, faults, lost frames, late loops, controllers good and bad, and deaths of 
 on the wire and the truth of the plant. The tests run some minutes of it
 (`tests/gaitd/test_torture.py`)."""
 TRACE_SHOWN = 60
-"""Lines before a violation."""
+"""Trace lines printed before a violation."""
 
 
 def rerun(broken: Broken) -> str:
-    """The command that plays just that session again."""
+    """Return the command that runs one session again."""
     seconds = broken.session_s
     return f"gaitd torture --seed {broken.seed} --minutes {seconds / 60:g}"
 
 
 def told(broken: Broken) -> str:
-    """A violation, what came before it, and how to see it again."""
+    """Describe a violation, the events before it, and how to reproduce it."""
     lines = (
         f"VIOLATION with seed {broken.seed} ({broken.variant}): {broken.violation}",
         *(f"  {line}" for line in broken.trace[-TRACE_SHOWN:]),
@@ -31,7 +31,7 @@ def told(broken: Broken) -> str:
 
 
 def summary(tally: Tally) -> str:
-    """All counts as aligned text."""
+    """Return all counts as aligned text."""
     parts = [
         f"{tally.simulated_s:.0f} s in {tally.session_count} sessions, {tally.cycle_count} cycles",
         *(_block(title, counts) for title, counts in _counts(tally)),
@@ -41,7 +41,7 @@ def summary(tally: Tally) -> str:
 
 
 def page(tally: Tally, command: str) -> str:
-    """docs/random_hour.md."""
+    """Return docs/random_hour.md."""
     parts = [
         "# The random hour",
         f"Written by `{command}`; the numbers are of that run.",

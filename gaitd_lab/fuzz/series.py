@@ -1,4 +1,4 @@
-"""Session after session, until the simulated time is over."""
+"""Runs session after session, until the simulated time is over."""
 
 import math
 import tempfile
@@ -16,7 +16,7 @@ from gaitd_lab.fuzz.variants import variant_of, written
 
 
 class Played(NamedTuple):
-    """One session that is over."""
+    """A finished session."""
 
     seed: int
     variant: str
@@ -26,14 +26,14 @@ class Played(NamedTuple):
 def sessions(
     configs: Path, seed: int, duration_s: float, session_s: float, process_count: int = 1
 ) -> Iterator[Played]:
-    """Play sessions of at most `session_s` until `duration_s` is over.
+    """Run sessions of at most `session_s` until `duration_s` is over.
 
     Args:
         configs: folder of the shipped configuration.
-        seed: of the first session; each next one has the next.
-        duration_s: of simulated time, of all.
-        session_s: of one.
-        process_count: that share the sessions; what is played does not depend on it.
+        seed: seed of the first session; each next session has the next seed.
+        duration_s: simulated time of all sessions.
+        session_s: simulated time of one session.
+        process_count: number of processes; the sessions do not depend on it.
     """
     count = math.ceil(duration_s / session_s)
     seeds = range(seed, seed + count)
@@ -47,7 +47,7 @@ def sessions(
 
 
 def session(configs: Path, seed: int, duration_s: float) -> Played:
-    """Play one session."""
+    """Run one session."""
     variant = variant_of(seed)
     with tempfile.TemporaryDirectory() as folder:
         settings = load(written(variant, configs, Path(folder) / "configs"))

@@ -1,7 +1,7 @@
-"""One session from its seed: the real loop on the virtual machine, among random events.
+"""One session from its seed: the real loop on the virtual machine, with random events.
 
-Everything random comes from the seed: what happens and when, which frames are lost, the noise of
-the plant. So a seed is a session, bit for bit.
+All random values come from the seed: events and their times, lost frames, the noise of the plant. A
+seed therefore reproduces a session bit for bit.
 """
 
 import random
@@ -41,7 +41,7 @@ NS_PER_S: Final = 1_000_000_000
 PERIOD_NS: Final = 10_000_000
 MS: Final = 1_000_000
 TRACE_LINES: Final = 400
-"""Kept for a violation: some four seconds of cycles."""
+"""Records kept for a violation: some four seconds of cycles."""
 OUR_BUGS: Final = (
     ArithmeticError,
     AssertionError,
@@ -52,15 +52,15 @@ OUR_BUGS: Final = (
     TypeError,
     ValueError,
 )
-"""What a cycle must never raise."""
+"""Exceptions that a cycle must never raise."""
 GATEWAY_SURVIVES_RATIO: Final = 0.6
-"""Of the deaths of a core."""
+"""Share of a core's deaths that its gateway survives."""
 ENDING_S: Final = 8.0
-"""An orderly end may take so long."""
+"""Time limit of a normal end."""
 
 
 class RandomSession:
-    """A machine, a service, and what befalls them."""
+    """A machine, a service, and random events."""
 
     def __init__(self, settings: Settings, seed: int, variant: str, duration_s: float) -> None:
         self._settings = settings
@@ -74,7 +74,7 @@ class RandomSession:
         self._chances = _chances(settings, self._machine, dice)
         self._controller_dice = random.Random(f"{seed}/controller")
         self._controller: RandomController | None = None
-        """The newest that has held the lease."""
+        """The newest controller that has held the lease."""
         self._survival_dice = random.Random(f"{seed}/survival")
         self._asker = Asker(self._watch.tells)
         self._core_count = 0
@@ -90,7 +90,7 @@ class RandomSession:
         self.tally = Tally(session_count=1)
 
     def run(self) -> Tally:
-        """The whole session, or as far as the first violation."""
+        """Run the whole session, or up to the first violation."""
         end_ns = round(self._duration_s * NS_PER_S)
         while self._tap.now_ns < end_ns and not self._watch.violations:
             self._happen()
@@ -122,7 +122,7 @@ class RandomSession:
             self._watch.breaks("our own bug", f"{type(bug).__name__}: {bug}")
 
     def _look(self) -> None:
-        """Drives, plant and the newest records, as they are now."""
+        """Check drives, plant and the newest records in their present state."""
         self._watch.see(
             self._tap.now_ns,
             {name: trainer.truth() for name, trainer in self._machine.trainers.items()},
@@ -150,9 +150,9 @@ class RandomSession:
         self._trace.append(_line(self._tap.now_ns, record))
         for event in record.events:
             self._trace.append(f"{self._tap.now_ns / NS_PER_S:10.3f}  event: {event}")
-        msgspec.msgpack.encode(record)  # what cannot be encoded is lost to everybody
+        msgspec.msgpack.encode(record)  # a record that cannot be encoded reaches no client
 
-    # --- what happens -----------------------------------------------------------------------------
+    # --- events ---------------------------------------------------------------------------------
 
     def _happen(self) -> None:
         now_ns = self._tap.now_ns
@@ -210,7 +210,7 @@ class RandomSession:
                 return
 
     def _ask(self, action: Action) -> None:
-        """One request at a time, as the gateway has it."""
+        """Send one request at a time, like the gateway."""
         asker = self._asker
         outstanding = asker.number and self._watch.outcome(asker.number) == Outcome.PENDING
         if outstanding or asker.silent or not asker.records:
@@ -219,7 +219,7 @@ class RandomSession:
         self._watch.asks(asker.number, action.request, action.wanted)
 
     def _lend(self) -> None:
-        """One holder at a time."""
+        """Give the lease to one holder at a time."""
         asker = self._asker
         if asker.lease or asker.silent:
             return
@@ -232,7 +232,7 @@ class RandomSession:
         self._controller.lease = asker.lend(self._controller)
 
     def _end_stale_lease(self, now_ns: int) -> None:
-        """As the gateway does it: a lease is not renewed by what is repeated."""
+        """End an expired lease like the gateway: repeated setpoints do not renew it."""
         controller, asker = self._controller, self._asker
         if controller is None or controller.dead_since_ns is None or asker.silent:
             return
@@ -255,13 +255,13 @@ class RandomSession:
         self._watch.injects(order.kind, order.drive, until_ns)
 
     def _gone(self, for_s: float) -> None:
-        """The core's process is no more."""
+        """The core's process has ended."""
         self._dead_until_ns = self._tap.now_ns + round(for_s * NS_PER_S)
         self._ending_until_ns = None
         self._watch.core_gone()
 
     def _start(self, notes: PersistentState) -> Lockstep:
-        """A core; the gateway of the one before has lived on, or is another one as well."""
+        """Start a core; the gateway of the previous one continues, or is restarted as well."""
         self._core_count += 1
         boot_id = f"core {self._core_count}"
         if self._survival_dice.random() > GATEWAY_SURVIVES_RATIO:
@@ -291,7 +291,7 @@ class RandomSession:
 
 
 def _line(now_ns: int, record: CycleRecord) -> str:
-    """One cycle in the trace."""
+    """Format one cycle of the trace."""
     drives = " | ".join(
         f"{drive.power_state} {_number(drive.position_si)} {_number(drive.velocity_si)} "
         f"{_number(drive.effort_si)}"
@@ -335,7 +335,7 @@ def _watch(settings: Settings, machine: Machine) -> Watch:
 
 
 def _load(leg: LegParameters, position: Pair) -> Pair:
-    """What holds the leg still: N·m, N."""
+    """Return the effort that holds the leg still: N·m, N."""
     hip_nm, slide_n = gravity(leg, np.array(position))
     return float(hip_nm), float(slide_n)
 

@@ -1,4 +1,4 @@
-"""What has happened in the sessions, counted."""
+"""Counts of events in the sessions."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -8,7 +8,7 @@ from gaitd_lab.fuzz.invariants import Violation
 
 @dataclass(frozen=True, slots=True)
 class Broken:
-    """A violation with what is needed to see it again."""
+    """A violation with the data needed to reproduce it."""
 
     violation: Violation
     seed: int
@@ -27,22 +27,22 @@ class Tally:
     cycle_count: int = 0
     stolen_count: int = 0
     modes: Counter[str] = field(default_factory=Counter)
-    """Cycles by mode."""
+    """Number of cycles by mode."""
     stops: Counter[str] = field(default_factory=Counter)
-    """Latched verdicts by category and cause."""
+    """Number of latched verdicts by category and cause."""
     requests: Counter[str] = field(default_factory=Counter)
-    """By kind and outcome."""
+    """Number of requests by kind and outcome."""
     events: Counter[str] = field(default_factory=Counter)
-    """Everything else that was done, by kind."""
+    """Number of other actions by kind."""
     faults: Counter[str] = field(default_factory=Counter)
     setpoints: Counter[str] = field(default_factory=Counter)
-    """Of controllers, by what was wrong with them."""
+    """Number of setpoints by what was wrong with them."""
     checked: Counter[str] = field(default_factory=Counter)
-    """How often each invariant was looked at."""
+    """Number of checks of each invariant."""
     broken: list[Broken] = field(default_factory=list)
 
     def add(self, other: "Tally") -> None:
-        """Take another one's counts in."""
+        """Add the counts of another tally."""
         self.session_count += other.session_count
         self.simulated_s += other.simulated_s
         self.cycle_count += other.cycle_count

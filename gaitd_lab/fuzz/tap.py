@@ -1,8 +1,8 @@
-"""The wire between master and virtual drives, with a listener on it and a thief.
+"""The wire between master and virtual drives, with a sniffer and random loss of frames.
 
-`Tap` stands where the lock-step bus expects a world. The listener hears what the master sends and
-what the drives send, before anything is lost; the thief takes single frames away, either way, as a
-loose connector does. With its own random numbers, so that the same seed loses the same frames.
+`Tap` stands where the lock-step bus expects a world. The sniffer receives the frames of the master
+and of the drives before any is lost; single frames are then dropped in both directions, as by a
+loose connector. The loss has its own random numbers, so that the same seed loses the same frames.
 """
 
 import random
@@ -16,16 +16,16 @@ Listener = Callable[[int, int, bytes], None]
 """Time in ns, COB-ID, data."""
 
 KEPT_ALWAYS: Final = 0x600
-"""SDO and heartbeats from here on are not stolen: a bring-up would only take longer."""
+"""SDO and heartbeats from this COB-ID on are not dropped: a bring-up would only take longer."""
 
 
 class Tap:
-    """A world with ears."""
+    """A world whose frames are recorded and partly dropped."""
 
     def __init__(self, world: World, thief: random.Random, on_sent: Listener) -> None:
         self.world = world
         self.loss_ratio = 0.0
-        """Of the frames of PDO and SYNC."""
+        """Share of lost PDO and SYNC frames."""
         self.stolen_count = 0
         self._thief = thief
         self._on_sent = on_sent
@@ -36,18 +36,18 @@ class Tap:
         return self.world.now_ns
 
     def receive(self, frame: Frame) -> None:
-        """A frame of the master's, on its way to the drives."""
+        """Deliver a frame of the master to the drives, unless it is lost."""
         self._on_sent(self.now_ns, frame.can_id, frame.data)
         if not self._stolen(frame.can_id):
             self.world.receive(frame)
 
     def advance_to(self, time_ns: int) -> list[TimedFrame]:
-        """What the drives have sent until then, less what was lost."""
+        """Return the frames that the drives have sent until then, without the lost ones."""
         frames = self.world.advance_to(time_ns)
         return [frame for frame in frames if not self._stolen(frame.can_id)]
 
     def next_event_ns(self) -> int:
-        """As the world says."""
+        """Return the world's next event time."""
         return self.world.next_event_ns()
 
     def _stolen(self, can_id: int) -> bool:

@@ -1,7 +1,7 @@
-"""The configurations that sessions take turns with: make of drives, guidance, patient or nobody.
+"""The configurations of the sessions: make of drives, guidance, patient or empty machine.
 
-A variant is a copy of the folder of the trainer file with a few words replaced, as an operator
-would edit them.
+A variant is a copy of the trainer file's folder with a few words replaced, as an operator would
+edit them.
 """
 
 import shutil
@@ -13,7 +13,7 @@ TRAINER: Final = "demo.toml"
 PLANT: Final = "plant.toml"
 
 Edit = tuple[str, str, str]
-"""File, old words, new words."""
+"""File, old text, new text."""
 
 
 class Variant(NamedTuple):
@@ -51,20 +51,20 @@ VARIANTS: Final = (
 
 
 def variant_of(seed: int) -> Variant:
-    """The variant that belongs to a seed."""
+    """Return the variant of a seed."""
     return VARIANTS[seed % len(VARIANTS)]
 
 
 def written(variant: Variant, source: Path, folder: Path) -> Path:
-    """Copy the configuration and edit it; the path of its trainer file.
+    """Copy the configuration and edit it; return the path of its trainer file.
 
     Args:
-        variant: what to replace.
+        variant: the replacements.
         source: the folder of the shipped configuration.
-        folder: does not exist yet.
+        folder: must not exist yet.
 
     Raises:
-        ValueError: the files do not say what the variant replaces (a bug of ours).
+        ValueError: a file lacks the text to be replaced (a bug of the variant).
     """
     shutil.copytree(source, folder)
     for file, old, new in variant.edits:

@@ -1,4 +1,4 @@
-"""What the watch knows and remembers of one drive, and what a violation says."""
+"""Known and observed state of one drive, and the record of a violation."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,7 +8,7 @@ from sim_drives.cia402.power_state import PowerState
 
 
 class AxisRules(NamedTuple):
-    """What is known of one drive from the files of the plant and the limits; joint SI."""
+    """Constants of one drive from the files of the plant and the limits; joint SI."""
 
     name: str
     node_id: int
@@ -18,12 +18,12 @@ class AxisRules(NamedTuple):
     low_si: float
     high_si: float
     effort_per_count_si: float
-    """Of 6071h, absolute."""
+    """Joint effort per count of 6071h, absolute."""
     rate_si_per_s: float
 
 
 class Violation(NamedTuple):
-    """A rule that was broken."""
+    """A violated rule."""
 
     at_s: float
     rule: str
@@ -35,29 +35,29 @@ class Violation(NamedTuple):
 
 @dataclass
 class WatchedDrive:
-    """What the watch remembers of one drive."""
+    """Observed state of one drive."""
 
     rules: AxisRules
     node: Node
     told_to_enable: bool = False
     begins: bool = False
-    """It has just been told to enable: the next torque is the first one."""
+    """True if enabling has just been commanded: the next torque is the first one."""
     mode_told: int = 0
     torque_told: int | None = None
-    """6071h, while it is told to enable in cyclic torque."""
+    """6071h, while the drive is commanded to enable in cyclic torque."""
     load_si: float = 0.0
-    """What would hold the joint still where it was last seen; N·m, N."""
+    """Effort that would hold the joint still at its last pose; N·m, N."""
     told_ns: int = 0
     told_until_ns: int = -(10**18)
-    """When it was last told to enable no more."""
+    """End of the last enable command."""
     state: PowerState = PowerState.NOT_READY_TO_SWITCH_ON
     unpowered_ns: int = 0
-    """When it was last seen without its power stage."""
+    """Time at which the drive was last seen without its power stage."""
     blinded_ns: int = -(10**18)
-    """Until when a fault of BLINDING counts, and BEFORE_S after it."""
+    """End of the effect of a fault of BLINDING, BEFORE_S included."""
     delayed_ns: int = -(10**18)
     was_off: bool = True
     enabled_still_told: bool = False
-    """That it has not obeyed its last word is known already."""
+    """True if a failure to leave operation enabled was already reported."""
     led_beyond_si: float = 0.0
-    """How far out something led the joint that no drive could have held."""
+    """Distance that the joint was moved out in a way that no drive could have prevented."""

@@ -1,4 +1,4 @@
-"""A picture of a soak: memory of each process, every stop on a time line; how late SYNC was."""
+"""A picture of a soak: memory of each process, every stop on a time line; lateness of SYNC."""
 
 from pathlib import Path
 from typing import Final
@@ -82,5 +82,5 @@ def _stops(axes: Axes, found: Soaked) -> None:
 
 
 def _legend(axes: Axes) -> None:
-    """Above the axes: what is drawn reaches into every corner."""
+    """Place the legend above the axes, because the curves may reach every corner."""
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=8, frameon=False)

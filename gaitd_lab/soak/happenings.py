@@ -1,9 +1,10 @@
-"""What goes wrong in a soak, drawn from a seed; each by the name of its row of the fault matrix.
+"""Faults of a soak, drawn from a seed; each named after its row of the fault matrix.
 
-Not drawn: what a drive refuses or is at bring-up (another identity, a refused object), because it
-ends the core with exit code 3, as it must.
+Not drawn: a drive's refusals at bring-up (another identity, a refused object), because they end
+the core with exit code 3, as required.
 
-Deaths of processes are drawn in the first part only: memory is told of processes that live on.
+Deaths of processes are drawn in the first part only: memory growth is measured on processes that
+stay alive.
 """
 
 import random
@@ -20,13 +21,13 @@ from gaitd_lab.fault_matrix.expected import ROWS, Law, goes_on
 PAUSE_MEAN_S: Final = 4.0
 PAUSE_MIN_S: Final = 1.0
 DEATHS_RATIO: Final = 0.2
-"""Of the duration: afterwards processes stand still at most."""
+"""Share of the duration with deaths; afterwards processes are halted at most."""
 _STAYS: Final = 12.0
-"""Longer than a stride: what shows in motion is seen."""
+"""Longer than a stride: a fault that shows in motion is detected."""
 
 
 class Actor(Enum):
-    """Who does it."""
+    """Executor of the fault."""
 
     DRIVE = "a virtual drive"
     PATIENT = "the patient"
@@ -37,23 +38,24 @@ class Actor(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One kind of trouble."""
+    """One kind of fault."""
 
     doer: Actor
     words: str
     """Commands to the drives, with `{drive}` and `{s}`, separated by `;`; a programme of the
-    patient; or the process."""
+    patient; or the process.
+    """
     low_s: float
     high_s: float
     every: bool = False
-    """May come over all drives at once."""
+    """True if it may affect all drives at once."""
     weight_ratio: float = 1.0
     law: Law | None = None
-    """What is right, where the matrix has no such row, or plays it for a shorter time."""
+    """Expected result, where the matrix has no such row, or uses a shorter time."""
 
 
 class Happening(NamedTuple):
-    """One trouble, now."""
+    """One fault, at the present time."""
 
     name: str
     doer: Actor
@@ -72,7 +74,7 @@ def _drive(words: str, low_s: float, high_s: float, *, every: bool = False) -> S
 
 
 def _blind(words: str, row: str) -> Source:
-    """An encoder that lies for as long as it takes: the joint may meet its limit switch unseen."""
+    """Wrong encoder until the fault is over: the joint may reach its limit switch undetected."""
     law = replace(ROWS[row], causes=ROWS[row].causes | {Cause.LIMIT_SWITCH})
     return Source(Actor.DRIVE, words, _STAYS, _STAYS, law=law)
 
@@ -130,11 +132,11 @@ SOURCES: Final[Mapping[str, Source]] = MappingProxyType(
         ),
     }
 )
-"""By name."""
+"""Kinds of fault by name."""
 
 
 class Chances:
-    """The dice of one soak."""
+    """The random generator of one soak."""
 
     def __init__(self, seed: int, drives: tuple[str, ...]) -> None:
         self._dice = random.Random(f"{seed}/happens")
@@ -142,11 +144,11 @@ class Chances:
         self._drives = drives
 
     def pause_s(self) -> float:
-        """Of gait, until the next trouble."""
+        """Draw the time of gait until the next fault."""
         return PAUSE_MIN_S + self._dice.expovariate(1.0 / PAUSE_MEAN_S)
 
     def walk(self) -> dict[str, object]:
-        """Arguments of mode gait."""
+        """Draw the arguments of mode gait."""
         return {
             "mode": "gait",
             "cadence_hz": round(self._walks.uniform(0.2, 0.5), 3),
@@ -155,7 +157,7 @@ class Chances:
         }
 
     def next(self, *, deaths: bool) -> Happening:
-        """What happens now.
+        """Draw the next fault.
 
         Args:
             deaths: a process may be killed.

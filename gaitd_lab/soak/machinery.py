@@ -1,4 +1,4 @@
-"""The processes of a soak: virtual drives, core and gateway, each started anew where it is due."""
+"""The processes of a soak: virtual drives, core and gateway, each restarted when required."""
 
 import contextlib
 import shutil
@@ -29,12 +29,12 @@ from gaitd_lab.soak.passing import Passing
 from sim_drives.time.server import process_state
 
 PARTS: Final = ("sim", "core", "gateway")
-"""In the order of their start."""
+"""Names in the order of their start."""
 _ENDING: Final = ("core", "gateway", "sim")
 _COMPILED_WITHIN_S: Final = 300.0
 _POLL_S: Final = 0.01
 AT_REST: Final = "S"
-"""State of a process that waits for something to do, as proc(5) has it."""
+"""State of a process that waits, as in proc(5)."""
 _STATE_WITHIN_S: Final = 5.0
 
 
@@ -56,9 +56,9 @@ class Machinery:
         self._expected_dead: set[str] = set()
         self.start_count: Counter[str] = Counter()
         self.exit_codes: dict[str, int] = {}
-        """At the end of the soak."""
+        """True at the end of the soak."""
         self.endings: list[str] = []
-        """Ends that nobody asked for, each one line."""
+        """Unexpected ends of processes, each one line."""
 
     def start(self, part: str) -> None:
         """Start one of PARTS."""
@@ -71,31 +71,31 @@ class Machinery:
         self._parts[part] = ManagedProcess(f"gaitd {part}", arguments, log)
 
     def pid(self, part: str) -> int:
-        """Of the process that runs now, or ran last."""
+        """Process id of the present or the last process."""
         return self._parts[part].pid
 
     def check(self, part: str) -> None:
-        """It lives.
+        """Check that the process is alive.
 
         Raises:
-            ActError: it does not.
+            ActError: it is not.
         """
         self._parts[part].check()
 
     def words(self, part: str) -> str:
-        """The end of what a process has said."""
+        """Return the last output of a process."""
         return self._parts[part].last_words()
 
     def kill(self, part: str) -> None:
-        """SIGKILL; when this returns it is gone. `start` brings it back."""
+        """Send SIGKILL and wait for the end. `start` starts the process again."""
         self._expected_dead.add(part)
         self._parts[part].signal(signal.SIGKILL)
         self._parts[part].end(SERVICE_END_S)
 
     def halt(self, part: str, *, on: bool) -> None:
-        """Stop a process where it stands, or let it go on until it waits again.
+        """Stop a process, or let it continue until it waits again.
 
-        In simulated time none passes meanwhile, so a halt is as long as it should be.
+        No simulated time passes meanwhile, so a halt has exactly its duration.
         """
         troupe = self._parts[part]
         troupe.signal(signal.SIGSTOP if on else signal.SIGCONT)
@@ -106,7 +106,7 @@ class Machinery:
             time.sleep(_POLL_S / 10)
 
     def revive(self) -> None:
-        """Start what ended without being asked to, as systemd would, and note that it did.
+        """Restart processes that ended unexpectedly, as systemd would, and note their end.
 
         Not the virtual drives: without them there is no time.
         """
@@ -118,7 +118,7 @@ class Machinery:
                 self.start(part)
 
     def end(self) -> None:
-        """End all that runs."""
+        """End all running processes."""
         self.time.close()
         for part in _ENDING:
             if part in self._parts:
@@ -132,7 +132,7 @@ _AXES: Final = ("hip", "slide")
 
 @contextlib.contextmanager
 def machinery(configs: Path, tempo: Tempo) -> Generator[Machinery]:
-    """Virtual drives, core and gateway, running; ended whatever happens."""
+    """Run virtual drives, core and gateway; they are ended in every case."""
     folder = Path(tempfile.mkdtemp(prefix="gaitd-soak-", dir=memory_folder()))
     made = Machinery(configs, folder, tempo)
     try:
@@ -145,18 +145,18 @@ def machinery(configs: Path, tempo: Tempo) -> Generator[Machinery]:
 
 
 class RecordTail:
-    """Follows the ring, and each core into its own."""
+    """Reads new records of the ring, across restarts of the core."""
 
     def __init__(self, path: Path) -> None:
-        """Follow `path`, which need not be there yet."""
+        """Read from `path`, which need not exist yet."""
         self._path = path
         self._ring: RingReader | None = None
         self._seq = 0
         self.lost_count = 0
-        """Records that were overwritten before they were read here."""
+        """Number of records overwritten before they were read here."""
 
     def read(self) -> list[CycleRecord]:
-        """All records since the last call, oldest first."""
+        """Return all records since the last call, oldest first."""
         found = self._forward()
         if self._follow():
             found += self._forward()
@@ -177,7 +177,7 @@ class RecordTail:
         return found
 
     def _follow(self) -> bool:
-        """Whether a core has started since."""
+        """Return whether a new core has started."""
         try:
             inode = self._path.stat().st_ino
             if self._ring is not None and self._ring.inode == inode:
@@ -190,7 +190,7 @@ class RecordTail:
 
 
 def until_ready(made: Machinery, within_s: float) -> float:
-    """Seconds from the core's start, which was just now; the virtual drives may be there later.
+    """Return the seconds from the core's start, which is the call, until it is ready.
 
     Raises:
         ActError: a process has ended, or the service was not ready in time.

@@ -1,4 +1,4 @@
-"""Memory and processor time of processes, from /proc (proc(5)), and how fast memory grows."""
+"""Memory and processor time of processes, from /proc (proc(5)), and the growth of memory."""
 
 import os
 from collections.abc import Sequence
@@ -12,34 +12,34 @@ _KINDS: Final = ("RssAnon", "RssFile", "RssShmem")
 TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
 FIELDS_BEFORE_STATE: Final = 2
 UTIME: Final = 14 - FIELDS_BEFORE_STATE - 1
-"""Index of field 14 behind the command's name, which may hold blanks."""
+"""Index of field 14 after the command's name, which may contain blanks."""
 WARM_UP_RATIO: Final = 0.25
-"""Of a process' life: caches and allocators fill."""
+"""Warm-up of a process, in which caches and allocators fill."""
 STARTED_S: Final = 5.0
-"""A process has read its files and imported what it needs by then."""
+"""Time by which a process has read its files and finished its imports."""
 SAMPLES_MIN: Final = 8
 LIFE_MIN_S: Final = 600.0
-"""Of a life that tells a growth for each hour."""
+"""Least life of a process for which a growth per hour is calculated."""
 S_PER_H: Final = 3600.0
 
 
 class Sample(NamedTuple):
-    """Of one process at one moment."""
+    """One process at one moment."""
 
     time_s: float
     pid: int
     rss_mb: float
-    """Resident (RssAnon and RssFile), without the ring: core and gateway share that."""
+    """Resident memory (RssAnon and RssFile), without the ring, which core and gateway share."""
     own_mb: float
-    """Pages of its own (RssAnon)."""
+    """The process' own pages (RssAnon)."""
     ring_mb: float
-    """Pages of the ring that it has touched (RssShmem)."""
+    """Pages of the ring that the process has accessed (RssShmem)."""
     cpu_s: float
-    """User and system time since its start."""
+    """User and system time since the process' start."""
 
 
 def sample(pid: int, time_s: float) -> Sample | None:
-    """Look at a process; None if it is gone."""
+    """Sample a process; None if it has ended."""
     place = Path("/proc") / str(pid)
     try:
         status = (place / "status").read_text()
@@ -48,7 +48,7 @@ def sample(pid: int, time_s: float) -> Sample | None:
         return None
     rows = dict(line.split(":", 1) for line in status.splitlines() if ":" in line)
     if "VmRSS" not in rows:
-        return None  # it has ended, and nobody has asked for its exit code yet
+        return None  # the process has ended, and its exit code was not read yet
     own_mb, file_mb, ring_mb = (int(rows[name].split()[0]) / KB_PER_MB for name in _KINDS)
     fields = stat.rpartition(")")[2].split()
     cpu_s = (int(fields[UTIME]) + int(fields[UTIME + 1])) / TICKS_PER_S
@@ -67,13 +67,13 @@ class Life(NamedTuple):
     most_mb: float
     ring_mb: float
     growth_mb_per_h: float | None
-    """Of its own pages, after warm-up; None: it did not live long enough."""
+    """Growth of its own pages, after warm-up; None: it did not live long enough."""
     cpu_ratio: float
-    """Of one processor."""
+    """Share of one processor."""
 
 
 def lives(name: str, samples: Sequence[Sample]) -> list[Life]:
-    """Each process that had this name, oldest first."""
+    """Return each process with this name, oldest first."""
     pids = list(dict.fromkeys(one.pid for one in samples))
     return [_life(name, [one for one in samples if one.pid == pid]) for pid in pids]
 
@@ -101,9 +101,9 @@ def _life(name: str, samples: Sequence[Sample]) -> Life:
 def growth_mb_per_h(samples: Sequence[Sample]) -> float | None:
     """Median of the slopes between any two samples of a process' own pages (Theil and Sen).
 
-    What grows, grows between most of them, be it in many small steps. One step, to a highest level
-    that is then kept, as by the first backlog of a process that stood still, is no growth: a
-    straight line of least squares would make one of it.
+    A steady growth, even in many small steps, shows between most samples. A single step to a level
+    that is then kept, as by the first backlog of a halted process, is no growth, although a least
+    squares line would show one.
     """
     if len(samples) < SAMPLES_MIN:
         return None

@@ -1,8 +1,8 @@
-"""Who gets the machine walking again: reset, enable, gait, one request at a time.
+"""The simulated operator: returns the machine to gait by reset, enable, gait, one at a time.
 
-As a person would, it looks at the mode, and asks again after a while if it was refused. Where an
-axis is not referenced, it resets once more: a drive that came up with an error of its encoder is
-looked at again. It knows no clock and no socket.
+It reads the mode, and repeats a refused request after a while. If an axis is not referenced, it
+resets once more: a drive that started with an encoder error is then checked again. It uses no clock
+and no socket.
 """
 
 from collections import Counter
@@ -13,42 +13,42 @@ from daemon.ipc.record import Mode
 from gaitd_lab.demonstration.script import Ask
 
 REST_S: Final = 0.7
-"""A person looks before the next request."""
+"""Delay before the next request, like a human operator's."""
 AGAIN_S: Final = 1.0
-"""After a refusal, a leg that still moves for example."""
+"""Delay after a refusal, for example because a leg still moves."""
 
 UNREFERENCED: Final = "not referenced"
-"""In a refusal."""
+"""Text in a refusal."""
 
 
 class Situation(NamedTuple):
-    """What the operator sees."""
+    """Input of the operator."""
 
     now_s: float
     mode: Mode | None
-    """None: nobody knows."""
+    """None: unknown."""
     clear: bool
-    """Whatever went wrong has gone."""
+    """True if the fault has ended."""
     outcome: str | None
-    """Of the newest request; None while it is outstanding."""
+    """Outcome of the newest request; None while it is pending."""
     reason: str = ""
 
 
 class Operator:
-    """Asks for what is next."""
+    """Decides the next request."""
 
     def __init__(self, walk: Callable[[], dict[str, Any]]) -> None:
-        """Draw each exercise by `walk`."""
+        """`walk` draws the arguments of each exercise."""
         self._walk = walk
         self._asked: str | None = None
         self._not_before_s = 0.0
         self._mode: Mode | None = None
         self._unreferenced = False
         self.outcomes: Counter[str] = Counter()
-        """Of requests, by name, outcome and reason."""
+        """Number of requests, by name, outcome and reason."""
 
     def next(self, now: Situation) -> Ask | None:
-        """What is asked now, if anything."""
+        """Return the next request, if any."""
         if self._asked is not None:
             if now.outcome is None:
                 return None

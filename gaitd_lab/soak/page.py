@@ -1,4 +1,4 @@
-"""What a soak says in words: the summary on a terminal, docs/soak.md, and whether it has failed."""
+"""Text results of a soak: the terminal summary, docs/soak.md, and the pass criteria."""
 
 import datetime
 import platform
@@ -17,19 +17,19 @@ CORE_MAX_MB: Final = 200.0
 GATEWAY_MAX_MB: Final = 120.0
 GROWTH_MAX_MB_PER_H: Final = 1.0
 MOST_MB: Final = {"core": CORE_MAX_MB, "gateway": GATEWAY_MAX_MB}
-"""Design, section 6."""
+"""Limit of the design, section 6."""
 QUANTILES: Final = (0.5, 0.9, 0.99, 0.999, 0.9999, 1.0)
 S_PER_MIN: Final = 60.0
 WRONG: Final = (Judged.UNEXPECTED, Judged.MISSED)
 
 
 def lives(found: Soaked) -> list[Life]:
-    """Every process that lived, by part and age."""
+    """Return every process that lived, by part and age."""
     return [life for name, samples in found.memory.items() for life in memory.lives(name, samples)]
 
 
 def failures(found: Soaked) -> list[str]:
-    """Each reason why the soak has not passed."""
+    """Return each reason why the soak has not passed."""
     said = [found.trouble] if found.trouble else []
     said += [f"{stop.judged.value}: {_told(stop)}" for stop in _of(found, *WRONG)]
     said += [f"ended by itself: {ending.splitlines()[0]}" for ending in found.endings]
@@ -59,12 +59,12 @@ def _told(stop: Stop) -> str:
 
 
 def quantiles_us(values: Sequence[float]) -> list[float]:
-    """Of QUANTILES."""
+    """Return the values of QUANTILES."""
     return np.quantile(np.asarray(values), QUANTILES).tolist() if len(values) else []
 
 
 def summary(found: Soaked) -> str:
-    """Aligned text."""
+    """Return the summary as aligned text."""
     return "\n\n".join(
         "\n".join((title, *(f"  {name:<44} {value}" for name, value in rows)))
         for title, rows in _blocks(found)
@@ -177,7 +177,7 @@ _BY_THE_WALL: Final = "by the computer's clock"
 
 
 def page(found: Soaked, command: str, figure: str) -> str:
-    """docs/soak.md."""
+    """Return docs/soak.md."""
     today = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
     machine = f"{platform.machine()}, {found.processors} processors, Python"
     parts = [
@@ -197,7 +197,7 @@ def _table(title: str, rows: Sequence[tuple[str, str]]) -> str:
 
 
 def plain(found: Soaked) -> dict[str, Any]:
-    """For a program."""
+    """Return the results as plain data for a program."""
     return {
         "seed": found.seed,
         "duration_s": found.duration_s,

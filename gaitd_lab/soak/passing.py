@@ -1,4 +1,4 @@
-"""The time of a soak: simulated, which passes in `turn` and stands otherwise; or the computer's."""
+"""The time of a soak: simulated, passing in `turn` only; or the computer's."""
 
 import time
 from pathlib import Path
@@ -9,12 +9,12 @@ from simtime.link import LinkLostError, SocketLink
 from simtime.wire import Role
 
 SERVED_WITHIN_S: Final = 300.0
-"""The very first start of the virtual drives compiles their plant."""
+"""Time limit: the first start of the virtual drives compiles their plant."""
 _POLL_S: Final = 0.05
 
 
 class Passing:
-    """A hand on the time of the virtual drives (`sim_drives/time/server.py`)."""
+    """Controls the time of the virtual drives (`sim_drives/time/server.py`)."""
 
     def __init__(self, channel: Path, *, wall_clock: bool) -> None:
         """Time passes by itself until `take`.
@@ -28,10 +28,10 @@ class Passing:
         self._clock = PageClock(channel)
 
     def take(self) -> None:
-        """Let simulated time stand from now on, but in `turn`; waits for the virtual drives.
+        """Hold simulated time from now on, except in `turn`; waits for the virtual drives.
 
         Raises:
-            LinkLostError: they do not come.
+            LinkLostError: they do not answer.
         """
         end_s = time.monotonic() + SERVED_WITHIN_S
         while True:
@@ -46,16 +46,16 @@ class Passing:
             self._link.command("hold")
 
     def now_s(self) -> float:
-        """Of the core's clock."""
+        """Time of the core's clock."""
         return self._clock.now_ns() * 1e-9
 
     def turn(self, duration_s: float, *, in_haste: bool) -> None:
         """Let time pass.
 
         Args:
-            duration_s: so much of it.
+            duration_s: the time that passes.
             in_haste: as fast as it can where it is simulated; else no faster than the computer's,
-                because something that goes by the computer's time has to come along.
+                because something that uses the computer's time must keep up.
 
         Raises:
             LinkLostError: the virtual drives have ended.
@@ -67,7 +67,7 @@ class Passing:
             time.sleep(max(duration_s - (time.monotonic() - begun_s), 0.0))
 
     def tell_drives(self, words: str) -> None:
-        """Commands to the virtual drives, one a line, at this instant.
+        """Send commands to the virtual drives, one a line, at this instant.
 
         Raises:
             LinkLostError: they have ended.
@@ -77,5 +77,5 @@ class Passing:
             self._link.command(line)
 
     def close(self) -> None:
-        """Time passes by itself again."""
+        """Let time pass by itself again."""
         self._link.close()

@@ -1,4 +1,4 @@
-"""A soak in time: what goes wrong, who gets the machine walking again, and what is noted of it."""
+"""A soak over time: faults, the operator's requests, and the collected results."""
 
 import json
 import os
@@ -24,23 +24,23 @@ from simtime.link import LinkLostError
 TURN_S: Final = 0.1
 LEAST_TURN_S: Final = 0.001
 SETTLE_S: Final = 0.5
-"""After the end of a trouble, until what it leaves has been seen."""
+"""Time after the end of a fault, in which its consequences are observed."""
 CLEARED_AFTER_S: Final = 1.5
-"""Of a stop: the cause goes away then, if it has not by itself."""
+"""Time after a stop at which its cause is removed, if it has not ended by itself."""
 WALKING_WITHIN_S: Final = 120.0
-"""Else the soak ends: nobody gets this machine walking again."""
+"""Time limit to walk again; after it the soak ends."""
 START_WITHIN_S: Final = 300.0
-"""The very first start compiles the observer's kernels."""
+"""Time limit: the first start compiles the observer's kernels."""
 BY_PROCESS: Final = frozenset({Actor.KILL, Actor.HALT, Actor.FLOOD})
-"""What is done to a process or by one: it, or what starts anew, goes by the computer's time."""
+"""Faults of processes: the process, or its restart, uses the computer's time."""
 MEMORY_EVERY_S: Final = 5.0
 MEMORY_SAMPLES_MIN: Final = 40
-"""Even of a short soak."""
+"""Least value, even in a short soak."""
 
 
 @dataclass(slots=True)
 class Soaked:
-    """Everything that a soak has found."""
+    """Results of a soak."""
 
     seed: int
     duration_s: float
@@ -48,14 +48,14 @@ class Soaked:
     tally: Tally
     happenings: list[tuple[float, Happening]]
     recovery_s: list[float]
-    """From the beginning of each trouble that stopped until the leg walked again."""
+    """Times from the begin of each fault that caused a stop until the leg walked again."""
     memory: dict[str, list[memory.Sample]]
     wall_clock: bool
-    """Time was the computer's."""
+    """True if time was the computer's."""
     wall_s: float
-    """What it took, of the computer's time."""
+    """Duration of the soak in the computer's time."""
     cpu_s: float
-    """Of processor, by the three processes."""
+    """Processor time of the three processes."""
     outcomes: Counter[str]
     start_count: Counter[str]
     endings: list[str]
@@ -63,19 +63,19 @@ class Soaked:
     """Records that this program read too late."""
     exit_codes: dict[str, int]
     realtime: bool
-    """The core had SCHED_FIFO."""
+    """True if the core had SCHED_FIFO."""
     trouble: str = ""
-    """Why it ended early."""
+    """Reason of an early end."""
     flooded_count: int = 0
     processors: int = field(default_factory=lambda: os.cpu_count() or 1)
 
 
 class StuckError(Exception):
-    """The machine does not walk any more; the text says in which mode it is."""
+    """The machine does not walk any more; the message contains its mode."""
 
 
 class Soak:
-    """One soak on one machinery."""
+    """One soak with one set of processes."""
 
     def __init__(
         self, made: Machinery, seed: int, duration_s: float, say: Callable[[float, str], None]
@@ -84,9 +84,9 @@ class Soak:
 
         Args:
             made: the processes, started.
-            seed: of everything that is drawn.
-            duration_s: from the first stride on, of the machinery's time.
-            say: told the time and what happens, several times a second.
+            seed: seed of all random values.
+            duration_s: duration from the first stride on, in the machinery's time.
+            say: receives the time and the events, several times a second.
         """
         self._made, self._seed, self._duration_s, self._say = made, seed, duration_s, say
         self._chances = Chances(seed, made.drives)
@@ -111,7 +111,7 @@ class Soak:
         self._realtime = False
 
     def run(self) -> Soaked:
-        """Until the time is over, or nobody gets the machine walking again."""
+        """Run until the time is over, or the machine cannot be returned to gait."""
         trouble, begun_wall_s = "", time.monotonic()
         try:
             self._time.take()
@@ -181,7 +181,7 @@ class Soak:
         self._say(now_s - self._begun_s, self._words())
 
     def _turn_s(self) -> float:
-        """A turn, or up to the instant at which something goes wrong, or is over."""
+        """Duration of a turn; it ends earlier at the begin or the end of a fault."""
         happening = self._happening
         due_s = self._happened_s + happening.duration_s if happening else self._next_s
         left_s = due_s - self._time.now_s()
@@ -212,7 +212,7 @@ class Soak:
             mode = f"{newest.mode.name}, {newest.verdict}" if newest else "no record"
             raise StuckError(f"no gait for {within_s:g} s: {mode}; {self._happening}")
 
-    # --- what goes wrong --------------------------------------------------------------------------
+    # --- faults ---------------------------------------------------------------------------------
 
     def _go_on(self, now_s: float) -> None:
         if self._happening is None:
@@ -246,14 +246,14 @@ class Soak:
                 self._flood.begin(happening.duration_s)
 
     def _halt(self, happening: Happening) -> None:
-        """A short halt is timed here: a turn is longer."""
+        """Halt a process; a short halt is timed here, because a turn is longer."""
         self._made.halt(happening.words, on=True)
         if happening.duration_s < TURN_S:
             self._time.turn(happening.duration_s, in_haste=True)
             self._made.halt(happening.words, on=False)
 
     def _is_over(self, now_s: float) -> bool:
-        """By its time; or it has stopped the machine, and there is no more to be seen."""
+        """Return whether a fault is over: its time has passed, or the machine has stopped."""
         happening = self._happening
         if happening is None or now_s >= self._happened_s + happening.duration_s:
             return True
@@ -264,7 +264,7 @@ class Soak:
         return not by_itself and stopped_s is not None and now_s > stopped_s + CLEARED_AFTER_S
 
     def _heal(self) -> None:
-        """Whatever was done is undone."""
+        """Undo the fault."""
         self._healed, self._healed_s = True, self._time.now_s()
         happening = self._happening
         if happening is None:
@@ -306,7 +306,7 @@ class Soak:
 
 
 class Flood:
-    """A client that holds no lease and sends setpoints as fast as it can, in a thread."""
+    """A client without a lease that sends setpoints as fast as it can, in a thread."""
 
     PAYLOAD: Final = json.dumps(
         {"lease": 1, "seq": 1, "for_cycle": 1, "hip_assist_nm": 20.0, "slide_assist_n": 150.0}
@@ -314,20 +314,20 @@ class Flood:
     RATE_HZ: Final = 5000
 
     def __init__(self, target: Target, leg: str) -> None:
-        """Know whom to flood."""
+        """Set the target of the setpoints."""
         self._target, self._leg = target, leg
         self._thread: threading.Thread | None = None
         self._over = threading.Event()
         self.sent_count = 0
 
     def begin(self, duration_s: float) -> None:
-        """Start, for so long at most."""
+        """Start, for at most this time."""
         self._over.clear()
         self._thread = threading.Thread(target=self._send, args=(duration_s,), daemon=True)
         self._thread.start()
 
     def end(self) -> None:
-        """Stop, if it has not."""
+        """Stop, if it has not ended."""
         self._over.set()
         if self._thread is not None:
             self._thread.join()

@@ -1,7 +1,7 @@
-"""What the records of a soak show: lateness, what got lost, and each stop with its judgement.
+"""Evaluation of a soak's records: lateness, lost frames, and each stop with its verdict.
 
-A stop is expected if the row of what went wrong names its cause. Where nothing of ours went wrong,
-or nothing that stops, a stop is unexpected; of one by the observer it is kept what it had said.
+A stop is expected if the row of the active fault names its cause. Without a fault, or with one that
+requires no stop, a stop is unexpected; for a stop by the observer its last values are stored.
 """
 
 from array import array
@@ -18,18 +18,19 @@ from gaitd_lab.soak.happenings import Happening
 from observer.filter.status import NIS_WINDOW_SAMPLES, Status
 
 LOOK_BACK_CYCLES: Final = NIS_WINDOW_SAMPLES + OBSERVER_BAD_MAX_CYCLES
-"""Of a stop by the observer: it remembers the innovations of its window, and is then of no use for
-some more cycles before it stops."""
+"""Cycles of observer values kept for a stop by the observer: it keeps the innovations of its
+window, and is then unusable for some more cycles before it stops.
+"""
 OPERATIONAL: Final = 0x05
 """NMT state in which TPDOs come."""
 SILENCE_S: Final = 0.35
-"""Of a core: it is dead, or stands."""
+"""Time without records after which a core is dead or halted."""
 WITHOUT_SYNC: Final = frozenset({Mode.OFF, Mode.BRINGING_UP})
 NS_PER_US: Final = 1000
 
 
 class Judged(Enum):
-    """What a stop is."""
+    """Classification of a stop."""
 
     EXPECTED = "expected"
     UNEXPECTED = "unexpected"
@@ -44,7 +45,7 @@ class Stop:
     mode: str
     category: str
     causes: list[Cause]
-    """The first one and what followed."""
+    """The first cause and those that followed."""
     drive: str
     detail: str
     happening: str
@@ -53,19 +54,19 @@ class Stop:
 
     @property
     def cause(self) -> str:
-        """The first."""
+        """The first cause."""
         return name_of(self.causes[0])
 
 
 @dataclass(slots=True)
 class Lost:
-    """Frames that did not come, in calm and while something was wrong."""
+    """Missing frames, without a fault and during a fault."""
 
     calm_count: int = 0
     trouble_count: int = 0
 
     def add(self, count: int, *, trouble: bool) -> None:
-        """Count."""
+        """Count a frame."""
         if trouble:
             self.trouble_count += count
         else:
@@ -74,26 +75,26 @@ class Lost:
 
 @dataclass(slots=True)
 class Tally:
-    """Everything that was counted."""
+    """All counts."""
 
     cycle_count: int = 0
     mode_cycles: Counter[str] = field(default_factory=Counter[str])
     lateness_us: "array[float]" = field(default_factory=lambda: array("f"))
     work_us: "array[float]" = field(default_factory=lambda: array("f"))
     overrun: Lost = field(default_factory=Lost)
-    """Grid points that were missed."""
+    """Missed grid points."""
     missed: dict[str, Lost] = field(default_factory=dict[str, Lost])
-    """Samples that did not come inside their window, by drive."""
+    """Samples missing from their window, by drive."""
     tx_dropped: Lost = field(default_factory=Lost)
     protocol_error: Lost = field(default_factory=Lost)
     stops: list[Stop] = field(default_factory=list[Stop])
 
 
 class Witness:
-    """Hears every record, in order."""
+    """Processes every record, in order."""
 
     def __init__(self) -> None:
-        """Nothing has been heard."""
+        """Start without a record."""
         self.tally = Tally()
         self._recent: deque[CycleRecord] = deque(maxlen=LOOK_BACK_CYCLES)
         self._before: CycleRecord | None = None
@@ -102,29 +103,29 @@ class Witness:
 
     @property
     def newest(self) -> CycleRecord | None:
-        """Of the core that runs now; None while there is none, or none that says anything."""
+        """Newest record of the running core; None if there is none, or if it sends none."""
         return None if self._silent else self._before
 
     @property
     def stopped(self) -> bool:
-        """A verdict is latched."""
+        """True if a verdict is latched."""
         return self._before is not None and self._before.verdict.category > StopCategory.NONE
 
     @property
     def walks(self) -> bool:
-        """A gait plays."""
+        """True if a gait is running."""
         record = self.newest
         return record is not None and record.mode == Mode.GAIT and record.gait_phase >= 0
 
     def hear(
         self, records: Sequence[CycleRecord], time_s: float, happening: Happening | None
     ) -> None:
-        """Take records that were written while `happening` was in force.
+        """Process records that were written during `happening`.
 
         Args:
-            records: since the last call.
-            time_s: now.
-            happening: what goes wrong.
+            records: records since the last call.
+            time_s: the present time.
+            happening: the active fault.
         """
         self._heard_s = time_s if records else self._heard_s
         self._silent = time_s - self._heard_s > SILENCE_S
@@ -138,7 +139,7 @@ class Witness:
             self._before = record
 
     def never_stopped(self, time_s: float, happening: Happening) -> None:
-        """What must stop did not."""
+        """Note that a required stop did not happen."""
         self.tally.stops.append(
             Stop(time_s, "gait", "none", [Cause.NONE], "", "", str(happening), Judged.MISSED)
         )
@@ -190,7 +191,7 @@ class Witness:
             self._explain(stop, happening)
 
     def _explain(self, stop: Stop, happening: Happening | None) -> None:
-        """Judge it by its newest cause; what was not expected once stays so."""
+        """Classify a stop by its newest cause; an unexpected stop stays unexpected."""
         if happening is not None:
             law = happening.law
             if stop.causes[-1] in law.causes | law.later | law.latches:
@@ -202,12 +203,12 @@ class Witness:
 
 
 def missing(drive: DriveRecord) -> bool:
-    """Whether a drive that sends did not."""
+    """Return whether a sample of a sending drive is missing."""
     return drive.nmt_state == OPERATIONAL and not drive.fresh
 
 
 def _observed(recent: Sequence[CycleRecord]) -> list[str]:
-    """What the observer said of each leg on the way to its stop."""
+    """Return the observer's values of each leg before its stop."""
     words: list[str] = []
     for name in [leg.name for leg in recent[-1].legs]:
         legs = [leg for record in recent for leg in record.legs if leg.name == name]

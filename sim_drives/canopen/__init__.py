@@ -1,4 +1,4 @@
-"""CANopen (CiA 301) of a slave.
+"""CANopen (CiA 301) slave.
 
 `node.py` with `line.py`, `dictionary.py`, `nmt.py`, `heartbeat.py`, `sync.py`, `emergency.py`,
 `connection.py`, `storage.py` and `timers.py`; SDO: `sdo_server.py`, `sdo_segments.py`,

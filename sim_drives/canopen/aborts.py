@@ -1,10 +1,10 @@
-"""SDO abort codes of CiA 301 (table 22), as far as a drive here answers them."""
+"""SDO abort codes of CiA 301 (table 22) that the virtual drives use."""
 
 from enum import IntEnum
 
 
 class AbortCode(IntEnum):
-    """What the four bytes of an abort say."""
+    """The four-byte code of an SDO abort."""
 
     TOGGLE_BIT = 0x0503_0000
     """Toggle bit not alternated."""
@@ -34,13 +34,13 @@ class AbortCode(IntEnum):
     CANNOT_STORE = 0x0800_0020
     """Data cannot be transferred or stored to the application."""
     DEVICE_STATE = 0x0800_0022
-    """... because of the present device state."""
+    """Data cannot be transferred or stored because of the present device state."""
     NO_DATA = 0x0800_0024
     """No data available."""
 
 
 class SdoAbortError(Exception):
-    """The client asked for what it may not have; the server answers with `code`."""
+    """The request is refused; the server answers with the abort `code`."""
 
     def __init__(self, code: AbortCode) -> None:
         super().__init__(f"SDO abort {code:08X}h ({code.name})")

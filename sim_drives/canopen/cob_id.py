@@ -1,11 +1,11 @@
-"""COB-IDs, the objects that hold an identifier and flags (CiA 301 7.3.3, 7.5.2.5, 17, 33).
+"""COB-IDs: objects that hold a CAN identifier and flags (CiA 301 7.3.3, 7.5.2.5, 17, 33).
 
 | bits | meaning |
 |---|---|
-| 31 | 1: the service does not exist; of SYNC: no meaning |
-| 30 | of SYNC: produces it; of a TPDO: no remote request; of all others 0 |
-| 29 | identifier of 29 bits; no drive here has that |
-| 11 to 28 | 0 with an identifier of 11 bits |
+| 31 | 1: the service does not exist; for SYNC: no meaning |
+| 30 | SYNC: the node produces it; TPDO: no remote request; all others 0 |
+| 29 | 29-bit identifier; no drive here supports it |
+| 11 to 28 | 0 with an 11-bit identifier |
 | 0 to 10 | the identifier |
 """
 
@@ -24,14 +24,14 @@ RESTRICTED_IDS: Final = (
     range(0x6E0, 0x700),
     range(0x701, 0x800),
 )
-"""NMT and reserved, SDO, heartbeat, LSS: no service whose COB-ID can be set has one of these."""
+"""Identifiers of NMT and reserved, SDO, heartbeat, LSS: not allowed in a configurable COB-ID."""
 
 
 def can_id_of(cob_id: int) -> int:
-    """Bits 0 to 10."""
+    """The identifier in bits 0 to 10."""
     return cob_id & CAN_ID_MASK
 
 
 def is_restricted(can_id: int) -> bool:
-    """Whether CiA 301 keeps the identifier for another service."""
+    """Return whether CiA 301 reserves the identifier for another service."""
     return any(can_id in ids for ids in RESTRICTED_IDS)

@@ -1,21 +1,21 @@
-"""What a drive does when its connection to the master fails: 1029h, 6007h, and how it ends.
+"""Reaction of a drive to a failed connection to the master: 1029h, 6007h, and when it ends.
 
 | code | cause | 1029h | EPOS4-like: fault | Elmo-like, plain CiA 402: error |
 |---|---|---|---|---|
 | 8120h | controller error-passive | | until NMT reset communication | while it lasts |
 | 8130h | heartbeat of a watched node lost | yes | until NMT reset communication | while it lasts |
 | 8140h | bus-off; on EPOS4 81FDh | yes | while it lasts | while it lasts |
-| 8150h | somebody else sends what is ours | | one of a TPDO; over at once | any; until a reset |
+| 8150h | identifier used by another node | | one of a TPDO; over at once | any; until a reset |
 | 8250h | no RPDO in time: 1400h:05 | | while it lasts | while it lasts |
 | 8250h | no target in time: 60C2h | | over at once | |
 
-A fault that is over still waits for its fault reset. What 6007h makes of a lost connection is
-rule 5 of `drive.py`; only an EPOS4 takes a collision for one. 1029h moves the NMT state: 0 from
-operational to pre-operational, 1 not at all, 2 to stopped. An EMCY of a bus-off leaves when the bus
-is back.
+A fault whose cause is gone still needs a fault reset. The reaction by 6007h to a lost connection is
+rule 5 of `drive.py`; only an EPOS4 treats a collision as one. 1029h moves the NMT state: 0 from
+operational to pre-operational, 1 not at all, 2 to stopped. The EMCY of a bus-off is sent when the
+bus is back.
 
 Sources: CiA 301 7.2.7.1 and 7.5.2.28, CiA 402-2 6007h, reactions of EPOS4 as its public firmware
-documents list them. CiA 301 says nothing of when a collision ends.
+documents list them. CiA 301 does not specify when a collision ends.
 """
 
 from collections.abc import Callable, Mapping
@@ -37,15 +37,15 @@ PDO_TIMEOUT_CODE: Final = 0x8250
 ERROR_BEHAVIOUR: Final = 0x1029
 PRE_OPERATIONAL_ON_ERROR: Final = 0
 STOPPED_ON_ERROR: Final = 2
-"""1029h:1; 1 changes nothing."""
+"""1029h:1; the value 1 changes nothing."""
 
 
 class Failure(NamedTuple):
-    """One row of the table."""
+    """One row of the failure table."""
 
     moves_nmt_state: bool = False
     until_reset: bool = False
-    """Where it is a fault."""
+    """Drives on which this failure is a fault."""
 
 
 FAILURES: Final[Mapping[int, Failure]] = MappingProxyType(
@@ -61,7 +61,7 @@ FAILURES: Final[Mapping[int, Failure]] = MappingProxyType(
 
 
 class Connection:
-    """The failures of one node's connection."""
+    """The connection failures of one node."""
 
     def __init__(
         self,
@@ -80,7 +80,7 @@ class Connection:
         self._enter = enter
 
     def lost(self, code: int) -> None:
-        """A failure begins; `code` is one of FAILURES."""
+        """Begin a failure; `code` is one of FAILURES."""
         self._drive.connection_lost(code)
         if not FAILURES[code].moves_nmt_state:
             return
@@ -91,12 +91,12 @@ class Connection:
             self._enter(NmtState.PRE_OPERATIONAL)
 
     def back(self, code: int) -> None:
-        """Its cause is gone; on some drives that is not enough."""
+        """End the cause of a failure; on some drives the failure itself does not end with it."""
         if not (self._is_fault and FAILURES[code].until_reset):
             self._errors.cause_gone(code)
 
     def reset(self) -> None:
-        """NMT reset communication: whatever it was, it is over."""
+        """End every failure: NMT reset communication."""
         for code in FAILURES:
             self._errors.cause_gone(code)
 
@@ -105,16 +105,16 @@ class Connection:
         return EPOS4_BUS_OFF_CODE if self._is_fault else BUS_OFF_CODE
 
     def bus_off(self) -> None:
-        """The controller has taken itself off the bus."""
+        """Begin a bus-off: the CAN controller has left the bus."""
         self.lost(self._bus_off_code)
 
     def bus_back(self) -> None:
-        """It has come back; now the EMCY can be sent."""
+        """End a bus-off: the CAN controller is back and the EMCY can be sent."""
         self._errors.repeat(self._bus_off_code)
         self.back(self._bus_off_code)
 
     def collision(self, *, of_pdo: bool) -> None:
-        """Somebody else has sent a frame with an identifier that this node sends."""
+        """Report that another node has sent a frame with an identifier of this node."""
         if not self._is_fault:
             self._errors.begin(COLLISION_CODE, latched=False)
         elif of_pdo:
@@ -122,6 +122,6 @@ class Connection:
             self.back(COLLISION_CODE)
 
     def target_missed(self) -> None:
-        """No PDO in time for the interpolation; the fault that follows needs none."""
+        """Report that no PDO came in time for the interpolation; the fault is over at once."""
         self.lost(PDO_TIMEOUT_CODE)
         self.back(PDO_TIMEOUT_CODE)

@@ -1,4 +1,4 @@
-"""The object dictionary of one virtual drive: what there is, what may be written, what it holds.
+"""The object dictionary of one virtual drive: entries, access rules and values.
 
 Rules, from CiA 301 7.4 (numbers are SDO abort codes):
 1. Unknown index 06020000, known index with unknown sub-index 06090011.
@@ -6,9 +6,8 @@ Rules, from CiA 301 7.4 (numbers are SDO abort codes):
 3. A number must come with exactly its length: longer 06070012, shorter 06070013. A string may be
    up to `STRING_MAX_BYTES` long, a domain up to `DOMAIN_MAX_BYTES`, longer is 05040005.
 4. Above its HighLimit 06090031, below its LowLimit 06090032.
-5. Then the object's own guard, if it has one, may refuse with a code of its own; nothing has been
-   stored yet. Then the value is stored and the object's watchers are told. Reading may have a
-   guard, too.
+5. Then the object's guard, if it has one, may refuse with an abort code before anything is stored.
+   Then the value is stored and the object's watchers are called. Reading may have a guard, too.
 The drive itself reads and writes with `value` and `put`, without any of these rules.
 
 The description comes from an EDS, imported by python-canopen; nothing else of that library is used.
@@ -39,7 +38,7 @@ type_codes: Final[Mapping[int, str]] = {
     0x15: "q",
     0x1B: "Q",
 }
-"""CiA 301 data type -> struct code; all others are byte strings here."""
+"""CiA 301 data type -> struct code; all other types are byte strings here."""
 STRING_MAX_BYTES: Final = 256
 UNICODE_STRING: Final = 0x0B
 DOMAIN: Final = 0x0F
@@ -58,40 +57,40 @@ Watcher = Callable[[int], None]
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One variable, from the EDS."""
+    """One variable of the EDS."""
 
     address: Address
     type_code: str
-    """Of struct; empty for a byte string."""
+    """Format code of `struct`; empty for a byte string."""
     max_bytes: int
     readable: bool
     writable: bool
     mappable_out: bool
-    """May be part of a TPDO."""
+    """True if it may be mapped into a TPDO."""
     mappable_in: bool
-    """May be part of an RPDO."""
+    """True if it may be mapped into an RPDO."""
     low: int | None
     high: int | None
     default: Value
 
     @property
     def size_bytes(self) -> int:
-        """Of a number; 0 for a byte string."""
+        """Length of a number; 0 for a byte string."""
         return struct.calcsize("<" + self.type_code)
 
     def encode(self, value: Value) -> bytes:
-        """Little-endian bytes of a value of this entry."""
+        """Encode a value of this entry as little-endian bytes."""
         return value if isinstance(value, bytes) else struct.pack("<" + self.type_code, value)
 
     def decode(self, data: bytes) -> Value:
-        """Undo `encode`; a wrong length aborts (rule 3)."""
+        """Decode the bytes of `encode`; a wrong length aborts (rule 3)."""
         self.check_length(len(data))
         if not self.type_code:
             return bytes(data)
         return int(struct.unpack("<" + self.type_code, data)[0])
 
     def check_length(self, length_bytes: int) -> None:
-        """Abort if no value of this entry is that long (rule 3)."""
+        """Abort if no value of this entry has that length (rule 3)."""
         if length_bytes > self.max_bytes:
             raise SdoAbortError(AbortCode.TOO_LONG if self.type_code else AbortCode.OUT_OF_MEMORY)
         if length_bytes < self.size_bytes:
@@ -99,11 +98,11 @@ class Entry:
 
 
 def read_eds(path: Path, node_id: int) -> tuple[Entry, ...]:
-    """All variables of an EDS, with $NODEID replaced.
+    """Read all variables of an EDS, with $NODEID replaced.
 
     Raises:
         OSError: the file cannot be opened.
-        ValueError, KeyError, configparser.Error: it is no EDS (python-canopen's own complaints).
+        ValueError, KeyError, configparser.Error: not an EDS; raised by python-canopen.
     """
     encoding = _encoding(path)
     with path.open(encoding=encoding) as file:
@@ -117,7 +116,7 @@ def read_eds(path: Path, node_id: int) -> tuple[Entry, ...]:
 
 
 def _encoding(path: Path) -> str:
-    """CiA 306 asks for ASCII; tools write the code page of their Windows, or a mark first."""
+    """Encoding of the EDS; CiA 306 requires ASCII, tools write a Windows code page or a BOM."""
     try:
         path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
@@ -126,7 +125,7 @@ def _encoding(path: Path) -> str:
 
 
 def _compact(path: Path, encoding: str, entries: Mapping[Address, Entry]) -> dict[Address, Entry]:
-    """Arrays by CompactSubObj (CiA 306), of which python-canopen reads the first member alone."""
+    """Expand arrays by CompactSubObj (CiA 306); python-canopen reads only their first member."""
     parser = RawConfigParser(inline_comment_prefixes=(";",))
     parser.read(path, encoding=encoding)
     members: dict[Address, Entry] = {}
@@ -174,7 +173,7 @@ def _max_bytes(data_type: int | None, code: str) -> int:
 
 def _default(variable: ODVariable, code: str) -> Value:
     default = variable.default
-    if code:  # many files write a negative number as the bits that it has
+    if code:  # many files write a negative number as its unsigned bit pattern
         size = struct.calcsize("<" + code)
         bits = (int(default or 0) % (1 << 8 * size)).to_bytes(size, "little")
         return int(struct.unpack("<" + code, bits)[0])
@@ -186,7 +185,7 @@ def _default(variable: ODVariable, code: str) -> Value:
 
 
 class ObjectDictionary:
-    """Values by address, behind the rules above."""
+    """Values by address, with the access rules of this module."""
 
     def __init__(self, entries: tuple[Entry, ...]) -> None:
         self._entries = {entry.address: entry for entry in entries}
@@ -196,14 +195,14 @@ class ObjectDictionary:
         self._reading_guards: dict[int, Callable[[int], None]] = {}
         self._watchers: defaultdict[int, list[Watcher]] = defaultdict(list)
         self.revision = 0
-        """Rises when a parameter may have changed: an SDO write, a restore. Not with PDOs."""
+        """Incremented when a parameter may have changed (SDO write or restore), not by PDOs."""
         self.refused_index: int | None = None
-        """A fault: writing this object is aborted with 08000020."""
+        """Injected fault: writing this object is aborted with 08000020."""
         self.before_upload: Callable[[], None] = lambda: None
-        """Brings process values up to date; called before an SDO read above 1FFFh."""
+        """Updates the process values; called before an SDO read above 1FFFh."""
 
     def entry(self, index: int, subindex: int = 0) -> Entry:
-        """Description of one variable; aborts if there is none (rule 1)."""
+        """Return the description of one variable; abort if there is none (rule 1)."""
         entry = self._entries.get((index, subindex))
         if entry is None:
             known = index in self._indices
@@ -211,31 +210,31 @@ class ObjectDictionary:
         return entry
 
     def subindices(self, index: int) -> list[int]:
-        """Those that there are, in order."""
+        """Return the existing sub-indices in order."""
         return sorted(subindex for known, subindex in self._entries if known == index)
 
     def __contains__(self, address: Address) -> bool:
         return address in self._entries
 
     def value(self, index: int, subindex: int = 0) -> int:
-        """The number at an address that exists; a string's address is our own mistake."""
+        """Return the number at an existing address; a string's address is a programming error."""
         value = self._values[index, subindex]
         if isinstance(value, bytes):
             raise TypeError(f"{index:04X}h:{subindex} holds a string")
         return value
 
     def value_or(self, index: int, subindex: int, missing: int) -> int:
-        """The number at an address, or `missing` where this drive does not have the object."""
+        """Return the number at an address, or `missing` if this drive does not have the object."""
         return self.value(index, subindex) if (index, subindex) in self._values else missing
 
     def put(self, index: int, subindex: int, value: Value) -> None:
-        """Store without rules: the drive's own hand."""
+        """Store a value without rules, on behalf of the drive itself."""
         if (index, subindex) not in self._entries:
             raise KeyError(f"{index:04X}h:{subindex}")
         self._values[index, subindex] = value
 
     def upload(self, index: int, subindex: int) -> bytes:
-        """What an SDO read gives, or abort."""
+        """Return the bytes of an SDO read, or abort."""
         entry = self.entry(index, subindex)
         if not entry.readable:
             raise SdoAbortError(AbortCode.WRITE_ONLY)
@@ -246,7 +245,7 @@ class ObjectDictionary:
         return entry.encode(self._values[index, subindex])
 
     def download(self, index: int, subindex: int, data: bytes) -> None:
-        """What an SDO write does, or abort."""
+        """Execute an SDO write, or abort."""
         entry = self.entry(index, subindex)
         if not entry.writable:
             raise SdoAbortError(AbortCode.READ_ONLY)
@@ -261,13 +260,13 @@ class ObjectDictionary:
         self.notify(index, subindex)
 
     def check(self, index: int, subindex: int, value: int) -> None:
-        """Ask the object's guard (rule 5)."""
+        """Call the object's guard (rule 5)."""
         guard = self._guards.get(index)
         if guard is not None:
             guard(subindex, value)
 
     def accepts(self, index: int, subindex: int, value: int) -> bool:
-        """Whether a mapped value passes its range and its guard."""
+        """Return whether a mapped value passes its range and its guard."""
         try:
             _check_range(self.entry(index, subindex), value)
             self.check(index, subindex, value)
@@ -276,32 +275,32 @@ class ObjectDictionary:
         return True
 
     def notify(self, index: int, subindex: int) -> None:
-        """Tell the object's watchers that it has been written."""
+        """Call the object's watchers after a write."""
         for watcher in self._watchers.get(index, ()):
             watcher(subindex)
 
     def guard(self, index: int, guard: Guard) -> None:
-        """Let `guard` judge every write to an index; one guard each."""
+        """Install `guard` for every write to an index; one guard per index."""
         self._guards[index] = guard
 
     def guard_reading(self, index: int, guard: Callable[[int], None]) -> None:
-        """Let `guard` judge every SDO read of an index by its sub-index."""
+        """Install `guard` for every SDO read of an index; it receives the sub-index."""
         self._reading_guards[index] = guard
 
     def watch(self, index: int, watcher: Watcher) -> None:
-        """Tell `watcher` of every write to an index."""
+        """Call `watcher` after every write to an index."""
         self._watchers[index].append(watcher)
 
     def parameters(self) -> dict[Address, Value]:
-        """Values of everything that can be written: what 1010h saves."""
+        """Return the values of all writable entries, which 1010h saves."""
         return {a: v for a, v in self._values.items() if self._entries[a].writable}
 
     def defaults(self) -> dict[Address, Value]:
-        """The EDS's values of everything that can be written."""
+        """Return the EDS default values of all writable entries."""
         return {a: e.default for a, e in self._entries.items() if e.writable}
 
     def restore(self, parameters: Mapping[Address, Value], *, communication_only: bool) -> None:
-        """Put saved parameters back; with `communication_only`, of 1000h to 1FFFh alone."""
+        """Restore saved parameters; with `communication_only`, only those of 1000h to 1FFFh."""
         self.revision += 1
         for address, value in parameters.items():
             if not communication_only or address[0] in COMMUNICATION_AREA:

@@ -2,13 +2,14 @@
 
 Rules:
 1. An error that begins sends one EMCY with its code, enters 1003h as the newest, sets 603Fh and its
-   class's bit in 1001h. The same code again while it is active says nothing.
+   class's bit in 1001h. The same code again while it is active sends nothing.
 2. An error has a cause that is present or gone. One that stopped the drive ("latched") ends with a
    fault reset, which is refused while any latched cause is present. One that did not stop it
    (short PDO, lost connection on some drives) ends when its cause is gone.
-3. Each ending sends EMCY 0000h with what is left in 1001h; 603Fh is then the newest error left.
+3. Each ending sends EMCY 0000h with the remaining bits of 1001h; 603Fh is then the newest error
+   left.
 4. 1003h:0 may be written with 0 only, which empties the list: others 06090030. Reading an entry
-   that there is not is 08000024.
+   that does not exist is 08000024.
 5. 1014h: bits 11 to 30 are 0, the identifier is not restricted, and it does not change while EMCY
    is valid: 06090030.
 6. Two EMCY of a node are at least 1015h (in 100 µs) apart; later ones wait.
@@ -33,7 +34,7 @@ _INHIBIT_STEP_NS: Final = 100_000
 
 GENERIC_BIT: Final = 0x01
 REGISTER_BITS: Final = (
-    # mask, value of the code's class, bit of 1001h: the first that fits
+    # mask, value of the code's class, bit of 1001h: the first match applies
     (0xF000, 0x2000, 0x02),  # current
     (0xF000, 0x3000, 0x04),  # voltage
     (0xF000, 0x4000, 0x08),  # temperature
@@ -46,7 +47,7 @@ REGISTER_BITS: Final = (
 
 
 def register_bit(code: int) -> int:
-    """The bit of 1001h that an error code's class sets."""
+    """Return the bit of 1001h that the class of an error code sets."""
     return next(bit for mask, value, bit in REGISTER_BITS if code & mask == value)
 
 
@@ -57,7 +58,7 @@ class _Active:
 
 
 class Errors:
-    """All errors of one drive that have begun and not ended."""
+    """The active errors of one drive."""
 
     def __init__(self, dictionary: ObjectDictionary, line: Line, *, generic_bit: bool) -> None:
         self._dictionary = dictionary
@@ -73,21 +74,21 @@ class Errors:
 
     @property
     def warning(self) -> bool:
-        """Whether an error is active that did not stop the drive."""
+        """True while an error is active that did not stop the drive."""
         return any(not error.latched for error in self._active.values())
 
     @property
     def can_id(self) -> int | None:
-        """EMCY's own; None if 1014h says that there is none."""
+        """CAN identifier of the EMCY; None if 1014h disables it."""
         cob_id = self._dictionary.value(EMERGENCY_COB_ID)
         return None if cob_id & INVALID else can_id_of(cob_id)
 
     def active(self, code: int) -> bool:
-        """Whether this error has begun and not ended."""
+        """Return whether this error is active."""
         return code in self._active
 
     def begin(self, code: int, *, latched: bool) -> None:
-        """Rule 1; a latched one makes an active one of the same code latched, too."""
+        """Begin an error (rule 1); a latched one also latches an active one of the same code."""
         known = self._active.get(code)
         if known is not None:
             known.present = True
@@ -99,12 +100,12 @@ class Errors:
         self._send(code)
 
     def repeat(self, code: int) -> None:
-        """Say once more what is active: the first time nobody could hear it."""
+        """Send the active errors again, if the first EMCY could not reach the bus."""
         if code in self._active:
             self._send(code)
 
     def cause_gone(self, code: int) -> None:
-        """Rule 2; a code that is not active is none of our business."""
+        """Report that an error's cause is gone (rule 2); a code that is not active is ignored."""
         error = self._active.get(code)
         if error is None:
             return
@@ -113,7 +114,7 @@ class Errors:
             self._end({code})
 
     def reset(self) -> bool:
-        """A fault reset: end every latched error, or none; whether it was granted."""
+        """Reset faults: end all latched errors or none; return whether the reset was granted."""
         latched = {code: error for code, error in self._active.items() if error.latched}
         if any(error.present for error in latched.values()):
             return False
@@ -122,7 +123,7 @@ class Errors:
         return True
 
     def forget(self) -> None:
-        """Power-on: nothing is active, nothing is said; 1003h is lost."""
+        """Clear everything at power-on: no active error, no EMCY pending, 1003h empty."""
         self._active.clear()
         self._free_at_ns = 0
         self._empty_history()

@@ -2,10 +2,11 @@
 
 Rules:
 1. The producer sends its NMT state every 1017h milliseconds, from the boot-up message on; 0 is off.
-2. 1016h: bits 16 to 22 name a node, bits 0 to 15 the time in ms; either 0 switches the entry off.
-   Two entries of the same node: 06040043.
-3. A node is watched from its first heartbeat; a boot-up message is none. A time without one is one
-   loss; the next heartbeat ends it and starts the watch again, and so does writing the entry anew.
+2. 1016h: bits 16 to 22 name a node, bits 0 to 15 the time in ms; 0 in either switches the entry
+   off. Two entries of the same node: 06040043.
+3. A node is watched from its first heartbeat; a boot-up message does not count as one. A missed
+   heartbeat time is one loss; the next heartbeat, or rewriting the entry, ends it and restarts the
+   watch.
 """
 
 from collections.abc import Callable
@@ -24,7 +25,7 @@ PRODUCER: Final = 0x1017
 
 
 class HeartbeatProducer:
-    """Sends the state byte."""
+    """Sends the NMT state byte periodically."""
 
     def __init__(
         self,
@@ -42,16 +43,16 @@ class HeartbeatProducer:
         dictionary.watch(PRODUCER, lambda _: self.restart())
 
     def boot_up(self) -> None:
-        """Announce the node."""
+        """Send the boot-up message."""
         self._line.send(Frame(self._can_id, bytes((NmtState.INITIALISING,))))
         self.restart()
 
     def stop(self) -> None:
-        """Silent until the next boot-up."""
+        """Stop sending until the next boot-up."""
         self._timers.cancel(PRODUCER)
 
     def restart(self) -> None:
-        """Begin a new period of 1017h, or none."""
+        """Start a new period of 1017h, or none if it is 0."""
         period_ms = self._dictionary.value(PRODUCER)
         if period_ms:
             at_ns = self._line.now_ns + period_ms * MILLISECOND
@@ -65,7 +66,7 @@ class HeartbeatProducer:
 
 
 class HeartbeatConsumer:
-    """Watches the nodes that 1016h names."""
+    """Watches the nodes that 1016h lists."""
 
     def __init__(
         self,
@@ -86,12 +87,12 @@ class HeartbeatConsumer:
         dictionary.watch(CONSUMER, self._forget)
 
     def restart(self) -> None:
-        """Forget all nodes: each is watched anew from its first heartbeat."""
+        """Clear all watches: each node is watched again from its first heartbeat."""
         for slot in self._slots:
             self._forget(slot)
 
     def heard(self, node_id: int, state: int) -> None:
-        """A heartbeat or a boot-up message of another node has come."""
+        """Process a heartbeat or a boot-up message of another node."""
         if state == NmtState.INITIALISING:
             return
         for slot in self._slots:

@@ -1,4 +1,4 @@
-"""A node's end of the bus, and the node's time: all that its protocol parts see of the world."""
+"""The access of a node's protocol parts to the bus and to the simulated time."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -7,7 +7,7 @@ from sim_drives.frame import Frame
 
 
 class Line(Protocol):
-    """Handed to every part of a node that sends, or that needs to know what time it is."""
+    """Bus and time interface of every part of a node."""
 
     @property
     def now_ns(self) -> int:
@@ -15,12 +15,12 @@ class Line(Protocol):
         ...
 
     def send(self, frame: Frame, *, delay_ns: int = 0) -> None:
-        """Put a frame on the bus, now or a little later."""
+        """Put a frame on the bus, now or after a delay."""
         ...
 
 
 class GatedLine:
-    """A line that carries frames only while it is open: a service that not every state has."""
+    """A line that carries frames only while open, for services that some NMT states lack."""
 
     def __init__(self, line: Line, is_open: Callable[[], bool]) -> None:
         self._line = line
@@ -32,6 +32,6 @@ class GatedLine:
         return self._line.now_ns
 
     def send(self, frame: Frame, *, delay_ns: int = 0) -> None:
-        """Put a frame on the bus, or forget it."""
+        """Put a frame on the bus, or drop it while the line is closed."""
         if self._is_open():
             self._line.send(frame, delay_ns=delay_ns)

@@ -1,10 +1,10 @@
-"""Network management of a slave (CiA 301 7.3.2): states, commands, and what each state may do.
+"""Network management of a slave (CiA 301 7.3.2): states, commands, and services of each state.
 
 Rules:
-1. Commands act from every running state; there is none that is illegal.
-2. Reset node restarts the device: parameters saved by 1010h, or the EDS's. Reset communication
-   restores only 1000h to 1FFFh and leaves the application alone. Both end in one boot-up message
-   (heartbeat of state 00h) and pre-operational.
+1. Commands act from every running state; none is illegal.
+2. Reset node restarts the device with the parameters saved by 1010h, or the EDS's. Reset
+   communication restores only 1000h to 1FFFh and leaves the application running. Both end in one
+   boot-up message (heartbeat of state 00h) and pre-operational.
 3. A service that the present state does not have is silent: no answer, no error.
 """
 
@@ -18,7 +18,7 @@ EVERY_NODE: Final = 0
 
 
 class NmtState(IntEnum):
-    """With the heartbeat's own numbers; INITIALISING is the boot-up message's."""
+    """NMT states with their heartbeat values; INITIALISING is the value of the boot-up message."""
 
     INITIALISING = 0x00
     STOPPED = 0x04
@@ -37,7 +37,7 @@ class NmtCommand(IntEnum):
 
 
 class Service(Enum):
-    """What a state allows."""
+    """A service that an NMT state may allow."""
 
     SDO = "SDO"
     SYNC = "SYNC"
@@ -65,7 +65,7 @@ NEXT_STATE: Final[Mapping[NmtCommand, NmtState]] = MappingProxyType(
 
 
 def command_for(node_id: int, data: bytes) -> NmtCommand | None:
-    """The command in an NMT frame, if it is one and meant for this node."""
+    """Return the command of an NMT frame, if the frame is valid and addresses this node."""
     if len(data) != 2 or data[1] not in (EVERY_NODE, node_id):
         return None
     return NmtCommand(data[0]) if data[0] in set(NmtCommand) else None

@@ -1,9 +1,9 @@
-"""One CANopen node: frames of the bus in, frames out, with a CiA 402 drive as its application.
+"""One CANopen node: receives and sends frames, with a CiA 402 drive as its application.
 
-Here the parts are put together: network management decides which service works, SDO and PDO reach
-the dictionary, SYNC samples and applies, error control watches the master. The order at a SYNC is
-the standard's: sample what was (TPDO), then apply what came since the last SYNC (RPDO), so a torque
-sampled at SYNC k is the one that acted up to k.
+The node connects its parts: network management decides which services work, SDO and PDO access
+the dictionary, SYNC samples and applies, error control watches the master. The order at a SYNC
+follows the standard: sample the actual values (TPDO), then apply what came since the last SYNC
+(RPDO). A torque sampled at SYNC k is therefore the one that acted up to k.
 """
 
 import random
@@ -48,7 +48,7 @@ from sim_drives.settings import DriveSettings, FaultKind, PersonalityName
 RESET_COMMUNICATION_NS: Final = 5 * MILLISECOND
 MOTOR_DATA: Final = (0x3001, 0x6075, 0x6076)
 CURRENT_LIMIT_SUB: Final = 2
-"""3001h:02 may change at any time; the motor behind it may not."""
+"""3001h:02 may change at any time; the motor behind it is fixed."""
 EVERY_TPDO: Final = 0
 PRODUCT_CODE: Final = 2
 SERIAL_NUMBER: Final = 4
@@ -57,39 +57,39 @@ SERIAL_NUMBER: Final = 4
 
 @dataclass(slots=True)
 class Disturbance:
-    """What is wrong around this node (see `rules.py`)."""
+    """Injected disturbances of this node (see `rules.py`)."""
 
     lost_tpdo: int | None = None
-    """Number of the TPDO that gets lost, or EVERY_TPDO."""
+    """Number of the TPDO that is lost, or EVERY_TPDO."""
     late_ns: int = 0
-    """Synchronous TPDOs leave this much later."""
+    """Synchronous TPDOs are sent this much later."""
     mute: bool = False
-    """Nothing that the node sends reaches the bus."""
+    """No frame of the node reaches the bus."""
     unplugged: bool = False
-    """Neither way."""
+    """No frame passes in either direction."""
     deaf: bool = False
-    """Nothing of the bus reaches the node."""
+    """No frame of the bus reaches the node."""
     bus_off: bool = False
-    """Neither way, and the node knows."""
+    """No frame passes in either direction, and the node detects it."""
     motor_sense: int = 1
     encoder_sense: int = 1
-    """-1: connected the wrong way round."""
+    """-1: connected with inverted sign."""
     held_by: set[FaultKind] = field(default_factory=set)
-    """What keeps the axis from moving."""
+    """Cause that keeps the axis from moving."""
 
     @property
     def hears(self) -> bool:
-        """Whether frames of the bus reach the node."""
+        """True if frames of the bus reach the node."""
         return not (self.unplugged or self.bus_off or self.deaf)
 
     @property
     def heard(self) -> bool:
-        """Whether the node's frames reach the bus."""
+        """True if the node's frames reach the bus."""
         return not (self.unplugged or self.bus_off or self.mute)
 
 
 class Node:
-    """A drive with its name, as a slave on the bus."""
+    """A named drive as a slave on the bus."""
 
     def __init__(
         self,
@@ -104,11 +104,11 @@ class Node:
 
         Args:
             name: LEG/AXIS, for faults and messages.
-            settings: its tables of plant.toml.
-            entries: of its EDS, for its node id.
-            axis: its side of the plant.
-            line: its end of the bus.
-            rng: of the TPDOs' latency.
+            settings: the node's tables of plant.toml.
+            entries: entries of its EDS, for its node id.
+            axis: the plant's axis that the drive moves.
+            line: the node's access to bus and time.
+            rng: random generator of the TPDO latency.
         """
         self.name = name
         self.axis = axis
@@ -136,7 +136,7 @@ class Node:
         self.identity = {
             sub: dictionary.value(0x1018, sub) for sub in (PRODUCT_CODE, SERIAL_NUMBER)
         }
-        """As delivered: 1018h by sub-index."""
+        """Delivered values of 1018h by sub-index."""
         self._storage = Storage(dictionary, commissioned(settings), lambda: self._power_stage_on)
         self._server = SdoServer(settings.node_id, dictionary, line, self.timers)
         self.connection = Connection(
@@ -175,21 +175,21 @@ class Node:
     # --- power and network management ---------------------------------------------------------
 
     def power_on(self) -> None:
-        """Start, or start again after a loss of power: origin, errors and what was commanded go."""
+        """Power on, also after a loss of power: origin, errors and commanded values are lost."""
         self._powered = True
         self._powered_since_ns = self._line.now_ns
         self.timers.cancel_all()
         self._restart(communication_only=False)
 
     def exchange(self, identity: Mapping[int, int]) -> None:
-        """Put another drive in its place, with these sub-indices of 1018h, and switch it on."""
+        """Replace the drive by another one, with these sub-indices of 1018h, and power it on."""
         self.power_off()
         for subindex, value in identity.items():
             self._storage.exchange((0x1018, subindex), value)
         self.power_on()
 
     def power_off(self) -> None:
-        """Lose the power: silent, deaf and without torque."""
+        """Lose power: no frames in or out, no torque."""
         self._powered = False
         self.state = NmtState.INITIALISING
         self.timers.cancel_all()
@@ -247,7 +247,7 @@ class Node:
     # --- the bus ------------------------------------------------------------------------------
 
     def receive(self, frame: Frame) -> None:
-        """Take any frame of the bus."""
+        """Process any frame of the bus."""
         if not self._powered or not self.disturbance.hears:
             return
         node_id = self._settings.node_id
@@ -268,7 +268,7 @@ class Node:
             self._rpdos.receive(frame)
 
     def _is_ours(self, can_id: int) -> bool:
-        """Whether only this node sends with it, beside its TPDOs."""
+        """Return whether the identifier is one that only this node sends, TPDOs excluded."""
         node_id = self._settings.node_id
         return can_id in (
             SDO_ANSWER_ID + node_id,
@@ -296,7 +296,7 @@ class Node:
             self._rpdos.sync()
 
     def _apply(self, values: Values) -> None:
-        """Store what RPDOs carried (rules 2 and 5 of pdo_receive.py), then act on it at once."""
+        """Store the values of RPDOs (rules 2 and 5 of pdo_receive.py), then act on them at once."""
         accepts = self.dictionary.accepts
         accepted = [(address, value) for address, value in values if accepts(*address, value)]
         for address, value in accepted:
@@ -307,7 +307,7 @@ class Node:
         self.changed()
 
     def changed(self) -> None:
-        """Something may have changed the drive's state: order the plant, tell the bus."""
+        """Update the plant's order and the TPDOs after a possible change of the drive's state."""
         if not self._powered:
             return
         self.drive.update()
@@ -315,14 +315,14 @@ class Node:
             self._tpdos.look_for_changes()
 
     def run_timers(self, now_ns: int) -> None:
-        """Run what is due."""
+        """Run all timers that are due."""
         self.timers.run_due(now_ns)
         self.changed()
 
     def is_heard(self, frame: Frame, time_ns: int) -> bool:
-        """Whether a frame of the node's that leaves at this time reaches the bus.
+        """Return whether a frame that the node sends at this time reaches the bus.
 
-        A TPDO that waited for its latency does not if the node has left operational meanwhile.
+        A TPDO delayed by its latency does not, if the node has left operational meanwhile.
         """
         if frame.can_id in self._tpdo_ids and self.state is not NmtState.OPERATIONAL:
             return False
@@ -356,31 +356,31 @@ class Node:
             self.connection.back(PDO_TIMEOUT_CODE)
 
     def begin_error(self, code: int) -> None:
-        """An error from outside: a lost connection acts as one, all others are faults."""
+        """Begin an external error: a lost connection acts as one, all others are faults."""
         if code in FAILURES:
             self.connection.lost(code)
         else:
             self.drive.fault(code)
 
     def end_error(self, code: int) -> None:
-        """Its cause has gone."""
+        """End the cause of an external error."""
         if code in FAILURES:
             self.connection.back(code)
         else:
             self.errors.cause_gone(code)
 
     def bus_off(self) -> None:
-        """The CAN controller leaves the bus, and the drive notices."""
+        """Begin a bus-off: the CAN controller leaves the bus, and the drive detects it."""
         self.disturbance.bus_off = True
         self._rpdos.forget_waiting()
         self.connection.bus_off()
 
     def bus_back(self) -> None:
-        """The controller has recovered."""
+        """End a bus-off."""
         self.disturbance.bus_off = False
         self.connection.bus_back()
 
-    # --- objects of the node's own ------------------------------------------------------------
+    # --- the node's own objects -------------------------------------------------------------------
 
     @property
     def _power_stage_on(self) -> bool:

@@ -1,4 +1,4 @@
-"""One PDO as its objects in the dictionary have it (CiA 301 7.5.2.35 to 38)."""
+"""One PDO as configured by its dictionary objects (CiA 301 7.5.2.35 to 38)."""
 
 from collections.abc import Callable
 from typing import Final, NamedTuple
@@ -22,7 +22,7 @@ Values = list[tuple[Address, int]]
 
 
 class Settings(NamedTuple):
-    """One PDO as its objects have it."""
+    """The configuration of one PDO, read from its objects."""
 
     valid: bool
     can_id: int
@@ -38,7 +38,7 @@ class Channel:
     """One PDO; its objects are read again only after one of them has been written."""
 
     def __init__(self, objects: PdoObjects, written: Callable[[int], None]) -> None:
-        """`written` is told the PDO's number from 0 when one of its objects has been written."""
+        """`written` receives the PDO's number, from 0, when one of its objects has been written."""
         self._objects = objects
         self._written = written
         self._settings: Settings | None = None
@@ -48,23 +48,23 @@ class Channel:
 
     @property
     def number(self) -> int:
-        """Counted from 1."""
+        """PDO number, counted from 1."""
         return self._objects.number + 1
 
     @property
     def settings(self) -> Settings:
-        """What its objects say now."""
+        """Return the present configuration."""
         if self._settings is None:
             self._settings = self._read()
         return self._settings
 
     def forget(self) -> None:
-        """Parameters have changed."""
+        """Drop the cached configuration: parameters have changed."""
         self._settings = None
         self._written(self._objects.number)
 
     def pack(self) -> bytes:
-        """The mapped values, in their order."""
+        """Pack the mapped values in their order."""
         value = self._objects.dictionary.value
         packing, addresses = self.settings.layout
         return packing.pack(*(value(*address) for address in addresses))
@@ -94,7 +94,7 @@ def channels(
     *,
     locked: bool,
 ) -> list[Channel]:
-    """All PDOs of one direction."""
+    """Return all PDOs of one direction."""
     return [
         Channel(PdoObjects(dictionary, direction, number, locked), written)
         for number in range(PDO_COUNT)

@@ -1,14 +1,14 @@
-"""RPDOs of one node at work (CiA 301 7.2.2): what a received one does.
+"""RPDOs of one node (CiA 301 7.2.2): what a received PDO does.
 
 Rules:
 1. Shorter than mapped: ignored, 8210h. Longer: 8220h, and the mapped first bytes are used.
-2. Types 0 to 240 wait for the next SYNC and are applied there, all PDOs in one go, newest data of
-   each, the controlword last: target and controlword of one cycle never part. One that comes after
-   the synchronous window counts as not received. 254, 255: at once.
-3. Event timer (where the drive has one): from the first PDO on, none for so long is 8250h; the next
-   one ends it.
+2. Types 0 to 240 wait for the next SYNC and are applied there, all PDOs together, newest data of
+   each, the controlword last: target and controlword of one cycle are never separated. One that
+   comes after the synchronous window counts as not received. 254, 255: at once.
+3. Event timer (where the drive has one): starts with the first PDO; if it expires without another
+   one the error is 8250h, which the next PDO ends.
 4. 8210h, 8220h and 8250h last until no PDO has them any more. They end when the node leaves
-   operational or the PDO's objects are written, and so does what waits for a SYNC.
+   operational or the PDO's objects are written; data waiting for a SYNC is then dropped.
 5. An object's value that its range or guard refuses is not stored; the others of the PDO are.
 """
 
@@ -29,7 +29,7 @@ CONTROLWORD: Final = (0x6040, 0)
 
 
 class _Complaint:
-    """An error that some PDOs have: reported when the first has it, and when none has it."""
+    """An error of several PDOs: begins with the first PDO that has it, ends with the last."""
 
     def __init__(self, report: Callable[[bool], None]) -> None:
         self._report = report
@@ -57,10 +57,10 @@ class ReceivePdos:
         *,
         locked: bool,
     ) -> None:
-        """Nothing has come yet.
+        """Start with no PDO received.
 
-        `apply` gets the values of all PDOs that act now; `report` an error code and whether it is
-        wrong now; `on_timeout` whether PDOs are missing now.
+        `apply` receives the values of all PDOs that act now; `report` an error code and whether the
+        error is present; `on_timeout` whether PDOs are missing.
         """
         self._channels = channels(dictionary, Direction.RECEIVE, self._forget, locked=locked)
         self._line = line
@@ -73,13 +73,13 @@ class ReceivePdos:
         self._waiting: list[Values] = [[] for _ in range(PDO_COUNT)]
 
     def reset(self) -> None:
-        """Parameters have been restored."""
+        """Drop all state after parameters have been restored."""
         self.leave_operational()
         for channel in self._channels:
             channel.forget()
 
     def leave_operational(self) -> None:
-        """Rule 4."""
+        """End the errors and drop waiting data (rule 4)."""
         for slot in range(PDO_COUNT):
             self._forget(slot)
 
@@ -90,11 +90,11 @@ class ReceivePdos:
             complaint.say(slot, wrong=False)
 
     def forget_waiting(self) -> None:
-        """What waits for a SYNC is void."""
+        """Drop the data that waits for a SYNC."""
         self._waiting = [[] for _ in range(PDO_COUNT)]
 
     def receive(self, frame: Frame) -> None:
-        """Take a frame that may be one of ours."""
+        """Process a frame that may be one of these PDOs."""
         for slot, channel in enumerate(self._channels):
             settings = channel.settings
             if settings.valid and settings.can_id == frame.can_id:
@@ -122,7 +122,7 @@ class ReceivePdos:
             self._timers.start(name, at_ns, lambda: self._missing.say(slot, wrong=True))
 
     def sync(self) -> None:
-        """Apply what has come since the last SYNC (rule 2)."""
+        """Apply the data received since the last SYNC (rule 2)."""
         values = [value for waiting in self._waiting for value in waiting]
         self.forget_waiting()
         if values:

@@ -1,4 +1,4 @@
-"""What a master may write into a PDO's parameters and mapping (CiA 301 7.5.2.35 to 38).
+"""Rules for writing a PDO's parameters and mapping (CiA 301 7.5.2.35 to 38).
 
 Rules (numbers are SDO abort codes):
 1. Mapping entries are written only while the PDO is invalid (bit 31 of the COB-ID) and its number
@@ -13,7 +13,7 @@ Rules (numbers are SDO abort codes):
    frames, so a TPDO that allows them (bit 30 = 0) is 06090030.
 5. Transmission types 241 to 253 are not supported, nor a SYNC start value above 240; inhibit time
    and SYNC start value do not change while the PDO is valid (06090030).
-6. There are no multiplexed PDOs (a count of 254 or 255 is 06090031), so no drive here says 8230h.
+6. There are no multiplexed PDOs (a count of 254 or 255 is 06090031), so no drive here sends 8230h.
 """
 
 import struct
@@ -35,11 +35,11 @@ SUB_EVENT_TIMER: Final = 5
 SUB_SYNC_START: Final = 6
 SYNC_START_MAX: Final = 240
 NOT_FOR_PDOS: Final = (0x080, 0x100, 0x700)
-"""SYNC and TIME; the last belongs to no node."""
+"""Identifiers of SYNC and TIME; the last belongs to no node."""
 
 
 class Direction(Enum):
-    """Seen from the drive; the value is the index of the first PDO's parameters."""
+    """PDO direction seen from the drive; the value is the index of the first PDO's parameters."""
 
     RECEIVE = 0x1400
     TRANSMIT = 0x1800
@@ -49,7 +49,7 @@ MAPPING_OFFSET: Final = 0x200
 
 
 class Layout(NamedTuple):
-    """A PDO's bytes."""
+    """Layout of a PDO's bytes."""
 
     packing: struct.Struct
     addresses: tuple[Address, ...]
@@ -57,12 +57,12 @@ class Layout(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PdoObjects:
-    """Where one PDO lives in the dictionary, and the guards over it."""
+    """The dictionary addresses of one PDO, and the guards of these objects."""
 
     dictionary: ObjectDictionary
     direction: Direction
     number: int
-    """0 to 3."""
+    """PDO number, 0 to 3."""
     locked_while_valid: bool
 
     @property
@@ -77,21 +77,21 @@ class PdoObjects:
 
     @property
     def cob_id(self) -> int:
-        """With its flag bits."""
+        """COB-ID with its flag bits."""
         return self.dictionary.value(self.parameters, SUB_COB_ID)
 
     @property
     def can_id(self) -> int:
-        """Without its flag bits."""
+        """CAN identifier without flag bits."""
         return can_id_of(self.cob_id)
 
     @property
     def valid(self) -> bool:
-        """Whether the PDO exists."""
+        """True if the PDO exists."""
         return not self.cob_id & INVALID
 
     def layout(self) -> Layout:
-        """The mapped objects in order; rule 3 has been checked when they were counted."""
+        """Return the mapped objects in order; rule 3 was checked when their number was written."""
         addresses = tuple(
             _mapped_address(self.dictionary.value(self.mapping, slot))
             for slot in range(1, self.dictionary.value(self.mapping, 0) + 1)
@@ -100,7 +100,7 @@ class PdoObjects:
         return Layout(struct.Struct("<" + codes), addresses)
 
     def install_guards(self) -> None:
-        """Put the rules before the dictionary's own store."""
+        """Install the rules as guards of the dictionary."""
         self.dictionary.guard(self.parameters, self._judge_parameter)
         self.dictionary.guard(self.mapping, self._judge_mapping)
 

@@ -1,13 +1,13 @@
-"""TPDOs of one node at work (CiA 301 7.2.2): what is sent when.
+"""TPDOs of one node (CiA 301 7.2.2): what is sent when.
 
 Rules:
-1. Type 1 to 240: at every n-th SYNC, with what was sampled at that SYNC; counted from the entry
+1. Type 1 to 240: at every n-th SYNC, with the values sampled at that SYNC; counted from the entry
    into operational, or from the SYNC whose counter is 1800h:06, which is then the first. Type 0: at
-   the next SYNC after the mapped data has changed. What would leave after the synchronous window
-   (1007h) is not sent.
+   the next SYNC after the mapped data has changed. A PDO that would leave after the synchronous
+   window (1007h) is not sent.
 2. Types 254 and 255: when the mapped data has changed, not sooner than the inhibit time (100 µs)
    after the last one; and when the event timer (ms) has run out since the last one, or since its
-   objects were written; once on entering operational. A change is looked for at each SYNC and after
+   objects were written; once on entering operational. Changes are detected at each SYNC and after
    whatever may have changed the drive's state.
 """
 
@@ -23,7 +23,7 @@ from sim_drives.frame import Frame
 
 
 class TransmitPdos:
-    """All TPDOs of one node. `delays_ns(n)` gives the latency of the n TPDOs of one SYNC."""
+    """All TPDOs of one node. `delays_ns(n)` returns the latency of the n TPDOs of one SYNC."""
 
     def __init__(
         self,
@@ -46,18 +46,18 @@ class TransmitPdos:
         self._operational = False
         self._syncs = [0] * PDO_COUNT
         self._counting = [True] * PDO_COUNT
-        """Whether the SYNC of 1800h:06 has come, where one is to be waited for."""
+        """True once the SYNC of 1800h:06 has come, for PDOs that wait for one."""
         self._sent: list[bytes | None] = [None] * PDO_COUNT
         self._free_at_ns = [0] * PDO_COUNT
 
     def reset(self) -> None:
-        """Parameters have been restored."""
+        """Drop all state after parameters have been restored."""
         self.leave_operational()
         for channel in self._channels:
             channel.forget()
 
     def enter_operational(self) -> None:
-        """Rules 1 and 2: start counting, and say what there is to say."""
+        """Start counting SYNCs and send the event-driven PDOs (rules 1 and 2)."""
         self._operational = True
         self._syncs = [0] * PDO_COUNT
         self._counting = [not channel.settings.sync_start for channel in self._channels]
@@ -66,7 +66,7 @@ class TransmitPdos:
         self.look_for_changes()
 
     def leave_operational(self) -> None:
-        """Nothing more is sent."""
+        """Stop sending."""
         self._operational = False
         for slot in range(PDO_COUNT):
             self._written(slot)
@@ -78,11 +78,11 @@ class TransmitPdos:
             self._start_event_timer(slot)
 
     def sends(self, can_id: int) -> bool:
-        """Whether one of them has this identifier."""
+        """Return whether a TPDO has this identifier."""
         return any(c.settings.valid and c.settings.can_id == can_id for c in self._channels)
 
     def sync(self) -> None:
-        """Send what this SYNC asks for; process values have been sampled."""
+        """Send the TPDOs of this SYNC; process values have been sampled."""
         due = [slot for slot in range(PDO_COUNT) if self._due_at_sync(slot)]
         for slot, delay_ns in zip(due, self._delays_ns(len(due)), strict=True):
             if self._sync.within_window(delay_ns):
@@ -107,7 +107,7 @@ class TransmitPdos:
         return True
 
     def look_for_changes(self) -> None:
-        """Send event-driven PDOs whose data is not what was sent last."""
+        """Send event-driven PDOs whose data differs from what was sent last."""
         for slot, channel in enumerate(self._channels):
             settings = channel.settings
             if settings.valid and not settings.synchronous and channel.pack() != self._sent[slot]:

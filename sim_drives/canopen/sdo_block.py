@@ -1,19 +1,21 @@
 """SDO block transfer of one node: many segments, one acknowledgement (CiA 301 7.2.4.3.9 to 15).
 
-Rules, both ways:
+Rules, both directions:
 1. A sub-block has up to 127 segments of seven bytes, numbered from 1; bit 7 of the number marks the
-   last segment of all. The receiver of a sub-block says up to which number all of them came, and
-   how long the next one may be; what comes after that number is sent again, numbered from 1.
-2. A block size of 0 or above 127 is 05040002. A number that cannot be is 05040003: of a segment, 0;
-   of an acknowledgement, above what has been sent.
-3. The CRC (polynomial 1021h, from 0) covers the data alone, and is used if both sides can. A wrong
-   one is 05040004.
+   last segment of all. The receiver of a sub-block answers with the last number up to which all
+   came, and with the size of the next sub-block; segments after that number are sent again,
+   numbered from 1.
+2. A block size of 0 or above 127 is 05040002. An impossible number is 05040003: for a segment, 0;
+   for an acknowledgement, above what has been sent.
+3. The CRC (polynomial 1021h, from 0) covers the data alone, and is used if both sides support it.
+   A wrong one is 05040004.
 Download:
 4. While a sub-block is coming, every request but an abort (80h) is one of its segments. One out of
-   turn is passed over. The sub-block ends with its last number or with the last segment of all.
-5. The end says how many bytes of the last segment are none; only then is anything stored.
+   turn is ignored. The sub-block ends with its last number or with the last segment of all.
+5. The end request gives the number of unused bytes in the last segment; only then is the value
+   stored.
 Upload:
-6. Not above the client's protocol switch threshold (0: none), the data go by the ordinary upload.
+6. Up to the client's protocol switch threshold (0: none), the data go by the ordinary upload.
 7. Segments leave SEGMENT_SPACING_NS apart. An acknowledgement that comes early ends the sub-block.
 """
 
@@ -27,13 +29,13 @@ from sim_drives.canopen.sdo_segments import REQUEST_BYTES, SEGMENT_BYTES, Incomi
 
 BLOCK_SEGMENTS_MAX: Final = 127
 SEGMENT_SPACING_NS: Final = 200_000
-"""A little more than one frame lasts at 1 Mbit/s."""
+"""Slightly longer than one frame at 1 Mbit/s."""
 _LAST: Final = 0x80
 _NUMBER: Final = 0x7F
 
 
 class BlockStep(IntEnum):
-    """The lowest two bits of a block transfer's first byte, of either side."""
+    """Lowest two bits of a block transfer's first byte, in both directions."""
 
     INITIATE = 0
     END = 1
@@ -45,14 +47,14 @@ BLOCK_STEP_MASK: Final = 0x03
 
 
 def checked_block_size(size: int) -> int:
-    """The number of segments that a client asks for (rule 2)."""
+    """Return the number of segments that a client requests (rule 2)."""
     if not 1 <= size <= BLOCK_SEGMENTS_MAX:
         raise SdoAbortError(AbortCode.BLOCK_SIZE)
     return size
 
 
 def crc(data: bytes | bytearray) -> int:
-    """Rule 3."""
+    """Compute the CRC of rule 3."""
     return binascii.crc_hqx(data, 0)
 
 
@@ -63,17 +65,17 @@ class BlockDownload:
         self._incoming = incoming
         self._with_crc = with_crc
         self._number = 0
-        """Of the last segment of this sub-block that came in turn."""
+        """Number of the last segment of this sub-block that came in sequence."""
         self._all_here = False
         self.done = False
 
     @property
     def takes_every_request(self) -> bool:
-        """Rule 4."""
+        """True while every request is a segment (rule 4)."""
         return not self._all_here
 
     def feed(self, request: bytes) -> bytes | None:
-        """One request that is ours; the answer, if it has one."""
+        """Process one request of this transfer; return the answer, if there is one."""
         return self._end(request) if self._all_here else self._segment(request)
 
     def _segment(self, request: bytes) -> bytes | None:
@@ -109,20 +111,20 @@ class BlockUpload:
         self._segments = max(1, math.ceil(len(data) / SEGMENT_BYTES))
         self._block_size = block_size
         self._acknowledged = 0
-        """Segments of all sub-blocks that the client has."""
+        """Number of segments, over all sub-blocks, that the client has acknowledged."""
         self._sent: int | None = None
-        """Segments of this sub-block; None before the start and after the end."""
+        """Number of segments of this sub-block; None before the start and after the end."""
         self.done = False
 
     @property
     def sending(self) -> bool:
-        """Whether a segment of this sub-block is still to be sent."""
+        """True while a segment of this sub-block is still to be sent."""
         if self._sent is None:
             return False
         return self._sent < min(self._block_size, self._segments - self._acknowledged)
 
     def next_segment(self) -> bytes:
-        """While `sending`."""
+        """Return the next segment; only while `sending`."""
         sent = self._sent or 0
         at = self._acknowledged + sent
         self._sent = sent + 1
@@ -131,7 +133,7 @@ class BlockUpload:
         return bytes((last | self._sent,)) + part.ljust(SEGMENT_BYTES, b"\0")
 
     def feed(self, request: bytes) -> bytes | None:
-        """One request that is ours; the answer, if it is not segments."""
+        """Process one request of this transfer; return the answer, unless it is segments."""
         ended = self._acknowledged == self._segments
         match request[0] & BLOCK_STEP_MASK:
             case BlockStep.START if self._sent is None and not ended:

@@ -1,10 +1,10 @@
-"""SDO transfer in segments of one node, and what all downloads share (CiA 301 7.2.4.3.4, 6).
+"""Segmented SDO transfer of one node, and the parts common to all downloads (CiA 301 7.2.4.3.4, 6).
 
 Rules:
-1. Segments carry up to seven bytes, with a toggle bit that alternates from 0. Out of turn it is
+1. Segments carry up to seven bytes, with a toggle bit that alternates from 0. A wrong toggle bit is
    05030000.
 2. A length that the object cannot have is aborted as soon as it is known, announced or not
-   (`Entry.check_length`). Another length than announced is 06070010, and nothing is stored.
+   (`Entry.check_length`). A length other than announced is 06070010, and nothing is stored.
 """
 
 from collections.abc import Callable
@@ -20,12 +20,12 @@ _LAST: Final = 0x01
 
 
 class Incoming:
-    """The bytes of a download until they are complete."""
+    """Collects the bytes of a download until they are complete."""
 
     def __init__(
         self, entry: Entry, announced_bytes: int | None, store: Callable[[bytes], None]
     ) -> None:
-        """`store` gets the data once they are complete, and may abort.
+        """Start a download; `store` receives the complete data, and may abort.
 
         Raises:
             SdoAbortError: the entry cannot be written, or not with that length.
@@ -40,18 +40,18 @@ class Incoming:
         self.data = bytearray()
 
     def take(self, part: bytes) -> None:
-        """Bytes of one more segment; of a block's last one up to six may be none."""
+        """Add the bytes of one segment; up to six of a block's last one may be unused."""
         self.data += part
         if len(self.data) >= self._entry.max_bytes + SEGMENT_BYTES:
             self._entry.check_length(len(self.data))
 
     def drop(self, count: int) -> None:
-        """The last `count` bytes were none."""
+        """Remove the last `count` bytes, which are unused."""
         if count:
             del self.data[-count:]
 
     def store(self) -> None:
-        """The data are complete (rule 2)."""
+        """Store the complete data (rule 2)."""
         if self._announced_bytes not in (None, len(self.data)):
             raise SdoAbortError(AbortCode.LENGTH)
         self._store(bytes(self.data))
@@ -63,7 +63,7 @@ def _check_toggle(request: bytes, toggle: int) -> None:
 
 
 class SegmentedDownload:
-    """The receiving side, after its initiation."""
+    """The receiving side of a segmented download, after its initiation."""
 
     takes_every_request = False
 
@@ -73,7 +73,7 @@ class SegmentedDownload:
         self.done = False
 
     def feed(self, request: bytes) -> bytes:
-        """One segment; its answer."""
+        """Process one segment; return its answer."""
         _check_toggle(request, self._toggle)
         unused = request[0] >> 1 & 7
         self._incoming.take(request[1 : REQUEST_BYTES - unused])
@@ -86,7 +86,7 @@ class SegmentedDownload:
 
 
 class SegmentedUpload:
-    """The sending side, after its initiation."""
+    """The sending side of a segmented upload, after its initiation."""
 
     takes_every_request = False
 
@@ -96,7 +96,7 @@ class SegmentedUpload:
         self.done = False
 
     def feed(self, request: bytes) -> bytes:
-        """One request; its segment."""
+        """Process one request; return its segment."""
         _check_toggle(request, self._toggle)
         part, self._rest = self._rest[:SEGMENT_BYTES], self._rest[SEGMENT_BYTES:]
         self.done = not self._rest

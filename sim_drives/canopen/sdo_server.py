@@ -1,15 +1,15 @@
-"""The SDO server of one node (CiA 301 7.2.4): requests of eight bytes in, answers out.
+"""The SDO server of one node (CiA 301 7.2.4): receives eight-byte requests, sends answers.
 
 Rules:
 1. Up to four bytes travel expedited, more in segments (`sdo_segments.py`), many in blocks
    (`sdo_block.py`).
-2. A new initiate of either kind replaces a transfer that has not ended; not while the sub-block of
-   a block download is coming, when everything is one of its segments.
-3. Every abort carries the index and sub-index of the transfer that it ends; when a segment comes
-   that belongs to none, those of the last transfer.
-4. After any abort, of either side, the server is free. A client's abort is not answered.
-5. A transfer whose client says nothing for TIMEOUT_NS is aborted: 05040000.
-6. What is not eight bytes long is not answered.
+2. A new initiate of either kind replaces an unfinished transfer, except while the sub-block of a
+   block download is coming, when every request is one of its segments.
+3. Every abort carries the index and sub-index of the transfer that it ends; for a segment without
+   a transfer, those of the last transfer.
+4. After any abort, by either side, the server is idle. A client's abort is not answered.
+5. A transfer whose client sends nothing for TIMEOUT_NS is aborted: 05040000.
+6. A request that is not eight bytes long is not answered.
 """
 
 from collections.abc import Mapping
@@ -72,7 +72,7 @@ TRANSFER_OF: Final[Mapping[_Command, type[Transfer]]] = MappingProxyType(
         _Command.BLOCK_UPLOAD: BlockUpload,
     }
 )
-"""Which transfer a request goes on with, if it does not begin one."""
+"""The transfer that a request continues, if it does not begin one."""
 
 
 class SdoServer:
@@ -89,12 +89,12 @@ class SdoServer:
         self._transfer: Transfer | None = None
 
     def reset(self) -> None:
-        """Forget a transfer: the service is not there any more."""
+        """Drop the transfer: the service is no longer available."""
         self._transfer = None
         self._timers.cancel(SdoServer)
 
     def receive(self, request: bytes) -> None:
-        """Take one request, and answer it if it has an answer."""
+        """Process one request, and send its answer if it has one."""
         if len(request) != REQUEST_BYTES:
             return
         if self._is_abort(request[0]):
@@ -135,7 +135,7 @@ class SdoServer:
                     raise SdoAbortError(AbortCode.COMMAND_SPECIFIER)
                 return transfer.feed(request)
 
-    # --- what follows a request -------------------------------------------------------------------
+    # --- after a request --------------------------------------------------------------------------
 
     def _go_on(self) -> None:
         """Send the next segment of a block, or wait for the client (rule 5)."""
@@ -213,7 +213,9 @@ class SdoServer:
     def _expedited_data(self, request: bytes) -> bytes:
         if request[0] & _SIZE_INDICATED:
             return request[4 : 8 - (request[0] >> 2 & 3)]
-        return request[4 : 4 + (self._entry().size_bytes or 4)]  # not said: the object's own
+        return request[
+            4 : 4 + (self._entry().size_bytes or 4)
+        ]  # not given: the object's own length
 
     def _entry(self) -> Entry:
         return self._dictionary.entry(*self._address)

@@ -6,8 +6,8 @@ Rules:
    profile, as far as the drive has these. Any other value is 08000020. Both are refused with
    08000022 while the power stage is on.
 2. Reset node restores all, reset communication 1000h to 1FFFh.
-3. Delivered are the EDS's values with the motor data that the drive was commissioned with.
-4. What is commanded (controlword, mode, targets) is never kept.
+3. Delivered parameters are the EDS's values with the motor data set at commissioning.
+4. Commanded values (controlword, mode, targets) are never saved.
 """
 
 from collections.abc import Callable, Mapping
@@ -24,7 +24,7 @@ LOAD_SIGNATURE: Final = int.from_bytes(b"load", "little")
 AREAS: Final[Mapping[int, range]] = MappingProxyType(
     {1: range(0x1000, 0x10000), 2: COMMUNICATION_AREA, 3: range(0x6000, 0xA000)}
 )
-"""Indices that a sub-index of 1010h and 1011h speaks of."""
+"""Index range that a sub-index of 1010h and 1011h covers."""
 NEVER_KEPT: Final = frozenset(
     {0x1003, STORE, RESTORE, 0x6040, 0x6060, 0x6071, 0x607A, 0x60B1, 0x60B2, 0x60FF}
 )
@@ -44,14 +44,14 @@ class Storage:
         self._powered = powered
         self._saved: dict[Address, Value] = {}
         self._to_deliver: set[int] = set()
-        """Sub-indices of 1011h that the next reset obeys."""
+        """Sub-indices of 1011h that the next reset applies."""
         for index, signature in ((STORE, SAVE_SIGNATURE), (RESTORE, LOAD_SIGNATURE)):
             dictionary.guard(index, lambda _, value, s=signature: self._judge(value, s))
         dictionary.watch(STORE, self._save)
         dictionary.watch(RESTORE, self._load_delivered)
 
     def restore(self, *, communication_only: bool) -> None:
-        """Rule 2."""
+        """Restore parameters by rule 2."""
         for area in self._to_deliver:
             self._saved = {a: v for a, v in self._saved.items() if a[0] not in AREAS[area]}
         self._to_deliver.clear()
@@ -59,7 +59,7 @@ class Storage:
         self._dictionary.restore(parameters, communication_only=communication_only)
 
     def exchange(self, address: Address, value: Value) -> None:
-        """Another drive stands in this one's place: so delivered, from the next reset on."""
+        """Replace the drive by one delivered with this value; acts from the next reset on."""
         self._commissioned[address] = value
 
     def _judge(self, value: int, signature: int) -> None:

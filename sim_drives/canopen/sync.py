@@ -1,14 +1,14 @@
-"""SYNC at a consumer (CiA 301 7.2.5, 7.5.2.5 to 7, 7.5.2.22). No drive here produces it.
+"""SYNC consumer (CiA 301 7.2.5, 7.5.2.5 to 7, 7.5.2.22). No drive here produces SYNC.
 
 Rules:
-1. 1005h: the identifier. A producer, one of 29 bits or a restricted one is 06090030.
+1. 1005h: the identifier. A producer, a 29-bit identifier or a restricted one is 06090030.
 2. 1019h is 0 or missing: SYNC has no data; else exactly one byte, its counter. Another length is
-   8240h, and that SYNC is not used; the next one that fits ends the error.
+   8240h, and that SYNC is not used; the next valid one ends the error.
 3. 1019h may be 0 or 2 to 240 (06090030) and changes only while 1006h is 0 (08000022).
-4. 1007h, the synchronous window in µs, 0 for none: what should leave or come later after the SYNC
-   is dropped. Before the first SYNC the window is open.
-5. 1006h, the cycle in µs: from the next SYNC on, none for one and a half cycles is 8100h; the next
-   one ends it. The standard leaves open what a consumer does then; here it says so and no more.
+4. 1007h, the synchronous window in µs, 0 for none: PDOs that would be sent or received later after
+   the SYNC are dropped. Before the first SYNC the window is open.
+5. 1006h, the cycle in µs: after a SYNC, none for one and a half cycles is 8100h; the next one ends
+   it. The standard does not define the consumer's reaction; here it only reports the error.
 """
 
 from collections.abc import Callable
@@ -31,7 +31,7 @@ _MICROSECOND: Final = 1000
 
 
 class SyncConsumer:
-    """What a node knows of SYNC."""
+    """The SYNC state of one node."""
 
     def __init__(
         self,
@@ -40,30 +40,30 @@ class SyncConsumer:
         timers: Timers,
         report: Callable[[int, bool], None],
     ) -> None:
-        """`report` is told an error code and whether it is wrong now."""
+        """`report` receives an error code and whether the error is present."""
         self._dictionary = dictionary
         self._line = line
         self._timers = timers
         self._report = report
         self._last_ns: int | None = None
         self.counter = 0
-        """Of the last SYNC; 0 without counter."""
+        """Counter of the last SYNC; 0 without counter."""
         dictionary.guard(COB_ID_SYNC, self._judge_cob_id)
         dictionary.guard(COUNTER_OVERFLOW, self._judge_overflow)
         dictionary.watch(CYCLE_PERIOD, lambda _: timers.cancel(SyncConsumer))
 
     def reset(self) -> None:
-        """No SYNC has come."""
+        """Start without a received SYNC."""
         self._last_ns = None
         self._timers.cancel(SyncConsumer)
 
     @property
     def can_id(self) -> int:
-        """Rule 1."""
+        """CAN identifier of SYNC (rule 1)."""
         return can_id_of(self._dictionary.value(COB_ID_SYNC))
 
     def receive(self, data: bytes) -> bool:
-        """Take a frame of SYNC's identifier; whether it is one to act upon (rule 2)."""
+        """Process a frame with SYNC's identifier; return whether it is a valid SYNC (rule 2)."""
         fits = len(data) == (1 if self._object(COUNTER_OVERFLOW) else 0)
         self._report(SYNC_LENGTH_CODE, not fits)
         if fits:
@@ -74,7 +74,7 @@ class SyncConsumer:
         return fits
 
     def within_window(self, delay_ns: int = 0) -> bool:
-        """Whether so much later than now is within the window of the last SYNC (rule 4)."""
+        """Return whether now plus a delay is within the window of the last SYNC (rule 4)."""
         window_ns = self._object(WINDOW) * _MICROSECOND
         if not window_ns or self._last_ns is None:
             return True

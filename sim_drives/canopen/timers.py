@@ -1,11 +1,11 @@
-"""Deadlines of one node: each has a name, at most one of a name runs, and none reads a clock."""
+"""Named deadlines of one node: at most one per name; no clock is read."""
 
 from collections.abc import Callable, Hashable
 from typing import Final, NamedTuple
 
 NEVER: Final = 2**63 - 1
 MILLISECOND: Final = 1_000_000
-"""In nanoseconds."""
+"""A time in nanoseconds."""
 
 
 class _Deadline(NamedTuple):
@@ -15,7 +15,7 @@ class _Deadline(NamedTuple):
 
 
 class Timers:
-    """A handful of named deadlines; equal times run in the order in which they were started."""
+    """Named deadlines; equal times run in the order in which they were started."""
 
     def __init__(self) -> None:
         self._deadlines: dict[Hashable, _Deadline] = {}
@@ -27,23 +27,23 @@ class Timers:
         self._deadlines[name] = _Deadline(at_ns, self._order, action)
 
     def cancel(self, name: Hashable) -> None:
-        """Forget a deadline; one that does not run is no error."""
+        """Cancel a deadline; one that is not running is no error."""
         self._deadlines.pop(name, None)
 
     def cancel_all(self) -> None:
-        """Forget everything: the node has lost its power."""
+        """Cancel all deadlines: the node has lost its power."""
         self._deadlines.clear()
 
     def running(self, name: Hashable) -> bool:
-        """Whether the deadline is still ahead."""
+        """Return whether the deadline is pending."""
         return name in self._deadlines
 
     def next_ns(self) -> int:
-        """Time of the earliest deadline, or NEVER."""
+        """Return the time of the earliest deadline, or NEVER."""
         return min((deadline.at_ns for deadline in self._deadlines.values()), default=NEVER)
 
     def run_due(self, now_ns: int) -> None:
-        """Run every deadline up to `now_ns`, earliest first, also those that an action starts."""
+        """Run every deadline up to `now_ns`, earliest first, including those an action starts."""
         while self._deadlines:
             name = min(self._deadlines, key=self._deadlines.__getitem__)
             if self._deadlines[name].at_ns > now_ns:

@@ -1,18 +1,19 @@
 """The CiA 402 device: runs the power state machine of `power_state.py` on one axis.
 
-Rules beside the tables':
-1. A slow-down ends when the plant reports standstill; then comes the state that STOPPING names.
-   While it lasts, a command with a row of its own ends it; 0Fh ends that of transitions 5 and 8.
-2. A fault passes "fault reaction active" also when there is nothing to slow down, for
+Rules in addition to the tables:
+1. A slow-down ends when the plant reports standstill; the next state is the one in STOPPING.
+   During a slow-down, a command with a row of its own ends it; 0Fh ends
+   that of transitions 5 and 8.
+2. A fault passes "fault reaction active" even if there is nothing to slow down, for
    FAULT_REACTION_MIN_NS. A fault during a fault adds its EMCY and changes nothing else.
 3. Fault reset is the rising edge of bit 7 in "fault", and is granted when every cause is gone.
-4. STO open: no torque from that instant, fault, and no state of the machine can give power before
-   it is released and the fault reset.
+4. STO open: no torque from that instant, fault, and no state gives power before STO is released and
+   the fault reset.
 5. Lost connection (heartbeat, RPDO watchdog) acts by 6007h: on a drive for which that is a fault,
    the slow-down that 6007h names and then "fault"; on the others the command that it names.
    Leaving NMT operational with the power stage on is that command on both.
-6. On some drives a controlword that has no place in the present state is refused, with an EMCY and
-   the warning bit until a better one comes.
+6. On some drives a controlword not allowed in the present state is refused, with an EMCY and
+   the warning bit until a valid one comes.
 7. 607Eh, 608Fh, 6091h, 6092h, where the drive has them, are locked while the power stage is on.
 """
 
@@ -58,7 +59,7 @@ from sim_drives.plant.port import Axis
 from sim_drives.settings import DriveSettings
 
 SELF_TEST_NS: Final = 200 * MILLISECOND
-"""From power-on to transition 1."""
+"""Time from power-on to transition 1."""
 FAULT_REACTION_MIN_NS: Final = 1 * MILLISECOND
 CONNECTION_CODE: Final = 0x8100
 MISPLACED_CODE: Final = 0x6300
@@ -112,7 +113,7 @@ class Drive:
     # --- power and connection -----------------------------------------------------------------
 
     def power_on(self) -> None:
-        """Transitions 0 and, after the self-test, 1."""
+        """Execute transition 0 and, after the self-test, 1."""
         self._controlword_prev = 0
         self._errors.forget()
         self._motion.power_on()
@@ -122,7 +123,7 @@ class Drive:
         self.update()
 
     def power_off(self) -> None:
-        """No torque, whatever the state was."""
+        """Remove the torque, in every state."""
         self._enter(PowerState.NOT_READY_TO_SWITCH_ON)
         self.update()
 
@@ -134,7 +135,7 @@ class Drive:
             self.fault(self._personality.sto_error_code)
 
     def switch_sto(self, *, released: bool) -> None:
-        """Rule 4."""
+        """Open or release STO (rule 4)."""
         self.measurement.sto_released = released
         if released:
             self._errors.cause_gone(self._personality.sto_error_code)
@@ -142,7 +143,7 @@ class Drive:
             self.fault(self._personality.sto_error_code)
 
     def connection_lost(self, code: int) -> None:
-        """Rule 5; `code` is 8130h or 8250h."""
+        """Apply rule 5; `code` is 8130h or 8250h."""
         reaction = AbortConnection(self._dictionary.value(0x6007))
         if reaction is AbortConnection.FAULT:
             self.fault(code)
@@ -155,7 +156,7 @@ class Drive:
             self._abort_connection(reaction)
 
     def left_operational(self) -> None:
-        """Rule 5, second half."""
+        """Apply the second half of rule 5."""
         self._motion.forget_targets()
         reaction = AbortConnection(self._dictionary.value(0x6007))
         if self.state not in (PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE):
@@ -167,7 +168,7 @@ class Drive:
             self._abort_connection(reaction)
 
     def pdo_came(self) -> None:
-        """RPDOs have been applied."""
+        """Note that RPDOs have been applied."""
         if self._personality.misses_targets:
             self.targets.pdo_came(self._motion.interpolation_s)
 
@@ -183,7 +184,7 @@ class Drive:
     # --- faults -------------------------------------------------------------------------------
 
     def fault(self, code: int, stopping: Stopping | None = None) -> None:
-        """Transition 13 with its reaction: 605Eh, or one of its own."""
+        """Execute transition 13 with its reaction: 605Eh, or one of its own."""
         self._errors.begin(code, latched=True)
         if not self.measurement.sto_released:
             stopping = Stopping(Ramp.COAST)
@@ -216,21 +217,21 @@ class Drive:
         self._motion.controlword_written(controlword, enabled=enabled)
 
     def _judge_controlword(self, controlword: int) -> None:
-        """Rule 6, before it is stored."""
+        """Check a controlword by rule 6, before it is stored."""
         if (self.state, command_of(controlword)) in MISPLACED:
             self._errors.begin(MISPLACED_CODE, latched=False)
             raise SdoAbortError(AbortCode.RANGE)
         self._errors.cause_gone(MISPLACED_CODE)
 
     def _judge_units(self, index: int, value: int) -> None:
-        """Rule 7."""
+        """Check the units by rule 7."""
         if self.state in POWER_STAGE_ON:
             raise SdoAbortError(AbortCode.DEVICE_STATE)
         if index == POLARITY and value & ~(POSITION_POLARITY | VELOCITY_POLARITY):
             raise SdoAbortError(AbortCode.RANGE)
 
     def _hear(self, command: Command) -> None:
-        """Obey, on a slow drive later; a command that it waits to obey is not heard again."""
+        """Execute a controlword, on a slow drive later; a pending command is not repeated."""
         if not self.slower_by_ns:
             self._obey(command)
         elif command is not self._waiting_for or not self._timers.running(Command):
@@ -296,10 +297,10 @@ class Drive:
         else:
             self._enter(then.target)
 
-    # --- what the plant reports, and what it is told ------------------------------------------
+    # --- flags of the plant, and orders to it -----------------------------------------------------
 
     def _watch_plant(self) -> AxisFlag:
-        """Draw the consequences of the plant's flags; what they are."""
+        """React to the plant's flags and return them."""
         flags = self._axis.flags()
         if flags & AxisFlag.STANDSTILL and self._ramping and not self._at_rest:
             self._stopped()
@@ -312,17 +313,17 @@ class Drive:
 
     @property
     def _ramping(self) -> bool:
-        """Whether the plant has been told to slow down, so that its standstill answers that."""
+        """True if the plant has a slow-down order, so that its standstill answers that order."""
         ordered = self._ordered is not None and self._ordered.actuation is Actuation.RAMP
         return ordered and self._stopping is not None and self._stopping.ramp is not Ramp.COAST
 
     def _fault_once(self, code: int) -> None:
-        """A cause that ends with the motion: it can be reset, and comes back if nothing changes."""
+        """Raise a fault whose cause ends with the motion: it can be reset, and may recur."""
         self.fault(code)
         self._errors.cause_gone(code)
 
     def latch(self) -> None:
-        """Sample all process values, and judge them."""
+        """Sample all process values, and check them."""
         self.measurement.latch(self._line.now_ns)
         before = self.state, self._stopping
         flags = self._watch_plant()
@@ -332,7 +333,7 @@ class Drive:
             self._show(flags)
 
     def update(self) -> None:
-        """After anything that may have changed the state: statusword, inputs, the plant's order."""
+        """Update statusword, inputs and the plant's order after a possible change of state."""
         flags = self._watch_plant()
         order = self._order()
         if order != self._ordered:

@@ -1,20 +1,20 @@
-"""Homing (mode 6): the ways to a reference, as tables, and the machine that walks them.
+"""Homing (mode 6): the methods as tables, and the state machine that executes them.
 
 Rules:
 1. A method is a row of METHODS: searches one after the other, each in one direction at one speed
-   until one event. Where the last search ends is the reference. A method without searches takes
-   the position where the axis stands.
+   until one event. The end of the last search is the reference. A method without searches takes
+   the present position.
 2. The reference then reads 607Ch, on an EPOS4-like drive 30B0h + 607Ch, and the axis is referenced.
    Until the axis has come to rest, homing is attained but its target not reached.
-3. Fast is 6099h:1, slow 6099h:2, both with 609Ah. An EPOS4-like drive goes on by 30B1h counts:
-   away from the switch or stop that it found, else by its sign; where it gets to reads 30B0h.
-4. INDEX is once for each turn of the motor, where the encoder's own count is a multiple of a turn;
-   the encoder latches it, so the reference is that count however fast the axis was.
+3. Fast is 6099h:1, slow 6099h:2, both with 609Ah. An EPOS4-like drive moves on by 30B1h counts:
+   away from the switch or stop that it found, else by its sign; the end of that move reads 30B0h.
+4. INDEX is once per turn of the motor, where the encoder's own count is a multiple of a turn; the
+   encoder latches it, so the reference is that count at any speed.
 5. STALL is a motor current of 30B2h for STALL_NS; the current is limited to it in that search, so a
-   threshold below what the axis needs to move finds its stop where the axis stands.
+   threshold below the current needed to move detects a stop at the present position.
 6. A search fails when its time (`homing_time_s`) runs out, the axis is blocked, an index is not
-   found within INDEX_TURNS, or a limit switch lies ahead that is not looked for. In the search
-   for the home switch a limit switch turns the search round instead, once.
+   found within INDEX_TURNS, or a limit switch that is not its target lies ahead. In the search
+   for the home switch a limit switch reverses the search instead, once.
 7. Halt, another mode, and whatever ends "operation enabled" interrupt; a new start is a new rising
    edge of controlword bit 4. No error of homing is a fault.
 
@@ -43,12 +43,12 @@ from sim_drives.plant.actuation import AxisFlag
 from sim_drives.settings import DriveSettings
 
 POLL_NS: Final = 1 * MILLISECOND
-"""How often the drive's firmware looks for the event."""
+"""Period at which the drive's firmware checks for the event."""
 STALL_NS: Final = 20 * MILLISECOND
 STALL_CURRENT_RATIO: Final = 0.95
 BLOCKED_NS: Final = 1000 * MILLISECOND
 BLOCKED_RATIO: Final = 0.15
-"""Travel in BLOCKED_NS below this share of what the speed asks for is a blocked axis."""
+"""An axis that moves less than this share of the set speed within BLOCKED_NS is blocked."""
 INDEX_TURNS: Final = 1.5
 HOME_POSITION: Final = (0x30B0, 0)
 MOVE_DISTANCE: Final = (0x30B1, 0)
@@ -56,7 +56,7 @@ CURRENT_THRESHOLD: Final = (0x30B2, 0)
 
 
 class Until(Enum):
-    """What ends a search: a mask of 60FDh and the level it must show, or something else."""
+    """End condition of a search: a mask of 60FDh and its required value, or another event."""
 
     NEGATIVE_ON = (NEGATIVE_SWITCH, True)
     NEGATIVE_OFF = (NEGATIVE_SWITCH, False)
@@ -70,11 +70,11 @@ class Until(Enum):
 
 
 LEFT_BEHIND: Final = (Until.NEGATIVE_ON, Until.POSITIVE_ON, Until.STALL)
-"""Rule 3: what 30B1h leads away from."""
+"""The events from which 30B1h moves away (rule 3)."""
 
 
 class Search(NamedTuple):
-    """One straight way; direction is the drive's."""
+    """One move in one direction, as the drive counts it."""
 
     direction: int
     fast: bool
@@ -82,7 +82,7 @@ class Search(NamedTuple):
 
 
 def _beside(direction: int, on: Until, off: Until) -> tuple[Search, Search]:
-    """Onto a switch fast, and slowly back off it."""
+    """Searches that reach a switch fast, and leave it slowly."""
     return Search(direction, True, on), Search(-direction, False, off)
 
 
@@ -118,15 +118,15 @@ METHODS: Final[Mapping[int, tuple[Search, ...]]] = MappingProxyType(
 
 
 class Progress(Enum):
-    """How far; the value is the statusword's bits 10, 12 and 13."""
+    """Homing progress; the value is the statusword's bits 10, 12 and 13."""
 
     NOT_STARTED = (1, 0, 0)
     SEARCHING = (0, 0, 0)
     ATTAINED = (0, 1, 0)
-    """The reference is found; moving by 30B1h, or coming to rest."""
+    """Reference found; moving by 30B1h, or decelerating."""
     DONE = (1, 1, 0)
     FAILING = (0, 0, 1)
-    """Coming to rest."""
+    """Decelerating to rest."""
     FAILED = (1, 0, 1)
 
 
@@ -134,16 +134,16 @@ COMING_TO_REST: Final = {Progress.ATTAINED: Progress.DONE, Progress.FAILING: Pro
 
 
 class Travel(NamedTuple):
-    """What the motion is asked for while a search lasts."""
+    """Motion request of a running search."""
 
     direction: int
     speed_raw: int
     current_limit_ma: int | None
-    """Tighter than the drive's own; only towards a mechanical stop."""
+    """Torque limit below the drive's own; only towards a mechanical stop."""
 
 
 class Homing:
-    """The homing of one drive."""
+    """Homing state of one drive."""
 
     def __init__(
         self,
@@ -171,7 +171,7 @@ class Homing:
         self._goal_counts = 0
         self._begin_watch(Reading(0, 0))
 
-    # --- from outside -------------------------------------------------------------------------
+    # --- interface --------------------------------------------------------------------------------
 
     @property
     def status_bits(self) -> int:
@@ -185,12 +185,12 @@ class Homing:
 
     @property
     def moves(self) -> bool:
-        """Whether the axis is under way, or coming to rest after that."""
+        """True while the axis moves for a homing, or decelerates after it."""
         return self.progress not in (Progress.NOT_STARTED, Progress.DONE, Progress.FAILED)
 
     @property
     def travel(self) -> Travel | None:
-        """The search that goes on; None to come to rest."""
+        """The running search; None to come to rest."""
         if not self._searches:
             return None
         search = self._searches[0]
@@ -198,7 +198,7 @@ class Homing:
         return Travel(search.direction, self._speed_raw(search), threshold)
 
     def start(self) -> None:
-        """The rising edge of controlword bit 4."""
+        """Start homing at the rising edge of controlword bit 4."""
         self._method = METHODS[self._dictionary.value(0x6098)]
         self._searches = list(self._method)
         self._turned = False
@@ -211,12 +211,12 @@ class Homing:
         self._poll_again()
 
     def interrupt(self) -> None:
-        """Rule 7; what was done stays done."""
+        """Interrupt homing (rule 7); a reference already set stays."""
         if self.moves:
             self.forget()
 
     def forget(self) -> None:
-        """Homing mode is entered anew: not started."""
+        """Reset to "not started" when homing mode is entered again."""
         self._timers.cancel(Homing)
         self._searches = []
         self.progress = Progress.NOT_STARTED
@@ -263,7 +263,7 @@ class Homing:
             self._attain(found_counts)
 
     def _attain(self, reference_counts: int) -> None:
-        """Rules 2 and 3."""
+        """Set the reference (rules 2 and 3)."""
         self.progress = Progress.ATTAINED
         distance = self._move_distance()
         self._goal_counts = reference_counts + distance
@@ -287,7 +287,7 @@ class Homing:
     # --- events -------------------------------------------------------------------------------
 
     def _found(self, search: Search, reading: Reading) -> int | None:
-        """Encoder counts of the event that the search is for, once it has happened."""
+        """Return the encoder counts of the search's event once it has happened."""
         match search.until:
             case Until.INDEX:
                 return self._index(search.direction, reading.counts)
@@ -302,7 +302,7 @@ class Homing:
                 return reading.counts if bool(inputs & mask) is level else None
 
     def _index(self, direction: int, counts: int) -> int | None:
-        """Rule 4."""
+        """Return the counts of an index (rule 4)."""
         turn = self._counts_per_rev
         if (counts - self._reading.counts) * direction <= 0:
             return None
@@ -311,7 +311,7 @@ class Homing:
         return (counts // turn if direction > 0 else -(-counts // turn)) * turn
 
     def _stalled(self, reading: Reading) -> bool:
-        """Rule 5."""
+        """Return the counts of a stall (rule 5)."""
         threshold_ma = self._dictionary.value(*CURRENT_THRESHOLD)
         if abs(reading.current_ma) < STALL_CURRENT_RATIO * threshold_ma:
             self._pressed_since_ns = self._line.now_ns
@@ -326,7 +326,7 @@ class Homing:
         return bool(self._measurement.inputs() & ahead)
 
     def _hopeless(self, search: Search, reading: Reading) -> bool:
-        """Rule 6."""
+        """Return whether the search has failed (rule 6)."""
         if self._line.now_ns >= self._ends_ns:
             return True
         travelled = abs(reading.counts - self._begun_counts)
@@ -349,7 +349,7 @@ class Homing:
         return blocked
 
     def _begin_watch(self, reading: Reading) -> None:
-        """A new search begins here."""
+        """Reset the watch at the start of a search."""
         self._reading = reading
         self._begun_counts = reading.counts
         self._pressed_since_ns = self._line.now_ns

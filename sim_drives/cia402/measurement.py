@@ -1,12 +1,12 @@
-"""What a drive measures, as its objects say it: position, speed, torque, current, inputs.
+"""Measured values of a drive as its objects show them: position, speed, torque, current, inputs.
 
 Rules:
 1. Position 6064h = encoder counts - origin, as 32 bits that wrap. An absolute encoder has origin
-   0 and is referenced. An incremental one takes its origin where it stands at power-on and is not
+   0 and is referenced. An incremental one takes its power-on position as origin and is not
    referenced; homing sets the origin so that 6064h reads 607Ch, and references it.
-2. Counts and mA are whole numbers: here is where the sensors' values are quantised.
-3. A frozen encoder repeats its last count; the drive's own loops behind it go on. A glitch adds
-   counts to what is reported, also only there.
+2. Counts and mA are whole numbers: the sensors' values are quantised here.
+3. A frozen encoder repeats its last count; the drive's own loops are not affected. A glitch adds
+   counts to the reported value only.
 4. 60FDh: bit 0 negative and bit 1 positive limit switch in the drive's direction, bit 2 home
    switch, bit 3 interlock (STO not released), bit 16 hand switch closed, bit 17 STO released.
 """
@@ -28,17 +28,17 @@ INTERLOCK: Final = 1 << 3
 HAND_SWITCH_CLOSED: Final = 1 << 16
 STO_RELEASED: Final = 1 << 17
 TIMESTAMP: Final = (0x2041, 0)
-"""Of the sample, in µs, where the drive has it."""
+"""Object with the sample's time in µs, where the drive has it."""
 AVERAGING_S: Final = 0.05
 """Time constant of 30D1h:01."""
 _INT16_MAX: Final = 2**15 - 1
 
 
 class Reading(NamedTuple):
-    """What the drive's own firmware sees between two SYNCs, in its direction."""
+    """Values that the drive's firmware sees between two SYNCs, in its direction."""
 
     counts: int
-    """Of the encoder."""
+    """Encoder counts."""
     current_ma: int
 
 
@@ -65,7 +65,7 @@ class Measurement:
         self.encoder_frozen = False
         self.home_switch_stuck: bool | None = None
         self.switch_held = 0
-        """-1: the negative, 1: the positive limit switch is on wherever the joint is."""
+        """-1: the negative, 1: the positive limit switch is stuck on; 0: neither."""
         self._glitch_counts = 0
         self._glitch_seen = False
         self._glitch_over = False
@@ -77,11 +77,11 @@ class Measurement:
 
     @property
     def origin_counts(self) -> int:
-        """What a target in the drive's own counts lacks to the encoder's."""
+        """Offset from a target in the drive's counts to the encoder's counts."""
         return self._origin_counts
 
     def power_on(self, now_ns: int) -> None:
-        """Rule 1."""
+        """Set the origin by rule 1."""
         self._average_ma = 0.0
         self._sampled_ns = None
         sample = self._axis.sample()
@@ -91,13 +91,13 @@ class Measurement:
         self._show(sample, now_ns)
 
     def home(self, reference_counts: int, reads: int) -> None:
-        """Move the origin so that 6064h reads `reads` where the encoder has `reference_counts`."""
+        """Move the origin so that 6064h is `reads` where the encoder has `reference_counts`."""
         self._origin_counts = reference_counts - round(self._scaling.units_counts(reads))
         self.referenced = True
         self._show_position()
 
     def look(self) -> Reading:
-        """Sample without showing it in any object."""
+        """Sample without updating any object."""
         sample = self._axis.sample()
         if not self.encoder_frozen:
             self._counts = round(self._scaling.counts(sample.position_si))
@@ -115,30 +115,30 @@ class Measurement:
             self._glitch_counts = 0
 
     def offset_current(self, offset_ma: float) -> None:
-        """Let the current sensor show so much too much."""
+        """Add an offset to the current sensor's value."""
         self._axis.offset_current(self._scaling.motor_current_a(offset_ma * 1e-3))
 
     def begin_glitch(self, counts: int) -> None:
-        """Add counts to what is reported, from the next sample on."""
+        """Add counts to the reported position, from the next sample on."""
         self._glitch_counts = counts
         self._glitch_seen = self._glitch_over = False
 
     def end_glitch(self) -> None:
-        """Stop, but not before one sample has had it."""
+        """End a glitch, but not before one sample has had it."""
         self._glitch_over = True
         if self._glitch_seen:
             self._glitch_counts = 0
 
     def flags(self) -> AxisFlag:
-        """What the plant reports of the axis now."""
+        """The plant's present flags of the axis."""
         return self._axis.flags()
 
     def show_inputs(self) -> None:
-        """60FDh."""
+        """Update 60FDh."""
         self._dictionary.put(0x60FD, 0, self.inputs())
 
     def inputs(self) -> int:
-        """Rule 4."""
+        """The digital inputs by rule 4."""
         inputs = HAND_SWITCH_CLOSED * self.hand_switch_closed
         inputs |= STO_RELEASED * self.sto_released | self._interlock()
         inputs |= HOME_SWITCH * self._at_home_switch()
@@ -156,7 +156,7 @@ class Measurement:
         return self._home_switch.from_si <= position_si <= self._home_switch.to_si
 
     def switches(self, flags: AxisFlag) -> int:
-        """Bits of the limit switches: the joint's end stops seen in the drive's direction."""
+        """Bits of the limit switches: the joint's end stops in the drive's direction."""
         negative, positive = AxisFlag.END_STOP_NEGATIVE, AxisFlag.END_STOP_POSITIVE
         if self._sign < 0:
             negative, positive = positive, negative
@@ -199,7 +199,7 @@ class Measurement:
 
 
 def wrap_int32(counts: int) -> int:
-    """The lower 32 bits, signed: what a drive's position counter does at its end."""
+    """Return the lower 32 bits as a signed number, like an overflowing position counter."""
     return (counts + 2**31) % 2**32 - 2**31
 
 

@@ -1,4 +1,4 @@
-"""What the motor is to do: modes of operation, targets, limits; the order that goes to the plant.
+"""Modes of operation, targets and limits of a drive, and the resulting order to the plant.
 
 Rules:
 1. 6060h takes effect MODE_SWITCH_NS later, in 6061h and in the loops together. A mode that 6502h
@@ -7,12 +7,12 @@ Rules:
    the node became operational. Until then cyclic position and velocity hold, and cyclic torque
    gives 0. 60B1h adds to the speed of cyclic position and velocity, 60B2h to the torque of all.
 3. Halt (controlword bit 8, option 605Dh, where absent the slow ramp): slows down and holds, stays
-   in "operation enabled", and goes on when the bit falls.
-4. Homing begins at the rising edge of controlword bit 4; `homing.py` has its rules.
+   in "operation enabled", and motion resumes when the bit falls.
+4. Homing begins at the rising edge of controlword bit 4; its rules are in `homing.py`.
 5. Every order carries the limits in force: torque, 6080h, 6065h/6066h, and 607Dh where it clips.
    A minimum of 607Dh above its maximum is refused, in whatever order they are written: 06090036.
-6. Cyclic position reaches each target on a line that takes 60C2h; some drives watch over the
-   targets by it (`target_monitor.py`).
+6. Cyclic position reaches each target on a line that takes 60C2h; some drives use that time to
+   monitor the targets (`target_monitor.py`).
 """
 
 import math
@@ -34,7 +34,7 @@ from sim_drives.settings import DriveSettings, PositionLimit
 MODE_SWITCH_NS: Final = 5 * MILLISECOND
 """Shorter than a SYNC period, longer than any answer to it: 6061h shows it one SYNC later."""
 HARDEST_DECELERATION_SI: Final = 1e6
-"""Ramp.LIMIT: more than any joint can, so that the torque limit decides."""
+"""Deceleration of Ramp.LIMIT: above any joint's ability, so that the torque limit decides."""
 MODES_OF_OPERATION: Final = 0x6060
 MODE_DISPLAY: Final = 0x6061
 TARGET_TORQUE: Final = 0x6071
@@ -46,7 +46,7 @@ TORQUE_OFFSET: Final = 0x60B2
 
 
 class Mode(IntEnum):
-    """6060h and 6061h, as far as a drive here can."""
+    """Values of 6060h and 6061h that the virtual drives support."""
 
     NONE = 0
     HOMING = 6
@@ -93,23 +93,23 @@ class Motion:
             dictionary.watch(target, lambda _, target=target: self._written.add(target))
 
     def power_on(self) -> None:
-        """No mode, no target."""
+        """Reset to no mode and no target."""
         self._written.clear()
         self._bit_4_prev = False
         self._switch(Mode.NONE)
 
     def forget_targets(self) -> None:
-        """The node has left operational: what was commanded there is over (rule 2)."""
+        """Clear the commanded values: the node has left operational (rule 2)."""
         self._written.clear()
 
     @property
     def interpolation_s(self) -> float:
-        """60C2h; 0 where it has not been set."""
+        """Interpolation time 60C2h; 0 where it has not been set."""
         return self._scaling.factors.interpolation_s if self._dictionary.value(0x60C2, 1) else 0.0
 
     @property
     def follows_positions(self) -> bool:
-        """Whether cyclic position has a target, and no halt."""
+        """True if cyclic position has a target, and no halt."""
         return self.mode is Mode.CYCLIC_SYNC_POSITION and self.follows
 
     # --- modes --------------------------------------------------------------------------------
@@ -140,7 +140,7 @@ class Motion:
     # --- homing and halt ----------------------------------------------------------------------
 
     def controlword_written(self, controlword: int, *, enabled: bool) -> None:
-        """Rule 4."""
+        """Start homing by rule 4."""
         bit_4 = bool(controlword & OPERATION_BIT_4)
         rising = bit_4 and not self._bit_4_prev
         self._bit_4_prev = bit_4
@@ -151,18 +151,18 @@ class Motion:
 
     @property
     def halted(self) -> bool:
-        """Whether controlword bit 8 asks for a halt."""
+        """True if controlword bit 8 requests a halt."""
         return bool(self._dictionary.value(0x6040) & HALT_BIT)
 
     @property
     def follows(self) -> bool:
-        """Rule 2, of the mode in force."""
+        """True if the active mode follows its target (rule 2)."""
         return TARGETS.get(self.mode) in self._written and not self.halted
 
     # --- the order ----------------------------------------------------------------------------
 
     def order(self) -> AxisActuation:
-        """What the mode asks for, in "operation enabled"."""
+        """Return the order of the active mode, in "operation enabled"."""
         if self.halted:
             return self.ramp(HALT_OPTION[self._dictionary.value_or(0x605D, 0, 1)].ramp)
         if self.mode is Mode.CYCLIC_SYNC_TORQUE:
@@ -176,7 +176,7 @@ class Motion:
         return self._actuation(Actuation.HOLD)
 
     def _position_order(self) -> AxisActuation:
-        """Cyclic position, with the speed and the torque that the master adds."""
+        """Order of cyclic position, with the velocity and torque offsets of the master."""
         return replace(
             self._actuation(Actuation.POSITION),
             target_velocity_si=self._speed_si(VELOCITY_OFFSET),
@@ -184,7 +184,7 @@ class Motion:
         )
 
     def _velocity_order(self) -> AxisActuation:
-        """Cyclic velocity; the master's own targets are the ramp."""
+        """Order of cyclic velocity; the master's targets are the ramp."""
         return replace(
             self._actuation(Actuation.VELOCITY),
             target_velocity_si=self._speed_si(TARGET_VELOCITY) + self._speed_si(VELOCITY_OFFSET),
@@ -195,7 +195,7 @@ class Motion:
         return self._scaling.velocity_si(self._dictionary.value(index))
 
     def _homing_order(self) -> AxisActuation:
-        """Along the search that goes on, or at rest after the last one."""
+        """Order of the running search, or at rest after the last one."""
         acceleration_si = self._scaling.speed_si(self._dictionary.value(0x609A))
         travel = self.homing.travel
         if travel is None:
@@ -208,11 +208,11 @@ class Motion:
         return replace(order, target_velocity_si=velocity_si, effort_limit_si=limit_si)
 
     def coast(self) -> AxisActuation:
-        """Power stage off."""
+        """Return the order for a power stage that is off."""
         return self._actuation(Actuation.COAST)
 
     def ramp(self, ramp: Ramp) -> AxisActuation:
-        """Slow down and hold; `ramp` is not COAST."""
+        """Return the order to slow down and hold; `ramp` is not COAST."""
         return self._actuation(Actuation.RAMP, self._deceleration_si(ramp))
 
     def _deceleration_si(self, ramp: Ramp) -> float:
@@ -274,17 +274,17 @@ class Motion:
         if crossed:
             raise SdoAbortError(AbortCode.MAXIMUM_BELOW_MINIMUM)
 
-    # --- what is beyond a limit ---------------------------------------------------------------
+    # --- exceeded limits --------------------------------------------------------------------------
 
     def torque_clipped(self) -> bool:
-        """Whether the torque target asks for more than the limit in force."""
+        """True if the torque target exceeds the limit in force."""
         if self.mode is not Mode.CYCLIC_SYNC_TORQUE or not self.follows:
             return False
         wanted_si = abs(self._scaling.effort_si(self.target_permille))
         return wanted_si > self._scaling.factors.effort_limit_si
 
     def outside_position_limits(self) -> bool:
-        """Whether the position, or in cyclic position mode its target, lies outside 607Dh."""
+        """True if the position, or in cyclic position mode its target, lies outside 607Dh."""
         lower, upper = (self._dictionary.value(POSITION_LIMITS, sub) for sub in (1, 2))
         positions = [self._measurement.position_counts]
         if self.follows_positions:

@@ -1,19 +1,19 @@
-"""What the kinds of virtual drive do differently. CiA 402 leaves it open; manufacturers decide.
+"""Differences between the makes of virtual drive, where CiA 402 leaves the choice open.
 
 | | EPOS4-like | Elmo-like | plain CiA 402 |
 |---|---|---|---|
 | 6071h, 6072h, 6077h | per mille of 6076h | per mille of 6075h | per mille of 6076h |
-| 6076h | µN·m, 3001h:01 x 3001h:05 | mN·m, no number refers to it | mN·m |
+| 6076h | µN·m, 3001h:01 x 3001h:05 | mN·m, unused as a reference | mN·m |
 | current actual | 30D1h:02 in mA | 6078h, per mille of 6075h | 6078h, per mille of 6075h |
 | torque limit | 3001h:02 in mA | 6072h, 6073h in per mille | 6072h, 6073h in per mille |
 | speeds, decelerations | rpm, rpm/s of the motor | counts/s, counts/s² | counts/s, counts/s² |
-| units of one's own | none | 607Eh, 608Fh, 6091h, 6092h | none |
+| configurable units | none | 607Eh, 608Fh, 6091h, 6092h | none |
 | temperature | 3201h:01, 0.1 °C | 22A2h, °C | 2100h:01, °C |
 | 0Fh in ready to switch on | transitions 3 and 4 | 3; 4 by the next 0Fh | 3; 4 by the next 0Fh |
-| a controlword out of place | ignored | 06090030, EMCY 6300h, bit 7 | ignored |
-| 6041h is renewed | at once | every 3 ms | at once |
-| lost connection, 6007h | slows down so, then Fault | the command so named, 1: Fault | as Elmo |
-| 8130h, 8120h are gone | by NMT reset communication | when the heartbeat is back | as Elmo |
+| an invalid controlword | ignored | 06090030, EMCY 6300h, bit 7 | ignored |
+| update of 6041h | at once | every 3 ms | at once |
+| lost connection, 6007h | slow-down, then Fault | its command; 1: Fault | as Elmo |
+| end of 8130h, 8120h | by NMT reset communication | when the heartbeat is back | as Elmo |
 | COB-ID of a valid PDO | locked: 06010000 | if it stays valid: 06090030 | as Elmo |
 | error register | the class's bit alone | bit 0 beside the class's | as Elmo |
 | STO | 8A88h | 5441h | 9000h, external error |
@@ -30,7 +30,7 @@ here is 0170h.
 
 Sources: EPOS4 application facts as collected from public EDS/DCF files and manuals. Elmo: public
 device configuration ipa320/cob_robots, Elmo.dcf, for objects, limits and identity; per mille of the
-rated current as leggedrobotics/elmo_ethercat_sdk reckons; EMCY codes as leducp/KickCAT lists them
+rated current as in leggedrobotics/elmo_ethercat_sdk; EMCY codes as leducp/KickCAT lists them
 (5441h is its code of an open inhibit input, taken for the STO here).
 CiA 402-2.
 """
@@ -55,7 +55,7 @@ from sim_drives.settings import DriveSettings, EncoderKind, PersonalityName
 
 
 class SpeedUnit(Enum):
-    """Of 606Ch and 6080h; of 6084h and 6085h the same per second. All of the motor."""
+    """Unit of 606Ch and 6080h; 6084h and 6085h use the same per second. All refer to the motor."""
 
     RPM = "rpm"
     COUNTS_PER_S = "counts/s"
@@ -69,7 +69,7 @@ class Personality:
     torque_base_nm: float
     """One unit of 6076h."""
     torque_counts_current: bool
-    """6071h and 6077h are per mille of the rated current, whatever 6076h says."""
+    """True if 6071h and 6077h are per mille of the rated current, regardless of 6076h."""
     temperature_address: Address
     temperature_step_degc: float
     automatic_enable: bool
@@ -78,11 +78,11 @@ class Personality:
     generic_error_bit: bool
     sto_error_code: int
     statusword_period_ns: int = 0
-    """How often 6041h is renewed; 0 is at once."""
+    """Update period of 6041h; 0 is at once."""
     refuses_misplaced_controlword: bool = False
     interlock_input: bool = True
     misses_targets: bool = False
-    """Cyclic position without a new target by PDO is a lost connection."""
+    """True if cyclic position without a new target by PDO is a lost connection."""
     smallest_interpolation_s: float = 0.0
     quick_stop_codes: frozenset[int] = frozenset(QUICK_STOP_OPTION)
     halt_codes: frozenset[int] = frozenset(HALT_OPTION)
@@ -145,7 +145,7 @@ CYCLIC_MODE_BITS: Final = 1 << 7 | 1 << 8 | 1 << 9
 
 
 def commissioned(settings: DriveSettings) -> dict[Address, Value]:
-    """Motor data that the drive had been given before it was built in, and its identity."""
+    """Return the motor data set at commissioning, and the drive's identity."""
     nominal_ma = round(settings.nominal_current_a * 1e3)
     limit_permille = round(settings.current_limit_a / settings.nominal_current_a * 1e3)
     shared: dict[Address, Value] = {
@@ -169,7 +169,7 @@ def commissioned(settings: DriveSettings) -> dict[Address, Value]:
 
 
 def guard_option_codes(dictionary: ObjectDictionary, personality: Personality) -> None:
-    """Let each option code be only what this make of drive knows."""
+    """Restrict each option code to the values that this make of drive supports."""
     legal_codes: Mapping[int, frozenset[int]] = {
         0x605A: personality.quick_stop_codes,
         0x605B: frozenset(DISABLE_OPTION),
@@ -188,6 +188,6 @@ def _judge_option(value: int, legal: frozenset[int]) -> None:
 
 
 def supported_modes(settings: DriveSettings) -> int:
-    """6502h: homing where an origin can be lost, or where the settings ask for it."""
+    """Return 6502h: homing where an origin can be lost, or where the settings enable it."""
     homing = settings.homes or settings.encoder is EncoderKind.INCREMENTAL
     return CYCLIC_MODE_BITS | HOMING_MODE_BIT * homing

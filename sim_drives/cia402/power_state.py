@@ -3,16 +3,16 @@
 Rules:
 1. Every transition that a controlword can cause stands in TRANSITIONS, and only there: a command
    without a row for the present state changes nothing. Transitions 0, 1, 12 after a quick stop,
-   13 and 14 happen by themselves; 15 is the fault reset, which is an edge and not a command.
-2. A controlword is one command. Bits that conflict are judged in this order: disable voltage
-   (bit 1 low) beats quick stop (bit 2 low) beats the rest. What takes power away ignores bit 7;
-   what gives it needs bit 7 low.
-3. 0Fh in "ready to switch on" is transition 3. Most drives go on with 4 by themselves; others
-   wait for the next controlword: the personality says which.
+   13 and 14 are automatic; 15 is the fault reset, which is an edge and not a command.
+2. A controlword is one command. Conflicting bits are decoded in this order: disable voltage
+   (bit 1 low) overrides quick stop (bit 2 low), which overrides the rest. What removes power
+   ignores bit 7; what gives power needs bit 7 low.
+3. 0Fh in "ready to switch on" is transition 3. Most drives continue with 4 automatically; others
+   wait for the next controlword, depending on the personality.
 4. 0Fh in "quick stop active" is transition 16 only if option code 605Ah is 5 to 8.
 5. A slow-down (605Ah to 605Eh) happens in the state that the transition leaves or enters: in
    "operation enabled" for 5 and 8, in "quick stop active" for 11, in "fault reaction active" for
-   13. What follows at standstill is STOPPING's column `then`.
+   13. The state after standstill is STOPPING's column `then`.
 
     not ready -1-> switch on disabled -2-> ready -3-> switched on -4-> operation enabled
                         ^  ^------------ 7, 10, 9 ------------------------|   | 11
@@ -40,7 +40,7 @@ class PowerState(Enum):
 
 
 class Command(Enum):
-    """What a controlword asks for."""
+    """Command of a controlword."""
 
     DISABLE_VOLTAGE = "disable voltage"
     QUICK_STOP = "quick stop"
@@ -50,7 +50,7 @@ class Command(Enum):
 
 
 COMMANDS: Final = (
-    # mask, value, command: the first that fits
+    # mask, value, command: the first match applies
     (0x0002, 0x0000, Command.DISABLE_VOLTAGE),
     (0x0006, 0x0002, Command.QUICK_STOP),
     (0x0007, 0x0006, Command.SHUTDOWN),
@@ -60,11 +60,11 @@ COMMANDS: Final = (
 FAULT_RESET_BIT: Final = 0x0080
 HALT_BIT: Final = 0x0100
 OPERATION_BIT_4: Final = 0x0010
-"""Of the mode: starts homing."""
+"""Bit of the mode: starts homing."""
 
 
 class Transition(NamedTuple):
-    """One arrow: CiA 402's number, and the state it ends in."""
+    """One transition: CiA 402's number, and the state it ends in."""
 
     number: int
     target: PowerState
@@ -105,11 +105,11 @@ MISPLACED: Final = frozenset(
         (_S.QUICK_STOP_ACTIVE, _C.SWITCH_ON),
     }
 )
-"""Commands that lead nowhere and do not ask for what is so already. In faults all are ignored."""
+"""Commands that change no state and request nothing new. In fault states all are ignored."""
 
 
 class Ramp(Enum):
-    """How an option code slows down."""
+    """Slow-down of an option code."""
 
     COAST = "power stage off at once"
     SLOW = "profile deceleration 6084h"
@@ -118,11 +118,11 @@ class Ramp(Enum):
 
 
 class Stopping(NamedTuple):
-    """What an option code means."""
+    """Meaning of an option code."""
 
     ramp: Ramp
     stays: bool = False
-    """605Ah: stays in "quick stop active" after standstill."""
+    """605Ah: the drive stays in "quick stop active" after standstill."""
 
 
 QUICK_STOP_OPTION: Final[Mapping[int, Stopping]] = MappingProxyType(
@@ -138,11 +138,11 @@ QUICK_STOP_OPTION: Final[Mapping[int, Stopping]] = MappingProxyType(
         8: Stopping(Ramp.LIMIT, stays=True),
     }
 )
-"""605Ah."""
+"""Values of 605Ah."""
 DISABLE_OPTION: Final[Mapping[int, Stopping]] = MappingProxyType(
     {0: Stopping(Ramp.COAST), 1: Stopping(Ramp.SLOW)}
 )
-"""605Bh (transition 8) and 605Ch (transition 5)."""
+"""Values of 605Bh (transition 8) and 605Ch (transition 5)."""
 HALT_OPTION: Final[Mapping[int, Stopping]] = MappingProxyType(
     {
         1: Stopping(Ramp.SLOW),
@@ -151,7 +151,7 @@ HALT_OPTION: Final[Mapping[int, Stopping]] = MappingProxyType(
         4: Stopping(Ramp.LIMIT),
     }
 )
-"""605Dh: the drive stays in "operation enabled"."""
+"""Values of 605Dh: the drive stays in "operation enabled"."""
 FAULT_REACTION_OPTION: Final[Mapping[int, Stopping]] = MappingProxyType(
     {
         0: Stopping(Ramp.COAST),
@@ -161,11 +161,11 @@ FAULT_REACTION_OPTION: Final[Mapping[int, Stopping]] = MappingProxyType(
         4: Stopping(Ramp.LIMIT),
     }
 )
-"""605Eh."""
+"""Values of 605Eh."""
 
 
 class AbortConnection(IntEnum):
-    """6007h: what the loss of the connection does to the drive."""
+    """Values of 6007h: reaction of the drive to a lost connection."""
 
     NOTHING = 0
     FAULT = 1
@@ -174,7 +174,7 @@ class AbortConnection(IntEnum):
 
 
 class StatusBit(IntEnum):
-    """Bits of the statusword beside the state's."""
+    """Bits of the statusword other than the state's."""
 
     VOLTAGE_ENABLED = 0x0010
     WARNING = 0x0080
@@ -198,5 +198,5 @@ def command_of(controlword: int) -> Command | None:
 
 
 def fault_reset_edge(controlword_prev: int, controlword: int) -> bool:
-    """Whether bit 7 has risen."""
+    """Return whether bit 7 has risen."""
     return bool(controlword & ~controlword_prev & FAULT_RESET_BIT)

@@ -1,8 +1,8 @@
-"""Drive units to the joint and back: counts, rpm or counts/s, per mille and mA to rad, N·m, m, N.
+"""Conversion of drive units to the joint and back: counts, speeds, per mille, mA to rad, N·m, m, N.
 
 Written from the drive's side: the transmission and the true torque constant are hardware
-(`DriveSettings`); rated torque, rated current and torque constant are what the drive has been told
-(its objects), so a wrong object makes a wrong torque here as it does in a real drive.
+(`DriveSettings`); rated torque, rated current and torque constant are configured in the drive's
+objects, so a wrong object makes a wrong torque here as it does in a real drive.
 
     joint = sign · counts / counts_per_rev · travel + offset     travel = 2π/gear, or lead/gear
     effort = sign · k_t · current · 2π / travel
@@ -20,7 +20,7 @@ from sim_drives.settings import DriveSettings, PersonalityName
 
 RPM_TO_REV_PER_S: Final = 1 / 60
 NO_FOLLOWING_WINDOW: Final = 0xFFFF_FFFF
-"""6065h: the watch is off."""
+"""Value of 6065h that disables the following error."""
 POLARITY: Final = 0x607E
 POSITION_POLARITY: Final = 1 << 7
 VELOCITY_POLARITY: Final = 1 << 6
@@ -35,30 +35,30 @@ def travel_si(settings: DriveSettings) -> float:
 
 
 def effort_per_a(settings: DriveSettings) -> float:
-    """Size of the joint effort of one ampere, with the true torque constant: N·m/A or N/A."""
+    """Magnitude of the joint effort per ampere, with the true torque constant: N·m/A or N/A."""
     return settings.torque_constant_nm_per_a * 2 * math.pi / travel_si(settings)
 
 
 class Factors(NamedTuple):
-    """What the drive's objects make of the hardware; renewed after an SDO write."""
+    """Conversion factors from the drive's objects and hardware; renewed after an SDO write."""
 
     effort_si_per_permille: float
-    """With the motor's sign still to come."""
+    """Unsigned; the motor's sign is not applied yet."""
     permille_per_a: float
-    """Of 6077h."""
+    """Factor of 6077h."""
     rated_current_a: float
-    """3001h:01 or 6075h."""
+    """Rated current: 3001h:01 or 6075h."""
     effort_limit_si: float
-    """Size of the largest joint effort: 3001h:02, or 6072h and 6073h; and the hardware's."""
+    """Largest joint effort, unsigned: by 3001h:02, or 6072h and 6073h; and by the hardware."""
     following_window_si: float
-    """6065h at the joint; infinity when the watch is off."""
+    """6065h at the joint; infinity when it is disabled."""
     following_time_s: float
     interpolation_s: float
     """60C2h: sub 1 times ten to the power of sub 2."""
     velocity_limit_si: float
-    """6080h."""
+    """Limit of 6080h."""
     units_per_count: float
-    """Of positions; negative with polarity bit 7."""
+    """Factor of positions; negative with polarity bit 7."""
     speed_step_si: float
     """One unit of speed at the joint; negative with polarity bit 6."""
 
@@ -81,57 +81,57 @@ class Scaling:
 
     @property
     def factors(self) -> Factors:
-        """What the objects say now."""
+        """The factors of the present objects."""
         if self._factors is None or self._revision != self._dictionary.revision:
             self._factors = self._read_factors()
             self._revision = self._dictionary.revision
         return self._factors
 
     def counts(self, position_si: float) -> float:
-        """Encoder counts at a joint position, not yet quantised."""
+        """Return the encoder counts at a joint position, not yet quantised."""
         revolutions = self._sign * (position_si - self._offset_si) / self._travel_si
         return revolutions * self._counts_per_rev
 
     def position_si(self, counts: float) -> float:
-        """Joint position at encoder counts."""
+        """Return the joint position at encoder counts."""
         revolutions = counts / self._counts_per_rev
         return self._sign * revolutions * self._travel_si + self._offset_si
 
     def position_units(self, counts: int) -> int:
-        """6064h of counts since the origin."""
+        """Return 6064h of counts since the origin."""
         units = self.factors.units_per_count
         return counts if units == 1.0 else round(counts * units)
 
     def units_counts(self, position_units: int) -> float:
-        """Counts since the origin of a position in the drive's units."""
+        """Return the counts since the origin of a position in the drive's units."""
         return position_units / self.factors.units_per_count
 
     def speed_raw(self, velocity_si: float) -> float:
-        """606Ch: signed, in the drive's unit."""
+        """Return 606Ch: signed, in the drive's unit."""
         return self._sign * velocity_si / self.factors.speed_step_si
 
     def velocity_si(self, speed_raw: int) -> float:
-        """Joint velocity of a speed that has a direction."""
+        """Return the joint velocity of a signed speed."""
         return self._sign * speed_raw * self.factors.speed_step_si
 
     def counts_per_s(self, speed_raw: int) -> float:
-        """Size of a speed at the encoder."""
+        """Return the magnitude of a speed at the encoder."""
         return self.speed_si(speed_raw) / self._travel_si * self._counts_per_rev
 
     def current_si(self, current_ma: int) -> float:
-        """Size of the joint effort that a motor current makes."""
+        """Return the magnitude of the joint effort of a motor current."""
         return current_ma * 1e-3 * self._effort_per_a
 
     def speed_si(self, speed_raw: int) -> float:
-        """Size of a speed or, per second, of a deceleration at the joint."""
+        """Return the magnitude of a speed or, per second, of a deceleration at the joint."""
         return speed_raw * abs(self.factors.speed_step_si)
 
     def motor_current_a(self, current_a: float) -> float:
-        """The motor's current with the motor's sign, from the joint's sign."""
+        """Return the motor current in the motor's sign, from the joint's sign."""
         return self._sign * current_a
 
     def effort_si(self, torque_permille: int) -> float:
-        """Joint effort that a target of 6071h makes the current loop produce."""
+        """Return the joint effort that the current loop produces for a target of 6071h."""
         return self._sign * torque_permille * self.factors.effort_si_per_permille
 
     def _read_factors(self) -> Factors:
@@ -182,7 +182,7 @@ class Scaling:
         return self._travel_si / self._counts_per_rev / units_per_count
 
     def _believed_constant(self, rated_torque_nm: float, rated_current_a: float) -> float:
-        """N·m/A that the drive reckons with: 3001h:05, or 6076h / 6075h; 0 if it was not told."""
+        """Torque constant set in the drive, N·m/A: 3001h:05, or 6076h / 6075h; 0 if none."""
         if self._epos4:
             return self._dictionary.value(0x3001, 5) * 1e-6
         return rated_torque_nm / rated_current_a if rated_current_a else 0.0

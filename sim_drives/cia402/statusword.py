@@ -1,7 +1,7 @@
-"""6041h as the bus sees it: the word of this instant, or a copy that is renewed now and then.
+"""6041h as the bus sees it: the present statusword, or a periodically updated copy.
 
-Some drives renew it by a task of their own every few milliseconds: until then SDO and PDO both read
-the word before.
+Some drives update it in a task of their own every few milliseconds: until then SDO and PDO read
+the previous value.
 """
 
 from typing import Final
@@ -14,7 +14,7 @@ STATUSWORD: Final = 0x6041
 
 
 class Statusword:
-    """One drive's object 6041h; with `period_ns` = 0 it is always that of this instant."""
+    """One drive's object 6041h; with `period_ns` = 0 it is always the present statusword."""
 
     def __init__(
         self, dictionary: ObjectDictionary, line: Line, timers: Timers, period_ns: int
@@ -26,7 +26,7 @@ class Statusword:
         self._word = 0
 
     def show(self, word: int) -> None:
-        """The word is this from now on."""
+        """Set the present statusword."""
         self._word = word
         if not self._period_ns:
             self._renew()

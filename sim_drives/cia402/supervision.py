@@ -1,4 +1,4 @@
-"""What a drive itself takes amiss of a motion while it is enabled.
+"""Motion errors that an enabled drive detects itself.
 
 | error | when |
 |---|---|
@@ -6,8 +6,8 @@
 | 8A82h | `position_limit = "fault"`: position or target outside 607Dh, once there is a reference |
 | 8A80h, 8A81h | `limit_switch = "fault"`: the negative, the positive switch has closed |
 
-A switch that was closed at enabling is no error, so that the axis can be driven off it. While a
-homing moves, none of this is watched: the search has its own rules (`homing.py`).
+A switch that was closed at enabling is no error, so that the axis can be driven off it. None of
+this is checked while a homing moves: the search has its own rules (`homing.py`).
 """
 
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ SWITCH_CODES: Final = {NEGATIVE_SWITCH: 0x8A80, POSITIVE_SWITCH: 0x8A81}
 
 
 class Supervision:
-    """The watch over one axis."""
+    """The motion supervision of one axis."""
 
     def __init__(self, settings: DriveSettings, motion: Motion, measurement: Measurement) -> None:
         self._limits_fault = settings.position_limit is PositionLimit.FAULT
@@ -34,11 +34,11 @@ class Supervision:
         self._switches_prev = 0
 
     def forget(self, flags: AxisFlag) -> None:
-        """Not enabled: nothing is amiss, and a switch that is closed now is known."""
+        """Reset while not enabled: no error, and a switch closed now is ignored later."""
         self._switches_prev = self._measurement.switches(flags)
 
     def errors(self, flags: AxisFlag) -> Iterator[int]:
-        """Codes of what is amiss now, in "operation enabled"."""
+        """Return the codes of the present errors, in "operation enabled"."""
         switches = self._measurement.switches(flags)
         closed = switches & ~self._switches_prev
         self._switches_prev = switches

@@ -1,4 +1,4 @@
-"""Faults of the virtual machine.
+"""Fault injection of the virtual machine.
 
 `rules.py` (what each kind does) and `script.py` (which drive has which, and when).
 """

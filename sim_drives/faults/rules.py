@@ -1,8 +1,7 @@
-"""What can go wrong with one virtual drive: one row of RULES for each kind.
+"""The kinds of fault of one virtual drive: one row of RULES for each.
 
-A row says what the fault does, what its value means, and holds the function that begins it
-(`on`) and ends it. Everything else about faults, who has which and until when, is `script.py` and
-`one_leg.py`.
+A row describes the fault and the meaning of its value, and holds the function that begins it
+(`on`) and ends it. `script.py` and `one_leg.py` decide which drive has which fault and until when.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,12 +25,12 @@ class FaultRule:
     text: str
     switch: Switch
     value_text: str = ""
-    """What the value means; empty when there is none."""
+    """Meaning of the value; empty when there is none."""
     value_low: float = 0.0
     value_high: float = 0.0
     value_needed: bool = False
     momentary: bool = False
-    """Over at once unless a duration is given."""
+    """True if the fault is over at once unless a duration is given."""
 
 
 # --- between the node and the bus -------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Faults of the virtual machine, by script (`[[fault]]`) and by command: who has which, and when.
+"""Faults of the virtual machine, by script (`[[fault]]`) and by command: which drive, and when.
 
 A command is one line of text: `KIND DRIVE [DURATION_S [VALUE]]`, where DRIVE is LEG/AXIS or `*`
 and a DURATION_S of `-` means until cleared; or `clear KIND DRIVE`. For example
@@ -6,8 +6,8 @@ and a DURATION_S of `-` means until cleared; or `clear KIND DRIVE`. For example
     silent right/hip 0.5            lost_tpdo * 0.1 2        emcy right/slide - 0x2310
     clear emcy right/slide          reboot right/hip         hand_switch_open *
 
-RULES of `rules.py` has one row for each kind. The same kind on the same drive again replaces
-the one before.
+RULES of `rules.py` has one row for each kind. A new fault of the same kind on the same drive
+replaces the previous one.
 """
 
 import math
@@ -24,7 +24,7 @@ COMMAND_FORM: Final = "KIND DRIVE [DURATION_S|- [VALUE]], or: clear KIND DRIVE"
 
 
 class FaultCommandError(ValueError):
-    """The operator's: a fault that does not exist, or not so."""
+    """Operator error: unknown fault, or invalid arguments."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,12 +38,12 @@ class FaultOrder:
     clear: bool = False
 
     def on(self, drive: str) -> "FaultOrder":
-        """The same for one drive."""
+        """Return the same order for one drive."""
         return replace(self, drive=drive)
 
 
 def help_text() -> str:
-    """The table, for people."""
+    """Return the table of faults as text for the operator."""
     rows = [f"{COMMAND_FORM}"]
     for kind, rule in RULES.items():
         value = f" (value: {rule.value_text})" if rule.value_text else ""
@@ -52,10 +52,10 @@ def help_text() -> str:
 
 
 def parse_command(line: str) -> FaultOrder:
-    """Read one command.
+    """Parse one command.
 
     Raises:
-        FaultCommandError: says what is wrong with which word, and what is allowed.
+        FaultCommandError: names the wrong word and the allowed ones.
     """
     words = line.split()
     clear = bool(words) and words[0] == CLEAR
@@ -72,7 +72,7 @@ def parse_command(line: str) -> FaultOrder:
 
 
 def check_value(kind: FaultKind, value: float | None) -> None:
-    """Refuse a value that the kind cannot have.
+    """Refuse a value that the kind does not allow.
 
     Raises:
         FaultCommandError: names kind, value and range.

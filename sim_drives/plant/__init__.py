@@ -1,6 +1,6 @@
-"""The trainer behind one leg's two drives.
+"""Physics of the trainer behind one leg's two drives.
 
 `plant.py`, `dynamics.py` (one compiled loop), `motor.py`, `stick_slip.py`, `stops.py`,
-`patient.py`, `settings.py` (plant.toml), `truth.py` (what really happened), `port.py` and
-`actuation.py` (what the protocol side sees).
+`patient.py`, `settings.py` (plant.toml), `truth.py` (the true state), `port.py` and
+`actuation.py` (the interface to the protocol side).
 """

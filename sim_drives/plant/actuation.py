@@ -1,8 +1,8 @@
-"""What passes between a virtual drive's protocol side and the plant behind it.
+"""Data exchanged between a virtual drive's protocol side and the plant behind it.
 
-The slave turns its object dictionary (counts, rpm, per mille, mA) into joint SI with its own
-personality and hands the plant an `AxisActuation`; the plant closes the drive's own loops on the
-simulated motor, and gives back an `AxisSample` and `AxisFlag`s. Everything here is at the joint:
+The slave converts its object dictionary (counts, rpm, per mille, mA) into joint SI with its own
+personality and passes an `AxisActuation` to the plant. The plant closes the drive's own loops on
+the simulated motor, and returns an `AxisSample` and `AxisFlag`s. Everything here is at the joint:
 rad and N·m for the hip, m and N for the slide, with the joint's sign. Only the motor current is
 the motor's, still with the joint's sign.
 """
@@ -12,7 +12,7 @@ from enum import IntEnum, IntFlag
 
 
 class Actuation(IntEnum):
-    """What the drive's power stage and loops do."""
+    """Operating mode of the drive's power stage and loops."""
 
     COAST = 0
     """Power stage off: no torque."""
@@ -31,7 +31,7 @@ class Actuation(IntEnum):
 
 
 class AxisFlag(IntFlag):
-    """What the plant has seen; a newly raised flag ends `Trainer.advance` early."""
+    """Conditions that the plant detects; a newly raised flag ends `Trainer.advance` early."""
 
     NONE = 0
     STANDSTILL = 1
@@ -56,14 +56,14 @@ class AxisActuation:
     target_position_si: float
     target_velocity_si: float
     deceleration_si: float
-    """Magnitude, > 0, joint unit per s^2; of VELOCITY also the acceleration."""
+    """Magnitude, > 0, joint unit per s^2; for VELOCITY also the acceleration."""
     interpolation_s: float
     effort_limit_si: float
     """Bound on |effort| in every actuation, >= 0."""
     velocity_limit_si: float
     """Bound on |velocity|, > 0."""
     following_error_si: float
-    """Window of the position error; infinity switches the watch off."""
+    """Window of the position error; infinity disables the check."""
     following_error_time_s: float
     position_min_si: float
     position_max_si: float
@@ -72,7 +72,7 @@ class AxisActuation:
 
 @dataclass(frozen=True, slots=True)
 class AxisSample:
-    """What the drive's sensors read at this instant, before quantisation to counts and mA."""
+    """Values of the drive's sensors at this instant, before quantisation to counts and mA."""
 
     position_si: float
     """True encoder angle or travel with latch jitter and noise, joint sign."""

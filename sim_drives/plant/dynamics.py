@@ -40,7 +40,7 @@ WORK: Final = np.dtype([("drives", "f8"), ("patient", "f8"), ("friction", "f8"),
 
 
 class Constants(NamedTuple):
-    """What a plant is, for its whole life."""
+    """Constant parameters of a plant."""
 
     leg: LegParameters
     frictions: tuple[FrictionParameters, FrictionParameters]
@@ -63,7 +63,7 @@ class State(NamedTuple):
     work: Records
     """One record."""
     patient: NDArray[np.float64]
-    """What the script asks, shape (2,), scratch."""
+    """Effort of the script, shape (2,), scratch."""
     speed: NDArray[np.float64]
     """Shape (2,), scratch."""
 
@@ -72,7 +72,7 @@ class State(NamedTuple):
 def _run_drives(
     drives: Records, orders: Records, state: State, tick: bool, loop_s: float, step_s: float
 ) -> None:
-    """The drives' loops; a torque target reaches the current loop at once, without their tick."""
+    """Run the drives' loops; a torque target reaches the current loop without their tick."""
     for axis in range(2):
         torque_only = orders[axis]["actuation"] <= Actuation.TORQUE
         if tick or torque_only:
@@ -84,7 +84,7 @@ def _run_drives(
 
 @kernel
 def _move_patient(constants: Constants, state: State, programme: Records, elapsed_s: float) -> None:
-    """Script, then the muscles' activation: first order, exact for a constant script."""
+    """Compute the script, then the muscle activation: first order, exact for a constant script."""
     joints = state.joints
     state.speed[0] = joints[0]["velocity"]
     state.speed[1] = joints[1]["velocity"]
@@ -99,7 +99,7 @@ def _move_patient(constants: Constants, state: State, programme: Records, elapse
 
 @kernel
 def _touch_stops(constants: Constants, state: State, rates: tuple[float, float]) -> None:
-    """Contact efforts of both axes' end stops, and their flags."""
+    """Compute the contact efforts of both axes' end stops, and their flags."""
     for axis in range(2):
         stop = constants.stops[axis]
         joint = state.joints[axis]
@@ -128,7 +128,7 @@ def _book_work(state: State, effort: float, axis: int, step_s: float) -> None:
 
 @kernel
 def _step(constants: Constants, drives: Records, state: State) -> None:
-    """One step of the physics, with the drives' and the patient's orders as they stand."""
+    """Compute one step of the physics with the present orders of the drives and the patient."""
     step_s = constants.step_s
     joints = state.joints
     for axis in range(2):
@@ -153,7 +153,7 @@ def _step(constants: Constants, drives: Records, state: State) -> None:
         _book_work(state, effort[axis], axis, step_s)
         joint = joints[axis]
         change = joint["next_velocity"] - joint["velocity"]
-        # Of a blow nothing goes on after the step: it is no acceleration to extrapolate with.
+        # A collision ends with its step: its acceleration must not be extrapolated.
         smooth = joint["held"] == 0 and not struck
         joint["acceleration"] = change / step_s if smooth else 0.0
         joint["velocity"] = joint["next_velocity"]
@@ -176,7 +176,7 @@ def advance_steps(
     """Advance by up to `step_count` steps; stops after the step in which a flag rose.
 
     Args:
-        constants: of the plant.
+        constants: parameters of the plant.
         drives: two DRIVE records.
         orders: two ORDER records.
         state: written.

@@ -1,23 +1,24 @@
-"""One axis's motor and the drive's own loops: order in, effort at the joint out.
+"""One axis's motor and the drive's own loops: from the order to the effort at the joint.
 
 Three loops as in an industrial servo drive: position (P, with the set point's speed fed forward),
 velocity (PI) and current (first-order lag). The first two run every `drive_loop_us`, the lag in
-every physics step, so in cyclic synchronous position the current between two SYNCs moves, and what
-a SYNC samples is not its mean. Loops work in joint units; current is effort / `effort_per_a`.
+every physics step, so in cyclic synchronous position the current between two SYNCs changes, and the
+value sampled at a SYNC is not its mean. Loops work in joint units; current is
+effort / `effort_per_a`.
 
-    COAST     no order: the current dies with the current loop's lag
-    TORQUE    the target, bounded by the limit and by what the speed limit leaves
+    COAST     no order: the current decays with the current loop's lag
+    TORQUE    the target, bounded by the effort limit and by the speed limiter
     POSITION  set point on a line from the last one to the target; P, PI; the ordered velocity and
               effort are added
     RAMP      set speed from the present speed to zero, PI; then HOLD where it came to rest
     HOLD      set point = position when the order came; P, PI
     VELOCITY  set speed from the present speed to the target's, PI
 
-Entering a loop seeds its integral so that the effort does not jump.
+Entering a loop initialises its integral so that the effort does not jump.
 
-`effort` is what the drive believes: the current that it measures. What reaches the joint may have
-another sign (motor connected wrongly), and lacks what the current sensor shows too much; and the
-loops see the position through an encoder that may count the wrong way.
+`effort` is the effort of the current that the drive measures. The effort at the joint may have
+another sign (motor connected with inverted sign), and lacks the offset of the current sensor. The
+loops see the position through an encoder that may count in the wrong direction.
 """
 
 import math
@@ -47,7 +48,7 @@ ORDER: Final = np.dtype(
         ("position_max", "f8"),
     ]
 )
-"""AxisActuation as the kernels read it, joint SI."""
+"""AxisActuation in the kernels' form, joint SI."""
 
 DRIVE: Final = np.dtype(
     [
@@ -76,17 +77,17 @@ LOOP: Final = np.dtype(
         ("ordered_effort", "f8"),
         ("effort", "f8"),
         ("error_time_s", "f8"),
-        ("brake_upper", "f8"),  # what the speed limiter needs beyond its proportional part
+        ("brake_upper", "f8"),  # integral part of the speed limiter
         ("brake_lower", "f8"),
         ("warming_k", "f8"),
         ("flags", "i8"),
-        ("motor_sense", "f8"),  # -1: connected the wrong way round
+        ("motor_sense", "f8"),  # -1: connected with inverted sign
         ("encoder_sense", "f8"),
-        ("encoder_shift", "f8"),  # what the drive sees: sense * position + shift
-        ("sensed_too_much", "f8"),  # of the current sensor, as effort
+        ("encoder_shift", "f8"),  # the drive measures sense * position + shift
+        ("sensed_too_much", "f8"),  # offset of the current sensor, as effort
     ]
 )
-"""What one drive's loops remember."""
+"""State of one drive's loops."""
 
 # numba has no IntFlag, so the kernels see plain integers.
 STANDSTILL: Final = int(AxisFlag.STANDSTILL)
@@ -98,18 +99,18 @@ STOP_POSITIVE: Final = int(AxisFlag.END_STOP_POSITIVE)
 
 
 LIMITER_STIFFNESS: Final = 4.0
-"""Of the speed limiter in torque mode, in units of the velocity loop's gain."""
+"""Proportional gain of the speed limiter in torque mode, in units of the velocity loop's gain."""
 LIMITER_INTEGRAL_S: Final = 0.02
 
 NOT_BEGUN: Final = -1
-"""Of `acting`: the ordered actuation begins at the loops' next tick."""
+"""Value of `acting`: the ordered actuation begins at the loops' next tick."""
 
 
 def take_order(row: np.void, loop: np.void, order: AxisActuation) -> None:
-    """Write an order where the kernels read it.
+    """Write an order in the kernels' form.
 
-    What the loops said of another actuation is void at once: nobody takes the standstill of an
-    older ramp for that of a new one.
+    The flags of the previous actuation are cleared at once, so that the standstill of an older
+    ramp is never taken for that of a new one.
     """
     if row["actuation"] != order.actuation:
         loop["acting"] = NOT_BEGUN
@@ -125,7 +126,7 @@ def take_order(row: np.void, loop: np.void, order: AxisActuation) -> None:
 
 
 def fresh_loops() -> Records:
-    """Two axes without power, wired as they should be."""
+    """Return two axes without power, connected with the right signs."""
     loops = np.zeros(2, LOOP)
     loops["motor_sense"] = 1.0
     loops["encoder_sense"] = 1.0
@@ -134,7 +135,7 @@ def fresh_loops() -> Records:
 
 @kernel
 def bounded(value: float, limit: float) -> float:
-    """Value within [-limit, limit]."""
+    """Clip a value to [-limit, limit]."""
     return min(max(value, -limit), limit)
 
 
@@ -204,7 +205,7 @@ def _follow_speed(loop: np.void, order: np.void, loop_s: float) -> None:
 
 @kernel
 def _wanted_speed(loop: np.void, drive: np.void, order: np.void, position: float) -> float:
-    """The velocity loop's set value: position loop plus the set point's own speed."""
+    """Set value of the velocity loop: position loop plus the set point's own speed."""
     ramping = loop["acting"] == Actuation.RAMP and loop["holding"] == 0
     if ramping or loop["acting"] == Actuation.VELOCITY:
         return loop["set_speed"]
@@ -235,7 +236,7 @@ def _velocity_loop(
 
 @kernel
 def _watch_following(loop: np.void, order: np.void, position: float, loop_s: float) -> None:
-    """FOLLOWING_ERROR once the error was outside its window long enough (6065h, 6066h)."""
+    """Set FOLLOWING_ERROR once the error was outside its window long enough (6065h, 6066h)."""
     outside = abs(loop["set_point"] - position) > order["following_error"]
     loop["error_time_s"] = loop["error_time_s"] + loop_s if outside else 0.0
     late = outside and loop["error_time_s"] >= order["following_error_time_s"]
@@ -244,9 +245,9 @@ def _watch_following(loop: np.void, order: np.void, position: float, loop_s: flo
 
 @kernel
 def _limiter(brake: float, gain: float, room: float, effort: float, step_s: float) -> float:
-    """Integral part of one side of the speed limiter, after a step.
+    """Return the integral part of one side of the speed limiter, after a step.
 
-    It grows against the speed while its side limits, and is forgotten while it does not.
+    It grows against the speed while its side limits, and is reset while it does not.
     """
     rate = step_s / LIMITER_INTEGRAL_S
     if gain * room + brake < effort:
@@ -258,10 +259,10 @@ def _limiter(brake: float, gain: float, room: float, effort: float, step_s: floa
 def torque_order(
     loop: np.void, drive: np.void, order: np.void, velocity: float, step_s: float
 ) -> float:
-    """The torque target inside the effort limit, as far as the speed limit leaves it.
+    """Return the torque target bounded by the effort limit and the speed limiter.
 
-    The speed limit is a PI controller on each side that may only take torque away. Its proportional
-    part is stiff, so that it meets a load with little excess; its integral part takes that away.
+    The speed limiter is a PI controller on each side that may only reduce torque. Its proportional
+    part is stiff, so that a load causes little excess speed; its integral part removes that excess.
     """
     effort = bounded(order["effort"], order["effort_limit"])
     gain = LIMITER_STIFFNESS * drive["velocity_gain"]
@@ -288,7 +289,7 @@ def run_loops(
     loop_s: float,
     step_s: float,
 ) -> None:
-    """One tick of the drive's loops: renews the ordered effort and the flags.
+    """Run one tick of the drive's loops: updates the ordered effort and the flags.
 
     Args:
         loop: LOOP record of this axis, written.
@@ -337,7 +338,7 @@ def lag_current(loop: np.void, drive: np.void, step_s: float) -> float:
 
 @kernel
 def joint_effort(loop: np.void, believed: float) -> float:
-    """What reaches the joint while the drive believes in an effort."""
+    """Return the true joint effort for the effort that the drive measures."""
     if loop["acting"] != Actuation.COAST:
         believed -= loop["sensed_too_much"]
     return loop["motor_sense"] * believed
@@ -345,7 +346,7 @@ def joint_effort(loop: np.void, believed: float) -> float:
 
 @kernel
 def warm(loop: np.void, drive: np.void, step_s: float) -> None:
-    """Winding temperature above ambient: first order, heated by the current's square."""
+    """Advance the winding's temperature above ambient: first order, heated by current squared."""
     current_a = loop["effort"] / drive["effort_per_a"]
     final_k = drive["heating_k_per_a2"] * current_a * current_a
     loop["warming_k"] += (final_k - loop["warming_k"]) * step_s / drive["thermal_time_constant_s"]

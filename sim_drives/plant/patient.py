@@ -1,11 +1,12 @@
 """The scripted patient: efforts over time, over the stride, at rest, against the motion.
 
 A programme is a list of efforts (plant_settings.Effort). The kernels read it as one record array,
-so that nothing but numbers enters the physics step. Every effort has an envelope (rise, hold, fall)
-times a wave, and what comes out passes a first-order activation, as muscles do.
+so that only numbers enter the physics step. Every effort has an envelope (rise, hold, fall) times a
+wave; the result passes a first-order activation, as in muscles.
 
-The stride's phase is the plant's own: a second-order generalised integrator with a frequency-locked
-loop on the hip angle. It is blind below a few degrees of swing, so a resting leg has no stride.
+The plant estimates the stride's phase itself: a second-order generalised integrator with a
+frequency-locked loop on the hip angle. It does not lock below a few degrees of swing, so a resting
+leg has no stride.
 Source: Rodriguez, Luna, Candela, Mujal, Teodorescu, Blaabjerg, "Multiresonant frequency-locked loop
 for grid synchronization of power converters", IEEE Trans. Ind. Electron. 58 (2011), eq. (1), (7).
 """
@@ -24,7 +25,7 @@ Records = NDArray[np.void]
 
 
 class Wave(IntEnum):
-    """What shapes an effort under its envelope."""
+    """Shape of an effort within its envelope."""
 
     STEADY = 0
     SINE = 1
@@ -48,13 +49,13 @@ EFFORT: Final = np.dtype(
         ("rise_s", "f8"),
         ("fall_s", "f8"),
         ("peak", "f8", (2,)),  # N·m, N
-        ("pulsation", "f8"),  # rad/s; of GAIT: the harmonic
+        ("pulsation", "f8"),  # rad/s; for GAIT: the harmonic
         ("phase_rad", "f8", (2,)),
         ("rest_speed", "f8", (2,)),  # rad/s, m/s
         ("direction", "f8", (2,)),  # latched at the onset of a spasm; 0: not latched
     ]
 )
-"""One effort of the programme that runs."""
+"""One effort of the running programme."""
 
 STRIDE: Final = np.dtype(
     [
@@ -64,25 +65,25 @@ STRIDE: Final = np.dtype(
         ("pulsation_rad_per_s", "f8"),
     ]
 )
-"""The locked oscillator."""
+"""State of the locked oscillator."""
 
 SELECTIVITY: Final = 0.6
-"""k of the integrator: less rejects the gait's harmonics better and locks later."""
+"""Gain k of the integrator: a smaller one rejects the gait's harmonics better and locks later."""
 MEAN_GAIN: Final = 0.1
-"""Of the offset's integrator, per pulsation."""
+"""Gain of the offset's integrator, per pulsation."""
 LOCK_GAIN: Final = 1.0
-"""Of the frequency, per radian of stride; some two strides until locked."""
+"""Gain of the frequency, per radian of stride; it locks in about two strides."""
 SLOWEST_RAD_PER_S: Final = 2 * math.pi * 0.1
 FASTEST_RAD_PER_S: Final = 2 * math.pi * 1.0
 START_RAD_PER_S: Final = 2 * math.pi * 0.3
 BLIND_RAD: Final = math.radians(3.0)
 """Swing amplitude below which there is no stride."""
 FULL_RAD: Final = math.radians(10.0)
-"""Swing amplitude from which an effort over the stride is whole."""
+"""Swing amplitude from which an effort over the stride has its full size."""
 
 
 def compile_programme(programme: Programme) -> tuple[Records, float]:
-    """The programme as the kernels read it, and its repetition in s (infinite: none)."""
+    """Return the programme in the kernels' form, and its repetition in s (infinite: none)."""
     table = np.zeros(len(programme.effort), EFFORT)
     for row, effort in zip(table, programme.effort, strict=True):
         _fill(row, effort)
@@ -105,7 +106,7 @@ def _fill(row: np.void, effort: Effort) -> None:
 
 
 def resting_stride(hip_angle_rad: float) -> Records:
-    """The oscillator of a leg at rest, as an array of one record."""
+    """Return the oscillator of a leg at rest, as an array of one record."""
     stride = np.zeros(1, STRIDE)
     stride["mean_rad"] = hip_angle_rad
     stride["pulsation_rad_per_s"] = START_RAD_PER_S
@@ -114,7 +115,7 @@ def resting_stride(hip_angle_rad: float) -> Records:
 
 @kernel
 def follow_stride(stride: np.void, hip_angle_rad: float, step_s: float) -> None:
-    """Let the oscillator follow the hip for one step.
+    """Update the oscillator with the hip's motion of one step.
 
     After two strides theta = atan2(quadrature, in phase) is the phase of the hip's fundamental,
     0 at the largest flexion.
@@ -135,7 +136,7 @@ def follow_stride(stride: np.void, hip_angle_rad: float, step_s: float) -> None:
 
 @kernel
 def swing_weight(stride: np.void) -> float:
-    """How much of an effort over the stride is exerted: 0 at rest, 1 from FULL_RAD of swing."""
+    """Weight of an effort over the stride: 0 at rest, 1 from FULL_RAD of swing."""
     amplitude = math.hypot(stride["in_phase_rad"], stride["quadrature_rad"])
     return min(max((amplitude - BLIND_RAD) / (FULL_RAD - BLIND_RAD), 0.0), 1.0)
 
@@ -180,7 +181,7 @@ def script(
     speed: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> None:
-    """What the script asks of the muscles, `elapsed_s` after the programme began.
+    """Compute the scripted effort of the muscles, `elapsed_s` after the programme began.
 
     Args:
         programme: efforts, EFFORT records; a spasm's latched direction is written.

@@ -1,7 +1,7 @@
-"""The trainer behind one leg's two virtual drives: orders in, encoder and current out.
+"""The trainer behind one leg's two virtual drives: receives orders, returns encoder and current.
 
 `Trainer` holds the arrays that the compiled loop of `dynamics.py` advances. It has no clock: time
-is what `advance` is told. Everything random comes from the seed, one stream for each axis.
+is the argument of `advance`. All random values come from the seed, one stream for each axis.
 """
 
 import math
@@ -39,15 +39,15 @@ COASTING: Final = AxisActuation(
     position_min_si=-math.inf,
     position_max_si=math.inf,
 )
-"""The order of a drive that has just got power: no torque."""
+"""The order of a drive at power-on: no torque."""
 
 
 class PlantError(ValueError):
-    """The operator's: plant.toml and its robot file do not fit each other. Names key and value."""
+    """Operator error: plant.toml and its robot file contradict each other; names key and value."""
 
 
 class UnknownProgrammeError(ValueError):
-    """The operator's: no patient programme of that name."""
+    """Operator error: no patient programme of that name."""
 
     def __init__(self, name: str, known: tuple[str, ...]) -> None:
         super().__init__(f"patient programme `{name}` is unknown; known: {', '.join(known)}")
@@ -146,9 +146,9 @@ class Trainer:
         Args:
             settings: physics tables of plant.toml.
             leg: mechanism of the plant's own robot file, with or without a patient's leg.
-            frictions: of hip and slide, from the same file.
+            frictions: friction of hip and slide, from the same file.
             effort_per_a: joint effort per ampere, N·m/A and N/A, positive: k_t gear (2 pi / lead).
-            seed: of noise and jitter; another leg takes another one.
+            seed: seed of noise and jitter; another leg takes another one.
             start_ns: the time now; the physics grid begins here.
 
         Raises:
@@ -176,19 +176,19 @@ class Trainer:
 
     @property
     def now_ns(self) -> int:
-        """The time that the plant has reached."""
+        """The simulated time of the plant."""
         return self._now_ns
 
     @property
     def programmes(self) -> tuple[str, ...]:
-        """Names that `patient` takes."""
+        """Names of the programmes that `patient` accepts."""
         return tuple(self._programmes)
 
     def set_axis(self, axis: int, actuation: AxisActuation) -> None:
         """Give an axis a new order; it acts from the next step of the grid.
 
         Sending the same order again changes nothing; a new position target starts a new line from
-        the present set point. Another actuation takes back the flags of the last one.
+        the present set point. Another actuation clears the flags of the last one.
         """
         take_order(self._orders[axis], self._state.loops[axis], actuation)
 
@@ -197,9 +197,9 @@ class Trainer:
         self._state.joints[axis]["blocked"] = int(blocked)
 
     def wire(self, axis: int, motor_sense: int, encoder_sense: int) -> None:
-        """Connect motor and encoder: +1 rightly, -1 the wrong way round.
+        """Connect motor and encoder: +1 with the right sign, -1 inverted.
 
-        A reversed encoder goes on from what it has shown last.
+        An inverted encoder continues from the last value that it has shown.
         """
         loop = self._state.loops[axis]
         position = self._state.joints[axis]["position"]
@@ -209,11 +209,11 @@ class Trainer:
         loop["encoder_shift"] = 0.0 if rightly else seen - encoder_sense * position
 
     def offset_current(self, axis: int, offset_a: float) -> None:
-        """Let the current sensor show so much too much, joint sign."""
+        """Add an offset to the current sensor's value, joint sign."""
         self._state.loops[axis]["sensed_too_much"] = offset_a * self._drives[axis]["effort_per_a"]
 
     def patient(self, name: str) -> None:
-        """Start a programme of the patient's now.
+        """Start a programme of the patient now.
 
         Raises:
             UnknownProgrammeError: the settings have none of that name.
@@ -225,7 +225,7 @@ class Trainer:
         self._programme_start = self._step_index
 
     def advance(self, to_ns: int) -> int:
-        """Let the plant live until `to_ns`, or until a flag newly rises on either axis.
+        """Advance the plant to `to_ns`, or until a flag newly rises on either axis.
 
         Returns: the time reached, `to_ns` or the end of the step in which the flag rose.
 
@@ -253,7 +253,7 @@ class Trainer:
         return self._now_ns
 
     def sample(self, axis: int) -> AxisSample:
-        """What the drive's sensors read now; every call draws its noise and jitter anew."""
+        """Sample the drive's sensors now; every call draws new noise and jitter."""
         noise = self._noise[axis]
         sensor = self._settings.sensor
         jitter_s = noise.uniform(0.0, sensor.latch_jitter_us * 1e-6)
@@ -273,11 +273,11 @@ class Trainer:
         )
 
     def flags(self, axis: int) -> AxisFlag:
-        """What is true of the axis now."""
+        """Return the present flags of the axis."""
         return AxisFlag(int(self._state.loops[axis]["flags"]))
 
     def truth(self) -> Truth:
-        """Everything that no drive measures, now."""
+        """Return the present true state, including what no drive measures."""
         joints, loops = self._state.joints, self._state.loops
         effort = np.array([joint_effort(loop, loop["effort"]) for loop in loops])
         impulse = joints["effort_impulse"] + effort * self._since_grid_s
@@ -308,7 +308,7 @@ class Trainer:
         return (self._now_ns - self._grid_ns) * 1e-9
 
     def _motion(self, axis: int, ahead_s: float) -> tuple[float, float]:
-        """Position and velocity a fraction of a step after the grid."""
+        """Return position and velocity a fraction of a step after the grid."""
         joint = self._state.joints[axis]
         velocity = joint["velocity"] + joint["acceleration"] * ahead_s
         position = joint["position"] + ahead_s * (joint["velocity"] + velocity) * 0.5

@@ -1,4 +1,4 @@
-"""What the protocol side needs of the mechanics behind one leg; `plant.Trainer` is one."""
+"""Interface between the protocol side and one leg's mechanics; `plant.Trainer` implements it."""
 
 from typing import NamedTuple, Protocol
 
@@ -13,27 +13,27 @@ class Plant(Protocol):
         ...
 
     def advance(self, to_ns: int) -> int:
-        """Run up to `to_ns`, or to the moment where a flag newly comes up; the time reached."""
+        """Advance to `to_ns`, or until a flag newly rises; return the time reached."""
         ...
 
     def sample(self, axis: int) -> AxisSample:
-        """What the sensors read now; draws noise, so once for each need."""
+        """Sample the sensors now; draws noise, so call it once per use."""
         ...
 
     def flags(self, axis: int) -> AxisFlag:
-        """What is true now."""
+        """Return the present flags."""
         ...
 
     def block_rotor(self, axis: int, blocked: bool) -> None:
-        """Jam the joint, or free it."""
+        """Block the joint, or free it."""
         ...
 
     def wire(self, axis: int, motor_sense: int, encoder_sense: int) -> None:
-        """Connect motor and encoder: +1 rightly, -1 the wrong way round."""
+        """Connect motor and encoder: +1 with the right sign, -1 inverted."""
         ...
 
     def offset_current(self, axis: int, offset_a: float) -> None:
-        """Let the current sensor show so much too much, joint sign."""
+        """Add an offset to the current sensor's value, joint sign."""
         ...
 
 
@@ -44,25 +44,25 @@ class Axis(NamedTuple):
     number: int
 
     def order(self, actuation: AxisActuation) -> None:
-        """See `Plant.set_axis`."""
+        """As `Plant.set_axis`."""
         self.plant.set_axis(self.number, actuation)
 
     def sample(self) -> AxisSample:
-        """See `Plant.sample`."""
+        """As `Plant.sample`."""
         return self.plant.sample(self.number)
 
     def flags(self) -> AxisFlag:
-        """See `Plant.flags`."""
+        """As `Plant.flags`."""
         return self.plant.flags(self.number)
 
     def block(self, *, blocked: bool) -> None:
-        """See `Plant.block_rotor`."""
+        """As `Plant.block_rotor`."""
         self.plant.block_rotor(self.number, blocked)
 
     def wire(self, *, motor_sense: int, encoder_sense: int) -> None:
-        """See `Plant.wire`."""
+        """As `Plant.wire`."""
         self.plant.wire(self.number, motor_sense, encoder_sense)
 
     def offset_current(self, offset_a: float) -> None:
-        """See `Plant.offset_current`."""
+        """As `Plant.offset_current`."""
         self.plant.offset_current(self.number, offset_a)

@@ -1,8 +1,8 @@
 """The physics tables of plant.toml: one struct per table, the range beside the name.
 
 The mechanism and the friction levels come from a robot file of the plant's own (`robot`), so that
-plant and observer can be told different things. Here stands what only the plant has: the friction
-law, mechanical stops, motors, the drives' inner loops, sensors, and what the patient does.
+plant and observer can have different parameters. The tables here hold what only the plant has: the
+friction law, mechanical stops, motors, the drives' inner loops, sensors, and the patient.
 """
 
 from enum import Enum
@@ -16,14 +16,14 @@ NonNegative = Annotated[float, Meta(ge=0)]
 
 
 class FrictionLaw(Enum):
-    """Which friction the plant has; levels and speeds come from the robot file."""
+    """The plant's friction law; levels and speeds come from the robot file."""
 
     PAPER = "paper"
-    """Eq. (11) to (13) word for word, as the observer has it. Under load it creeps at rest."""
+    """Eq. (11) to (13) as in the observer. Under load it creeps at rest."""
     PAPER_STICKING = "paper_sticking"
-    """The same while sliding, with ideal sticking: an axis at rest does not move at all."""
+    """Eq. (11) and (12) while sliding, with ideal sticking: an axis at rest does not move."""
     LUGRE = "lugre"
-    """Bristles: sticks elastically; another structure than the observer's."""
+    """Bristles: sticks elastically; a structure different from the observer's."""
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -35,7 +35,7 @@ class Step(Table, frozen=True):
 
     physics_us: Annotated[int, Meta(ge=20, le=500)]
     drive_loop_us: Annotated[int, Meta(ge=20, le=1000)]
-    """Of the drives' position and velocity loops: a whole multiple of `physics_us`."""
+    """Period of the drives' position and velocity loops: a whole multiple of `physics_us`."""
 
 
 class Start(Table, frozen=True):
@@ -104,14 +104,14 @@ class Motor(Table, frozen=True):
     """One motor with its power stage."""
 
     current_time_constant_s: Annotated[float, Meta(gt=0, le=0.05)]
-    """Of the closed current loop, a first-order lag."""
+    """Time constant of the closed current loop, a first-order lag."""
     resistance_ohm: Annotated[float, Meta(gt=0, le=100)]
     thermal_resistance_k_per_w: Annotated[float, Meta(gt=0, le=100)]
     thermal_time_constant_s: Annotated[float, Meta(gt=0, le=1e5)]
 
 
 class Motors(Table, frozen=True):
-    """Both motors and the air around them."""
+    """Both motors and the ambient temperature."""
 
     ambient_degc: Annotated[float, Meta(ge=-20, le=60)]
     hip: Motor
@@ -125,9 +125,9 @@ class HipLoop(Table, frozen=True):
     velocity_gain_nm_s_per_rad: Annotated[float, Meta(gt=0, le=1e4)]
     velocity_integral_s: Positive
     position_deadband_rad: NonNegative
-    """Position errors that the drive does not see: one count of its encoder."""
+    """Position error that the drive cannot detect: one count of its encoder."""
     standstill_rad_per_s: Positive
-    """Below this speed a stopped axis counts as standing."""
+    """Below this speed a stopped axis is at standstill."""
 
 
 class SlideLoop(Table, frozen=True):
@@ -162,7 +162,7 @@ class SlideSensor(Table, frozen=True):
 
 
 class Sensors(Table, frozen=True):
-    """What the drives measure."""
+    """The drives' sensors."""
 
     latch_jitter_us: Annotated[float, Meta(ge=0, le=1000)]
     """A drive latches its encoder up to this much after the SYNC, at its own loop's next tick."""
@@ -170,14 +170,14 @@ class Sensors(Table, frozen=True):
     slide: SlideSensor
 
 
-# --- what the patient does --------------------------------------------------------------------
+# --- the patient ------------------------------------------------------------------------------
 
 
 class Effort(Table, frozen=True):
     """One part of a programme; parts that overlap add up. Positive acts along the positive axis."""
 
     at_s: NonNegative
-    """Since the programme began."""
+    """Time since the programme began."""
     until_s: Positive
     rise_s: NonNegative
     fall_s: NonNegative
@@ -190,7 +190,7 @@ class Steady(Effort, frozen=True, tag_field="kind", tag="steady"):
 
 
 class Sine(Effort, frozen=True, tag_field="kind", tag="sine"):
-    """Over time: cos(2 pi f t + phase)."""
+    """An effort over time: cos(2 pi f t + phase)."""
 
     frequency_hz: Annotated[float, Meta(gt=0, le=10)]
     hip_phase_deg: float
@@ -198,10 +198,10 @@ class Sine(Effort, frozen=True, tag_field="kind", tag="sine"):
 
 
 class Gait(Effort, frozen=True, tag_field="kind", tag="gait"):
-    """Over the stride: cos(n theta + phase), theta = 0 at the largest hip flexion.
+    """An effort over the stride: cos(n theta + phase), theta = 0 at the largest hip flexion.
 
-    The plant does not know the service's phase; it finds theta in the hip's motion, as the patient
-    does, and does nothing while the hip does not swing.
+    The plant does not use the service's phase; it estimates theta from the hip's motion, and the
+    effort is zero while the hip does not swing.
     """
 
     harmonic: Annotated[int, Meta(ge=1, le=4)]
@@ -210,22 +210,22 @@ class Gait(Effort, frozen=True, tag_field="kind", tag="gait"):
 
 
 class Push(Effort, frozen=True, tag_field="kind", tag="push"):
-    """Pushes while the axis stands; what gives way faster than `rest` is pushed less."""
+    """A push while the axis stands; it is weaker where the axis moves faster than `rest`."""
 
     hip_rest_rad_per_s: Positive
     slide_rest_m_per_s: Positive
 
 
 class Spasm(Effort, frozen=True, tag_field="kind", tag="spasm"):
-    """Against the motion at its onset, and for as long as it lasts; a short `rise_s` is meant."""
+    """An effort against the motion at its onset, for all its duration; short `rise_s`."""
 
 
 class Programme(Table, frozen=True):
-    """What `gaitd sim`'s command `patient NAME` starts. No effort: a passive patient."""
+    """A programme, started by `gaitd sim`'s command `patient NAME`. No effort: passive patient."""
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9_-]+$")]
     repeat_s: Positive | None = None
-    """Begins anew after this time; without it, once."""
+    """The programme repeats after this time; without it, it runs once."""
     effort: tuple[Steady | Sine | Gait | Push | Spasm, ...] = ()
 
 

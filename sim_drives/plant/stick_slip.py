@@ -7,16 +7,15 @@
                     less than its peak speed, because its rise from zero only stands for the jump of
                     a real dry contact. An axis whose velocity would change sign sticks if a
                     friction of at most `stribeck` holds it: velocity exactly zero, friction = load,
-                    until the load exceeds `stribeck`; then it slides, and that friction is its
-                    memory.
+                    until the load exceeds `stribeck`; then it slides, starting from that friction.
     LUGRE           Canudas de Wit, Olsson, Astrom, Lischinsky, "A new model for control of systems
                     with friction", IEEE Trans. Autom. Control 40 (1995), eq. (2) to (5): bristles
                     that hold a resting axis elastically. Levels from the same parameters; the
                     Stribeck curve is the Gaussian one, not (13).
 
 One step is solved at velocity level: M (v+ - v) = h (load - friction), where for a held axis v+ = 0
-replaces a known friction. Which axes are held is found by trying: each axis can be held once and
-released once in a step, so four changes and one last solution are the most.
+replaces a known friction. The held axes are found iteratively: each axis can be held once and
+released once in a step, so there are at most four changes and one last solution.
 """
 
 import math
@@ -47,9 +46,9 @@ JOINT: Final = np.dtype(
         ("acceleration", "f8"),
         ("memory", "f8"),  # F_d of (11), or the bristles' deflection
         ("stuck", "i8"),
-        ("blocked", "i8"),  # rotor blocked from outside
+        ("blocked", "i8"),  # rotor blocked externally
         ("patient", "f8"),
-        ("friction", "f8"),  # that acts, mean of the last step
+        ("friction", "f8"),  # mean of the last step
         ("contact", "f8"),  # end stops and a blocked rotor
         ("effort_impulse", "f8"),
         ("load", "f8"),  # all but friction, this step
@@ -71,7 +70,7 @@ class Bristles(NamedTuple):
 
 @kernel
 def stribeck_level(f: FrictionParameters, speed: float) -> float:
-    """g(v) of LuGre without the viscous part: from `stribeck` at rest down to `coulomb`."""
+    """Return LuGre's g(v) without the viscous part: from `stribeck` at rest down to `coulomb`."""
     ratio = speed / f.peak
     return f.coulomb + (f.stribeck - f.coulomb) * math.exp(-ratio * ratio)
 
@@ -87,7 +86,7 @@ def _paper_step(f: FrictionParameters, joint: np.void, target: float, step_s: fl
 
 @kernel
 def _lugre_step(f: FrictionParameters, bristles: Bristles, joint: np.void, step_s: float) -> float:
-    """The bristles over one step at constant velocity, exactly; the step's mean friction.
+    """Advance the bristles one step at constant velocity, exactly; return the mean.
 
     The damping part uses the mean deflection rate, so it stays passive where sigma_0 |v| h / g > 1.
     """
@@ -106,10 +105,10 @@ def _lugre_step(f: FrictionParameters, bristles: Bristles, joint: np.void, step_
 def sliding_friction(
     law: int, f: FrictionParameters, bristles: Bristles, joint: np.void, step_s: float
 ) -> float:
-    """Friction of an axis that is not held, mean over the coming step; its memory advances.
+    """Mean friction of an axis that is not held, over the coming step; its memory advances.
 
     Args:
-        law: of LAW_CODES.
+        law: one of LAW_CODES.
         f: the axis's friction.
         bristles: the axis's bristles.
         joint: its JOINT record, whose memory is written.
@@ -125,11 +124,11 @@ def sliding_friction(
 
 @kernel
 def _solve(joints: Records, m11: float, m12: float, m22: float, step_s: float) -> None:
-    """Velocities after the step and held axes' reactions, for `held` and `friction` as set."""
+    """Solve velocities after the step and held axes' reactions, for given `held` and `friction`."""
     a, b = joints[0], joints[1]
     push_a = a["load"] - a["friction"]
     push_b = b["load"] - b["friction"]
-    # what a held axis needs to come to rest within the step
+    # the effort that brings a held axis to rest within the step
     rate_a = -a["velocity"] / step_s
     rate_b = -b["velocity"] / step_s
     if a["held"] == 0 and b["held"] == 0:
@@ -148,7 +147,7 @@ def _solve(joints: Records, m11: float, m12: float, m22: float, step_s: float) -
 
 @kernel
 def _reconsider(law: int, f: FrictionParameters, joint: np.void) -> bool:
-    """Release an axis held beyond breakaway, hold one about to turn; whether that was so."""
+    """Release an axis held beyond breakaway, hold one about to reverse; return if any changed."""
     if law != STICKING or joint["blocked"]:
         return False
     if joint["held"] == 1 and abs(joint["reaction"]) > f.stribeck:
@@ -167,7 +166,7 @@ def _reconsider(law: int, f: FrictionParameters, joint: np.void) -> bool:
 
 @kernel
 def _settle(law: int, joint: np.void) -> None:
-    """Book a held axis's reaction: as friction where it sticks, as contact where it is blocked."""
+    """Store a held axis's reaction: as friction where it sticks, as contact where it is blocked."""
     if joint["blocked"]:
         joint["contact"] += joint["friction"] - joint["reaction"]
     elif joint["held"]:
@@ -188,9 +187,9 @@ def slide_or_stick(
     """Solve one step of both axes; writes next_velocity, friction, memory, stuck, contact.
 
     Args:
-        law: of LAW_CODES.
-        frictions: of hip and slide.
-        bristles: of hip and slide.
+        law: one of LAW_CODES.
+        frictions: friction of hip and slide.
+        bristles: bristles of hip and slide.
         joints: JOINT records with `load` filled in.
         mass: M11, M12, M22.
         step_s: the step.

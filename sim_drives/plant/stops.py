@@ -1,13 +1,13 @@
-"""Mechanical stops: what the joints meet at the end of their travel.
+"""Mechanical stops at the ends of the joints' travel.
 
 Hip and slide have springs with dampers at each end, which push and never pull.
 
 The mechanism as a whole has a stop between shank and shoe, before its only singularity, where those
-two are in line. Near it the angle between them moves fast for little travel, so no spring is stiff
-enough at a fixed step; the stop is rigid and inelastic instead. It bounds the distance between knee
-and slide joint, which is smooth there: a velocity that would take the distance past its bound
-within one step is reduced by an impulse along the distance's gradient. Neither the drives at full
-effort nor a fall pass it.
+two are in line. Near it the angle between them changes fast for little travel, so no spring is
+stiff enough at a fixed step; the stop is rigid and inelastic instead. It bounds the distance
+between knee and slide joint, which is smooth there: a velocity that would take the distance past
+its bound within one step is reduced by an impulse along the distance's gradient. Neither the drives
+at full effort nor a fall pass it.
 """
 
 import math
@@ -24,7 +24,7 @@ Records = NDArray[np.void]
 
 
 class Stop(NamedTuple):
-    """One coordinate's travel and what lies at its ends; rad, N·m or m, N."""
+    """One coordinate's travel and its end stops; rad, N·m or m, N."""
 
     low_si: float
     high_si: float
@@ -63,7 +63,7 @@ def leg_reach(stop: AnkleStop, leg: LegParameters) -> Reach:
 
 @kernel
 def stop_effort(stop: Stop, position: float, velocity: float) -> float:
-    """What the stop exerts along the positive axis; 0 between its ends."""
+    """Effort of the stop along the positive axis; 0 between its ends."""
     if position > stop.high_si:
         depth = position - stop.high_si
         return -max(stop.stiffness_si * depth + stop.damping_si * velocity, 0.0)
@@ -100,7 +100,7 @@ def keep_in_reach(
     mass: tuple[float, float, float],
     step_s: float,
 ) -> bool:
-    """Reduce `next_velocity` where it would take the leg past its reach; the force is contact.
+    """Reduce `next_velocity` where it would move the leg past its reach; the force is contact.
 
     Args:
         p: the leg.
@@ -109,11 +109,11 @@ def keep_in_reach(
         mass: M11, M12, M22 at this pose.
         step_s: the step.
 
-    Returns: whether the leg struck its stop.
+    Returns: whether the leg hit its stop.
     """
     a, b = joints[0], joints[1]
     at = pose(p, a["position"], b["position"])
-    # From the knee to the slide joint, and how its length changes with hip and slide.
+    # Vector from the knee to the slide joint, and how its length changes with hip and slide.
     dx = at.shank_x - at.shoe_x
     dy = at.shank_y - at.shoe_y
     distance = math.hypot(dx, dy)

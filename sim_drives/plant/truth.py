@@ -1,10 +1,10 @@
-"""What really happens in the plant, for comparison only: the service never sees it.
+"""True state of the plant, for comparison only: the service has no access to it.
 
-`TruthLog` writes one row per SYNC, and on request, in real time, one every 10 ms while SYNC is
-silent, with the count of the last one: what a leg does whose master has died. The first columns
-are those of a recording, with the mean torque and force since the row before, so `gaitd replay`
-reads the file as it is; the columns behind them are what the observer estimates, and what no
-observer can know.
+`TruthLog` writes one row per SYNC. On request, in real time, it also writes one every 10 ms while
+SYNC is missing, with the number of the last one, which shows the leg's motion after a failure of
+the master. The first columns are those of a recording, with the mean torque and force since the row
+before, so `gaitd replay` reads the file as it is; the columns behind them are what the observer
+estimates, and what no observer can know.
 """
 
 from dataclasses import dataclass
@@ -24,18 +24,18 @@ class Truth:
     patient: Pair
     friction: Pair
     effort: Pair
-    """Of the drives."""
+    """Effort of the drives."""
     contact: Pair
-    """Of end stops and blocked rotors."""
+    """Effort of end stops and blocked rotors."""
     effort_impulse: Pair
     """Integral of the effort since the start: N·m s, N s."""
     sticking: tuple[bool, bool]
     programme: str
-    """What the patient does."""
+    """Effort of the patient."""
 
     @property
     def net(self) -> Pair:
-        """Patient minus friction: what the observer can always tell."""
+        """Patient minus friction: the sum that the observer can always estimate."""
         return (self.patient[0] - self.friction[0], self.patient[1] - self.friction[1])
 
 
@@ -43,11 +43,11 @@ class TruthRow(NamedTuple):
     """One line of the file; the field names are the columns."""
 
     time_s: float
-    """Since the first row."""
+    """Time since the first row."""
     hip_angle_rad: float
     slide_position_m: float
     hip_torque_nm: float
-    """Mean since the row before."""
+    """Mean since the previous row."""
     slide_force_n: float
     hip_velocity_rad_per_s: float
     slide_velocity_m_per_s: float
@@ -63,12 +63,12 @@ class TruthRow(NamedTuple):
     slide_sticking: int
     sync_count: int
     sync_mono_ns: int
-    """Of this row; the SYNC's own time, where there was one."""
+    """Time of this row; the SYNC's own time, where there was one."""
     programme: str
 
 
 def truth_row(truth: Truth, before: Truth, first_ns: int, sync_count: int) -> TruthRow:
-    """The row of one SYNC; efforts are means since the truth `before`, which may be the same."""
+    """Return the row of one SYNC; efforts are means since `before`, or of that instant."""
     span_s = (truth.time_ns - before.time_ns) * 1e-9
     torque, force = truth.effort
     if span_s > 0:
@@ -103,7 +103,7 @@ class TruthLog:
         """Open the file.
 
         Args:
-            path: of the CSV file, replaced if it is there; None keeps rows in memory only.
+            path: the CSV file, replaced if it exists; None keeps rows in memory only.
             keep_rows: keep them in `rows` too; a simulator that runs for hours does not.
 
         Raises:
@@ -119,7 +119,7 @@ class TruthLog:
             self._write(",".join(TruthRow._fields))
 
     def record(self, sync_count: int, truth: Truth) -> TruthRow:
-        """Add a row: the plant as it was at the SYNC's instant, or while there was none."""
+        """Add a row: the plant at the SYNC's instant, or while SYNC is missing."""
         first_ns = truth.time_ns if self._first_ns is None else self._first_ns
         row = truth_row(truth, self._before or truth, first_ns, sync_count)
         self._first_ns, self._before = first_ns, truth

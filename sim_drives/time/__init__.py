@@ -1,5 +1,5 @@
-"""The time of the virtual machine.
+"""Time of the virtual machine.
 
-`conductor.py` (when each seat may go on), `server.py` and `bus_server.py` (the same between
+`conductor.py` (when each seat may continue), `server.py` and `bus_server.py` (the same between
 processes), `wall_clock.py` (by the computer's clock).
 """

@@ -1,9 +1,9 @@
-"""The socket of the simulated bus: who is connected, what they say, what they are told.
+"""The socket of the simulated bus: connections, messages received and messages sent.
 
-It knows the messages of `simtime.wire` and nothing of time: `server.py` (simulated time) and
-`wall_clock.py` (`--wall-clock`) decide what a message does. Nothing here waits for a client that
-does not read: what finds no room in its socket is queued, up to OUTBOX_BYTES_MAX, then dropped and
-counted. A message that is none ends its connection, with the reason, and no other.
+It processes the messages of `simtime.wire` and knows nothing of time: `server.py` (simulated time)
+and `wall_clock.py` (`--wall-clock`) decide what a message does. Sending never waits for a client
+that does not read: messages that do not fit into its socket are queued, up to OUTBOX_BYTES_MAX,
+then dropped and counted. An invalid message ends its connection, with the reason, and no other.
 """
 
 import contextlib
@@ -22,7 +22,7 @@ from simtime.frame import Frame
 BACKLOG: Final = 16
 OUTBOX_BYTES_MAX: Final = 64 * 1024 * 1024
 _READ_COUNT_MAX: Final = 64
-"""Messages of one client in a row, before the others' turn."""
+"""Messages read from one client in a row, before the next client."""
 _CREDENTIALS: Final = struct.Struct("3i")
 
 
@@ -35,15 +35,15 @@ class Connection:
             end.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
         )[0]
         self.hello: wire.Hello | None = None
-        """What it has introduced itself with."""
+        """The client's introduction."""
         self.outbox: deque[bytes] = deque()
         self.outbox_bytes = 0
         self.dropped_count = 0
-        """Messages that it did not read in time."""
+        """Messages dropped because the client did not read in time."""
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Name for messages to the operator."""
         return f"{self.hello.name if self.hello else 'a program'} (pid {self.pid})"
 
 
@@ -51,26 +51,26 @@ class BusServer:
     """The listening socket and its clients."""
 
     def __init__(self, path: Path, listening: socket.socket) -> None:
-        """Made by `bus_server`."""
+        """Use `bus_server` to make one."""
         self.path = path
         self._listening = listening
         self._poller = select.poll()
         self._poller.register(listening, select.POLLIN)
         self._connections: dict[int, Connection] = {}
         self.on_leave: Callable[[Connection], None] = lambda _: None
-        """Called when a client has gone, or was sent away."""
+        """Called when a client has disconnected, or was disconnected."""
 
     @property
     def connections(self) -> tuple[Connection, ...]:
-        """Those that have introduced themselves."""
+        """Clients that have introduced themselves."""
         return tuple(one for one in self._connections.values() if one.hello is not None)
 
     def watch(self, descriptor: int) -> None:
-        """Let `receive` return when something else is readable as well."""
+        """Let `receive` also return when another descriptor is readable."""
         self._poller.register(descriptor, select.POLLIN)
 
     def receive(self, patience_s: float) -> list[tuple[Connection, wire.ToServer]]:
-        """What clients have said; waits so long for something to happen."""
+        """Return the messages of the clients; waits up to the timeout for one."""
         said: list[tuple[Connection, wire.ToServer]] = []
         for descriptor, events in self._poller.poll(max(patience_s, 0.0) * 1e3):
             if descriptor == self._listening.fileno():
@@ -103,7 +103,7 @@ class BusServer:
             except OSError:
                 data = b""
             if not data:
-                if not said:  # else what it said first is heard before it is forgotten
+                if not said:  # else its messages are processed before it is removed
                     self.drop(connection)
                 break
             try:
@@ -114,7 +114,7 @@ class BusServer:
                 break
             said.append((connection, message))
             if isinstance(message, wire.Wait):
-                break  # its next message comes behind the GRANT
+                break  # its next message follows the GRANT
         return said
 
     @staticmethod
@@ -129,7 +129,7 @@ class BusServer:
     # --- out ----------------------------------------------------------------------------------
 
     def send(self, connection: Connection, message: bytes) -> None:
-        """Tell a client something; never waits."""
+        """Send a message to a client; never waits."""
         if connection.outbox_bytes + len(message) > OUTBOX_BYTES_MAX:
             connection.dropped_count += 1
             return
@@ -138,19 +138,19 @@ class BusServer:
         self._flush(connection)
 
     def send_frames(self, connection: Connection, frames: Sequence[Frame]) -> None:
-        """Tell a client frames."""
+        """Send frames to a client."""
         for message in wire.pack_frames(frames):
             self.send(connection, message)
 
     def refuse(self, connection: Connection, why: str) -> None:
-        """Tell a client why, and hang up."""
+        """Send a client the reason and disconnect it."""
         print(f"gaitd sim: {connection.name} is sent away: {why}", file=sys.stderr, flush=True)
         with contextlib.suppress(OSError):
             connection.end.send(wire.pack_told(why, refused=True))
         self.drop(connection)
 
     def drop(self, connection: Connection) -> None:
-        """Forget a client."""
+        """Remove a client."""
         if self._connections.pop(connection.end.fileno(), None) is None:
             return
         self._poller.unregister(connection.end)
@@ -169,22 +169,22 @@ class BusServer:
             self._poller.modify(connection.end, select.POLLIN | select.POLLOUT)
             return
         except OSError:
-            return  # gone: the next look at it says so
+            return  # disconnected: the next poll detects it
         self._poller.modify(connection.end, select.POLLIN)
 
     def is_connected(self, connection: Connection) -> bool:
-        """Whether a client is still there, as far as is known."""
+        """Return whether a client is connected, as far as is known."""
         return self._connections.get(connection.end.fileno()) is connection
 
     def close(self) -> None:
-        """Hang up on all."""
+        """Disconnect all clients."""
         for connection in tuple(self._connections.values()):
             self.drop(connection)
 
 
 @contextlib.contextmanager
 def bus_server(path: Path) -> Generator[BusServer]:
-    """Listen at `path`; a socket that an earlier run has left there is replaced.
+    """Listen at `path`; a socket left there by an earlier run is replaced.
 
     Raises:
         OSError: the path cannot be bound, is something else than a socket, or another server

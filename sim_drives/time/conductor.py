@@ -1,21 +1,21 @@
-"""Simulated time in one place: a world, the seats around it, and when each may go on.
+"""Simulated time: a world, the seats (programs) on its bus, and when each seat may continue.
 
-A `Conductor` has no socket and no clock. A seat sends frames and asks for time; `step` lets time
-pass to the first instant at which a seat may go on. In memory a `DirectLink` steps by itself until
-its own seat may go on (`gaitd_lab.lockstep`); between processes `server.py` steps once every seat
-that is in step waits. Both give the same frames at the same instants.
+A `Conductor` has no socket and no clock. A seat sends frames and requests time; `step` advances
+time to the first instant at which a seat may continue. In memory a `DirectLink` steps by itself
+until its own seat may continue (`gaitd_lab.lockstep`); between processes `server.py` steps once
+every seat that is in step waits. Both give the same frames at the same instants.
 
 Rules:
-1.  Frames take no time on this bus. What a seat sends reaches the drives and every other seat at
-    the world's present.
+1.  Frames take no time on this bus. A frame of a seat reaches the drives and every other seat at
+    the world's present time.
 2.  A wait is over at its instant; one for a frame is over at the first frame as well.
-3.  Things can happen at any instant, also in the middle of a wait: `at` puts them on the agenda.
+3.  Actions can be scheduled with `at` for any instant, also in the middle of a wait.
 4.  `hold` stops a seat and not the world (a frozen process); `pause` stops the seat's clock with it
     (a machine that was suspended).
-5.  A seat may have a cost of computing, drawn when it answers what came with its last grant: the
-    answer leaves so much later, and the next wait begins there. What it sends at an instant of its
-    own, such as SYNC, leaves at once. Seats compute at the same time, as processes do, so the order
-    in which their messages come changes nothing.
+5.  A seat may have a computing cost, drawn when it answers its last grant: the answer is delayed by
+    it, and the next wait begins there. Frames sent at a given instant, such as SYNC, leave at once.
+    Seats compute at the same time, as processes do, so the order in which their messages come
+    changes nothing.
 """
 
 import heapq
@@ -39,20 +39,20 @@ COST_MIN_NS, COST_MAX_NS = 300_000, 3_000_000
 
 @dataclass(slots=True)
 class BusTrouble:
-    """What is wrong with a seat's own end of the bus."""
+    """Disturbance of a seat's own interface to the bus."""
 
     queue_full: bool = False
-    """Nothing can be placed in the transmit queue."""
+    """The transmit queue is full."""
     is_off: bool = False
-    """The controller is off the bus: what is sent is lost, and nothing is received."""
+    """The controller is off the bus: sent frames are lost, and none is received."""
     is_gone: bool = False
-    """The interface is not there: using it is an error."""
+    """The interface does not exist: using it is an error."""
     sync_delay_ns: int = 0
-    """SYNC waits so long for its place on the wire."""
+    """SYNC is delayed by this time on its way to the wire."""
 
 
 class World(Protocol):
-    """What a conductor needs of `sim_drives.world.World`, or of what stands before one."""
+    """The part of `sim_drives.world.World` that a conductor needs."""
 
     @property
     def now_ns(self) -> int:
@@ -60,87 +60,87 @@ class World(Protocol):
         ...
 
     def receive(self, frame: WorldFrame) -> None:
-        """A frame of a seat's."""
+        """Deliver a frame of a seat."""
         ...
 
     def advance_to(self, time_ns: int) -> list[TimedFrame]:
-        """Time passes; what the drives send."""
+        """Advance time; return the frames of the drives."""
         ...
 
     def next_event_ns(self) -> int:
-        """When the drives do something by themselves."""
+        """Return the time of the drives' next event."""
         ...
 
 
 @dataclass(slots=True)
 class _Wait:
     until_ns: int
-    """In the seat's time."""
+    """End of the wait, in the seat's time."""
     for_frame: bool
     looked: bool = False
-    """What had come before the wait was looked at: from then on time may pass."""
+    """True once earlier messages were processed: from then on time may pass."""
 
 
 class Seat:
-    """A program on the simulated bus, as the conductor keeps it."""
+    """A program on the simulated bus, as the conductor sees it."""
 
     def __init__(self, conductor: "Conductor", name: str, *, in_step: bool) -> None:
-        """Made by `Conductor.join`."""
+        """Use `Conductor.join` to make one."""
         self._conductor = conductor
         self.name = name
         self.in_step = in_step
-        """Time waits for it."""
+        """True if time waits for the seat."""
         self.is_excused = False
-        """In step, but not waited for now: its process is stopped or hangs."""
+        """True if the seat is in step but not waited for now: its process is stopped or hangs."""
         self.waiting: list[Frame] = []
-        """Frames that it has not taken."""
+        """Received frames that the seat has not taken."""
         self.sent: list[Frame] = []
-        """Every frame of its own that was on the wire, in order, with the world's time."""
+        """Every frame that the seat has put on the wire, in order, with the world's time."""
         self.keeps_sent = True
         self.trouble = BusTrouble()
         self.behind_ns = 0
-        """By how much its clock is behind the world's."""
+        """Offset of the seat's clock behind the world's."""
         self.utc_ahead_ns = UTC_OF_START_NS
         self.cost: Callable[[], int] | None = None
-        """Draws what it computes before an answer, in ns."""
+        """Draws the computing time before an answer, in ns."""
         self.wait: _Wait | None = None
         self.held_until_ns = 0
         self.owes_cost = False
         self.busy_until_ns = 0
-        """In the world's time: it computes until then."""
+        """End of the present computation, in the world's time."""
 
     @property
     def now_ns(self) -> int:
-        """Its monotonic time: the world's, less what it was suspended for."""
+        """Monotonic time of the seat: the world's, less the time it was suspended."""
         return self._conductor.now_ns - self.behind_ns
 
     def utc_of_ns(self, seat_ns: int) -> int:
-        """What its wall clock, as it is set now, shows at a monotonic time of its own."""
+        """Return the seat's wall clock, as set now, at one of its monotonic times."""
         return self.utc_ahead_ns + seat_ns
 
     def check(self) -> None:
-        """Raise if its interface is not there.
+        """Check that the interface exists.
 
         Raises:
-            LinkLostError: it is not.
+            LinkLostError: it does not.
         """
         if self.trouble.is_gone:
             raise LinkLostError("the interface is gone")
 
     def hold(self, duration_ns: int) -> None:
-        """Stop it from now on; its clock goes on."""
+        """Stop the seat from now on; its clock continues."""
         self.held_until_ns = self._conductor.now_ns + duration_ns
 
     def pause(self, duration_ns: int) -> None:
-        """Stop it from now on, and its clock with it."""
+        """Stop the seat and its clock from now on."""
         self.behind_ns += duration_ns
 
     def report(self, frame: Frame) -> None:
-        """Its controller says something of itself: an error frame."""
+        """Deliver an error frame of the seat's own controller."""
         self.waiting.append(frame._replace(is_error=True))
 
     def world_until_ns(self, seat_ns: int) -> int:
-        """The world's time up to which it lives before the seat goes on."""
+        """Return the world's time that must be reached before the seat may continue."""
         return max(seat_ns + self.behind_ns, self.held_until_ns, self.busy_until_ns)
 
 
@@ -161,24 +161,24 @@ class Conductor:
     # --- seats --------------------------------------------------------------------------------
 
     def join(self, name: str, *, in_step: bool = True) -> Seat:
-        """A seat more."""
+        """Add a seat."""
         seat = Seat(self, name, in_step=in_step)
         self.seats.append(seat)
         return seat
 
     def leave(self, seat: Seat) -> None:
-        """A seat less; what it has sent stays sent."""
+        """Remove a seat; frames already sent remain on the bus."""
         self.seats.remove(seat)
 
     def at(self, world_ns: int, action: Callable[[], None]) -> None:
-        """Do something when the world is at that time, whatever the seats do then."""
+        """Schedule an action at a time of the world, independent of the seats."""
         heapq.heappush(self._agenda, (world_ns, next(self._order), action))
 
     def send(self, seat: Seat, frames: Sequence[Frame]) -> int:
-        """Frames of a seat; the number that found no room.
+        """Send frames of a seat; return the number that did not fit into its queue.
 
         Raises:
-            LinkLostError: its interface is not there.
+            LinkLostError: its interface does not exist.
         """
         seat.check()
         if seat.trouble.queue_full:
@@ -212,19 +212,19 @@ class Conductor:
     # --- time ---------------------------------------------------------------------------------
 
     def ask(self, seat: Seat, until_ns: int, *, for_frame: bool) -> None:
-        """A seat lets time pass up to an instant of its clock, or to the first frame."""
+        """Let a seat wait until an instant of its clock, or until the first frame."""
         if for_frame or until_ns >= seat.now_ns or seat.busy_until_ns > self.now_ns:
             seat.wait = _Wait(until_ns, for_frame)
 
     def missing(self) -> Seat | None:
-        """A seat that time waits for; None: time may pass."""
+        """Return a seat that time waits for; None: time may pass."""
         for seat in self.seats:
             if seat.in_step and seat.wait is None and not seat.is_excused:
                 return seat
         return None
 
     def step(self, limit_ns: int | None = None) -> list[Seat]:
-        """Let time pass to the first instant at which a seat may go on; the seats that may.
+        """Advance time to the first instant at which a seat may continue; return those seats.
 
         Args:
             limit_ns: time passes no further.
@@ -246,7 +246,7 @@ class Conductor:
         ]
 
     def _target_ns(self, seat: Seat, wait: _Wait) -> int:
-        """Up to where, in its own time, a seat's wait lets time pass in one step."""
+        """Return how far, in its own time, a seat's wait lets time pass in one step."""
         if not wait.for_frame:
             return wait.until_ns
         if not wait.looked or seat.waiting:
@@ -254,7 +254,7 @@ class Conductor:
         return min(max(self._next_ns() - seat.behind_ns, seat.now_ns), wait.until_ns)
 
     def _goes_on(self, seat: Seat) -> bool:
-        """The instant of a seat's step has come: whether its wait is over."""
+        """Return whether a seat's wait is over at the instant of the step."""
         wait = seat.wait
         if wait is None:
             return False
@@ -285,13 +285,13 @@ class Conductor:
 
 
 def computing_cost(seed: int, seat: str) -> Callable[[], int]:
-    """How long a seat computes before it answers, in ns; each seat has draws of its own."""
+    """Return a generator of computing times before an answer, in ns; one stream per seat."""
     draw = random.Random(f"{seed}/{seat}")
     return lambda: draw.randint(COST_MIN_NS, COST_MAX_NS)
 
 
 class DirectLink:
-    """A `simtime.link.Link` in the process of the world: it lets time pass by itself."""
+    """A `simtime.link.Link` in the process of the world: it advances time by itself."""
 
     def __init__(self, conductor: Conductor, seat: Seat) -> None:
         self._conductor, self._seat = conductor, seat

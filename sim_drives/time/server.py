@@ -1,28 +1,28 @@
-"""Simulated time, served: clients of the bus's socket become seats of a `Conductor`.
+"""Server of simulated time: clients of the bus's socket become seats of a `Conductor`.
 
 Rules:
-1.  Time passes only while every seat in step waits, no hand holds it, and the pace permits. It then
-    passes to the first instant at which a seat may go on.
-2.  The pace: simulated time is at most `pace` times as fast as the computer's. What is behind by
-    more than BEHIND_MAX_NS is not caught up: a stall of the computer stretches time, nothing else.
+1.  Time passes only while every seat in step waits, no controlling client holds it, and the pace
+    permits. It then advances to the first instant at which a seat may continue.
+2.  The pace: simulated time is at most `pace` times as fast as the computer's. A delay above
+    BEHIND_MAX_NS is not made up for: a stall of the computer stretches time, nothing else.
     Time may run AHEAD_MAX_NS ahead, so this process sleeps once a cycle and not at every event.
-3.  A client that has gone is no seat from then on. One whose process is stopped (state T, as after
-    SIGSTOP) is not waited for until it goes on, nor is one that has said nothing for HUNG_S until
-    its next message. One that a debugger has stopped (state t) is waited for.
+3.  A client that has disconnected is no longer a seat. One whose process is stopped (state T, as
+    after SIGSTOP) is not waited for until it continues, nor is one that has sent nothing for HUNG_S
+    until its next message. One that a debugger has stopped (state t) is waited for.
 4.  While no seat is in step, time passes at the pace of the computer's, at most.
-5.  A hand's hold belongs to its connection and ends with it. A server that begins held (`gaitd sim
-    --hold`) lets no time pass until a hand says `go` or `run`.
+5.  A hold belongs to the connection of the controlling client ("hand") and ends with it. A server
+    that begins held (`gaitd sim --hold`) lets no time pass until such a client sends `go` or `run`.
 
-What a hand, or the command socket, may say beside the commands of the virtual drives:
+Commands of a hand, or of the command socket, in addition to those of the virtual drives:
 
-    pace 1 | N | max            how fast time passes, against the computer's
-    at SECONDS LINE             do LINE so much later, exactly
-    stall NAME SECONDS          so much time passes without the seat NAME
+    pace 1 | N | max            how fast time passes, relative to the computer's
+    at SECONDS LINE             execute LINE after exactly this time
+    stall NAME SECONDS          this time passes without the seat NAME
     cost SEED | off             every seat in step computes 0.3 to 3 ms before it answers
     seats                       the names of the seats in step
-    hold, go                    stop time, let it go on (hands only)
-    run SECONDS                 let so much time pass as fast as it can, then answer, once every
-                                seat in step waits again (hands only)
+    hold, go                    stop time, resume it (hands only)
+    run SECONDS                 advance time by this much as fast as possible, then answer, once
+                                every seat in step waits again (hands only)
 """
 
 import contextlib
@@ -47,26 +47,26 @@ NS_PER_S: Final = 1_000_000_000
 AHEAD_MAX_NS: Final = 10_000_000
 BEHIND_MAX_NS: Final = 20_000_000
 LOOK_S: Final = 0.02
-"""Between two looks at a process that is waited for."""
+"""Interval between checks of a process that is waited for."""
 STOPPED_LOOKS: Final = 3
-"""A signal to a whole group of processes, this one among them, reaches one after the other."""
+"""Tolerance: a signal to a process group reaches its members, this process included, in turn."""
 HUNG_LOOKS: Final = 500
-"""10 s in looks of this process: a stall of the whole computer counts as one."""
+"""10 s, counted in checks of this process: a stall of the whole computer counts as one."""
 IDLE_STEP_NS: Final = 5_000_000
-"""How far time passes at once while no seat is in step."""
+"""Time step while no seat is in step."""
 QUIET_ROW_NS: Final = 10_000_000
 SYNC_SILENCE_NS: Final = 20_000_000
 PACE_MAX: Final = 0.0
-"""As fast as it can."""
+"""Pace without a limit."""
 PACE_RATIO_MIN, PACE_RATIO_MAX = 0.01, 1000.0
 DELAY_MAX_S: Final = 86_400.0
 
 
 def parse_pace(text: str) -> float:
-    """A pace as people write it: `max`, or a multiple of the computer's time.
+    """Parse a pace: `max`, or a multiple of the computer's time.
 
     Raises:
-        ValueError: it is neither; says what is allowed.
+        ValueError: it is neither; the message names the allowed forms.
     """
     if text == "max":
         return PACE_MAX
@@ -79,29 +79,29 @@ def parse_pace(text: str) -> float:
 
 @dataclass
 class _Client:
-    """A connection and what it is to time."""
+    """A connection and its role for time."""
 
     connection: Connection
     role: Role
     seat: Seat
     looks: int = 0
-    """In a row, while it was waited for."""
+    """Consecutive checks while it was waited for."""
     stopped_looks: int = 0
-    """In a row, at which its process was stopped."""
+    """Consecutive checks at which its process was stopped."""
     is_stopped: bool = False
-    """Not waited for because of its state."""
+    """True if it is not waited for because of its state."""
 
 
 @dataclass
 class _Run:
-    """A hand's `run` that is under way."""
+    """A pending `run` of a hand."""
 
     client: _Client
     until_ns: int
 
 
 class _Pace:
-    """How far time may have passed by now."""
+    """Limits how far time may have passed by now."""
 
     def __init__(self, ratio: float, now_ns: int) -> None:
         self.ratio = ratio
@@ -109,7 +109,7 @@ class _Pace:
         self._pauses = False
 
     def ahead_ns(self, now_ns: int, ratio: float) -> int:
-        """How far simulated time is ahead of where it may be; anchored anew where it is behind."""
+        """Time ahead of the allowed one; the anchor is set anew where time is behind."""
         if ratio == PACE_MAX:
             self.anchor(now_ns)
             return 0
@@ -121,18 +121,18 @@ class _Pace:
         return ahead_ns
 
     def pause_s(self, now_ns: int, ratio: float) -> float:
-        """How long to sleep before time may pass again; 0: it may."""
+        """Time to sleep before simulated time may pass again; 0: it may."""
         ahead_ns = self.ahead_ns(now_ns, ratio)
         self._pauses = ahead_ns > (0 if self._pauses else AHEAD_MAX_NS)
         return ahead_ns / ratio * 1e-9 if self._pauses else 0.0
 
     def anchor(self, now_ns: int) -> None:
-        """Count from here."""
+        """Set the anchor to now."""
         self._anchor_ns, self._anchor_wall_ns = now_ns, time.monotonic_ns()
 
 
 class TimeServer:
-    """Lets time pass for the world of the virtual drives and whoever is on its bus."""
+    """Advances time for the world of the virtual drives and the clients on its bus."""
 
     def __init__(
         self,
@@ -146,17 +146,17 @@ class TimeServer:
         on_silence: Callable[[int], None] | None = None,
         sync_count: Callable[[], int] = lambda: 0,
     ) -> None:
-        """Put a world on a socket.
+        """Serve a world on a socket.
 
         Args:
-            world: of the virtual drives.
-            server: of the socket.
-            page: where time can be read.
-            pace_ratio: how fast time may pass against the computer's; PACE_MAX: as it can.
-            begins_held: no time passes until a hand says so.
-            obey: what the virtual drives are told.
+            world: world of the virtual drives.
+            server: server of the socket.
+            page: page where time can be read.
+            pace_ratio: how fast time may pass relative to the computer's; PACE_MAX: no limit.
+            begins_held: no time passes until a hand releases it.
+            obey: executes commands to the virtual drives.
             on_silence: called every QUIET_ROW_NS while no SYNC comes, with the last one's number.
-            sync_count: SYNCs so far.
+            sync_count: number of SYNCs so far.
         """
         self._conductor = Conductor(world)
         self._server, self._page, self._obey = server, page, obey
@@ -170,7 +170,7 @@ class TimeServer:
         self._runs: list[_Run] = []
         self._cost_seed: int | None = None
         self._costed: Counter[str] = Counter()
-        """Seats that draw from that seed, by name: a second one of a name has draws of its own."""
+        """Number of seats that draw from the seed, by name; each has draws of its own."""
         self._utc_ahead_ns = time.time_ns() - time.monotonic_ns()
         self._pace = _Pace(pace_ratio, world.now_ns)
         server.on_leave = self._leave
@@ -183,7 +183,7 @@ class TimeServer:
         return self._conductor.now_ns
 
     def run(self, should_end: Callable[[], bool]) -> None:
-        """Until `should_end` says so; it is asked at least every LOOK_S."""
+        """Run until `should_end` returns true; it is called at least every LOOK_S."""
         try:
             self._run(should_end)
         finally:
@@ -205,7 +205,7 @@ class TimeServer:
     # --- whether time may pass ----------------------------------------------------------------
 
     def _patience_s(self) -> float:
-        """How long to wait for a message before anything else is done."""
+        """Return how long to wait for a message."""
         if self._is_held() or self._conductor.missing() is not None:
             return LOOK_S
         return min(self._pace.pause_s(self.now_ns, self._ratio()), LOOK_S)
@@ -234,7 +234,7 @@ class TimeServer:
         return min(self._pace.ratio, 1.0) or 1.0
 
     def _look_at(self, seat: Seat) -> None:
-        """Is the process that time waits for one that can answer?"""
+        """Check whether the process that time waits for can answer."""
         client = next(one for one in self._clients.values() if one.seat is seat)
         state = process_state(client.connection.pid)
         client.looks = 0 if state == IN_A_DEBUGGER else client.looks + 1
@@ -355,10 +355,10 @@ class TimeServer:
     # --- commands -----------------------------------------------------------------------------
 
     def command(self, line: str) -> str:
-        """Obey one line, of a hand or of the command socket; says what has been done.
+        """Execute one line of a hand or of the command socket; returns what has been done.
 
         Raises:
-            FaultCommandError: the line makes no sense; says why.
+            FaultCommandError: the line is invalid; the message gives the reason.
         """
         word, _, rest = line.strip().partition(" ")
         match word:

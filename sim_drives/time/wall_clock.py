@@ -1,17 +1,17 @@
 """The virtual drives by the computer's clock: one thread between a CAN bus and a `World`.
 
 The bus is SocketCAN, another one of python-can's, or (`gaitd sim --wall-clock`) the socket of the
-simulated bus, on which then nothing is waited for.
+simulated bus, on which nothing is waited for in this mode.
 
 The world's time is this machine's monotonic clock, so a truth row carries the same time as the
 service's record of that SYNC. The thread sleeps on the bus until the world's next event; in
 between it wakes up every SLICE_NS, so that a SYNC finds the plant nearly up to date and is
 answered early.
 
-A frame reaches the drives when it was on the wire, however late this process comes to read it: a
-real drive latches its encoder at SYNC. That is by the kernel's stamp, on our own socket by its
-sender's. Where nobody stamps, or the wall clock has just been set, it is the time of reading. So
-what has come is taken before the world goes on to the present.
+A frame reaches the drives at its time on the wire, however late this process reads it: a real drive
+latches its encoder at SYNC. That time is the kernel's stamp, on the simulated bus the sender's.
+Without a stamp, or if the wall clock has just been set, it is the time of reading. Received frames
+are therefore processed before the world advances to the present.
 """
 
 import contextlib
@@ -37,14 +37,14 @@ from simtime.page import PageWriter
 
 SLICE_NS: Final = 5 * MILLISECOND
 SYNC_SILENCE_NS: Final = 20 * MILLISECOND
-"""Then SYNC is not late any more, but silent."""
+"""Time after which SYNC is not late any more, but missing."""
 QUIET_ROW_NS: Final = 10 * MILLISECOND
 NS_PER_S: Final = 1_000_000_000
 SOCKETCAN: Final = "socketcan"
 BEHIND_NS: Final = 3 * MILLISECOND
-"""The world is kept so far behind the present where a frame may be on its way to us."""
+"""The world is kept this far behind the present where a frame may still be on its way."""
 STEADY_NS: Final = 100_000
-"""A wall clock that has moved by more against the other one since the last frame was set."""
+"""If both clocks have moved by more than this relative to each other, the wall clock was set."""
 
 
 def now_ns() -> int:
@@ -53,16 +53,16 @@ def now_ns() -> int:
 
 
 class BusLostError(Exception):
-    """The machine's: the CAN interface has gone while we were on it."""
+    """Machine error: the CAN interface disappeared during operation."""
 
 
 class Station(Protocol):
-    """What the virtual drives need of a bus: python-can's, or `ServedBus`."""
+    """The interface that the virtual drives need of a bus: python-can's, or `ServedBus`."""
 
     channel_info: str
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """A frame, or None when the timeout is over."""
+        """Return a frame, or None when the timeout is over."""
         ...
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
@@ -72,11 +72,11 @@ class Station(Protocol):
 
 @contextlib.contextmanager
 def open_bus(interface: str, channel: str, bitrate_bit_per_s: int) -> Generator[can.BusABC]:
-    """Our station on a bus of python-can's.
+    """Open a python-can bus.
 
     Raises:
         OSError, can.CanError: the interface or the address cannot be opened.
-        ValueError: the channel makes no sense for the interface.
+        ValueError: the channel is invalid for the interface.
     """
     if interface == SOCKETCAN:
         with _KernelBus(channel) as bus:
@@ -87,15 +87,15 @@ def open_bus(interface: str, channel: str, bitrate_bit_per_s: int) -> Generator[
 
 
 class ServedBus:
-    """The socket of the simulated bus by the computer's clock: a station among its clients."""
+    """The socket of the simulated bus by the computer's clock, as a bus for the virtual drives."""
 
     def __init__(self, server: BusServer, page: PageWriter, obey: Callable[[str], str]) -> None:
-        """Take a socket.
+        """Use a server's socket.
 
         Args:
-            server: of the socket.
-            page: tells readers that time is the computer's.
-            obey: what a hand says.
+            server: server of the socket.
+            page: indicates to readers that time is the computer's.
+            obey: executes commands of a controlling client.
         """
         self._server, self._obey = server, obey
         self._arrived: deque[can.Message] = deque()
@@ -104,14 +104,14 @@ class ServedBus:
         page.write_pace(1.0)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """A frame; None when the timeout is over, or something else has happened."""
+        """Return a frame; None when the timeout is over, or another event has happened."""
         if not self._arrived:
             for connection, message in self._server.receive(timeout or 0.0):
                 self._take(connection, message)
         return self._arrived.popleft() if self._arrived else None
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """To every client."""
+        """Send a frame to every client."""
         del timeout
         frame = BusFrame(msg.arbitration_id, bytes(msg.data), time.time_ns())
         self._hand_out(None, [frame])
@@ -157,24 +157,24 @@ def _message(frame: BusFrame) -> can.Message:
 
 STAMPING: Final = (SocketcanBus, VirtualBus, ServedBus)
 ON_ITS_WAY: Final = (VirtualBus, ServedBus)
-"""On these a frame is some time on its way to us."""
+"""Interfaces on which a frame takes time to reach this process."""
 
 
 class _KernelBus(SocketcanBus):
-    """SocketCAN; python-can's `recv` would wait by the wall clock, which somebody may set."""
+    """SocketCAN; python-can's `recv` would wait by the wall clock, which may be set."""
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         return self._recv_internal(timeout)[0]
 
 
 class Arrivals:
-    """When frames came, in the monotonic time of the world, from stamps of the wall clock."""
+    """Converts wall-clock stamps of received frames to the monotonic time of the world."""
 
     def __init__(self) -> None:
         self._ahead_ns: int | None = None
 
     def time_of_ns(self, stamp_utc_ns: int, earliest_ns: int, now_ns: int, utc_ns: int) -> int:
-        """The arrival of a frame between `earliest_ns` and now; now, if that is not known."""
+        """Return a frame's arrival between `earliest_ns` and now; now, if it is unknown."""
         before_ns, self._ahead_ns = self._ahead_ns, utc_ns - now_ns
         if before_ns is None or abs(self._ahead_ns - before_ns) > STEADY_NS:
             return now_ns
@@ -191,11 +191,11 @@ class RealTime:
         control: ControlSocket | None = None,
         on_silence: Callable[[int], None] | None = None,
     ) -> None:
-        """Put a world on a bus.
+        """Connect a world to a bus.
 
         Args:
-            world: of the virtual drives.
-            bus: our station on it.
+            world: world of the virtual drives.
+            bus: the bus of the drives.
             control: commands to the drives.
             on_silence: called every QUIET_ROW_NS while no SYNC comes, with the last one's number.
         """
@@ -207,7 +207,7 @@ class RealTime:
         self._arrivals = Arrivals() if isinstance(bus, STAMPING) else None
         self._behind_ns = BEHIND_NS if isinstance(bus, ON_ITS_WAY) else 0
         self.dropped = 0
-        """Frames that the interface did not take."""
+        """Frames that the interface did not accept."""
 
     @property
     def now_ns(self) -> int:
@@ -215,7 +215,7 @@ class RealTime:
         return self._world.now_ns
 
     def run(self, should_end: Callable[[], bool]) -> None:
-        """Until `should_end` says so; it is asked at least every SLICE_NS.
+        """Run until `should_end` returns true; it is called at least every SLICE_NS.
 
         Raises:
             BusLostError: the interface is gone.
@@ -229,12 +229,12 @@ class RealTime:
             self._take_all(self._patience_s())
 
     def _until_ns(self) -> int:
-        """As far as nothing can come any more that was on the wire before; events are in time."""
+        """Return the time before which no more frames can arrive; events are not delayed."""
         now, world = now_ns(), self._world
         return max(world.now_ns, min(now, max(now - self._behind_ns, world.next_event_ns())))
 
     def _take_all(self, patience_s: float) -> None:
-        """What has come, and what comes first within `patience_s`."""
+        """Return the received frames, waiting up to `patience_s` for the first."""
         message = self._receive(patience_s)
         while message is not None:
             self._take(message)
@@ -278,4 +278,4 @@ class RealTime:
             try:
                 self._bus.send(message)
             except can.CanOperationError:
-                self.dropped += 1  # a full queue: a real controller would lose it, too
+                self.dropped += 1  # a full queue: a real controller would lose the frame, too
