@@ -169,7 +169,7 @@ JUDGED_ELSEWHERE = {
 
 def cause_of(situation):
     given = {"service": WELL, "axis": AXIS, "leg": LEG}
-    given[type(situation).__name__.removesuffix("Situation").lower()] = situation
+    given[type(situation).__name__.removesuffix("Inputs").lower()] = situation
     found = harshest(
         given["service"], [given["axis"]], [given["leg"]], THRESHOLDS, CATEGORIES, driving=True
     )
