@@ -167,7 +167,8 @@ def test_a_process_ends_when_the_one_that_started_it_is_killed(tmp_path):
         "import sys, time; from pathlib import Path\n"
         "from gaitd_lab.demonstration.stage import ManagedProcess\n"
         f"config = {str(CONFIGS / 'demo.toml')!r}\n"
-        f"one = ManagedProcess('sim', ['sim', '--config', config], Path({str(tmp_path)!r}) / 'log')\n"
+        f"log = Path({str(tmp_path)!r}) / 'log'\n"
+        "one = ManagedProcess('sim', ['sim', '--config', config], log)\n"
         "print(one.pid, flush=True); time.sleep(60)"
     )
     parent = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
