@@ -14,7 +14,7 @@ STEPS := $(VENV)/cpu_seconds
 STEP = $(BIN)/python scripts/cpu_seconds.py $(STEPS)
 COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
 	--no-emit-index-url --no-emit-find-links --no-header pyproject.toml
-PACKAGES := drives observer daemon sim_drives simtime gaitd analysis
+PACKAGES := drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
 .PHONY: help demo quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants bench install uninstall purge rigs lock format golden clean

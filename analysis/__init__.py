@@ -1,7 +1,7 @@
-"""Offline work on recordings: read them, run the observer over them, judge and draw the result.
+"""Offline work on recordings: read them, run the observer over them, evaluate and draw the result.
 
 Reading order: `recording.py` (CSV in, checked), `replay.py` (the observer over a CSV or a black
 box), `estimates.py` (CSV out), `accuracy.py` (an estimate against the truth), `drawing.py` and
-`replay_figure.py` (pictures). `delay.py` measures how late an effort acts. `experiment.py`,
+`replay_figure.py` (pictures). `delay.py` measures the delay of an effort. `experiment.py`,
 `experiment_table.py` and `experiment_figures.py` are the paper's experiment.
 """

@@ -1,8 +1,8 @@
-"""The ablation: the same recordings through observers of which one choice is turned off.
+"""Ablation: the same recordings through observers with one design choice turned off.
 
 A trial is replayed with each choice (`ablation_choices.py`), and its estimates are compared with
-the truth. Errors are given where a joint truly moves, where the observer itself calls an axis OK,
-and at rest, because these are different questions.
+the truth. Errors are given separately where a joint truly moves, where the observer itself calls an
+axis OK, and at rest.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -23,11 +23,11 @@ from analysis.trial import (
     with_late_efforts,
     with_ripple,
 )
-from observer import batch
-from observer.batch import BatchEstimates, Columns
-from observer.leg_model import STEP_S
-from observer.states import FRICTION, PATIENT, VELOCITY
-from observer.status import REST_MAX_S, Status, Validity
+from observer.filter.leg_model import STEP_S
+from observer.filter.states import FRICTION, PATIENT, VELOCITY
+from observer.filter.status import REST_MAX_S, Status, Validity
+from observer.offline import batch
+from observer.offline.batch import BatchEstimates, Columns
 
 SIGMAS: Final = 3.0
 SEED: Final = 5
@@ -36,7 +36,7 @@ GLITCH_SIZE: Final = (0.01, 0.3)
 """rad; metres at the slide."""
 ENCODER_NOISE: Final = (5e-5, 2e-5)
 ENCODER_QUANTUM: Final = (1.534e-5, 1.2207e-5)
-"""Of the virtual encoders, rad and m: 409 600 counts a turn, 12 288 in 0.15 m."""
+"""Resolution of the virtual encoders, rad and m: 409 600 counts a turn, 12 288 in 0.15 m."""
 
 JITTER_TRUE: Final = "jitter 1 ms, true times"
 JITTER_NOMINAL: Final = "jitter 1 ms, times of the grid"
@@ -46,7 +46,7 @@ GLITCHES: Final = "glitches of the encoders"
 
 
 class Errors(NamedTuple):
-    """Root mean squares of estimate minus truth, and what the estimate says of itself.
+    """Root mean squares of estimate minus truth, and the observer's own confidence.
 
     Pairs are hip and slide; NaN where there is nothing to compare.
     """
@@ -54,7 +54,7 @@ class Errors(NamedTuple):
     patient: Pair
     """While the joint truly moves: N·m, N."""
     patient_ok: Pair
-    """While the observer calls the axis OK."""
+    """While the axis is OK according to the observer."""
     patient_at_rest: Pair
     """While the joint has truly rested for longer than REST_MAX_S."""
     friction: Pair
@@ -64,42 +64,42 @@ class Errors(NamedTuple):
     velocity: Pair
     """Always: rad/s, m/s."""
     patient_covered: Pair
-    """Share within 3 sigma, while the observer calls the axis OK."""
+    """Share within 3 sigma, while the axis is OK according to the observer."""
     patient_at_rest_covered: Pair
     """Share within 3 sigma, at rest."""
     net_covered: Pair
     """Share within 3 sigma, always."""
     velocity_covered: Pair
     ok_share: Pair
-    """Of the samples."""
+    """Share of samples with an OK axis."""
     nis: float
     """Mean of samples that were used; 2 is ideal."""
 
 
 class Summary(NamedTuple):
-    """What a trial was."""
+    """Description of a trial."""
 
     situation: str
     judged_s: float
     ended: str
-    """Why it ended before its time; empty if it did not."""
+    """Reason for an early end; empty if there was none."""
     rest_count: tuple[int, int]
-    """Samples at rest, hip and slide: few, and what is said of them is little known."""
+    """Samples at rest, hip and slide: with few, the figures at rest are uncertain."""
 
 
 def summary(trial: Trial) -> Summary:
-    """Of the rows that are judged."""
+    """Summarise the compared rows."""
     hip, slide = np.count_nonzero(_resting(trial) & trial.judged[:, None], axis=0)
     judged_s = float(np.count_nonzero(trial.judged)) * STEP_S
     return Summary(trial.name, judged_s, trial.ended, (int(hip), int(slide)))
 
 
 Results = Mapping[tuple[str, str], Errors]
-"""By situation and choice."""
+"""Errors by situation and choice."""
 
 
 def errors_of(trial: Trial, made: BatchEstimates) -> Errors:
-    """Compare the rows of a trial that are to be judged."""
+    """Compare the selected rows of a trial with the truth."""
     moving, resting = trial.moving, _resting(trial)
     wrong = made.state - trial.truth
     net = made.net - (trial.truth[:, PATIENT] - trial.truth[:, FRICTION])
@@ -133,21 +133,21 @@ def errors_of(trial: Trial, made: BatchEstimates) -> Errors:
 
 
 def replayed(trial: Trial, choice: Choice) -> BatchEstimates:
-    """The observer of a choice over a trial."""
+    """Run the observer of a choice over a trial."""
     made = trial.recording
     setup = setup_for(choice.change(trial.robot))
     return batch.run(setup, Columns(made.time_s, made.position, made.effort))
 
 
 def ablate(trial: Trial, choices: Sequence[Choice] = CHOICES) -> dict[tuple[str, str], Errors]:
-    """One trial with every choice."""
+    """Run every choice over one trial."""
     return {
         (trial.name, choice.name): errors_of(trial, replayed(trial, choice)) for choice in choices
     }
 
 
 def spoiled(trial: Trial) -> tuple[Trial, ...]:
-    """The same trial with what real machines add, each under its own name."""
+    """Variants of a trial with the disturbances of real machines, each under its own name."""
     jittered = with_jitter(trial, JITTER_S, ENCODER_NOISE, ENCODER_QUANTUM, SEED)
     late_cycles = round(1e-3 * DELAY_MS / STEP_S)
     return (
@@ -160,7 +160,7 @@ def spoiled(trial: Trial) -> tuple[Trial, ...]:
 
 
 def _resting(trial: Trial) -> Flags:
-    """Rows, by axis, in which the joint has not moved for longer than REST_MAX_S."""
+    """Mark rows, by axis, in which the joint has not moved for longer than REST_MAX_S."""
     cycles = round(REST_MAX_S / STEP_S)
     still = np.zeros(2)
     resting = np.zeros_like(trial.moving)

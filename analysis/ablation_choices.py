@@ -1,4 +1,4 @@
-"""Every choice of the observer, as a change of the robot file: what the ablation turns off."""
+"""Every choice of the observer, as a change of the robot file: the variants of the ablation."""
 
 from collections.abc import Callable
 from typing import Final, NamedTuple
@@ -9,18 +9,18 @@ from daemon.config.settings import Robot
 
 SHIPPED: Final = "as shipped"
 PAPER_FRICTION_FACTOR: Final = 10.0
-"""Of friction's process noise in the paper's tuning: q_fric >> q_dist."""
+"""Factor on friction's process noise in the paper's tuning: q_fric >> q_dist."""
 NO_FRICTION: Final = 1e-6
-"""N·m or N: levels of a friction that is none; the law needs positive ones."""
+"""N·m or N: levels that stand for no friction; the law needs positive ones."""
 OPEN_GATE_NIS: Final = 1000.0
 DELAY_MS: Final = 10.0
 JITTER_S: Final = 1e-3
 RIPPLE: Final = (0.1, 8.0)
-"""N·m and N, as the drives' own loops cause in position mode."""
+"""N·m and N, as caused by the drives' own loops in position mode."""
 
 
 class Choice(NamedTuple):
-    """One way to set the observer up."""
+    """One configuration of the observer."""
 
     name: str
     change: Callable[[Robot], Robot]
@@ -31,7 +31,7 @@ def _as_it_is(robot: Robot) -> Robot:
 
 
 def _observer(**changes: float | str) -> Callable[[Robot], Robot]:
-    """Keys of [observer]."""
+    """Replace keys of [observer]."""
 
     def change(robot: Robot) -> Robot:
         return msgspec.structs.replace(
@@ -42,7 +42,7 @@ def _observer(**changes: float | str) -> Callable[[Robot], Robot]:
 
 
 def friction_levels(factor: float, viscous_factor: float = 1.0) -> Callable[[Robot], Robot]:
-    """Coulomb and breakaway levels, and viscous friction, times a factor."""
+    """Scale Coulomb and breakaway levels, and viscous friction."""
 
     def change(robot: Robot) -> Robot:
         hip, slide = robot.friction.hip, robot.friction.slide
@@ -67,7 +67,7 @@ def friction_levels(factor: float, viscous_factor: float = 1.0) -> Callable[[Rob
 
 
 def _leg_mass(factor: float) -> Callable[[Robot], Robot]:
-    """Of the patient, or of the machine's links where nobody is in it."""
+    """Scale the mass of the patient, or of the machine's links where it is empty."""
 
     def change(robot: Robot) -> Robot:
         if robot.patient is not None:
@@ -83,7 +83,7 @@ def _leg_mass(factor: float) -> Callable[[Robot], Robot]:
 
 
 def _paper_noise(robot: Robot) -> Robot:
-    """Constant noise with q_fric >> q_dist, which absorbs into friction what comes at rest."""
+    """Constant noise with q_fric >> q_dist, which assigns changes at rest to friction."""
     table = robot.observer
     return _observer(
         velocity_gated=False,
@@ -94,7 +94,7 @@ def _paper_noise(robot: Robot) -> Robot:
 
 
 def _paper(robot: Robot) -> Robot:
-    """The paper's model and tuning: no Coriolis torque either."""
+    """The paper's model and tuning, which also omits the Coriolis torque."""
     return _observer(coriolis=False)(_paper_noise(robot))
 
 

@@ -17,9 +17,9 @@ AXES: Final = (("hip", "N·m"), ("slide", "N"))
 COLOURS: Final = (ESTIMATE, TRUTH, MEASURED, FRICTION, GOOD, BAD)
 DPI: Final = 110
 BAR_MAX: Final = 0.25
-"""Of the width of a group."""
+"""Share of a group's width."""
 COVERED: Final = 0.9973
-"""By 3 sigma, of a Gaussian."""
+"""Coverage of 3 sigma by a Gaussian."""
 QUANTITIES: Final = (
     ("patient_covered", "patient, axis OK", ESTIMATE, "o"),
     ("patient_at_rest_covered", "patient, at rest", TRUTH, "D"),
@@ -29,14 +29,14 @@ QUANTITIES: Final = (
 
 
 def answered(question: Question, results: Results) -> tuple[list[str], list[str]]:
-    """The situations and choices of a question of which there are results."""
+    """Return the situations and choices of a question that have results."""
     situations = [one for one in question.situations if (one, SHIPPED) in results]
     known = {choice for _, choice in results}
     return situations, [one for one in question.choices if one in known]
 
 
 def draw_question(question: Question, results: Results, path: Path) -> None:
-    """Grouped bars: hip above, slide below, one group for each situation.
+    """Draw grouped bars: hip above, slide below, one group for each situation.
 
     Raises:
         OSError: the file cannot be written.
@@ -69,7 +69,7 @@ def draw_question(question: Question, results: Results, path: Path) -> None:
 
 
 def draw_coverage(situations: Sequence[str], results: Results, path: Path) -> None:
-    """Share of samples within 3 sigma, as shipped, for each situation.
+    """Draw the share of samples within 3 sigma for each situation, with the shipped settings.
 
     Raises:
         OSError: the file cannot be written.
@@ -110,7 +110,7 @@ def draw_coverage(situations: Sequence[str], results: Results, path: Path) -> No
 
 
 def _bars(panel: Axes, values: np.ndarray, choices: Sequence[str]) -> None:
-    """One group for each row, one colour for each column, each bar with its number."""
+    """Draw one group for each row, one colour for each column, each bar with its number."""
     width = min(0.8 / len(choices), BAR_MAX)
     for column, choice in enumerate(choices):
         places = np.arange(len(values)) + (column - (len(choices) - 1) / 2) * width
@@ -132,7 +132,7 @@ def _bars(panel: Axes, values: np.ndarray, choices: Sequence[str]) -> None:
 
 
 def three_digits(value: float) -> str:
-    """A number as precise as it deserves: 0.11, 1.09, 12.4, 120."""
+    """Format a number with three significant digits or less: 0.11, 1.09, 12.4, 120."""
     if np.isnan(value):
         return "–"
     return f"{value:.2f}" if value < 9.995 else f"{value:.1f}" if value < 99.95 else f"{value:.0f}"

@@ -1,4 +1,4 @@
-"""The page of the ablation: figures, tables, and where 3 sigma do not cover and why."""
+"""Page of the ablation: figures, tables, and where 3 sigma do not cover and why."""
 
 import math
 import textwrap
@@ -16,7 +16,7 @@ PAGE: Final = "ablation.md"
 COVERAGE_FIGURE: Final = "ablation_coverage.png"
 TEXT_WIDTH: Final = 118
 LOW: Final = 0.95
-"""Coverage below it is named, with its reason."""
+"""Lower coverage is listed with its reason."""
 COLUMNS: Final = (
     ("moving", "patient"),
     ("OK", "patient_ok"),
@@ -43,13 +43,13 @@ UNKNOWN_REASON: Final = "not one of the situations that this page explains"
 def write_page(
     folder: Path, results: Results, summaries: Sequence[Summary], command: str
 ) -> list[Path]:
-    """Write the page and its figures; their paths.
+    """Write the page and its figures; return their paths.
 
     Args:
-        folder: that exists.
+        folder: must exist.
         results: by situation and choice.
         summaries: of the trials, in the order of recording.
-        command: that was given.
+        command: the command line of the run.
 
     Raises:
         OSError: a file cannot be written.
@@ -66,12 +66,12 @@ def write_page(
 
 
 def figure_name(question: Question) -> str:
-    """Of a question's file."""
+    """File name of a question's figure."""
     return f"ablation_{question.key}.png"
 
 
 def pair(values: Pair, digits: int | None = None) -> str:
-    """Hip and slide in one cell; as precise as they deserve, or with so many digits."""
+    """Hip and slide in one cell; with `digits` digits, or as many as are meaningful."""
 
     def text(value: float) -> str:
         return three_digits(value) if digits is None or math.isnan(value) else f"{value:.{digits}f}"

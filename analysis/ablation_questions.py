@@ -1,4 +1,4 @@
-"""What the ablation asks, and which of its cells answer: one table and one figure each."""
+"""Questions of the ablation, and the cells that answer each: one table and one figure each."""
 
 from typing import Final, NamedTuple
 
@@ -10,7 +10,7 @@ AT_REST: Final = "patient's effort at rest"
 REST: Final = "at rest"
 EXCITED: Final = "scenario paper, empty"
 BASIS: Final = "paper, 0.25 Hz, active"
-"""The trial that is spoiled, and told wrong parameters."""
+"""The trial that is disturbed, and replayed with wrong parameters."""
 OTHER_PLANTS: Final = (
     "friction halved",
     "friction doubled",
@@ -20,13 +20,13 @@ OTHER_PLANTS: Final = (
 
 
 class Question(NamedTuple):
-    """One question, and the cells of the ablation to look at."""
+    """One question, and the cells of the ablation that answer it."""
 
     key: str
-    """Of its figure's file."""
+    """Name of its figure's file."""
     title: str
     text: str
-    """What to see, and what it costs; a paragraph."""
+    """The finding and its cost; a paragraph."""
     measure: str
     """Field of `ablation.Errors`."""
     measured: str
@@ -224,4 +224,4 @@ REASONS: Final = (
         "and at 0.5 Hz those at rest are less than a second in all",
     ),
 )
-"""Why 3 sigma do not cover, by the beginning of a situation's name."""
+"""Reason why 3 sigma do not cover, by the beginning of a situation's name."""

@@ -1,4 +1,4 @@
-"""How far an estimate is from the truth: samples matched by time, then a few honest numbers."""
+"""Accuracy of an estimate: samples matched with the truth by time, then summary figures."""
 
 import math
 from typing import NamedTuple
@@ -15,7 +15,7 @@ class Score(NamedTuple):
 
     sample_count: int
     covered_ratio: float
-    """Share of the samples at which there was a valid estimate."""
+    """Share of the samples with a valid estimate."""
     rms: float
     """Root mean square of estimate minus truth; NaN without samples."""
     worst: float
@@ -27,7 +27,7 @@ class Score(NamedTuple):
 
 
 def nearest(wanted_ns: Times, offered_ns: Times, tolerance_ns: int) -> NDArray[np.intp]:
-    """For each wanted time the index of the nearest offered one, -1 where none is near enough.
+    """Find the index of the nearest offered time for each wanted one, -1 where none is near enough.
 
     Args:
         wanted_ns: shape (n,), any order.
@@ -45,7 +45,7 @@ def nearest(wanted_ns: Times, offered_ns: Times, tolerance_ns: int) -> NDArray[n
 
 
 def score(estimate: Values, truth: Values) -> Score:
-    """Compare an estimate with the truth; NaN in either is a sample without.
+    """Compare an estimate with the truth; NaN in either is a missing sample.
 
     Args:
         estimate: shape (n,), in the truth's unit.

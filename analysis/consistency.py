@@ -1,9 +1,9 @@
-"""Whether the observer is as sure as it may be: measured on a plant whose noise is known.
+"""Consistency of the observer's covariance, measured on a plant whose noise is known.
 
 The plant is the filter's own model with the filter's own noise (Monte Carlo), or without any
-(`still`, `gaps`, `drifting`), so every deviation is the filter's. A chi-square band is that of the
-mean over the runs at one instant: an honest filter is inside at 95 % of the instants. A mean over
-instants too scatters far less, so that it is inside proves little.
+(`still`, `gaps`, `drifting`), so every deviation comes from the filter. A chi-square band applies
+to the mean over the runs at one instant: a consistent filter is inside at 95 % of the instants. A
+mean over instants as well varies far less, so being inside proves little.
 
 Sources: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 5.4
 (NEES, NIS, whiteness).
@@ -21,47 +21,48 @@ from scipy.stats import chi2
 from analysis.recording import Progress
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Robot
-from observer import batch, drift
-from observer.batch import BatchEstimates, Columns
-from observer.friction import FrictionParameters
+from observer import drift
+from observer.filter.leg_memory import START_STD
+from observer.filter.leg_model import LANES, STEP_S, LegModel, runge_kutta
+from observer.filter.leg_observer import ObserverTuning, setup_of
+from observer.filter.states import STATE_COUNT
+from observer.filter.status import GATED_MAX_IN_A_ROW, Status, Validity
 from observer.jit import kernel
-from observer.leg_memory import START_STD
-from observer.leg_model import LANES, STEP_S, LegModel, runge_kutta
-from observer.leg_observer import ObserverTuning, setup_of
-from observer.mechanism import gravity, slide_position_for_knee
-from observer.parameters import LegParameters
+from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.mechanism import gravity, slide_position_for_knee
+from observer.mechanism.parameters import LegParameters
+from observer.offline import batch
+from observer.offline.batch import BatchEstimates, Columns
 from observer.quantities import Number
-from observer.states import STATE_COUNT
-from observer.status import GATED_MAX_IN_A_ROW, Status, Validity
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 BAND: Final = 0.95
 HIP_NM, SLIDE_N = 14.0, 140.0
-"""Amplitude of what keeps both axes moving."""
+"""Amplitude of the efforts that keep both axes moving."""
 CADENCE_HZ: Final = 0.4
 MID_HIP_RAD, MID_KNEE_RAD = math.radians(14.0), math.radians(22.0)
 SETTLE_ROWS: Final = 100
 DOUBTFUL: Final = Status.ARTIFICIAL | Status.NEAR_LIMIT | Status.INPUT_SATURATED
-"""As in the service: what is in the estimate then is neither friction nor patient."""
+"""Status bits under which an estimate is neither friction nor patient, as in the service."""
 EDGES: Final = Status.OUT_OF_WORKSPACE | Status.NEAR_SINGULAR
 
 
 class Plant(NamedTuple):
-    """A leg and what its observer believes of it; both take the same parameters."""
+    """A leg and its observer; both use the same parameters."""
 
     leg: LegParameters
     frictions: tuple[FrictionParameters, FrictionParameters]
     tuning: ObserverTuning
     pose: tuple[float, float]
-    """In the middle: rad, m."""
+    """Middle of the motion: rad, m."""
     load: tuple[float, float]
-    """What holds it there: N m, N."""
+    """Efforts that hold it there: N m, N."""
 
 
 def plant_of(robot: Robot) -> Plant:
-    """The plant that is a robot file's own model."""
+    """Make a plant from a robot file's own model."""
     leg = leg_parameters(robot)
     pose = (MID_HIP_RAD, slide_position_for_knee(leg, MID_HIP_RAD, MID_KNEE_RAD))
     load = gravity(leg, np.array(pose))
@@ -70,22 +71,22 @@ def plant_of(robot: Robot) -> Plant:
 
 
 class Band(NamedTuple):
-    """Chi-square values of many runs, and where one instant's mean over the runs should lie."""
+    """Chi-square values of many runs, and the band for one instant's mean over the runs."""
 
     mean: Number
     low: Number
     high: Number
     inside_ratio: float
-    """Share of the instants whose mean over the runs is in the band; ideally BAND."""
+    """Share of the instants with a mean over the runs in the band; ideally BAND."""
 
     @property
     def inside(self) -> bool:
-        """Whether the mean of all is in the band of one instant: necessary, and far from enough."""
+        """True if the mean of all is in the band of one instant: necessary, not sufficient."""
         return self.low <= self.mean <= self.high
 
 
 class Consistency(NamedTuple):
-    """Of runs of a plant with the filter's own noise, both axes in motion."""
+    """Results of runs with the filter's own noise in the plant, both axes in motion."""
 
     nees: Band
     nis: Band
@@ -95,21 +96,21 @@ class Consistency(NamedTuple):
     within_ratio: Matrix
     """Share of the errors within 1, 2 and 3 sigma, shape (3, 8)."""
     correlation: float
-    """Of an innovation with the next one, mean of both axes; 0 is white."""
+    """Correlation of an innovation with the next one, mean of both axes; 0 is white."""
     discarded_count: int
-    """Runs that do not count: noise carried the leg to its edges."""
+    """Runs that do not count: noise moved the leg to the edge of its workspace."""
 
 
 def monte_carlo(
     plant: Plant, runs: int, steps: int, progress: Progress | None = None
 ) -> Consistency:
-    """NEES, NIS, coverage and whiteness with both axes in motion.
+    """Measure NEES, NIS, coverage and whiteness with both axes in motion.
 
     Args:
-        plant: whose process and measurement noise are those of its tuning.
-        runs: with noise of their own, seeded by their number.
-        steps: of each, SETTLE_ROWS of which do not count.
-        progress: told the share done.
+        plant: its process and measurement noise are those of its tuning.
+        runs: number of runs, each seeded by its number.
+        steps: cycles of each run, SETTLE_ROWS of which do not count.
+        progress: called with the share done.
     """
     nees, nis = np.empty((runs, steps)), np.empty((runs, steps))
     within, correlation, discarded = np.zeros((3, STATE_COUNT)), 0.0, 0
@@ -138,7 +139,7 @@ def monte_carlo(
 
 
 def _runs_inside(plant: Plant, steps: int) -> Iterator[tuple[Matrix, BatchEstimates, int]]:
-    """Runs inside the workspace, one seed after the other, and how many before each were not."""
+    """Yield runs inside the workspace, seed by seed, with the number of discarded ones before."""
     discarded = 0
     for seed in count(1000):
         truth, estimates = _noisy_run(plant, np.random.default_rng(seed), steps)
@@ -150,7 +151,7 @@ def _runs_inside(plant: Plant, steps: int) -> Iterator[tuple[Matrix, BatchEstima
 
 
 def _band(values: Matrix, freedom: int, runs: int) -> Band:
-    """The band of one instant's mean over the runs, and how often it holds."""
+    """Compute the band of one instant's mean over the runs, and the share of means inside."""
     half = (1.0 - BAND) / 2.0
     low, high = chi2.ppf((half, 1.0 - half), freedom * runs) / runs
     instants = values.mean(axis=0)
@@ -188,16 +189,16 @@ def _correlation(innovation: Matrix) -> float:
 
 
 class Rest(NamedTuple):
-    """A minute at rest."""
+    """Result of a minute at rest."""
 
     time_s: Vector
     estimates: BatchEstimates
     patient_rms: tuple[float, float]
-    """What is taken for a patient, where there is none: N m, N."""
+    """False patient effort: N m, N."""
 
 
 def still(plant: Plant, seconds: float = 60.0) -> Rest:
-    """The leg at rest in balance, with encoder noise."""
+    """Observe the leg at rest in equilibrium, with encoder noise."""
     rows = round(seconds / STEP_S)
     random = np.random.default_rng(7)
     position = np.array(plant.pose) + random.normal(size=(rows, 2)) * plant.tuning.measurement_std
@@ -207,21 +208,21 @@ def still(plant: Plant, seconds: float = 60.0) -> Rest:
 
 
 class Gap(NamedTuple):
-    """A stretch of motion without samples, the worst of many."""
+    """Motion without samples: the worst of many such gaps."""
 
     duration_s: float
     error: tuple[float, float]
-    """Largest distance of the predicted position at its end: rad, m."""
+    """Largest error of the predicted position at its end: rad, m."""
     sigmas: tuple[float, float]
     """Largest error over its standard deviation, anywhere in a gap."""
     end_sigmas: tuple[float, float]
     """The same at the end of a gap."""
     growth: tuple[float, float]
-    """Standard deviation at the end over that at the beginning, the least."""
+    """Smallest ratio of the standard deviation at the end to that at the beginning."""
 
 
 def gaps(plant: Plant, durations_s: tuple[float, ...] = (0.1, 0.3, 0.5)) -> list[Gap]:
-    """Gaps at many places of an excited motion, one at a time."""
+    """Test gaps at many places of an excited motion, one at a time."""
     efforts = moving_efforts(plant, 900)
     truth, position = _clean(plant, efforts)
     return [_gap(plant, truth, position, efforts, duration_s) for duration_s in durations_s]
@@ -251,18 +252,18 @@ def _gap(plant: Plant, truth: Matrix, position: Matrix, efforts: Matrix, duratio
 
 
 class Drifted(NamedTuple):
-    """What the drift monitor says when friction is not what the file says."""
+    """Result of the drift monitor when friction differs from the file."""
 
     level_ratio: float
     """True Coulomb and breakaway friction over those of the file."""
     correlation: tuple[float, float]
     friction_error: tuple[float, float]
-    """Found, N m and N; above the file's."""
+    """Friction error found by the monitor, N m and N; positive above the file's."""
     true_error: tuple[float, float]
 
 
 def drifting(plant: Plant, level_ratios: tuple[float, ...]) -> list[Drifted]:
-    """The drift monitor on an empty machine in motion, for several true friction levels."""
+    """Run the drift monitor on an empty machine in motion, for several true friction levels."""
     return [_drifted(plant, ratio) for ratio in level_ratios]
 
 
@@ -284,7 +285,7 @@ def _drifted(plant: Plant, ratio: float) -> Drifted:
 def drift_of(
     estimates: BatchEstimates, frictions: tuple[FrictionParameters, ...], step_s: float
 ) -> list[drift.Drift]:
-    """The drift monitor over a whole recording, axis by axis."""
+    """Run the drift monitor over a whole recording, axis by axis."""
     found: list[drift.Drift] = []
     for axis, law in enumerate(frictions):
         valid = (estimates.validity[:, axis] == Validity.OK) & (estimates.status & DOUBTFUL == 0)
@@ -297,17 +298,17 @@ def drift_of(
 
 
 class Offset(NamedTuple):
-    """An encoder that is off from one cycle on, and stays so."""
+    """Result of an encoder offset that begins at one cycle and stays."""
 
     offset_rad: float
     believed_after_cycles: int
     flagged: bool
-    """GATED until it is believed, then INCONSISTENT."""
+    """GATED until it is accepted, then INCONSISTENT."""
     valid_after_cycles: int
 
 
 def offsets(plant: Plant, sizes_rad: tuple[float, ...] = (0.01, 0.1)) -> list[Offset]:
-    """How a lasting offset of the hip's encoder is met."""
+    """Measure the reaction to a lasting offset of the hip's encoder."""
     return [_offset(plant, size_rad) for size_rad in sizes_rad]
 
 
@@ -334,20 +335,20 @@ def time_of(rows: int) -> Vector:
 
 
 def moving_efforts(plant: Plant, steps: int) -> Matrix:
-    """What keeps both axes in motion, back and forth about the pose, shape (steps, 2)."""
+    """Efforts that keep both axes in motion about the pose, shape (steps, 2)."""
     swing = 2.0 * math.pi * CADENCE_HZ * np.arange(steps) * STEP_S
     moved = np.column_stack((HIP_NM * np.cos(swing), SLIDE_N * np.cos(swing)))
     return moved + np.array(plant.load)
 
 
 def observed(plant: Plant, position: Matrix, efforts: Matrix) -> BatchEstimates:
-    """What the plant's own observer makes of samples and efforts, shapes (n, 2)."""
+    """Run the plant's own observer over samples and efforts, shapes (n, 2)."""
     setup = setup_of(plant.leg, *plant.frictions, plant.tuning)
     return batch.run(setup, Columns(time_of(len(position)), position, efforts))
 
 
 def _clean(plant: Plant, efforts: Matrix) -> tuple[Matrix, Matrix]:
-    """States without process noise, in fine steps, and samples of them with encoder noise."""
+    """Simulate without process noise, in fine steps; samples have encoder noise."""
     start = np.array((*plant.pose, *(0.0,) * 6))
     truth = played(plant, efforts, np.zeros((len(efforts), STATE_COUNT)), start, 20)
     noise = np.random.default_rng(11).normal(size=(len(efforts), 2))
@@ -355,7 +356,7 @@ def _clean(plant: Plant, efforts: Matrix) -> tuple[Matrix, Matrix]:
 
 
 def played(plant: Plant, efforts: Matrix, shocks: Matrix, start: Vector, substeps: int) -> Matrix:
-    """States of the plant at each sample, shape (n, 8); the effort of a row acts until it."""
+    """States of the plant at each sample, shape (n, 8); the effort of a row acts up to that row."""
     states = np.empty((len(efforts), STATE_COUNT))
     physics = (float(plant.tuning.coriolis), float(plant.tuning.viscous_outside))
     _play(plant.leg, *plant.frictions, *physics, efforts, shocks, start.copy(), substeps, states)

@@ -1,4 +1,4 @@
-"""One picture of the observer's honesty: consistency, rest, gaps, drift."""
+"""Picture of the observer's consistency: NEES and NIS, rest, gaps, drift."""
 
 from pathlib import Path
 from typing import Final
@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from analysis.consistency import SETTLE_ROWS, Consistency, Drifted, Gap, Rest, time_of
 from analysis.drawing import ESTIMATE, FAINT, FRICTION, GOOD, MEASURED, TEXT, legend, line, style
 from observer.drift import CORRELATION_MAX
-from observer.leg_model import STEP_S
+from observer.filter.leg_model import STEP_S
 
 DPI: Final = 100
 
@@ -19,7 +19,7 @@ DPI: Final = 100
 def draw(
     consistency: Consistency, rest: Rest, gaps: list[Gap], drifted: list[Drifted], path: Path
 ) -> Figure:
-    """Four panels: NEES and NIS in their bands, sigma at rest, gaps, drift of friction.
+    """Draw four panels: NEES and NIS in their bands, sigma at rest, gaps, friction drift.
 
     Raises:
         OSError: the file cannot be written.

@@ -1,17 +1,17 @@
-"""How much later than its row an effort acts: measured from a recording with quick efforts.
+"""Delay of an effort relative to its row, measured from a recording with fast efforts.
 
-One cycle too early or too late does not show in the mean NIS, because the disturbance states absorb
-it. So the absolute size of the innovations is not looked at, only where it is smallest: the same
-recording goes through the observer once for each assumed delay, and the delay whose innovations
-are smallest is the one that explains how the motion follows the effort. This is the correlation of
-effort and acceleration, with noise, friction and the other axis taken care of by the model.
+An error of one cycle does not show in the mean NIS, because the disturbance states absorb it. So
+the method uses the minimum of the innovations instead of their size: the same recording goes
+through the observer once for each assumed delay, and the delay with the smallest innovations
+explains best how the motion follows the effort. This is the correlation of effort and acceleration,
+where the model accounts for noise, friction and the other axis.
 
-Only rows in motion count. At a reversal friction hides when an effort began to act, and a friction
-level that is wrong would be taken for a delay; in motion a wrong level is a constant, which the
-disturbance state takes. So what tells is a quick effort on top of a slow motion: `[excite.delay]`.
+Only rows in motion count. At a reversal friction masks the start of an effort, and a wrong friction
+level would look like a delay; in motion a wrong level is a constant, which the disturbance state
+absorbs. So the recording needs a fast effort on top of a slow motion: `[excite.delay]`.
 
-Between whole cycles, an effort that is constant over a cycle and acts a part f of it later has the
-mean (1 - f) u_k + f u_(k-1) over (k-1, k].
+Between whole cycles, an effort that is constant over a cycle and acts later by a fraction f of it
+has the mean (1 - f) u_k + f u_(k-1) over (k-1, k].
 """
 
 import math
@@ -27,61 +27,61 @@ from analysis.recording import Progress, Recording, RecordingError
 from analysis.replay import setup_for
 from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
-from observer.batch import Columns, run
-from observer.leg_model import STEP_S
+from observer.filter.leg_model import STEP_S
+from observer.offline.batch import Columns, run
 
 Values = NDArray[np.float64]
 Cycles = tuple[float, float]
-"""Assumed delay of hip and slide."""
+"""Assumed delays of hip and slide."""
 
 AXES: Final = ("hip", "slide")
 COARSE_CYCLES: Final = tuple(range(-4, 6))
 EDGE_CYCLES: Final = (-3, 5)
-"""A minimum here or beyond is where looking ended, not where the effort acts."""
+"""A minimum at or beyond this limit is the end of the search range, not the delay."""
 FINE_CYCLES: Final = (-0.5, -0.25, 0.0, 0.25, 0.5)
-"""About the best of the coarse ones, for the parabola."""
+"""Offsets about the best of the coarse delays, for the parabola."""
 START_ROWS: Final = 50
-"""The filter settles."""
+"""Rows in which the filter settles."""
 MOVING_EDGES: Final = 5.0
-"""Faster than so many edge speeds v_0 an axis is in motion for certain."""
+"""An axis faster than this many edge speeds v_0 is certainly in motion."""
 MARGIN_ROWS: Final = 3
 SMOOTHING_ROWS: Final = 1.5
-"""Of the speed that judges motion, not of what is measured."""
+"""Filter of the speed that decides on motion, not of the measured data."""
 MOVING_MIN_ROWS: Final = 100
 GLITCH_SIGMAS: Final = 4.0
-"""A larger innovation counts as one of this size: a glitch or a stick-slip event says no more."""
+"""Limit of an innovation: a glitch or a stick-slip event counts no more."""
 BLOCKS: Final = 8
-"""Parts of the recording, each left out once: the spread of the answers is the uncertainty."""
+"""Parts of the recording, each left out once: the spread of the results is the uncertainty."""
 STD_MAX_MS: Final = 2.0
-"""An answer less certain than this is none."""
+"""A larger uncertainty means that there is no result."""
 
 
 class Delay(NamedTuple):
-    """Of one axis."""
+    """Measured delay of one axis."""
 
     axis: str
     delay_ms: float
-    """So much later than its row says the effort acts; NaN where the recording does not tell."""
+    """Delay of the effort relative to its row; NaN where the recording does not identify it."""
     std_ms: float
-    """One standard deviation; infinite where the recording does not tell."""
+    """One standard deviation; infinite where the recording does not identify the delay."""
     moving_count: int
     """Rows in motion."""
 
     @property
     def known(self) -> bool:
-        """Whether the recording tells."""
+        """True if the recording identifies the delay."""
         return self.std_ms <= STD_MAX_MS
 
 
 def measure(
     recording: Recording, robot: Robot, progress: Progress | None = None
 ) -> tuple[Delay, Delay]:
-    """Delay of hip torque and slide force.
+    """Measure the delay of hip torque and slide force.
 
     Args:
-        recording: with quick efforts in motion; two or three efforts a second are too slow.
-        robot: that made it; its own `effort_delay_ms` is left out of account.
-        progress: told the share done.
+        recording: needs fast efforts in motion; two or three a second are too slow.
+        robot: the machine of the recording; its own `effort_delay_ms` is ignored.
+        progress: called with the share done.
 
     Raises:
         RecordingError: no axis is in motion for MOVING_MIN_ROWS rows.
@@ -103,7 +103,7 @@ def measure(
 
 
 def delayed(effort: Values, cycles: float) -> Values:
-    """Mean effort of each row's cycle, if every effort acts so many cycles later than its row says.
+    """Compute the mean effort of each row's cycle if every effort acts later by `cycles`.
 
     Args:
         effort: shape (n,), constant over each cycle.
@@ -117,7 +117,7 @@ def delayed(effort: Values, cycles: float) -> Values:
 
 
 def in_words(delay: Delay) -> str:
-    """One line for people."""
+    """Format one line for the operator."""
     if not delay.known:
         return f"{delay.axis}: the recording does not tell ({delay.moving_count} rows in motion)"
     found = f"{delay.delay_ms:+.1f} ± {delay.std_ms:.1f} ms"
@@ -125,7 +125,7 @@ def in_words(delay: Delay) -> str:
 
 
 def advice(delays: tuple[Delay, Delay]) -> str:
-    """One sentence: the value of [observer] effort_delay_ms, or what to record."""
+    """Recommend a value of [observer] effort_delay_ms, or what to record; one sentence."""
     known = [one for one in delays if one.known]
     if not known:
         return "record `excite` with scenario `delay`: quick efforts on top of a slow motion"
@@ -145,7 +145,7 @@ def advice(delays: tuple[Delay, Delay]) -> str:
 
 
 def _moving(recording: Recording, robot: Robot) -> NDArray[np.bool_]:
-    """Shape (n, 2): rows in motion for certain, with some rows of motion on both sides."""
+    """Rows that are certainly in motion, with some rows of motion on both sides; shape (n, 2)."""
     position = np.apply_along_axis(_filled, 0, recording.position)
     smooth = gaussian_filter1d(position, SMOOTHING_ROWS, axis=0)
     speed = np.abs(np.gradient(smooth, recording.time_s, axis=0)) if len(smooth) > 1 else smooth * 0
@@ -157,7 +157,7 @@ def _moving(recording: Recording, robot: Robot) -> NDArray[np.bool_]:
 
 
 def _filled(values: Values) -> Values:
-    """Missing samples on straight lines; there is at least one that is not missing."""
+    """Fill missing samples by linear interpolation; at least one must be present."""
     known = np.flatnonzero(np.isfinite(values))
     return np.interp(np.arange(len(values)), known, values[known])
 
@@ -183,7 +183,7 @@ def _without_delay(robot: Robot) -> Robot:
 
 
 def _best(coarse: dict[float, Values], moving: NDArray[np.bool_], axis: int) -> float:
-    """Whole cycles with the smallest innovations."""
+    """Find the delay in whole cycles with the smallest innovations."""
     rows = moving[:, axis]
     if not rows.any():
         return 0.0
@@ -204,7 +204,7 @@ def _axis(fine: list[Values], rows: NDArray[np.bool_], best: float, axis: int) -
     if not curvature > 0 or not EDGE_CYCLES[0] < best < EDGE_CYCLES[1]:
         return Delay(AXES[axis], math.nan, math.inf, count)
     left_out = np.array([_bottom(whole - block)[0] for block in blocks])
-    # What white innovations of variance 1 would leave, and what the parts of the recording say.
+    # Expected spread of white innovations of variance 1, and the spread of the recording's parts.
     by_curvature = math.sqrt(whole.min() / count / curvature)
     by_parts = math.sqrt((BLOCKS - 1) / BLOCKS * float(np.sum((left_out - left_out.mean()) ** 2)))
     std_ms = 1e3 * STEP_S * max(by_curvature, by_parts)
@@ -214,19 +214,19 @@ def _axis(fine: list[Values], rows: NDArray[np.bool_], best: float, axis: int) -
 
 
 def _bottom(costs: Values) -> tuple[float, float]:
-    """Where the parabola through the costs of FINE_CYCLES is lowest, and its curvature."""
+    """Minimum of the parabola through the costs of FINE_CYCLES, and its curvature."""
     curvature, slope, _ = np.polyfit(FINE_CYCLES, costs, 2)
     return float(-slope / (2 * curvature)), float(curvature)
 
 
 def _scale(innovation: Values) -> float:
-    """Standard deviation of most of the innovations: the rare large ones do not count."""
+    """Robust standard deviation of the innovations, without the rare large ones."""
     known = innovation[np.isfinite(innovation)]
     return 1.4826 * float(np.median(np.abs(known))) if len(known) else math.inf
 
 
 def _costs(innovation: Values, scale: float) -> Values:
-    """Squares in units of the scale, bounded; a missing sample costs nothing."""
+    """Squares in units of the scale, bounded; a missing sample has no cost."""
     squares = np.square(np.nan_to_num(innovation / scale))
     return np.minimum(squares, GLITCH_SIGMAS**2)
 

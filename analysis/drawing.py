@@ -1,4 +1,4 @@
-"""What our pictures have in common: colours, axes, and lines of any length at a fixed cost."""
+"""Common parts of all pictures: colours, axes, and lines of any length at a fixed cost."""
 
 from typing import Final
 
@@ -19,11 +19,11 @@ GRID: Final = "#e3e6ea"
 TEXT: Final = "#1f2937"
 
 BUCKETS: Final = 3000
-"""Points of a line on paper; a longer line is drawn as the extremes of so many stretches."""
+"""Points of a drawn line; a longer line is drawn as the extremes of this many stretches."""
 
 
 def style(axes: Axes, title: str = "", unit: str = "") -> None:
-    """A quiet frame: a grid, no box, the unit at the axis."""
+    """Apply the plain style: a grid, no box, the unit at the axis."""
     axes.set_axisbelow(True)
     axes.grid(visible=True, color=GRID, linewidth=0.7)
     axes.tick_params(colors=TEXT, labelsize=8, length=3, color=FAINT)
@@ -38,12 +38,12 @@ def style(axes: Axes, title: str = "", unit: str = "") -> None:
 
 
 def extremes(time: Values, values: Values, buckets: int = BUCKETS) -> tuple[Values, Values]:
-    """The line as it looks: its smallest and largest value in each stretch of time, in turn.
+    """Reduce a line to its smallest and largest value in each stretch of time, in turn.
 
     Args:
         time: shape (n,), increasing.
-        values: shape (n,); NaN is a gap, and stays one where a whole stretch has nothing else.
-        buckets: stretches; a line with at most twice as many points is given back as it is.
+        values: shape (n,); NaN is a gap, which remains where a whole stretch is NaN.
+        buckets: stretches; a line with at most twice as many points is returned unchanged.
     """
     count = len(time)
     if count <= 2 * buckets:
@@ -75,7 +75,7 @@ def line(
 
 
 def legend(axes: Axes) -> None:
-    """Beside the title, where it hides no line."""
+    """Place the legend beside the title, where it hides no line."""
     axes.legend(
         fontsize=7.5,
         frameon=False,
@@ -90,12 +90,12 @@ def legend(axes: Axes) -> None:
 
 
 def limit_to(axes: Axes, *values: Values, share: float = 0.999) -> None:
-    """Show this share of all values and some air; a spike or a wide band may leave the picture.
+    """Scale to this share of all values with a margin; a spike or a wide band may be cut off.
 
     Args:
-        axes: whose value axis is set.
-        values: any shapes; NaN counts for nothing.
-        share: of the values that must be seen.
+        axes: the axes to scale.
+        values: any shapes; NaN is ignored.
+        share: share of the values that must be visible.
     """
     known = np.concatenate([one[np.isfinite(one)] for one in values])
     if len(known):
@@ -105,7 +105,7 @@ def limit_to(axes: Axes, *values: Values, share: float = 0.999) -> None:
 
 
 def stretches(flags: NDArray[np.bool_], time: Values) -> list[tuple[float, float]]:
-    """Where a flag is up, as (begin, length) in the unit of `time`, for `broken_barh`."""
+    """Find where a flag is set, as (begin, length) in the unit of `time`, for `broken_barh`."""
     if len(flags) == 0:
         return []
     padded = np.concatenate(([False], flags, [False]))

@@ -1,8 +1,8 @@
-"""Estimates out: what replay computes, and the CSV columns it writes them to.
+"""Output of estimates: the results of a replay, and their CSV columns.
 
-Every number that there is gets written, also where the status says that the split between friction
-and patient cannot be observed; a number that there is not is an empty cell. Nine significant digits
-hold a resolution of 1e-9 rad; time keeps all of its digits.
+Every existing number is written, also where the status says that the split between friction and
+patient is not observable; a missing number is an empty cell. Nine significant digits hold a
+resolution of 1e-9 rad; time keeps all of its digits.
 """
 
 from pathlib import Path
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from analysis.number_text import csv_bytes
 from analysis.recording import Progress
-from observer.batch import BatchEstimates
-from observer.states import STATE_NAMES
+from observer.filter.states import STATE_NAMES
+from observer.offline.batch import BatchEstimates
 
 COLUMNS: Final = (
     "time_s",
@@ -38,9 +38,9 @@ def write_csv(
 
     Args:
         time_s: shape (n,), as recorded.
-        estimates: of the same n rows.
-        path: replaced if it is there, as a whole: a run that ends early leaves it as it was.
-        progress: told the share done.
+        estimates: estimates of the same n rows.
+        path: an existing file is replaced as a whole: a run that ends early leaves it unchanged.
+        progress: called with the share done.
 
     Raises:
         OSError: the file cannot be written.

@@ -1,8 +1,8 @@
-"""The experiment of the paper's Figs. 4 and 5: what was recorded, what was true, and the numbers.
+"""The experiment of the paper's Figs. 4 and 5: recorded signals, true values, and the figures.
 
-The empty machine is moved by torque alone, and an artificial disturbance is taken off the efforts
-that the observer sees: seen = exerted - d_art. The observer must find +d_art as the patient, and
-the plant's own friction as friction.
+The empty machine is moved by torque alone, and an artificial disturbance is subtracted from the
+efforts given to the observer: seen = exerted - d_art. The observer must find +d_art as the patient,
+and the plant's own friction as friction.
 """
 
 import math
@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.config.settings import Excite
-from observer import batch
-from observer.batch import BatchEstimates, Columns
-from observer.friction import STANDSTILL_GATE, FrictionParameters, gate_of
-from observer.leg_observer import Setup
-from observer.status import Validity
+from observer.filter.leg_observer import Setup
+from observer.filter.status import Validity
+from observer.mechanism.friction import STANDSTILL_GATE, FrictionParameters, gate_of
+from observer.offline import batch
+from observer.offline.batch import BatchEstimates, Columns
 
 Values = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -25,17 +25,17 @@ Number = float | None
 """None where there is none."""
 
 START_S: Final = 0.5
-"""Not judged: torque is new, and the pose of the approach is left."""
+"""Excluded time: torque has just begun, and the pose still depends on the approach."""
 PEAK_MIN_RAD_PER_S: Final = 0.05
-"""Slower, the hip has not broken loose, and there is no peak to compare."""
+"""Below this speed the hip has not broken loose, and there is no peak to compare."""
 LAG_MAX_SAMPLES: Final = 4
 REACHED_SHARE: Final = 0.9
 CROSS_S: Final = 0.3
-"""After a step of the other axis' disturbance."""
+"""Time after a step of the other axis' disturbance."""
 LASTING_SAMPLES: Final = 10
-"""A disturbance is found when the estimate has stayed near it for so many."""
+"""A disturbance is found when the estimate has stayed near it for this many samples."""
 ONSET_SAMPLES: Final = 5
-"""Motion has begun when the gate has been open for so many."""
+"""Motion has begun when the gate has been open for this many samples."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +51,7 @@ class Run:
     artificial: Values
     """Shape (n, 2): d_art; the observer sees exerted - artificial."""
     state: Values
-    """Shape (n, 8), in the order of `observer.states`."""
+    """Shape (n, 8), in the order of `observer.filter.states`."""
     std: Values
     """Shape (n, 8)."""
     net: Values
@@ -61,9 +61,9 @@ class Run:
     nis: Values
     """Shape (n,)."""
     validity: NDArray[np.int64]
-    """Shape (n, 2): observer.status.Validity."""
+    """Shape (n, 2): observer.filter.status.Validity."""
     status: NDArray[np.int64]
-    """Shape (n,): bits of observer.status.Status."""
+    """Shape (n,): bits of observer.filter.status.Status."""
     true_position: Values
     """Shape (n, 2)."""
     true_velocity: Values
@@ -71,7 +71,7 @@ class Run:
     true_friction: Values
     """Shape (n, 2)."""
     true_effort: Values
-    """Shape (n, 2): mean of what the drives really exerted over the cycle."""
+    """Shape (n, 2): true mean effort of the drives over the cycle."""
 
     @property
     def derivative(self) -> Values:
@@ -80,42 +80,42 @@ class Run:
         return np.vstack((np.full((1, 2), np.nan), steps))
 
     def between(self, begin_s: float, end_s: float) -> "Run":
-        """The cycles of a stretch of time."""
+        """Return the cycles of a stretch of time."""
         rows = (self.time_s >= begin_s) & (self.time_s < end_s)
         return Run(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
 class Marks(NamedTuple):
-    """When the scenario does what; NaN where it does not."""
+    """Times of the scenario's events; NaN for absent ones."""
 
     step_s: float
-    """The hip torque's step, from rest."""
+    """Step of the hip torque, from rest."""
     step_end_s: float
     onset_s: float
-    """The slide's disturbance comes, at rest."""
+    """Start of the slide's disturbance, at rest."""
     offset_s: float
-    """It goes, in motion."""
+    """End of the slide's disturbance, in motion."""
     sine_s: float
-    """The hip's disturbance begins."""
+    """Start of the hip's disturbance."""
 
 
 class Row(NamedTuple):
-    """One line of the table; None where the run does not say."""
+    """One line of the table; None where the run has no value."""
 
     name: str
     hip: Number
-    """In `hip_unit`."""
+    """Value in `hip_unit`."""
     slide: Number
-    """In `slide_unit`."""
+    """Value in `slide_unit`."""
     hip_unit: str
     slide_unit: str
     target: str
     met: bool | None
-    """None: no target, or not the kind of run that it is for."""
+    """None: no target, or a run that the target does not apply to."""
 
 
 def marks(scenario: Excite) -> Marks:
-    """Of an excite scenario like the paper's."""
+    """Times of an excite scenario like the paper's."""
     nan = math.nan
     steps = [one for one in scenario.torque if one.axis == "hip" and one.kind == "step"]
     comes = [one for one in scenario.artificial if one.axis == "slide" and one.kind == "step"]
@@ -130,7 +130,7 @@ def marks(scenario: Excite) -> Marks:
 
 
 def moving(run: Run, frictions: tuple[FrictionParameters, FrictionParameters]) -> Flags:
-    """Shape (n, 2): where the true speed opens the gate a(v) to more than a half."""
+    """Mark where the true speed opens the gate a(v) to more than a half, shape (n, 2)."""
     return np.column_stack(
         [
             [gate_of(friction, float(speed)) >= STANDSTILL_GATE for speed in speeds]
@@ -145,16 +145,16 @@ class Peak(NamedTuple):
     true_rad_per_s: float
     estimated_rad_per_s: float
     lag_count: float
-    """Samples by which the estimate is late, from the shift that fits best; a tenth counts."""
+    """Delay of the estimate in samples, from the best-fitting shift; resolution a tenth."""
 
     @property
     def difference_ratio(self) -> float:
-        """Of the estimated peak to the true one."""
+        """Relative difference of the estimated peak from the true one."""
         return self.estimated_rad_per_s / self.true_rad_per_s - 1.0
 
 
 def peak(run: Run, marks: Marks) -> Peak | None:
-    """The velocity's first peak after the hip torque's step; None if the run does not have it."""
+    """Find the velocity's first peak after the hip torque's step; None without one."""
     step = run.between(marks.step_s, marks.step_end_s)
     if len(step.time_s) < 4 * LAG_MAX_SAMPLES or run.time_s[-1] < marks.step_end_s:
         return None
@@ -165,7 +165,7 @@ def peak(run: Run, marks: Marks) -> Peak | None:
 
 
 def lag(true: Values, estimate: Values) -> float:
-    """Samples by which `estimate` is later than `true`: the bottom of the squared difference."""
+    """Delay of `estimate` in samples: the minimum of the squared difference."""
     inner = slice(LAG_MAX_SAMPLES, len(true) - LAG_MAX_SAMPLES)
     shifts = range(-LAG_MAX_SAMPLES, LAG_MAX_SAMPLES + 1)
     costs = [
@@ -179,23 +179,23 @@ def lag(true: Values, estimate: Values) -> float:
 
 
 class Transfer(NamedTuple):
-    """How the slide's disturbance, which came at rest, reached the estimate; seconds."""
+    """Times at which the slide's disturbance, applied at rest, reached the estimate; seconds."""
 
     onset_s: float
-    """Of the disturbance, since the scenario began."""
+    """Onset of the disturbance, since the scenario began."""
     motion_s: float
-    """From its onset to the onset of motion; 0 if the slide moved already."""
+    """Time from its onset to the onset of motion; 0 if the slide moved already."""
     reached_s: float
-    """From its onset until nine tenths of it are in the estimate and stay there."""
+    """Time from its onset until nine tenths of it are in the estimate and stay there."""
 
     @property
     def after_motion_s(self) -> float:
-        """From the onset of motion; negative if it was seen before the gate was open."""
+        """Time from the onset of motion; negative if it was found before the gate was open."""
         return self.reached_s - self.motion_s
 
 
 def transfer(run: Run, marks: Marks, open_gate: Flags) -> Transfer | None:
-    """Of the slide's disturbance; None if the run does not reach it, or it is never found."""
+    """Transfer of the slide's disturbance; None if the run ends before it, or it is never found."""
     after = np.flatnonzero((run.time_s >= marks.onset_s - 0.05) & (run.artificial[:, 1] != 0))
     if not len(after):
         return None
@@ -210,7 +210,7 @@ def transfer(run: Run, marks: Marks, open_gate: Flags) -> Transfer | None:
 
 
 def _lasting(flags: Flags, count: int) -> NDArray[np.intp]:
-    """Where a flag goes up, or is up, and stays so for `count` samples."""
+    """Find where a flag rises, or is set, and stays set for `count` samples."""
     if len(flags) < count:
         return np.empty(0, dtype=np.intp)
     return np.flatnonzero(np.lib.stride_tricks.sliding_window_view(flags, count).all(axis=1))
@@ -228,16 +228,18 @@ def fall_s(run: Run, marks: Marks) -> float | None:
 
 
 def cross_talk(run: Run, marks: Marks, setup: Setup) -> tuple[float | None, float | None]:
-    """What one axis' disturbance does to the other's estimate, largest: N·m and N.
+    """Compute the largest effect of one axis' disturbance on the other's estimate: N·m and N.
 
-    The recorded motion is replayed with and without the other axis' disturbance in the efforts: the
-    difference has no noise. It counts where the axis moves and both replays show its split: for the
-    hip in CROSS_S after the slide's disturbance goes, for the slide while the hip's sine lasts.
+    Method: the recorded motion is replayed with and without the other axis' disturbance in the
+        efforts: the
+    difference has no noise. The difference counts where the axis moves and both replays have a
+    valid split: for the hip in CROSS_S after the slide's disturbance goes, for the slide while the
+    hip's sine lasts.
 
     Args:
         run: as played.
-        marks: of its scenario.
-        setup: of the observer.
+        marks: times of its scenario.
+        setup: the observer's arguments.
     """
     whole = _replayed(run, setup, (1.0, 1.0))
     gone = (run.time_s >= marks.offset_s) & (run.time_s < marks.offset_s + CROSS_S)
@@ -250,7 +252,7 @@ def cross_talk(run: Run, marks: Marks, setup: Setup) -> tuple[float | None, floa
 
 
 def _replayed(run: Run, setup: Setup, kept: tuple[float, float]) -> BatchEstimates:
-    """The observer over the run, with so much of each axis' disturbance."""
+    """Run the observer over the run, with the given share of each axis' disturbance."""
     seen = run.exerted - run.artificial * np.array(kept)
     return batch.run(setup, Columns(run.time_s, run.measured, seen))
 
@@ -262,11 +264,11 @@ def _largest(one: BatchEstimates, other: BatchEstimates, axis: int, span: Flags)
 
 
 def rms(values: Values) -> float | None:
-    """Root mean square; None of nothing."""
+    """Root mean square; None without values."""
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(known**2))) if len(known) else None
 
 
 def covered(error: Values, std: Values) -> float | None:
-    """Share of the errors within three of their own standard deviations."""
+    """Share of the errors within three of their own standard deviations; None without values."""
     return float(np.mean(np.abs(error) <= 3 * std)) if len(error) else None

@@ -1,4 +1,4 @@
-"""The experiment's pictures: one of each axis with the paper's five panels, and two details."""
+"""Pictures of the experiment: one for each axis with the paper's five panels, and two details."""
 
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -25,16 +25,16 @@ from analysis.drawing import (
     style,
 )
 from analysis.experiment import Marks, Run, Transfer, transfer
-from observer.friction import FrictionParameters, static_friction_of
-from observer.leg_model import STEP_S
-from observer.status import Status, Validity
+from observer.filter.leg_model import STEP_S
+from observer.filter.status import Status, Validity
+from observer.mechanism.friction import FrictionParameters, static_friction_of
 
 Values = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 DPI: Final = 84
 SUBTITLE_IN: Final = 0.38
-"""Below the upper edge."""
+"""Distance below the upper edge."""
 REST: Final = "#eceff2"
 DERIVATIVE: Final = "#c9cfd6"
 BEFORE_S: Final = 0.15
@@ -44,7 +44,7 @@ ONSET_AFTER_S: Final = 1.0
 
 
 class Axis(NamedTuple):
-    """How an axis is named in a picture."""
+    """Names of an axis in a picture."""
 
     figure: str
     name: str
@@ -61,13 +61,13 @@ AXES: Final = (
 
 
 def draw_axis(run: Run, index: int, subtitle: str, path: Path) -> Figure:
-    """Position, velocity, input, friction and disturbance of one axis over the whole run.
+    """Draw position, velocity, input, friction and disturbance of one axis over the whole run.
 
     Args:
         run: as played.
         index: 0 for the hip, 1 for the slide.
         subtitle: what was played, and with which plant.
-        path: of the PNG.
+        path: the PNG file.
 
     Raises:
         OSError: the file cannot be written.
@@ -97,15 +97,15 @@ def draw_details(
     subtitle: str,
     path: Path,
 ) -> Figure:
-    """The two magnified details: the velocity's peak after the step, and low-pass and memory.
+    """Draw two magnified details: the velocity's peak after the step, and low-pass and memory.
 
     Args:
         run: as played.
-        marks: of the scenario.
+        marks: times of the scenario.
         open_gate: shape (n, 2), where the axis truly moves.
-        slide_friction: of the plant, for its static law.
+        slide_friction: friction of the plant, for its static law.
         subtitle: what was played.
-        path: of the PNG.
+        path: the PNG file.
 
     Raises:
         OSError: the file cannot be written.
@@ -189,7 +189,7 @@ def _estimate(
 
 
 def _shade_rest(panel: Axes, run: Run, index: int) -> None:
-    """Where the split of friction and disturbance is not published."""
+    """Shade the times without a valid split of friction and disturbance."""
     _shade(panel, run.validity[:, index] != Validity.OK, run.time_s)
 
 
@@ -199,7 +199,7 @@ def _shade(panel: Axes, flags: Flags, time_s: Values) -> None:
 
 
 def _mark_gated(panel: Axes, run: Run) -> None:
-    """A mark at the lower edge for each sample that was rejected."""
+    """Mark each rejected sample at the lower edge."""
     times = run.time_s[(run.status & Status.GATED) != 0]
     if len(times):
         panel.plot(
@@ -276,7 +276,7 @@ def _memory_detail(
 
 
 def _mark_transfer(panels: list[Axes], found: Transfer) -> None:
-    """Lines at the onset of the disturbance, of motion, and where nine tenths are found."""
+    """Draw lines at the onset of the disturbance, of motion, and where nine tenths are found."""
     moved_s, reached_s = found.onset_s + found.motion_s, found.onset_s + found.reached_s
     for panel in panels:
         panel.axvline(moved_s, color=TEXT, linewidth=0.8, linestyle="--")

@@ -1,7 +1,7 @@
-"""The table of the experiment: each number beside its target.
+"""Table of the experiment: each number beside its target.
 
-Targets are the design's accuracy targets. "Matched" ones hold where the plant's friction is the
-observer's own law, the others for a plant with bristles (LuGre), which has another structure.
+Targets are the design's accuracy targets. "Matched" ones apply where the plant's friction is the
+observer's own law, the others to a plant with bristles (LuGre), which has another structure.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,9 +23,9 @@ from analysis.experiment import (
     rms,
     transfer,
 )
-from observer.friction import FrictionParameters
-from observer.leg_observer import Setup
-from observer.status import Validity
+from observer.filter.leg_observer import Setup
+from observer.filter.status import Validity
+from observer.mechanism.friction import FrictionParameters
 
 Frictions = tuple[FrictionParameters, FrictionParameters]
 Limits = tuple[float, float]
@@ -37,9 +37,9 @@ POSITION_MAX: Final = (5e-5, 2.5e-5)
 VELOCITY_MAX: Final = (4e-3, 2e-3)
 BETTER_MIN: Final = (3.0, 3.0)
 FRICTION_SHARE: Final = {True: 0.01, False: 0.06}
-"""Of the Coulomb level; by whether the plant has the observer's law."""
+"""Over the Coulomb level; by whether the plant has the observer's law."""
 DISTURBANCE_SHARE: Final = {True: 0.05, False: 0.12}
-"""Of the disturbance's peak."""
+"""Over the disturbance's peak."""
 NET_MAX: Final = (0.2, 2.0)
 FALL_MAX_MS: Final = 60.0
 TRANSFER_MAX_MS: Final = 100.0
@@ -51,14 +51,14 @@ EFFORT: Final = ("N·m", "N")
 def rows(
     run: Run, marks: Marks, frictions: Frictions, setup: Setup, *, matched: bool
 ) -> tuple[Row, ...]:
-    """All lines.
+    """List all lines of the table.
 
     Args:
         run: as played.
-        marks: of its scenario.
-        frictions: of the plant; say what is motion, and the Coulomb levels of the targets.
-        setup: of the observer, for what needs a replay.
-        matched: the plant's friction law is the observer's.
+        marks: times of its scenario.
+        frictions: friction of the plant; defines motion, and the Coulomb levels of the targets.
+        setup: the observer's arguments, for rows that need a replay.
+        matched: True if the plant's friction law is the observer's.
     """
     judged = run.between(START_S, np.inf)
     open_gate = moving(judged, frictions)

@@ -1,9 +1,9 @@
 """Tables of numbers as CSV text, compiled: the bytes that `%.9g` and `repr` would give.
 
-A double times a power of ten up to 1e22 is two doubles exactly (Dekker 1971), so which way the
-ninth digit rounds is decided exactly, ties to the even digit as C's printf does. A time that is a
-decimal of at most fifteen digits is its own shortest text. What is neither (very large, very small,
-a time with sixteen digits) is rare, and Python writes it.
+A double times a power of ten up to 1e22 is two doubles exactly (Dekker 1971), so the ninth digit is
+rounded exactly, ties to the even digit as in C's printf. A time that is a decimal of at most
+fifteen digits is its own shortest text. Other numbers (very large, very small, a time with sixteen
+digits) are rare, and Python formats them.
 """
 
 from typing import Final
@@ -22,17 +22,17 @@ POWERS: Final = np.array([float(f"1e{power}") for power in range(23)])
 """Powers of ten that a double holds exactly."""
 WHOLE_POWERS: Final = 10 ** np.arange(19, dtype=np.int64)
 SMALLEST: Final = 1e-13
-"""Times 1e22 it still has nine digits before the point."""
+"""Times 1e22 the number still has nine digits before the point."""
 LARGEST: Final = 999_999_999.0
 TIME_DECIMALS: Final = 6
 TIME_SMALLEST: Final = 1e-4
 """Below it `repr` writes an exponent."""
 TIME_LARGEST: Final = 9e8
-"""Times 1e6 it has fifteen digits; up to there a double holds every decimal apart."""
+"""Times 1e6 the number has fifteen digits; up to there doubles distinguish all decimals."""
 EPOCH_DECIMALS: Final = 5
 EPOCH_LARGEST: Final = 9e9
 CELL_BYTES: Final = 26
-"""No cell is longer, its comma included."""
+"""Maximum length of a cell, including its comma."""
 SPLITTER: Final = 134217729.0
 COMMA, NEWLINE, POINT, MINUS, ZERO = b",\n.-0"
 LETTER_A, LETTER_E, LETTER_X = b"aex"
@@ -57,7 +57,7 @@ def csv_bytes(time_s: Floats, numbers: Floats, status: Integers) -> bytes:
 
 
 def _texts(times: Floats, numbers: Floats) -> tuple[Bytes, Integers]:
-    """By Python: all texts in one, and where each ends."""
+    """Format with Python: all texts joined, and where each ends."""
     texts = [repr(value) for value in times.tolist()]
     texts += [f"{value:.{DIGITS}g}" for value in numbers.tolist()]
     ends = np.cumsum(np.array([0, *map(len, texts)], dtype=np.int64))
@@ -66,7 +66,7 @@ def _texts(times: Floats, numbers: Floats) -> tuple[Bytes, Integers]:
 
 @inline
 def _time_decimals(time: float) -> int:
-    """Decimals with which the time is exactly told; -1 if there are none, so Python must."""
+    """Number of decimals that give the time exactly; -1 if Python must format it."""
     size = abs(time)
     if not (TIME_SMALLEST <= size < EPOCH_LARGEST):
         return -1
@@ -82,7 +82,7 @@ def _is_hard(value: float) -> bool:
 
 @kernel
 def _hard(times: Floats, numbers: Floats) -> tuple[Integers, Integers]:
-    """Rows of the times, and row and column of the numbers, that are left to Python."""
+    """Rows of the times, and row and column of the numbers, that Python must format."""
     hard_times = np.empty(times.size, dtype=np.int64)
     time_count = 0
     count = 0
@@ -107,11 +107,11 @@ def _hard(times: Floats, numbers: Floats) -> tuple[Integers, Integers]:
 def _fill(
     out: Bytes, times: Floats, numbers: Floats, status: Integers, texts: Bytes, ends: Integers
 ) -> int:
-    """Write all rows; returns how many bytes that are."""
+    """Write all rows; return the number of bytes."""
     digits = np.empty(20, dtype=np.uint8)
     at = 0
     hard_time = 0
-    hard_number = 0  # its texts follow those of all times
+    hard_number = 0  # their texts follow those of all times
     for row in range(times.size):
         hard_number += _time_decimals(times[row]) < 0
     for row in range(times.size):
@@ -179,10 +179,10 @@ def _write_time(out: Bytes, at: int, time: float, decimals: int, digits: Bytes) 
 
 @inline
 def _nine_digits(size: float) -> tuple[int, int]:
-    """Nine digits as one whole number, and the power of ten of the first."""
+    """Nine digits as one integer, and the power of ten of the first."""
     power = int(np.floor(np.log10(size)))
     scaled = _scaled(size, power)
-    # The logarithm may be wrong by one beside a power of ten, and rounding may carry into it.
+    # Near a power of ten the logarithm may be wrong by one, and rounding may carry into it.
     if scaled < WHOLE_POWERS[DIGITS - 1]:
         power -= 1
         scaled = _scaled(size, power)
@@ -194,7 +194,7 @@ def _nine_digits(size: float) -> tuple[int, int]:
 
 @inline
 def _scaled(size: float, power: int) -> int:
-    """The size over 10^(power - 8), rounded to a whole number, a tie to the even one."""
+    """Return the size over 10^(power - 8), rounded to an integer, ties to even."""
     factor = POWERS[DIGITS - 1 - power]
     high = size * factor
     # Dekker's product: high + low is size times factor, exactly.
@@ -253,7 +253,7 @@ def _write_number(out: Bytes, at: int, value: float, digits: Bytes) -> int:
 
 @inline
 def _write_exponent(out: Bytes, at: int, digits: Bytes, count: int, power: int) -> int:
-    """Of a number below 1e-4 and not below 1e-13."""
+    """Write the exponent of a number below 1e-4 and not below 1e-13."""
     out[at] = ZERO + digits[0]
     at += 1
     if count > 1:

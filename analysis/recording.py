@@ -1,13 +1,13 @@
-"""Recordings in: the CSV of the interface, read fast, and refused with the place named.
+"""Input of recordings: the CSV format, read fast, and refused with the place of an error.
 
-Columns by name, any order, extra columns ignored: `time_s, hip_angle_rad, slide_position_m,
-hip_torque_nm, slide_force_n`. The row at time t holds the positions sampled at t, and the torque
-and force that acted from the row before until t. An empty cell is a missing sample.
+Columns are found by name, in any order, extra columns are ignored: `time_s, hip_angle_rad,
+slide_position_m, hip_torque_nm, slide_force_n`. The row at time t holds the positions sampled at t,
+and the torque and force that acted from the previous row to t. An empty cell is a missing sample.
 
 Times may begin anywhere. Those of the epoch (1.7e9 s) are doubles 0.24 µs apart: the steps between
 rows are off by so much, and estimates by less than 0.01 of their sigma.
 
-What a person gets wrong is looked for here, because the observer would accept it in silence:
+Typical errors of an operator are detected here, because the observer would accept them silently:
 degrees for radians, millimetres for metres, milliseconds for seconds, rows out of order.
 """
 
@@ -33,16 +33,16 @@ COLUMNS: Final = (
 )
 CHUNK_LINES: Final = 65536
 IMPLAUSIBLE_RATIO: Final = 0.01
-"""Share of samples beyond the plausible range that makes a unit wrong; fewer are glitches."""
+"""Share of samples beyond the plausible range that means a wrong unit; fewer are glitches."""
 IMPLAUSIBLE_ROWS: Final = 50
-"""So many rows in a row beyond it, that move, do too: half a second, longer than a glitch."""
+"""The same for this many moving rows in a row: half a second, longer than a glitch."""
 
 _EMPTY_CELL: Final = re.compile(r"(?:(?<=,)|^)[ \t]*(?=,|[\r\n]*\Z)")
 
 Progress = Callable[[float], None]
-"""Told the share done, 0 to 1."""
+"""Called with the share done, 0 to 1."""
 Place = Callable[[int], str]
-"""Where row `index`, from 0, stands: file and line, or file and row."""
+"""Returns the place of row `index`, from 0: file and line, or file and row."""
 
 
 class RecordingError(Exception):
@@ -51,7 +51,7 @@ class RecordingError(Exception):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """What an observer needs of a recording; NaN is a missing sample."""
+    """Inputs of an observer; NaN is a missing sample."""
 
     source: str
     time_s: NDArray[np.float64]
@@ -59,16 +59,17 @@ class Recording:
     position: NDArray[np.float64]
     """Shape (n, 2): hip angle [rad], slide position [m], sampled at time_s."""
     effort: NDArray[np.float64]
-    """Shape (n, 2): hip torque [N·m], slide force [N], which acted from the row before."""
+    """Shape (n, 2): hip torque [N·m], slide force [N], which acted from the previous row to this
+    one."""
 
     @property
     def duration_s(self) -> float:
-        """From the first row to the last."""
+        """Time from the first row to the last."""
         return float(self.time_s[-1] - self.time_s[0])
 
 
 class _Plausible(NamedTuple):
-    """Beyond `limit` in more than IMPLAUSIBLE_RATIO of the samples, `suspicion` is said."""
+    """Limit of a column: `suspicion` is reported if over IMPLAUSIBLE_RATIO of samples exceed it."""
 
     column: str
     limit: float
@@ -83,7 +84,7 @@ PLAUSIBLE: Final = (
 )
 PERIOD_MAX_S: Final = 0.5
 PERIOD_MIN_S: Final = 0.0002
-"""Of the median step between rows; beyond, it looks like another unit of time."""
+"""Limit of the median step between rows; beyond, another unit of time is likely."""
 
 
 def read_csv(path: Path, progress: Progress | None = None) -> Recording:
@@ -114,12 +115,12 @@ def read_csv(path: Path, progress: Progress | None = None) -> Recording:
 
 
 def recording(source: str, values: NDArray[np.float64], place: Place | None = None) -> Recording:
-    """Check numbers, shape (n, 5) in the order of COLUMNS, and make them a recording.
+    """Check numbers, shape (n, 5) in the order of COLUMNS, and convert them to a recording.
 
     Args:
-        source: what messages call it.
+        source: its name in messages.
         values: NaN is a missing sample; no time may be missing.
-        place: what messages say of a row; by default its number, from 1.
+        place: names a row in messages; by default its number, from 1.
 
     Raises:
         RecordingError: see `read_csv`.
@@ -144,14 +145,14 @@ def _row_of(source: str, row: int) -> str:
 
 
 def _line_of(path: Path, row: int) -> int:
-    """The line of a row, counting as `_numbers` does: blank lines are no rows."""
+    """Line of a row, counted as in `_numbers`: blank lines are no rows."""
     with path.open(encoding="utf-8-sig", newline="") as file:
         filled = (number for number, line in enumerate(file, 1) if number > 1 and line.strip())
         return next(islice(filled, row, None))
 
 
 class _Header(NamedTuple):
-    """Where the columns are that we need, in the order of COLUMNS, and how many there are."""
+    """Positions of the needed columns, in the order of COLUMNS, and the number of columns."""
 
     indexes: tuple[int, ...]
     cell_count: int
@@ -174,13 +175,14 @@ def _header(path: Path, header: str) -> _Header:
 
 
 def _numbers(path: Path, lines: list[str], header: _Header, first_line: int) -> NDArray[np.float64]:
-    """Numbers of some lines, shape (n, 5); lines that are blank are left out."""
+    """Parse lines into numbers, shape (n, 5); blank lines are left out."""
     filled = [line for line in lines if not line.isspace()]
     if not filled:
         return np.empty((0, len(COLUMNS)))
     if all(line.count(",") == header.cell_count - 1 for line in filled):
-        # A ValueError tells of something missing or wrong: first gaps, then a look at each cell,
-        # which also finds out where.
+        # A ValueError means a missing or wrong cell: gaps are filled first, then each cell is
+        # checked,
+        # which also gives the place.
         with contextlib.suppress(ValueError):
             return _loaded(filled, header)
         with contextlib.suppress(ValueError):
@@ -195,7 +197,7 @@ def _loaded(lines: list[str], header: _Header) -> NDArray[np.float64]:
 
 
 def _gaps_named(lines: list[str]) -> list[str]:
-    """Empty cells as `nan`, which the fast reader takes."""
+    """Write empty cells as `nan`, which the fast reader accepts."""
     return [_EMPTY_CELL.sub("nan", line) for line in lines]
 
 
@@ -217,7 +219,7 @@ def _numbers_cell_by_cell(
 
 
 def _check_count(path: Path, line: int, cells: list[str], header: _Header) -> None:
-    """Empty cells behind the last column are no harm."""
+    """Check the number of cells; empty cells behind the last column are allowed."""
     wanted = header.cell_count
     if len(cells) < wanted:
         raise RecordingError(f"{path}:{line}: has {len(cells)} cells, too few for {wanted} columns")
@@ -298,7 +300,7 @@ def _check_plausible(source: str, column: str, values: NDArray[np.float64], wher
 
 
 def _moves_beyond(values: NDArray[np.float64], beyond: NDArray[np.bool_]) -> bool:
-    """Whether some stretch of rows is all beyond and moves: no glitch, and no dead sensor."""
+    """True if some stretch of rows is all beyond and moves: neither a glitch nor a dead sensor."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], beyond, [False]))))
     return any(
         end - begin >= IMPLAUSIBLE_ROWS and np.ptp(values[begin:end]) > 0.0

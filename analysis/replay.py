@@ -1,8 +1,8 @@
-"""Replay: the observer over a recording, whatever it comes from, with the robot that made it.
+"""Replay: the observer over a recording from any source, with the robot of the recording.
 
 The kernel is the service's own, in one compiled loop over all rows, so the same file gives the same
-bits again. A ring holds the newest 30 s only, a file of the black box less: its replay begins with
-a fresh filter, and agrees with what the service said then once the leg has moved for some seconds.
+bits again. A ring holds the newest 30 s only, a file of the black box less: its replay starts with
+a fresh filter, and agrees with the service's estimates once the leg has moved for some seconds.
 """
 
 from collections.abc import Sequence
@@ -17,12 +17,12 @@ from analysis.recording import Progress, Recording, RecordingError, read_csv, re
 from analysis.stop_recording import about, stop_of
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Robot
-from daemon.record import CycleRecord
-from daemon.seam import RingError, RingReader
-from observer.batch import BatchEstimates, Columns, run
-from observer.leg_observer import Setup, setup_of
-from observer.smooth_batch import run_smoothed
-from observer.status import Status
+from daemon.ipc.record import CycleRecord
+from daemon.ipc.transport import RingError, RingReader
+from observer.filter.leg_observer import Setup, setup_of
+from observer.filter.status import Status
+from observer.offline.batch import BatchEstimates, Columns, run
+from observer.offline.smooth_batch import run_smoothed
 
 CALLER_BITS = int(
     Status.LATE
@@ -31,31 +31,31 @@ CALLER_BITS = int(
     | Status.INPUT_SATURATED
     | Status.NEAR_LIMIT
 )
-"""What the observer was told, as opposed to what it found out."""
+"""Status bits that are inputs of the observer, not its results."""
 
 
 class Source(NamedTuple):
-    """A recording, and what came with it."""
+    """A recording and its metadata."""
 
     recording: Recording
     robot: Robot | None
-    """As the service had it; None where the recording does not say."""
+    """Robot of the service; None where the recording does not contain it."""
     leg: str
     caller_bits: np.ndarray | None
     about: tuple[tuple[str, str], ...] = ()
-    """What the file says of itself: names and values."""
+    """Metadata of the file: names and values."""
 
 
 def read(path: Path, leg: str | None = None, progress: Progress | None = None) -> Source:
     """Read a `.csv`, or the black-box ring of a service.
 
     Args:
-        path: of the file; everything that is no `.csv` is taken for a ring.
-        leg: of the ring; its first one if None. A CSV has only one.
-        progress: told the share that is read.
+        path: the file; any name without `.csv` is read as a ring.
+        leg: a leg of the ring; the first one if None. A CSV has only one.
+        progress: called with the share read.
 
     Raises:
-        RecordingError: it cannot be used; says where and why.
+        RecordingError: the file cannot be used; names place and reason.
     """
     if path.suffix.lower() == ".csv":
         return Source(read_csv(path, progress), None, "", None)
@@ -63,10 +63,10 @@ def read(path: Path, leg: str | None = None, progress: Progress | None = None) -
 
 
 def legs_of(path: Path) -> tuple[str, ...]:
-    """Names of the legs of a ring; of a CSV, which has one, nothing.
+    """List the legs of a ring; empty for a CSV, which has one unnamed leg.
 
     Raises:
-        RecordingError: it is neither.
+        RecordingError: the file is neither.
     """
     if path.suffix.lower() == ".csv":
         return ()
@@ -89,10 +89,10 @@ def _opened(path: Path) -> RingReader:
 def read_ring(path: Path, leg: str | None = None) -> Source:
     """Read a ring of records, or a file of the black box, which is one.
 
-    What the observer was given is read, and the robot that it was given for.
+    The recording contains the observer's inputs and the robot.
 
     Raises:
-        RecordingError: it is no ring, has no such leg, or no cycle in which the observer ran.
+        RecordingError: the file is no ring, has no such leg, or no cycle in which the observer ran.
     """
     ring = _opened(path)
     try:
@@ -151,13 +151,13 @@ def estimate_smoothed(
 
 
 def columns_of(source: Source) -> Columns:
-    """A recording as the observer takes it."""
+    """Convert a recording to the observer's input."""
     made = source.recording
     return Columns(made.time_s, made.position, made.effort, source.caller_bits)
 
 
 def warm_up(robot: Robot, *, smooth: bool = False) -> None:
-    """Compile or load the kernels: seconds, or a third of one, that are no part of a speed."""
+    """Compile or load the kernels, so that this time is not part of a measured speed."""
     nothing = Columns(np.zeros(1), np.full((1, 2), np.nan), np.zeros((1, 2)))
     (run_smoothed if smooth else run)(setup_for(robot), nothing)
     csv_bytes(np.zeros(1), np.zeros((1, 1)), np.zeros(1, dtype=np.int64))

@@ -1,4 +1,4 @@
-"""The picture of a replay: pose, speed, friction and patient of both axes, and what to believe."""
+"""Picture of a replay: pose, speed, friction and patient of both axes, and their validity."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -26,14 +26,14 @@ from analysis.drawing import (
     style,
 )
 from analysis.recording import Recording
-from observer.batch import BatchEstimates
-from observer.status import Status, Validity
+from observer.filter.status import Status, Validity
+from observer.offline.batch import BatchEstimates
 
 AXES: Final = (("hip", "rad", "rad/s", "N·m"), ("slide", "m", "m/s", "N"))
 """Name, and units of position, speed and effort."""
 SIGMAS: Final = 3.0
 GAP_PERIODS: Final = 5.0
-"""Between two rows; more is drawn as a gap."""
+"""Limit of the time between two rows; more is drawn as a gap."""
 DPI: Final = 130
 HARMLESS: Final = frozenset({Status.VALID, Status.WARM_UP, Status.ARTIFICIAL})
 
@@ -68,9 +68,9 @@ def draw(recording: Recording, estimates: BatchEstimates, path: Path) -> None:
 
 
 def _with_gaps(recording: Recording, estimates: BatchEstimates) -> tuple[Recording, BatchEstimates]:
-    """With empty rows where rows are missing, so that no line leads across what nobody saw.
+    """Insert empty rows where rows are missing, so that no line crosses a gap.
 
-    As many as a stretch of a long line needs to be empty as a whole.
+    Enough rows are inserted to make a whole stretch of a long line empty.
     """
     step_s = np.diff(recording.time_s)
     period_s = float(np.median(step_s)) if len(step_s) else 0.0
@@ -135,7 +135,7 @@ def _bits(estimates: BatchEstimates) -> int:
 
 
 def _status_strip(panel: Axes, recording: Recording, estimates: BatchEstimates) -> None:
-    """One row for each status bit that was ever up, and one for what is not valid."""
+    """Draw one row for each status bit that was ever set, and one for validity."""
     time = recording.time_s - recording.time_s[0]
     bits = _shown(estimates)
     style(panel, "status")

@@ -1,4 +1,4 @@
-"""The picture of a stop: what the leg did, what the drives did, and what the service made of it."""
+"""Picture of a stop: motion of the leg, state of the drives, and state of the service."""
 
 from collections.abc import Callable, Sequence
 from itertools import groupby
@@ -27,15 +27,15 @@ from analysis.drawing import (
     style,
 )
 from analysis.stop_recording import StopRecording, cause_words, known, utc_words
-from daemon.record import CycleRecord, DriveRecord, StopCategory
-from daemon.words import POWER_STATES, Validity
+from daemon.ipc.record import CycleRecord, DriveRecord, StopCategory
+from daemon.wire.fields import POWER_STATES, Validity
 
 AXES: Final = (("hip", "rad", "rad/s", "N·m"), ("slide", "m", "m/s", "N"))
 """Name, and units of position, speed and effort."""
 SIGMAS: Final = 3.0
 DPI: Final = 130
 _PATIENT: Final = 6
-"""Of the observer's states: hip, and after it slide."""
+"""Index into the observer's states: hip, then slide."""
 _CATEGORY: Final = {
     StopCategory.NONE: FAINT,
     StopCategory.S2: "#f2b705",
@@ -111,7 +111,7 @@ def _drive(record: CycleRecord, name: str) -> DriveRecord | None:
 
 
 def _of(rows: Sequence[Any], figure: Callable[[Any], float | None]) -> NDArray[np.float64]:
-    """One figure of all rows; NaN where there is nothing to read it from, or it is not known."""
+    """Collect one value of all rows; NaN where it is missing or unknown."""
     found = (nan if row is None else known(figure(row)) for row in rows)
     return np.fromiter(found, dtype=np.float64, count=len(rows))
 
@@ -119,7 +119,7 @@ def _of(rows: Sequence[Any], figure: Callable[[Any], float | None]) -> NDArray[n
 def _strips(
     panel: Axes, records: Sequence[CycleRecord], time: NDArray[np.float64], drive: str
 ) -> None:
-    """Mode, verdict and the drive's own state, as words along the time."""
+    """Draw mode, verdict and the drive's own state as text along the time."""
     style(panel, "mode, verdict and drive")
     rows: tuple[tuple[str, list[str], list[str]], ...] = (
         (
@@ -150,7 +150,7 @@ def _states(records: Sequence[CycleRecord], name: str) -> tuple[list[str], list[
 
 
 def _strip(panel: Axes, row: int, cells: list[tuple[str, str]], time: NDArray[np.float64]) -> None:
-    """Bars of equal words; a bar that is too short for its word stays without it."""
+    """Draw bars of equal text; a bar that is too short has no text."""
     begin, whole = 0, float(time[-1] - time[0]) or 1.0
     for (words, colour), group in groupby(cells):
         count = len(list(group))

@@ -1,7 +1,7 @@
-"""A ring as the story of a stop: the records around it, what it was, and how it reads in words.
+"""Records of a stop from a ring: the records around it, its cause, and its description.
 
-A file of the black box says itself what it was kept for. In the ring of a core it is the newest
-verdict that was latched in it; if there is none, its last record.
+A file of the black box names the stop that it was saved for. In the ring of a core the stop is the
+newest latched verdict; without one, the last record is used.
 """
 
 import math
@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from analysis.recording import RecordingError
-from daemon.causes import CAUSE_TEXT
-from daemon.kept_ring import CORE_ENDED, CORE_SILENT
-from daemon.record import Cause, CycleRecord, StopCategory
-from daemon.seam import Kept, RingError, RingHeader, RingReader
+from daemon.ipc.record import Cause, CycleRecord, StopCategory
+from daemon.ipc.ring_clip import CORE_ENDED, CORE_SILENT
+from daemon.ipc.transport import Kept, RingError, RingHeader, RingReader
+from daemon.wire.causes import CAUSE_TEXT
 
 _ENDS = {
     CORE_SILENT: "the core fell silent: killed, hanging, or ended in good order",
@@ -32,24 +32,24 @@ class StopRecording(NamedTuple):
     header: RingHeader
     records: tuple[CycleRecord, ...]
     kept: Kept
-    """As the file says, or as it was found in a ring."""
+    """Stop as given by the file, or as found in a ring."""
     whole: bool
-    """It is a ring of a core, and was not cut around a stop."""
+    """True for a complete ring of a core, which was not cut around a stop."""
     damaged_count: int = 0
-    """Records that are there and cannot be read."""
+    """Records that are present and cannot be read."""
 
     def from_stop_s(self, record: CycleRecord) -> float:
-        """When a record was, seconds from the stop."""
+        """Time of a record in seconds from the stop."""
         return (record.sync_mono_ns - self.stop.sync_mono_ns) * 1e-9
 
     @property
     def stop(self) -> CycleRecord:
-        """The record with which it stopped, or the nearest that there is."""
+        """The record of the stop, or the nearest available one."""
         return min(self.records, key=lambda record: abs(record.seq - self.kept.stop_seq))
 
     @property
     def missing_count(self) -> int:
-        """Records that should be between the first and the last, and are not, or are damaged."""
+        """Number of missing or damaged records between the first and the last."""
         return self.records[-1].seq - self.records[0].seq + 1 - len(self.records)
 
 
@@ -57,7 +57,7 @@ def read_stop(path: Path) -> StopRecording:
     """Read a file of the black box, or the ring of a core.
 
     Raises:
-        RecordingError: it is neither, or holds no record.
+        RecordingError: the file is neither, or holds no record.
     """
     try:
         with closing(RingReader(path)) as ring:
@@ -76,14 +76,14 @@ def read_stop(path: Path) -> StopRecording:
 def stop_of(
     path: Path, header: RingHeader, records: Sequence[CycleRecord], damaged_count: int = 0
 ) -> StopRecording:
-    """The same of what was read already; at least one record."""
+    """Make a stop recording of records already read; at least one."""
     kept = header.kept or _found(records)
     whole = header.kept is None
     return StopRecording(path, header, tuple(records), kept, whole, damaged_count)
 
 
 def _found(records: Sequence[CycleRecord]) -> Kept:
-    """The newest stop in a ring that says nothing of itself."""
+    """Find the newest stop in a ring without metadata."""
     pairs = list(pairwise(records))
     latched = (
         now
@@ -106,7 +106,7 @@ def _found(records: Sequence[CycleRecord]) -> Kept:
 
 
 def cause_words(cause: str) -> str:
-    """A cause as a person reads it."""
+    """Format a cause for the operator."""
     if cause in _ENDS:
         return _ENDS[cause]
     known = Cause.__members__.get(cause.upper())
@@ -114,19 +114,19 @@ def cause_words(cause: str) -> str:
 
 
 def remedy_of(cause: str) -> str:
-    """What a person can do; empty where nothing is known."""
+    """Recommended action of the operator; empty where none is known."""
     known = Cause.__members__.get(cause.upper())
     return CAUSE_TEXT[known].remedy if known is not None else ""
 
 
 def utc_words(utc_ns: int) -> str:
-    """A time of the world for people, to the millisecond."""
+    """Format a UTC time for the operator, to the millisecond."""
     at = datetime.fromtimestamp(utc_ns // 1_000_000 / 1e3, UTC)
     return f"{at:%Y-%m-%d %H:%M:%S}.{at.microsecond // 1000:03d} UTC"
 
 
 def about(told: StopRecording) -> tuple[tuple[str, str], ...]:
-    """What the file is: names and values, in the order of reading."""
+    """Describe the file: names and values, in the order of reading."""
     header, kept, records = told.header, told.kept, told.records
     before_s, after_s = -told.from_stop_s(records[0]), told.from_stop_s(records[-1])
     gaps = f", {told.missing_count} missing" if told.missing_count else ""
@@ -147,5 +147,5 @@ def about(told: StopRecording) -> tuple[tuple[str, str], ...]:
 
 
 def known(value: float | None) -> float:
-    """None as NaN, for arrays."""
+    """Convert None to NaN, for arrays."""
     return math.nan if value is None else value

@@ -1,4 +1,4 @@
-"""A picture of the strides of a recording: work of each, and the patient over gait phase."""
+"""Picture of the strides of a recording: work of each, and the patient over gait phase."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,13 +12,13 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from analysis.drawing import BAD, ESTIMATE, FAINT, GOOD, TEXT, legend, style
-from observer.batch import BatchEstimates
-from observer.status import Validity
+from observer.filter.status import Validity
+from observer.offline.batch import BatchEstimates
 from observer.strides import AxisStride, Stride
 
 DPI: Final = 100
 SHOWN_MAX: Final = 60
-"""Bars of more strides than this could not be told apart: the last ones are drawn."""
+"""More bars are not distinguishable: only the last strides are drawn."""
 AXES: Final = (("hip", "N·m"), ("slide", "N"))
 
 
@@ -28,13 +28,13 @@ def draw(
     smooth: BatchEstimates,
     path: Path,
 ) -> Figure:
-    """Work of each stride with its sigma, and the smoothed patient of all strides over phase.
+    """Draw the work of each stride with its sigma, and the smoothed patient effort over phase.
 
     Args:
         strides: each with its first row.
         time_s: of the rows.
         smooth: the smoothed recording.
-        path: of the PNG.
+        path: the PNG file.
 
     Raises:
         OSError: the file cannot be written.

@@ -1,4 +1,4 @@
-"""Strides of a recording as a table: CSV out, one row for each."""
+"""Strides of a recording as a CSV table, one row for each."""
 
 import csv
 from collections.abc import Sequence
@@ -58,7 +58,7 @@ def _row(number: int, begin_s: float, stride: Stride) -> list[float | str | None
 
 
 def _axis(axis: AxisStride) -> list[float | None]:
-    """In the order of AxisStride, which is that of the columns."""
+    """Values in the order of AxisStride, which is that of the columns."""
     return list(axis)
 
 

@@ -1,8 +1,9 @@
-"""A trial: what an observer got, beside what was true, and what may be done to it afterwards.
+"""A trial: the inputs of an observer with the true values, and disturbances that can be added.
 
-A trial comes from the virtual machine (`gaitd.trials`) or from any simulation. The functions here
-spoil a recording in a way that real machines do: a ripple on the current, samples off their time
-stamps, efforts a cycle late, glitches of an encoder. All take a seed and give the same bits again.
+A trial comes from the virtual machine (`gaitd_lab.trials`) or from any simulation. The functions
+here add disturbances of real machines to a recording: a ripple on the current, samples off their
+time stamps, efforts a cycle late, glitches of an encoder. All take a seed and are reproducible bit
+by bit.
 """
 
 from dataclasses import dataclass, replace
@@ -15,17 +16,17 @@ from scipy.interpolate import CubicHermiteSpline
 from analysis.recording import Recording
 from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
-from observer.friction import gate_of
-from observer.states import POSITION, VELOCITY
+from observer.filter.states import POSITION, VELOCITY
+from observer.mechanism.friction import gate_of
 
 Values = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Pair = tuple[float, float]
 
 MOVING_GATE: Final = 0.5
-"""A joint moves where its true gate a(v), eq. (12), is above."""
+"""A joint moves where its true gate a(v), eq. (12), is above this."""
 JITTER_MAX_S: Final = 0.004
-"""No sample is further from its stamp: the order of samples stays."""
+"""Largest distance of a sample from its stamp, which keeps the order of samples."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,25 +35,25 @@ class Trial:
 
     name: str
     recording: Recording
-    """As the observer got it."""
+    """The observer's inputs."""
     truth: Values
-    """Shape (n, 8) in the order and units of `observer.states`; the patient's part holds the
+    """Shape (n, 8) in the order and units of `observer.filter.states`; the patient's part holds the
     patient and any artificial disturbance, which the observer cannot tell from a patient."""
     robot: Robot
-    """As the service had it."""
+    """Robot of the service."""
     judged: Flags
-    """Shape (n,): rows to compare: the motion without bringing up, approach and standing still
-    after a stop; all of a rest."""
+    """Shape (n,): rows to compare: the motion without bring-up, approach and standstill after a
+    stop; all rows of a rest."""
     ended: str
-    """Why the service stopped before its time; empty if it did not."""
+    """Why the service stopped early; empty if it did not."""
 
     def named(self, name: str) -> "Trial":
-        """The same under another name."""
+        """Return the trial under another name."""
         return replace(self, name=name)
 
     @property
     def moving(self) -> Flags:
-        """Shape (n, 2): the true gate of each axis is open."""
+        """True where the true gate of each axis is open, shape (n, 2)."""
         axes = zip(friction_parameters(self.robot), self.truth[:, VELOCITY].T, strict=True)
         return np.column_stack(
             [
@@ -63,21 +64,21 @@ class Trial:
 
 
 def with_ripple(trial: Trial, ripple: Pair, seed: int) -> Trial:
-    """Efforts that are samples about the mean of their cycle.
+    """Add ripple to efforts, as samples about the mean of their cycle.
 
     Args:
-        trial: whose efforts are means.
+        trial: its efforts are means.
         ripple: standard deviations, N·m and N.
-        seed: of the noise.
+        seed: seed of the noise.
     """
     noise = np.random.default_rng(seed).normal(size=trial.recording.effort.shape)
     return _with(trial, effort=trial.recording.effort + noise * ripple)
 
 
 def with_late_efforts(trial: Trial, cycles: int) -> Trial:
-    """Efforts that acted so many cycles later than their rows say.
+    """Shift efforts so that they acted this many whole cycles later than their rows say.
 
-    The first rows, of which nothing older is known, keep their first effort.
+    The last rows, for which no later effort is known, repeat the last one.
     """
     later = np.vstack(
         (trial.recording.effort[cycles:], np.repeat(trial.recording.effort[-1:], cycles, 0))
@@ -86,13 +87,13 @@ def with_late_efforts(trial: Trial, cycles: int) -> Trial:
 
 
 def with_glitches(trial: Trial, interval_s: float, size: Pair, seed: int) -> Trial:
-    """Single samples of one encoder in turn that are wrong.
+    """Add single wrong samples, alternating between the encoders.
 
     Args:
-        trial: to be spoiled.
+        trial: the trial to disturb.
         interval_s: mean time between two.
-        size: of the smallest and the largest, rad; metres at the slide.
-        seed: of their times, sizes and signs.
+        size: smallest and largest glitch, rad; metres at the slide.
+        seed: seed of times, sizes and signs.
     """
     random = np.random.default_rng(seed)
     position = trial.recording.position.copy()
@@ -105,17 +106,17 @@ def with_glitches(trial: Trial, interval_s: float, size: Pair, seed: int) -> Tri
 
 
 def with_jitter(trial: Trial, sigma_s: float, noise: Pair, quantum: Pair, seed: int) -> Trial:
-    """Samples that were taken off the grid, with their true times.
+    """Take samples off the grid, with their true times.
 
     Positions are those of the true motion at that time, with an encoder's noise and quanta; efforts
-    are means between the new times. `on_the_grid` gives them the stamps that a clock would.
+    are means between the new times. `on_the_grid` gives them the nominal time stamps.
 
     Args:
-        trial: with a recording on a grid.
+        trial: its recording is on a grid.
         sigma_s: standard deviation of a sample's time about its stamp.
-        noise: of the encoders, standard deviations, rad and m.
-        quantum: of the encoders, rad and m.
-        seed: of times and noise.
+        noise: standard deviations of the encoders, rad and m.
+        quantum: resolution of the encoders, rad and m.
+        seed: seed of times and noise.
     """
     random = np.random.default_rng(seed)
     time_s = trial.recording.time_s
@@ -135,7 +136,7 @@ def with_jitter(trial: Trial, sigma_s: float, noise: Pair, quantum: Pair, seed: 
 
 
 def on_the_grid(jittered: Trial, trial: Trial) -> Trial:
-    """The same samples with the time stamps of the grid that they were meant for."""
+    """Replace the time stamps by those of the grid."""
     return _with(jittered, time_s=trial.recording.time_s)
 
 

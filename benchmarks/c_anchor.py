@@ -1,4 +1,4 @@
-"""Compiles `anchor.c` and calls it: the hand-written C that the observer is measured against."""
+"""Compile `anchor.c` and call it: the observer's step in hand-written C, as a reference."""
 
 import ctypes
 import shutil
@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.leg_filter import Options
-from observer.leg_memory import START_STD
-from observer.leg_observer import Setup
+from observer.filter.leg_filter import Options
+from observer.filter.leg_memory import START_STD
+from observer.filter.leg_observer import Setup
 
 SOURCE = Path(__file__).with_name("anchor.c")
 COMPILERS = ("cc", "gcc", "clang")
@@ -23,7 +23,7 @@ Matrix = NDArray[np.float64]
 
 
 class Estimates(NamedTuple):
-    """After each step: state (n, 8) and NIS (n,); at the end the root of the covariance (8, 8)."""
+    """State after each step (n, 8), NIS (n,), and the final root of the covariance (8, 8)."""
 
     state: Matrix
     nis: NDArray[np.float64]
@@ -34,9 +34,10 @@ Run = Callable[[Setup, Matrix, Matrix, float], Estimates]
 
 
 def build() -> Run | None:
-    """The anchor as `run(setup, measured (n, 2), effort (n, 2), dt_s)`; None without a compiler.
+    """Return `run(setup, measured (n, 2), effort (n, 2), dt_s)`; None without a C compiler.
 
-    It begins at rest at the first measurement, which it does not correct by, as the observer does.
+    The run begins at rest at the first measurement, without a correction by it, like the
+    observer.
     """
     compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
     if compiler is None:
@@ -47,7 +48,7 @@ def build() -> Run | None:
         subprocess.run([compiler, *FLAGS, "-o", library, SOURCE, "-lm"], check=True)
         loaded = ctypes.CDLL(str(library))
     finally:
-        shutil.rmtree(folder)  # once it is mapped, the file is not needed
+        shutil.rmtree(folder)  # once the library is mapped, its file is not needed
     function = loaded.anchor_run
     function.restype = None
     return lambda setup, measured, effort, dt_s: _run(function, setup, measured, effort, dt_s)

@@ -1,8 +1,8 @@
-"""FilterPy's unscented Kalman filter on the same model: what a capable library costs.
+"""FilterPy's unscented Kalman filter on the observer's model: the cost of a general library.
 
 Its model is either plain Python, as its users write it, or one compiled call for each sigma point.
-Spread (n + kappa = 3), noise and substeps are the observer's; the integrator is RK4, because with
-the other one FilterPy's covariance stops being positive definite after a few steps.
+Spread (n + kappa = 3), noise and substeps are the observer's. The integrator is RK4, because with
+the semi-implicit one FilterPy's covariance stops being positive definite after a few steps.
 """
 
 import cmath
@@ -13,13 +13,13 @@ import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from numpy.typing import NDArray
 
-from observer.friction import FrictionParameters, friction_rate
+from observer.filter.leg_filter import Options
+from observer.filter.leg_memory import START_STD
+from observer.filter.leg_observer import Setup
 from observer.jit import kernel
-from observer.leg_filter import Options
-from observer.leg_memory import START_STD
-from observer.leg_observer import Setup
-from observer.linkage import bounded_acceleration
-from observer.parameters import GRAVITY, LegParameters
+from observer.mechanism.friction import FrictionParameters, friction_rate
+from observer.mechanism.linkage import bounded_acceleration
+from observer.mechanism.parameters import GRAVITY, LegParameters
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -28,7 +28,7 @@ Slope = Callable[[Floats], Floats]
 
 
 def run(setup: Setup, measured: Matrix, effort: Matrix, dt_s: float, *, compiled: bool) -> Matrix:
-    """State after each step, (n - 1, 8); begins at rest at the first measurement."""
+    """State after each step, (n - 1, 8); the run begins at rest at the first measurement."""
     torque = np.zeros(2)
     model = compiled_model(setup, torque) if compiled else python_model(setup, torque)
     points = MerweScaledSigmaPoints(n=8, alpha=1.0, beta=0.0, kappa=-5.0)
@@ -49,7 +49,7 @@ def run(setup: Setup, measured: Matrix, effort: Matrix, dt_s: float, *, compiled
 
 
 def compiled_model(setup: Setup, torque: Vector) -> Callable[[Vector, float], Vector]:
-    """One step of the observer's own mechanism and friction for one point."""
+    """Build one step for one point from the observer's own mechanism and friction."""
     substeps = int(Options(*setup.options).substeps)
     physics = (setup.leg, setup.hip, setup.slide, setup.coriolis_share)
     return lambda x, dt_s: _compiled_step(*physics, torque, dt_s, substeps, x)
@@ -85,7 +85,7 @@ def _compiled_slope(leg, hip, slide, coriolis_share, torque, x):
 
 
 def python_model(setup: Setup, torque: Vector) -> Callable[[Vector, float], Vector]:
-    """The same step in plain Python, scalar by scalar: small arrays would be slower."""
+    """Build the same step in plain Python, scalar by scalar: small arrays would be slower."""
     leg = LegParameters(*setup.leg)
     hip, slide = FrictionParameters(*setup.hip), FrictionParameters(*setup.slide)
     substeps = int(Options(*setup.options).substeps)
@@ -140,7 +140,7 @@ def _acceleration(
     v2: float,
     force: tuple[float, float],
 ) -> tuple[float, float]:
-    """In complex numbers, as in the derivation: thigh K, shank u, shoe w."""
+    """Acceleration in complex numbers, as in the derivation: thigh K, shank u, shoe w."""
     thigh = cmath.rect(p.thigh_length_m, p.thigh_angle_rad + q1)
     rail = complex(p.rail_cos, p.rail_sin)
     reach = complex(p.rail_x_m, p.rail_y_m) + q2 * rail - thigh

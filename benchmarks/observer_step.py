@@ -1,8 +1,8 @@
 """One step of the observer against hand-written C and against FilterPy, in one run, as ratios.
 
-A benchmark, not a part of what is installed: import it as `benchmarks.observer_step` with the
-repository's root on the path, as an editable install has it. Without a C compiler, or without
-FilterPy, that competitor's times are None.
+This benchmark is not installed: import it as `benchmarks.observer_step` with the repository's root
+on the path, as an editable install has it. Without a C compiler, or without FilterPy, the times
+of that implementation are None.
 """
 
 import importlib
@@ -15,11 +15,11 @@ from time import perf_counter
 import numpy as np
 
 from benchmarks import c_anchor
-from observer.batch import Columns, run
-from observer.friction import FrictionParameters
-from observer.leg_model import STEP_S, Integrator
-from observer.leg_observer import LegObserver, ObserverTuning, Setup
-from observer.parameters import LegParameters
+from observer.filter.leg_model import STEP_S, Integrator
+from observer.filter.leg_observer import LegObserver, ObserverTuning, Setup
+from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.parameters import LegParameters
+from observer.offline.batch import Columns, run
 
 C_STEPS = 2500
 PEER_STEPS = 60
@@ -28,29 +28,29 @@ REPEATS = 9
 
 @dataclass(frozen=True, slots=True)
 class StepTimes:
-    """Medians over some repeats, us for one step; None where the competitor is not there."""
+    """Medians over several repeats, us for one step; None for an unavailable implementation."""
 
     integrator: str
     substeps: int
     observer_us: float
-    """Inside compiled code, as replay calls it: the whole cycle with gate, status and report."""
+    """Time inside compiled code, as in a replay: the whole cycle with gate, status and report."""
     live_us: float
-    """`LegObserver.step` from Python, with its estimate object."""
+    """Time of `LegObserver.step` from Python, with its estimate object."""
     c_us: float | None
-    """The filter's step alone, in hand-written C."""
+    """Time of the filter's step alone, in hand-written C."""
     filterpy_us: float | None
-    """With its model in plain Python."""
+    """Time of FilterPy with its model in plain Python."""
     filterpy_compiled_us: float | None
-    """With its model compiled."""
+    """Time of FilterPy with its model compiled."""
 
     @property
     def ratio_to_c(self) -> float | None:
-        """At most 1 is the budget."""
+        """Ratio of the observer's time to that of C; the budget is at most 1."""
         return None if self.c_us is None else self.observer_us / self.c_us
 
     @property
     def speed_up_to_filterpy(self) -> float | None:
-        """At least 50 is the budget."""
+        """Ratio of FilterPy's time to the observer's; the budget is at least 50."""
         return None if self.filterpy_us is None else self.filterpy_us / self.observer_us
 
 
@@ -60,13 +60,13 @@ def measure(
     slide: FrictionParameters,
     tuning: ObserverTuning,
 ) -> StepTimes:
-    """Times of one step, all competitors taking turns, so that a busy machine is busy for all.
+    """Time one step of each implementation, in turns, so that other load affects all of them.
 
     Args:
         leg: mechanism.
         hip: friction of the hip.
         slide: friction of the slide.
-        tuning: of the observer; integrator and substeps hold for all competitors.
+        tuning: the observer's tuning; its integrator and substeps hold for all implementations.
     """
     observer = LegObserver(leg, hip, slide, tuning)
     setup = observer.setup
@@ -96,7 +96,7 @@ def measure(
 
 
 def recording(rows: int) -> tuple[np.ndarray, np.ndarray]:
-    """A leg that swings slowly about mid pose, and efforts that roughly go with it."""
+    """A leg that swings slowly about mid pose, and efforts of about that motion."""
     time_s = np.arange(rows) * STEP_S
     swing = np.sin(2 * np.pi * 0.25 * time_s)
     measured = np.column_stack((0.24 + 0.15 * swing, 0.59 + 0.12 * swing))
@@ -118,7 +118,7 @@ def peer(
 
 
 def race(contestants: dict[str, tuple[Callable[[], object], int]]) -> dict[str, float]:
-    """Median us per step of each, after one round to warm up."""
+    """Median time of each contestant, us per step, after one round to warm up."""
     times: dict[str, list[float]] = {name: [] for name in contestants}
     for round_number in range(REPEATS + 1):
         for name, (contest, steps) in contestants.items():
@@ -130,4 +130,4 @@ def race(contestants: dict[str, tuple[Callable[[], object], int]]) -> dict[str, 
 
 
 INTEGRATORS = ((Integrator.SEMI_IMPLICIT, 1), (Integrator.SEMI_IMPLICIT, 2), (Integrator.RK4, 2))
-"""What the bench shows: pairs of integrator and substeps."""
+"""Pairs of integrator and substeps that the benchmark measures."""

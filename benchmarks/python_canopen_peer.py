@@ -1,11 +1,11 @@
-"""The drives' master as python-canopen's documentation suggests it: the peer of `gaitd core`.
+"""A master of the drives according to python-canopen's documentation: the peer of `gaitd core`.
 
     python benchmarks/python_canopen_peer.py --channel SOCKET --eds epos4.eds [--fifo]
 
-It holds both axes where it finds them by a spring and a damper, as `gaitd core` does in mode hold,
-and reacts to an emergency of one drive with a quick stop of both. Nothing else: no observer, no
-limits, no records. What a competent user takes from the documentation (canopen.readthedocs.io,
-pages "Network and nodes", "PDO", "SYNC", "EMCY", "Device profiles"):
+It holds both axes at their initial position by a spring and a damper, as `gaitd core` does in mode
+hold, and reacts to an emergency of one drive with a quick stop of both. It has no observer, no
+limits and no records. It follows the documentation (canopen.readthedocs.io, pages "Network and
+nodes", "PDO", "SYNC", "EMCY", "Device profiles"):
 
 - `Network.connect`, `BaseNode402`, PDOs mapped by the names of the EDS, `pdo.save()`;
 - `network.sync.start(0.01)`, and a main loop around `wait_for_reception`, `rpdo[..].raw = ...` and
@@ -13,16 +13,16 @@ pages "Network and nodes", "PDO", "SYNC", "EMCY", "Device profiles"):
 - `setup_402_state_machine`, `op_mode`, `state = "OPERATION ENABLED"`;
 - `node.emcy.add_callback`, which runs in the thread that receives, and there sets controlwords.
 
-What he finds out, and does so here: the RPDO of the controlword is of type 255, or the setter sends
-nothing (2.4.1); `state = ...` is not set in a callback, because it waits for a TPDO that only the
-same thread could receive; a TPDO that has come already is not waited for.
+It also includes what a user must find out in practice: the RPDO of the controlword is of type 255,
+or the setter sends nothing (2.4.1); `state = ...` is not set in a callback, because it waits for a
+TPDO that only the same thread could receive; a TPDO that has come already is not waited for.
 
 Its bus is the socket of `gaitd sim --wall-clock` by python-can's interface `gaitd`. Periodic
 messages come from python-can's own thread, as on every adapter but SocketCAN (where the kernel's
 broadcast manager would send SYNC, on its time and not on the loop's).
 
-SIGUSR1 recovers from a quick stop and enables again; SIGTERM ends. `--fifo` asks for SCHED_FIFO for
-all its threads at the core's priority.
+SIGUSR1 recovers from a quick stop and enables again; SIGTERM ends. `--fifo` sets SCHED_FIFO for all
+its threads at the core's priority.
 """
 
 import argparse
@@ -46,7 +46,7 @@ STATE = "SWITCH ON DISABLED"
 
 
 class Drive(BaseNode402):
-    """A drive that may answer late: this computer does other things, too."""
+    """A drive with longer timeouts, since other load on this computer may delay its replies."""
 
     TIMEOUT_SWITCH_OP_MODE = PATIENCE_S
     TIMEOUT_SWITCH_STATE_FINAL = PATIENCE_S
@@ -55,17 +55,17 @@ class Drive(BaseNode402):
 
 
 class Axis:
-    """One drive, and the spring and damper that hold it, in its own counts."""
+    """One drive, and the spring and damper that hold it, in the drive's own counts."""
 
     def __init__(self, node: Drive, stiffness: float, damping: float) -> None:
-        """Gains in per mille of rated torque for each count, and for each count in a cycle."""
+        """Set the gains, per mille of rated torque: for each count, for each count in a cycle."""
         self.node = node
         self._stiffness, self._damping = stiffness, damping
         self._held: int | None = None
         self._before = 0
 
     def map_pdos(self) -> None:
-        """Answers and torque by SYNC, controlword and mode at once."""
+        """Map the TPDOs and the torque to SYNC; controlword and mode act at once."""
         node = self.node
         node.nmt.state = "PRE-OPERATIONAL"
         node.pdo.read()
@@ -90,7 +90,7 @@ class Axis:
             pdo.save()
 
     def enable(self) -> None:
-        """From wherever it is, torque 0 and then operation enabled."""
+        """Enable the drive from any state, with torque 0 first."""
         node = self.node
         self._held = None
         node.rpdo[2]["Target torque"].raw = 0
@@ -107,7 +107,7 @@ class Axis:
         node.state = "OPERATION ENABLED"
 
     def hold(self) -> None:
-        """One cycle: position in, torque out."""
+        """Run one cycle: read the position, send the torque."""
         position = self.node.tpdo[1]["Position actual value"].raw
         if self._held is None:
             self._held = self._before = position
@@ -118,12 +118,12 @@ class Axis:
 
 
 class Peer:
-    """Two drives, one loop."""
+    """Master of two drives in one loop."""
 
     def __init__(
         self, channel: str, eds: Path, recover: threading.Event, over: threading.Event
     ) -> None:
-        """Connect."""
+        """Connect to the bus and add both drives."""
         self.recover, self.over = recover, over
         self.network = canopen.Network(can.Bus(interface="gaitd", channel=channel))
         self.network.connect()
@@ -134,21 +134,21 @@ class Peer:
     def _add(self, number: int, eds: Path) -> Drive:
         node = Drive(number, str(eds))
         self.network.add_node(node)
-        # Both are documented settings of python-canopen: one lost answer is asked for again.
+        # Both are documented settings of python-canopen: a request without a reply is repeated.
         node.sdo.RESPONSE_TIMEOUT = 0.5
         node.sdo.MAX_RETRIES = 20
         node.emcy.add_callback(self.on_emergency)
         return node
 
     def on_emergency(self, emergency: EmcyError) -> None:
-        """In the receiving thread: all drives stop."""
+        """Stop all drives, in the receiving thread."""
         if emergency.code & 0xFF00:
             for axis in self.axes:
                 axis.node.controlword = QUICK_STOP
             self.stopped.set()
 
     def start(self) -> None:
-        """Bring both up, and hold them."""
+        """Bring up both drives and enable them."""
         for axis in self.axes:
             axis.map_pdos()
         for axis in self.axes:
@@ -159,7 +159,7 @@ class Peer:
         self.enable()
 
     def enable(self) -> None:
-        """Both, one after the other."""
+        """Enable both drives, one after the other."""
         self.stopped.clear()
         for axis in self.axes:
             axis.enable()
@@ -167,7 +167,7 @@ class Peer:
         print("holding", flush=True)
 
     def run(self) -> None:
-        """Until SIGTERM: each cycle waits for both drives, then commands both."""
+        """Run until SIGTERM: each cycle waits for both drives, then commands both."""
         seen = [0.0 for _ in self.axes]
         while not self.over.is_set():
             if self.recover.is_set():
@@ -182,7 +182,7 @@ class Peer:
                     axis.hold()
 
     def end(self) -> None:
-        """Let go, and leave the bus."""
+        """Switch the drives off, and leave the bus."""
         for axis in self.axes:
             axis.node.controlword = 0x0000
         time.sleep(5 * PERIOD_S)
@@ -191,7 +191,7 @@ class Peer:
 
 
 def main() -> None:
-    """Parse, connect, hold."""
+    """Parse the arguments, connect, and hold until SIGTERM."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--channel", required=True)
     parser.add_argument("--eds", type=Path, required=True)

@@ -1,12 +1,13 @@
-"""The service: two processes, the seam between them, configuration and the wire contract.
+"""The service: a core process in real time, a gateway process for the network, and what they share.
 
-Reading order: `record.py`, `assist_record.py` and
-`cycle_timing.py` (the words for everything), `core/` (the cycle),
-`seam.py` (ring and sockets), `kept_ring.py` (files of the black box), `holding.py` (one process for
-each directory), `gateway/` (Zenoh), `wire.py` with `words.py`, `leg_messages.py` and
-`health_messages.py` (what programs outside rely on), `config/`, `preflight/` (what is refused
-before anything starts), `cause_texts.py` and `causes.py` (each stop in words, and its category),
-`refusals.py` (why a setpoint is refused), `notes_file.py` (what outlives a restart), `clock.py`,
-`sd_notify.py` and `journal.py` (systemd), `bus_choice.py` and `in_step.py` (simulated time). What
-comes from outside as bytes goes through `decoding.py`.
+Reading order:
+    ipc/        what crosses between the processes: records, gateway state, the ring, two sockets
+    core/       one cycle of 10 ms, what decides in it, and the loop around it
+    gateway/    records into messages, requests and setpoints into gateway state
+    zenoh_io/   sessions, publishers and subscribers: the only code that touches Zenoh
+    recorder/   the black box around each stop, and the audit log of requests
+    wire/       what programs outside rely on: messages, enums, refusals, stop causes, schemas
+    config/     TOML files into frozen structs
+    preflight/  what is refused before anything starts, and the report of `gaitd check`
+    system/     clocks, journal, sd_notify, the lock of a directory, the choice of a bus
 """

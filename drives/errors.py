@@ -1,28 +1,28 @@
-"""What can go wrong with drives and their bus, by whose matter it is.
+"""Exceptions of drives and their bus, by who has to act.
 
-operator   DescriptionError: a profile or axis file says something that cannot be.
-machine    BusError: the interface is not there, went away, or refuses to work.
+operator   DescriptionError: a profile or axis file contains an impossible value.
+machine    BusError: the interface is not there, went away, or does not work.
            BusOff: it is there, and the controller has left the bus.
 drive      DriveSilent: it does not answer (unpowered, unplugged): worth another try.
            Both it and BringUpRefused carry a BootFailure, which names what failed.
-           BringUpRefused: it answers, but is not the drive that the files describe, or refuses what
-           they ask of it: another try would say the same.
-           DrivePowered: it holds the joint; nobody has asked to switch it off.
-           SdoAborted, SdoTimeout, SdoGarbled: one SDO transfer, on its way to one of the two above.
-ours       CommandNotFinite: somebody wants to send NaN or infinity to a motor.
+           BringUpRefused: it answers, but is not the drive that the files describe, or refuses a
+           setting: another try would fail the same way.
+           DrivePowered: it holds the joint; switching it off was not requested.
+           SdoAborted, SdoTimeout, SdoGarbled: one SDO transfer; becomes one of the two above.
+software   CommandNotFinite: NaN or infinity was about to be sent to a motor.
 """
-# ruff: noqa: N818 - the names say what happened, in the words of whoever catches them
+# ruff: noqa: N818 - the names state what happened, without an "Error" suffix
 
 from enum import Enum
 from typing import Final
 
 
 class DrivesError(Exception):
-    """Root of everything that this package raises on purpose."""
+    """Base class of everything that this package raises on purpose."""
 
 
 class DescriptionError(DrivesError):
-    """A profile or axis file is wrong; the loader that knows the file's name adds it.
+    """A profile or axis file is wrong; the loader adds the name of the file.
 
     `part` is "profile" or "axis"; `key` is dotted; `allowed` says what would have been right.
     """
@@ -70,7 +70,7 @@ class SdoTimeout(DrivesError):
 
 
 class SdoGarbled(DrivesError):
-    """The drive answered an SDO request with something that is no answer to it."""
+    """The drive answered an SDO request with a frame that is no valid answer to it."""
 
     def __init__(self, index: int, sub: int, what: str) -> None:
         self.index = index
@@ -79,7 +79,7 @@ class SdoGarbled(DrivesError):
 
 
 class BootFailure(Enum):
-    """What failed in bringing up one node; the value is what a person reads first."""
+    """Kind of failure in bringing up one node; the value starts the operator's message."""
 
     NO_ANSWER = "no answer"
     NOBODY_THERE = "nobody else is on the bus"
@@ -118,12 +118,12 @@ _LETTERS: Final = {
     BootFailure.WRONG_REVISION: "N",
     BootFailure.WRONG_SERIAL_NUMBER: "O",
 }
-"""As Lely's CANopen library (`co_nmt_es2str`) has them. Not ours: A (every drive is in our files),
-F (no node guarding), G to I (no software download), L (every drive is reset first)."""
+"""Letters as in Lely's CANopen library (`co_nmt_es2str`). Not used: A (every drive is in our
+files), F (no node guarding), G to I (no software download), L (every drive is reset first)."""
 
 
 class DriveSilent(DrivesError):
-    """A drive does not answer, or rebooted on the way; bring-up may be tried again.
+    """A drive does not answer, or rebooted during bring-up, which may be tried again.
 
     `drive` is empty where the failure is about the bus.
     """
@@ -139,8 +139,8 @@ class DriveSilent(DrivesError):
 class BringUpRefused(DrivesError):
     """A drive is not what the files describe, or refuses a setting; nothing was enabled.
 
-    `place` is `index:sub` in hex, or empty when the refusal is about no object; `value` is what we
-    wanted or found; `reason` holds the abort text or the comparison that failed.
+    `place` is `index:sub` in hex, or empty when no object is concerned; `value` is the expected or
+    the found one; `reason` holds the abort text or the comparison that failed.
     """
 
     def __init__(
@@ -156,7 +156,7 @@ class BringUpRefused(DrivesError):
 
 
 class DrivePowered(DrivesError):
-    """A drive holds the joint since somebody else's stop; switching it off needs a request."""
+    """A drive still holds the joint after an earlier stop; switching it off needs a request."""
 
     def __init__(self, drive: str, state: str) -> None:
         self.drive = drive
@@ -165,7 +165,7 @@ class DrivePowered(DrivesError):
 
 
 class CommandNotFinite(DrivesError):
-    """A command that is not finite was about to be sent: our bug, and never replaced by 0."""
+    """A command that is not finite was about to be sent: a software error, never replaced by 0."""
 
     def __init__(self, quantity: str, value: float) -> None:
         self.quantity = quantity

@@ -1,17 +1,17 @@
-"""What this package takes and gives in the cycle: raw drive numbers with names, nothing of legs.
+"""Inputs and outputs of this package in the cycle: raw drive numbers with names.
 
 Fields that hold a drive's own numbers end in `_counts`, `_raw` or `_permille`; only `pdo.py`
-packs them and only `units.py` converts them.
+packs them and only `units.py` converts them. Nothing here knows about legs.
 """
 
 from dataclasses import dataclass
 from enum import Enum, IntEnum, IntFlag
 
-from drives.emcy_codes import Reaction
+from drives.canopen.emcy_codes import Reaction
 
 
 class NmtState(IntEnum):
-    """CiA 301 NMT states as the heartbeat carries them; UNKNOWN until the first one is heard."""
+    """CiA 301 NMT states as the heartbeat carries them; UNKNOWN until the first heartbeat."""
 
     UNKNOWN = 0xFF
     BOOT_UP = 0x00
@@ -21,7 +21,7 @@ class NmtState(IntEnum):
 
 
 class PowerState(IntEnum):
-    """CiA 402 power states; UNKNOWN means that no statusword has been seen yet."""
+    """CiA 402 power states; UNKNOWN until the first statusword."""
 
     UNKNOWN = 0
     NOT_READY_TO_SWITCH_ON = 1
@@ -44,7 +44,7 @@ class OperationMode(IntEnum):
 
 
 class HomingState(Enum):
-    """How far a drive's own homing is (CiA 402-2, statusword in homing mode)."""
+    """Progress of a drive's own homing (CiA 402-2, statusword in homing mode)."""
 
     IN_PROGRESS = "in progress"
     NOT_STARTED = "interrupted or not started"
@@ -55,23 +55,23 @@ class HomingState(Enum):
 
 
 class PowerRequest(Enum):
-    """What the core wants of a drive's power stage; `cia402.py` turns it into controlwords."""
+    """Power state that the core requests; `power_state.py` turns it into controlwords."""
 
     DISABLE_VOLTAGE = "disable_voltage"
     READY = "ready"
     """Powered down but prepared: ready to switch on, no torque."""
     ENABLE = "enable"
     HOME = "home"
-    """Enabled, and homing: only in mode HOMING, once that is shown."""
+    """Enabled and homing: only in mode HOMING, once the drive displays that mode."""
     QUICK_STOP = "quick_stop"
     HALT = "halt"
-    """Brake as 605Dh says and hold, staying in operation enabled, for as long as it is asked."""
+    """Brake as 605Dh says and hold in operation enabled, for as long as it is requested."""
     FAULT_RESET = "fault_reset"
     """One rising edge of bit 7 for each request, which ends in switch on disabled."""
 
 
 class Input(IntFlag):
-    """The digital inputs that matter, after the profile has applied bit numbers and polarity."""
+    """The digital inputs in use, after the profile has applied bit numbers and polarity."""
 
     NONE = 0
     HAND_SWITCH_CLOSED = 1
@@ -93,12 +93,12 @@ class Emergency:
     reaction: Reaction = Reaction.UNKNOWN
     """What the drive does by itself."""
     loses_reference: bool = False
-    """Its encoder cannot be believed any more."""
+    """The encoder position is no longer reliable."""
 
 
 @dataclass(frozen=True, slots=True)
 class DriveFeedback:
-    """All that one drive told us up to the end of this cycle's window."""
+    """State of one drive at the end of this cycle's window."""
 
     node_id: int
     nmt_state: NmtState
@@ -108,7 +108,7 @@ class DriveFeedback:
     """Statusword bit 12 in a cyclic mode: the drive follows the target."""
     warning: bool
     mode_display: int
-    """6061h as it came; compare with OperationMode."""
+    """6061h as received; compare with OperationMode."""
     position_counts: int
     torque_raw: int
     """The profile's torque source: current in mA, torque in per mille, as the profile says."""
@@ -119,35 +119,35 @@ class DriveFeedback:
     sample_age_cycles: int
     """Cycles since the last complete sample; 0 when fresh."""
     late_count: int
-    """TPDOs that came after their window closed, since bring-up."""
+    """TPDOs received after their window closed, since bring-up."""
     heartbeat_age_ns: int
     rebooted: bool
-    """A boot-up message was seen since bring-up: the drive lost its configuration."""
+    """A boot-up message was received since bring-up: the drive lost its configuration."""
     emergency: Emergency | None
     """The newest EMCY with a code that has not been cleared by code 0000h."""
     emergency_count: int
     protocol_error_count: int
     """Frames of a wrong length or content, which were not used."""
     alarm_count: int = 0
-    """Those of `emergency_count` that ask for a stop: all but warnings."""
+    """The part of `emergency_count` that requires a stop: all but warnings."""
     alarm: Emergency | None = None
-    """The newest of those, also where code 0000h has cleared it since."""
+    """The newest alarm, also where code 0000h has cleared it since."""
     temperature_overdue: bool = False
-    """It has a temperature, and has not told it for too long."""
+    """The drive has a temperature object, and its TPDO3 is overdue."""
     reference_lost: bool = False
-    """An EMCY since bring-up said that the encoder cannot be believed any more."""
+    """An EMCY since bring-up meant that the encoder position is no longer reliable."""
     news: tuple[tuple[Emergency, bool], ...] = ()
-    """The newest EMCYs since the last window, each with whether it repeats an open code."""
+    """The newest EMCYs since the last window, each with True if it repeats an open code."""
 
     @property
     def in_fault(self) -> bool:
-        """In fault, or still reacting to it."""
+        """True in fault or fault reaction active."""
         return self.power_state in {PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE}
 
 
 @dataclass(frozen=True, slots=True)
 class DriveCommand:
-    """All that goes to one drive at the end of a cycle; it acts from the next SYNC."""
+    """Command to one drive at the end of a cycle; it takes effect at the next SYNC."""
 
     power: PowerRequest
     mode: OperationMode

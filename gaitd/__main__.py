@@ -1,8 +1,8 @@
-"""The command line: one thin file per subcommand, and only the one that was asked for is imported.
+"""The command line: one short file per subcommand, of which only the chosen one is imported.
 
-`gaitd NAME` imports `gaitd/NAME.py` (a dash is an underscore there) and runs its function
-`command`, or the one of the file's own name; typer reads the options from its signature. An error
-of configuration is one line on stderr and exit code 2 in every command.
+`gaitd NAME` imports `gaitd/NAME.py` (with an underscore for a dash) and runs its function
+`command`, or the function with the file's own name. typer reads the options from its signature.
+In every command a configuration error is one line on stderr and exit code 2.
 """
 
 import importlib
@@ -48,15 +48,15 @@ COMMANDS: Final = {
     "reset": "Reset a latched stop once its cause is gone.",
     "commission": "Prove the sign of one axis of the empty machine, before anything is enabled.",
     "reference": "Home one axis of the empty machine.",
-    "mode": "Choose what the enabled leg does: hold, gait, excite, release, self_test.",
+    "mode": "Choose what the enabled leg does: hold, gait, excite, hand_guiding, self_test.",
     "self-test": "The test of the day, step by step: hand switch, emergency stop, each axis.",
     "modes": "The modes, requests and causes of stops as tables; written into docs/modes.md.",
 }
-"""In the order of `gaitd --help`. A name here is a file of this package."""
+"""Commands in the order of `gaitd --help`. Each name is a file of this package."""
 
 
 def build(chosen: str | None) -> typer.Typer:
-    """The whole command line, in which only the chosen command is more than its name."""
+    """Build the whole command line; only the chosen command is imported, the others are stubs."""
     app = typer.Typer(
         no_args_is_help=True,
         pretty_exceptions_enable=False,
@@ -79,7 +79,7 @@ def main() -> None:
 
 
 def _words() -> list[str]:
-    """The line that runs us, or the one that a shell completes: that comes in a variable."""
+    """Arguments of this process, or those that a shell completes (from an environment variable)."""
     lines = (os.environ.get(name) for name in ("COMP_WORDS", "_TYPER_COMPLETE_ARGS"))
     return next((line.split() for line in lines if line), sys.argv)
 

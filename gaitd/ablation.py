@@ -1,4 +1,4 @@
-"""`gaitd ablation`: every choice of the observer on and off, errors beside each other."""
+"""`gaitd ablation`: the observer with each of its options on and off, errors compared."""
 
 import sys
 from collections.abc import Callable, Generator
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 EXIT_REFUSED: Final = 2
 TABLE_WIDTH: Final = 130
-"""Narrower, numbers would be cut."""
+"""Columns. In a narrower table the numbers would be cut."""
 NAME_WIDTH: Final = 32
 PAIR_WIDTH: Final = 11
 NIS_WIDTH: Final = 4
@@ -32,9 +32,9 @@ def command(
         bool, typer.Option("--quick", help="short trials, matched plant only")
     ] = False,
 ) -> None:
-    """Record trials on the virtual machine, replay each with every choice, print the errors."""
+    """Record trials on the virtual machine, replay each with every option, print the errors."""
     from gaitd.places import configs_folder
-    from gaitd.trials import TrialError
+    from gaitd_lab.trials import TrialError
 
     trainer = config or configs_folder("--config", "demo.toml") / "demo.toml"
     try:
@@ -54,7 +54,7 @@ def command(
 
 def _results(config: Path, quick: bool) -> "tuple[Results, list[Summary]]":
     from analysis.ablation import Errors, ablate, summary
-    from gaitd.ablation_trials import planned, record
+    from gaitd_lab.ablation_trials import planned, record
 
     results: dict[tuple[str, str], Errors] = {}
     summaries: list[Summary] = []
@@ -75,7 +75,7 @@ def _write(output: Path, results: "Results", summaries: "list[Summary]", quick: 
 
 
 def _print(results: "Results") -> None:
-    """A table for each question: the cells that answer it."""
+    """Print one table for each question, with the trials and options that answer it."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -117,7 +117,7 @@ Told = Callable[[str], Callable[[float], None]]
 
 @contextmanager
 def _progress(count: int) -> Generator[Told]:
-    """One bar over all trials; only on a terminal."""
+    """Progress bar over all trials, shown only on a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 

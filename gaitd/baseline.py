@@ -1,4 +1,4 @@
-"""`gaitd baseline`: what is taken for a patient while one only lies there, recorded once."""
+"""`gaitd baseline`: estimated torque and force of a passive patient, recorded once."""
 
 import sys
 from pathlib import Path
@@ -15,7 +15,7 @@ def command(
     output: Annotated[Path, typer.Option(help="baseline.toml to write")],
     leg: Annotated[str | None, typer.Option(help="of a ring with two legs")] = None,
 ) -> None:
-    """Mean torque and force by gait phase from a passive run, for `baseline` of a [[leg]]."""
+    """Average torque and force by gait phase from a passive run, for `baseline` of a [[leg]]."""
     from analysis.recording import RecordingError
     from observer.baseline import TooFewError
 
@@ -38,7 +38,7 @@ def _record(recorded: Path, robot_file: Path, output: Path, leg: str | None) -> 
     from daemon.config.settings import Robot
     from daemon.config.strict import decoded, read_toml
     from observer.baseline import baseline_of
-    from observer.smooth_batch import run_smoothed
+    from observer.offline.smooth_batch import run_smoothed
 
     document = read_toml(robot_file)
     robot = decoded(document, Robot)

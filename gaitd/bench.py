@@ -1,4 +1,4 @@
-"""`gaitd bench`: the project's benchmarks, as ratios in one run, each beside its budget."""
+"""`gaitd bench`: the project's benchmarks, as ratios in one run, each with its budget."""
 
 import importlib.util
 import json as json_text
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from benchmarks.observer_step import StepTimes
 
 PLAIN_WIDTH = 120
-"""Of tables that go to a file."""
+"""Columns of tables that are written to a file."""
 
 
 def command(
@@ -28,15 +28,15 @@ def command(
         list[str] | None, typer.Option(help="one of the benchmarks, by name; may be repeated")
     ] = None,
 ) -> None:
-    """Measure step and growth, parts of a cycle, SYNC, replay, start, delivery, and a peer.
+    """Run the benchmarks: observer step, scaling, cycle, SYNC lateness, replay, service, peers.
 
     Names: observer_step, scaling, cycle, lateness, lateness_under_load,
     replay, service, peers.
     """
     from rich.console import Console
 
-    from gaitd.benchmark.tables import plain
     from gaitd.places import configs_folder
+    from gaitd_lab.benchmark.tables import plain
 
     console = Console(stderr=json)
     if not console.is_terminal:
@@ -59,7 +59,7 @@ def command(
 def _measures(
     configs: Path, seconds: float
 ) -> "dict[str, Callable[[], tuple[object, Table | list[Table] | str]]]":
-    """What is measured, in the order of the output: the result, and its table."""
+    """Benchmarks by name in the order of the output; each returns its result and its table."""
     return {
         "observer_step": lambda: _steps(configs),
         "scaling": lambda: _scaling(configs),
@@ -73,8 +73,8 @@ def _measures(
 
 
 def _steps(configs: Path) -> "tuple[tuple[StepTimes, ...] | str, Table | str]":
-    """By `benchmarks/` of the repository; a word where it is not."""
-    from gaitd.benchmark import tables
+    """Measure the observer's step with `benchmarks/`; a text if that folder is not installed."""
+    from gaitd_lab.benchmark import tables
 
     title = "the observer's step, against hand-written C and FilterPy"
     root = Path(__file__).resolve().parent.parent
@@ -83,7 +83,7 @@ def _steps(configs: Path) -> "tuple[tuple[StepTimes, ...] | str, Table | str]":
         return word, f"{title}: {word}"
     if importlib.util.find_spec("benchmarks") is None:
         sys.path.insert(0, str(root))
-    from gaitd.benchmark.steps import measure
+    from gaitd_lab.benchmark.steps import measure
 
     found = measure(configs / "robot.toml")
     return found, tables.steps(title, found)
@@ -92,25 +92,25 @@ def _steps(configs: Path) -> "tuple[tuple[StepTimes, ...] | str, Table | str]":
 def _scaling(configs: Path) -> "tuple[object, Table]":
     from daemon.config.settings import Robot
     from daemon.config.strict import load_toml
-    from gaitd.benchmark import tables
-    from gaitd.benchmark.scaling import measure
+    from gaitd_lab.benchmark import tables
+    from gaitd_lab.benchmark.scaling import measure
 
     found = measure(load_toml(configs / "robot.toml", Robot))
     return found, tables.scaling("recordings and legs in one process, each step of each", found)
 
 
 def _cycle(configs: Path) -> "tuple[object, Table]":
-    from daemon.config.load import load
-    from gaitd.benchmark import tables
-    from gaitd.benchmark.cycle_parts import measure
+    from daemon.preflight.load import load
+    from gaitd_lab.benchmark import tables
+    from gaitd_lab.benchmark.cycle_parts import measure
 
     found = measure(load(configs / "demo.toml"))
     return found, tables.cycle("Python time of one cycle, two drives, gait", found)
 
 
 def _lateness(configs: Path, seconds: float, burner_count: int) -> "tuple[object, Table]":
-    from gaitd.benchmark import tables
-    from gaitd.benchmark.lateness import measure
+    from gaitd_lab.benchmark import tables
+    from gaitd_lab.benchmark.lateness import measure
 
     found = measure(configs, seconds, burner_count)
     load = f", beside {burner_count} processes that compute" if burner_count else ""
@@ -118,22 +118,22 @@ def _lateness(configs: Path, seconds: float, burner_count: int) -> "tuple[object
 
 
 def _service(configs: Path, seconds: float) -> "tuple[object, list[Table]]":
-    from gaitd.benchmark import tables
-    from gaitd.benchmark.whole_service import measure
+    from gaitd_lab.benchmark import tables
+    from gaitd_lab.benchmark.whole_service import measure
 
     found = measure(configs, seconds)
     return found, tables.service("the service as processes: start, memory, delivery", found)
 
 
 def _peers(configs: Path, seconds: float) -> "tuple[object, list[Table] | str]":
-    """By `benchmarks/` of the repository; a word where it is not."""
-    from gaitd.benchmark.peers import EMERGENCY_COUNT, PEER, ROUND_COUNT, measure
+    """Measure other CANopen masters with `benchmarks/`; a text if that folder is not installed."""
+    from gaitd_lab.benchmark.peers import EMERGENCY_COUNT, PEER, ROUND_COUNT, measure
 
     title = "masters of the same virtual drives"
     if not PEER.exists():
         word = "skipped: benchmarks/ is part of the repository, and is not installed"
         return word, f"{title}: {word}"
-    from gaitd.benchmark.peer_table import ratios, tables
+    from gaitd_lab.benchmark.peer_table import ratios, tables
 
     cells = measure(configs, seconds, EMERGENCY_COUNT, ROUND_COUNT, _say)
     return {"cells": cells, "ratios": ratios(cells)}, tables(title, cells)
@@ -146,8 +146,8 @@ def _say(words: str) -> None:
 def _replay(configs: Path) -> "tuple[object, Table]":
     from daemon.config.settings import Robot
     from daemon.config.strict import load_toml
-    from gaitd.benchmark import tables
-    from gaitd.benchmark.replay_speed import measure
+    from gaitd_lab.benchmark import tables
+    from gaitd_lab.benchmark.replay_speed import measure
 
     found = measure(load_toml(configs / "robot.toml", Robot))
     return found, tables.replay("replay of ten minutes", found)

@@ -1,10 +1,10 @@
-"""`gaitd blackbox`: what was kept around each stop, and who asked for what.
+"""`gaitd blackbox`: recordings around each stop, and the log of requests.
 
     gaitd blackbox --config FILE             the files, newest last
-    gaitd blackbox show FILE                 one of them as a story; --csv, --plot
-    gaitd blackbox requests --config FILE    the request log; --verify checks its chain
+    gaitd blackbox show FILE                 one recording as tables; --csv, --plot
+    gaitd blackbox requests --config FILE    the request log; --verify checks its hash chain
 
-All of it works without a service. Exit codes: 0; 1 the chain does not hold; 2 usage, configuration,
+None of these needs a running service. Exit codes: 0; 1 the chain is broken; 2 usage, configuration,
 or a file that cannot be read.
 """
 
@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 if TYPE_CHECKING:
-    from daemon.gateway.request_chain import Check
-    from daemon.kept_ring import KeptFile
+    from daemon.ipc.ring_clip import KeptFile
+    from daemon.recorder.audit_chain import Check
     from gaitd.check import Section
 
 EXIT_BROKEN: Final = 1
@@ -25,7 +25,7 @@ EXIT_REFUSED: Final = 2
 
 
 class Action(StrEnum):
-    """What to look at."""
+    """Subcommand of `gaitd blackbox`."""
 
     LIST = "list"
     SHOW = "show"
@@ -33,7 +33,7 @@ class Action(StrEnum):
 
 
 class RefusedError(Exception):
-    """The command line asks for what cannot be done: says why."""
+    """The command line requests something impossible; the text gives the reason."""
 
 
 def command(
@@ -56,7 +56,7 @@ def command(
     newest: Annotated[int, typer.Option("--last", min=1, help="requests: so many lines")] = 40,
     verify: Annotated[bool, typer.Option("--verify", help="requests: check the chain")] = False,
 ) -> None:
-    """What was kept around each stop, and who asked for what."""
+    """Show the recordings around each stop, and which client sent which request."""
     from analysis.recording import RecordingError
 
     try:
@@ -102,7 +102,7 @@ def _print(tables: "tuple[Section, ...]") -> None:
 def _list(state: Path, *, as_json: bool) -> None:
     import msgspec
 
-    from daemon.kept_ring import FOLDER, kept_files
+    from daemon.ipc.ring_clip import FOLDER, kept_files
 
     files = kept_files(state / FOLDER)
     if as_json:
@@ -187,9 +187,9 @@ def _show(
 
 
 def _requests(state: Path, newest: int, *, as_json: bool) -> None:
-    from daemon.gateway.request_chain import fields_of
-    from daemon.gateway.request_file import lines_of
-    from daemon.words import printable
+    from daemon.recorder.audit_chain import fields_of
+    from daemon.recorder.audit_file import lines_of
+    from daemon.wire.fields import printable
     from gaitd.check import Section
 
     lines = lines_of(state)[-newest:]
@@ -217,7 +217,7 @@ def _request_row(fields: dict[str, object] | None) -> tuple[str, ...]:
 
 
 def _arguments(payload: object) -> str:
-    """What was asked for beside the name: keys of a JSON object, or the text that was none."""
+    """Arguments of a request: keys of a JSON object, or the raw text if it was not JSON."""
     if isinstance(payload, dict):
         return "".join(f" {key}={value}" for key, value in payload.items() if key != "client")
     return f" {payload!r}" if payload else ""
@@ -226,8 +226,8 @@ def _arguments(payload: object) -> str:
 def _verify(state: Path, *, as_json: bool) -> None:
     import msgspec
 
-    from daemon.gateway.request_chain import check
-    from daemon.gateway.request_file import lines_of
+    from daemon.recorder.audit_chain import check
+    from daemon.recorder.audit_file import lines_of
 
     lines = lines_of(state)
     if not lines:

@@ -37,7 +37,7 @@ def command(
         bool, typer.Option("--check", help="only look for a wrong recline, spring or offset")
     ] = False,
 ) -> None:
-    """Friction of both axes, springs, inertia and encoder noise, with intervals, from `excite`."""
+    """Identify friction, springs, inertia and encoder noise, with intervals, from `excite` runs."""
     from analysis.calibration.robot_file import RobotFileError
     from analysis.recording import RecordingError
 
@@ -123,7 +123,7 @@ def _report(made: "Calibration") -> None:
 
 @contextmanager
 def _progress() -> Generator[Callable[[str, float], None]]:
-    """A bar with the misfit on a terminal; on anything else nothing."""
+    """Progress bar with the misfit, shown only on a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 

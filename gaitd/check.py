@@ -1,4 +1,4 @@
-"""`gaitd check`: validate a configuration without a bus, and say what it means at the joint."""
+"""`gaitd check`: validate a configuration without a bus, and print its values at the joint."""
 
 import math
 import sys
@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 if TYPE_CHECKING:
-    from daemon.config.check import Report
-    from daemon.config.check_axes import AxisMeaning, TorqueMeaning
-    from daemon.config.check_braking import BrakingMeaning
-    from daemon.config.check_runaway import RunawayMeaning
+    from daemon.preflight.axes import AxisMeaning, TorqueMeaning
+    from daemon.preflight.braking import BrakingMeaning
+    from daemon.preflight.report import Report
+    from daemon.preflight.runaway_report import RunawayMeaning
 
 
 class Section(NamedTuple):
-    """One table of the report."""
+    """One table of the report: title, column heads, rows of text."""
 
     title: str
     columns: tuple[str, ...]
@@ -26,7 +26,7 @@ def command(
     config: Annotated[Path, typer.Option("--config", help="trainer file", dir_okay=False)],
     json: Annotated[bool, typer.Option("--json", help="the report as one JSON object")] = False,
 ) -> None:
-    """Validate all that needs no bus and print what it means at the joint. Exit 0, or 2."""
+    """Validate all that needs no bus, and print the values at the joint. Exit code 0, or 2."""
     import msgspec
 
     from daemon.preflight.judgement import judge
@@ -45,7 +45,7 @@ def command(
 
 
 def sections(report: "Report") -> tuple[Section, ...]:
-    """The report as tables of words."""
+    """Format the report as tables of text."""
     return (
         _axes(report),
         *(_origin(axis) for axis in report.axes),
@@ -64,7 +64,7 @@ def sections(report: "Report") -> tuple[Section, ...]:
 
 
 def plain(section: Section) -> str:
-    """A table as aligned text, for pipes and logs."""
+    """Format a table as aligned text, for pipes and logs."""
     lines = (section.columns, *section.rows) if any(section.columns) else section.rows
     widths = [max(len(line[i]) for line in lines) for i in range(len(section.columns))]
     texts = (
@@ -75,7 +75,7 @@ def plain(section: Section) -> str:
 
 
 def print_tables(tables: tuple[Section, ...]) -> None:
-    """The same for a terminal."""
+    """Print tables on a terminal."""
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.markup import escape
@@ -118,12 +118,12 @@ def _axis(axis: "AxisMeaning") -> tuple[str, ...]:
 
 
 def _units(axis: "AxisMeaning") -> tuple[str, str, float]:
-    """What a person reads at this joint, and the factor from SI to it."""
+    """Units of position and effort at this joint, and the factor of the position from SI."""
     return ("deg", "N m", 180.0 / math.pi) if axis.rotary else ("mm", "N", 1e3)
 
 
 def _origin(axis: "AxisMeaning") -> Section:
-    """Where the numbers of one axis come from, and what its drive does by itself."""
+    """Table of the drive objects behind an axis's numbers, and of the drive's own reactions."""
     _, effort, _ = _units(axis)
     limit = f"{axis.torque_limit_raw} in {_torque(axis.torque_limit, effort)}"
     rows = [
@@ -161,7 +161,7 @@ def _torque(torque: "TorqueMeaning", effort: str) -> str:
 
 
 def _path(axis: "AxisMeaning") -> str:
-    """From the drive's number to the joint."""
+    """Factors from the drive's torque to the joint: gear, lead, signs, sampling."""
     lead = "" if axis.lead_m is None else f", lead {axis.lead_m * 1e3:g} mm"
     signs = f"sign {axis.torque_sign:+d} in the drive, {axis.axis_sign:+d} of the axis"
     return f"gear {axis.gear_ratio:g}{lead}, {signs}, sampling: {axis.torque_sampling}"

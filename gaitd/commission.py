@@ -1,4 +1,4 @@
-"""`gaitd commission AXIS`: prove the sign of one axis, by its encoder and by an eyewitness."""
+"""`gaitd commission AXIS`: prove the sign of one axis by its encoder and by the operator's eyes."""
 
 import json
 from typing import Annotated, Final
@@ -21,7 +21,7 @@ MOTIONS: Final = {
     "hip": "the thigh is first raised towards the trunk (the hip bends), then lowered again",
     "slide": "the slide first moves so that the knee stretches, then comes back",
 }
-"""What the positive direction of each joint looks like, in the axes of robot.toml."""
+"""Motion of each joint in its positive direction and back, in the axes of robot.toml."""
 
 
 def command(
@@ -38,10 +38,10 @@ def command(
     trainer: TrainerOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Push one axis forth and back with a bounded small torque, and prove that it obeys.
+    """Push one axis forth and back with a small bounded torque, and prove the sign of its motion.
 
     For the empty machine with its springs turned down. The encoder must move with the torque, and
-    somebody must see that the joint moves the way it should; only then may anything be enabled.
+    the operator must see the joint move as described. Only then can the drives be enabled.
     """
     target = find_target(config, endpoint, trainer)
     described = MOTIONS.get(axis.rpartition("/")[2], "it first goes forth, then back")

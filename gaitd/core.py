@@ -19,15 +19,15 @@ def command(
         ),
     ] = False,
 ) -> None:
-    """The core alone; `gaitd run` starts it together with the gateway."""
-    # Before numpy and scipy are loaded: each would start threads, and the real-time thread could
-    # come to wait for one that has no priority. Our largest matrix is 8 by 24.
+    """Run the core alone; `gaitd run` starts it together with the gateway."""
+    # Set before numpy and scipy are loaded. Each would start threads, and the real-time thread
+    # could wait for one without priority. The largest matrix here is 8 by 24.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     from daemon.config.strict import ConfigError
     from daemon.config.trainer import SIMULATED
-    from daemon.core.process import run_core
-    from daemon.journal import SOCKET, Journal, is_journal
+    from daemon.core.runtime.process import run_core
     from daemon.preflight.judgement import accepted
+    from daemon.system.journal import SOCKET, Journal, is_journal
 
     settings = accepted(config)
     in_journal = is_journal(os.environ.get("JOURNAL_STREAM"), sys.stderr.fileno())

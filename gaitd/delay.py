@@ -1,4 +1,4 @@
-"""`gaitd delay`: how much later than its row an effort acts, measured from a recording."""
+"""`gaitd delay`: delay between an effort's row and its action, measured from a recording."""
 
 import sys
 from pathlib import Path
@@ -18,10 +18,10 @@ def command(
     ] = None,
     leg: Annotated[str | None, typer.Option(help="of a ring with two legs")] = None,
 ) -> None:
-    """Measure the delay of torque and force, and say what to set in robot.toml.
+    """Measure the delay of torque and force, and print the values to set in robot.toml.
 
     The recording needs quick efforts while the leg moves: `gaitd mode excite --scenario delay`.
-    Exit code 1 if it does not tell of any axis.
+    Exit code 1 if no axis's delay could be measured.
     """
     from analysis.delay import advice, in_words, measure
     from analysis.recording import RecordingError

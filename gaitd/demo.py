@@ -1,6 +1,6 @@
 """`gaitd demo`: virtual drives, service and a scripted patient; a live view; the errors at the end.
 
-What is played, shown and judged is in `gaitd/demonstration/`.
+`gaitd_lab/demonstration/` holds the scenes, the view and the checks of the errors.
 """
 
 import signal
@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from gaitd.demonstration.picture import Results
-    from gaitd.demonstration.script import Plan, Scene
-    from gaitd.demonstration.stage import Tempo
-    from gaitd.demonstration.view import Moment
+    from gaitd_lab.demonstration.picture import Results
+    from gaitd_lab.demonstration.script import Plan, Scene
+    from gaitd_lab.demonstration.stage import Tempo
+    from gaitd_lab.demonstration.view import Moment
 
 SHORTEST_S = 6.0
 PICTURE = Path("out") / "demo.png"
@@ -41,13 +41,13 @@ def command(
         bool, typer.Option("--wall-clock", help="by the computer's clock: shows its lateness")
     ] = False,
 ) -> None:
-    """Play gait without and with the patient, then the paper's experiment; judge the errors."""
-    from gaitd.demonstration.performance import Performance
-    from gaitd.demonstration.picture import draw
-    from gaitd.demonstration.report import report
-    from gaitd.demonstration.script import plan_of
-    from gaitd.demonstration.stage import Tempo
+    """Play gait without and with the patient, then the paper's experiment; check the errors."""
     from gaitd.places import configs_folder
+    from gaitd_lab.demonstration.performance import Performance
+    from gaitd_lab.demonstration.picture import draw
+    from gaitd_lab.demonstration.report import report
+    from gaitd_lab.demonstration.script import plan_of
+    from gaitd_lab.demonstration.stage import Tempo
 
     configs = configs_folder("configs", "demo.toml")
     signal.signal(signal.SIGTERM, _interrupt)
@@ -66,7 +66,7 @@ def command(
 
 def _refuse(pace: str, *, wall_clock: bool) -> None:
     from daemon.config.strict import ConfigError
-    from sim_drives.time_server import parse_pace
+    from sim_drives.time.server import parse_pace
 
     try:
         parse_pace(pace)
@@ -77,20 +77,20 @@ def _refuse(pace: str, *, wall_clock: bool) -> None:
 
 
 def _interrupt(_signal: int, _frame: FrameType | None) -> None:
-    """SIGTERM ends a demonstration as Ctrl-C does: orderly."""
+    """Handle SIGTERM like Ctrl-C, so that the demonstration shuts down in order."""
     raise KeyboardInterrupt
 
 
 def _watch(configs: Path, plan: "Plan", tempo: "Tempo") -> "Results":
     from rich.live import Live
 
-    from gaitd.demonstration.performance import Performance
-    from gaitd.demonstration.view import picture
+    from gaitd_lab.demonstration.performance import Performance
+    from gaitd_lab.demonstration.view import picture
 
     with Live(screen=True, auto_refresh=False) as live:
 
         class Pictures:
-            """The live view, redrawn a few times a second."""
+            """Live view, redrawn at most once per `DRAWN_EVERY_S`."""
 
             drawn_s = 0.0
 
@@ -100,19 +100,19 @@ def _watch(configs: Path, plan: "Plan", tempo: "Tempo") -> "Results":
                     live.update(picture(moment, *live.console.size), refresh=True)
 
             def scene(self, scene: "Scene") -> None:
-                """The next picture shows it."""
+                """Do nothing: the next picture shows the scene."""
 
         return Performance(configs, plan, Pictures(), tempo).play()
 
 
 class _Lines:
-    """Plain lines: the scenes, and about one line a second of what is seen."""
+    """Plain output: each scene's title, and about one line per second of the current values."""
 
     def __init__(self) -> None:
         self._said_s = 0.0
 
     def show(self, moment: "Moment") -> None:
-        from gaitd.demonstration.report import line
+        from gaitd_lab.demonstration.report import line
 
         if time.monotonic() - self._said_s >= SAID_EVERY_S:
             self._said_s = time.monotonic()

@@ -1,4 +1,4 @@
-"""`gaitd disable`: one request to a running service."""
+"""`gaitd disable`: send one request to a running service."""
 
 import typer
 

@@ -1,4 +1,4 @@
-"""`gaitd doctor`: what this machine can and can't do for gaitd, and what to do about it."""
+"""`gaitd doctor`: whether this machine meets gaitd's needs, with a remedy for each lack."""
 
 import json as json_text
 from typing import Annotated, Final
@@ -23,7 +23,7 @@ LEGEND: Final = (
 def doctor(
     json: Annotated[bool, typer.Option("--json", help="print one JSON object")] = False,
 ) -> None:
-    """Say what this machine can and can't do for gaitd, with a remedy for each lack."""
+    """Check what this machine can and cannot do for gaitd, and print a remedy for each lack."""
     found = findings()
     if json:
         typer.echo(json_text.dumps([_as_object(finding) for finding in found], indent=2))

@@ -1,9 +1,9 @@
-"""`gaitd drive NAME dump|compare|store|restore`: one drive's objects, by a person in front of it.
+"""`gaitd drive NAME dump|compare|store|restore`: one drive's objects and stored parameters.
 
-dump and compare only read, one object at a time and paced: they may be run beside a service. store
-and restore are refused while anybody works on the bus, or while the drive has power. Exit codes:
-0 done, or equal; 1 different, or refused; 2 usage or configuration; 3 the drive does not answer,
-or is another one.
+dump and compare only read, one object at a time and paced, and may run beside a service. store and
+restore are refused while another master or SDO client uses the bus, or while the drive has power.
+Exit codes: 0 done, or equal; 1 different, or refused; 2 usage or configuration; 3 the drive does
+not answer, or is another one.
 """
 
 import sys
@@ -17,17 +17,17 @@ from gaitd.station import EXIT_DRIVE, opened, place_of, shown
 
 if TYPE_CHECKING:
     from daemon.config.bundle import Settings
-    from drives.bus import Bus, Clock
-    from drives.plan import DrivePlan
-    from drives.witness import Witness
+    from drives.bringup.plan import DrivePlan
+    from drives.canopen.bus import Bus, Clock
+    from drives.canopen.sniffer import BusSniffer
 
 COMMAND_LINE: Final = "command line"
 LISTEN_NS: Final = 500_000_000
-"""Before anything is read or written: is somebody at work here?"""
+"""Time to listen for another master or SDO client before anything is read or written."""
 
 
 class Action(StrEnum):
-    """What to do with the drive."""
+    """Subcommand of `gaitd drive`."""
 
     DUMP = "dump"
     COMPARE = "compare"
@@ -36,7 +36,7 @@ class Action(StrEnum):
 
 
 class Options(NamedTuple):
-    """What the command line asks for besides the action."""
+    """Options of the command line besides the action."""
 
     output: Path | None
     against: Path | None
@@ -58,7 +58,7 @@ BELONGS: Final = {
     "--yes": ("yes", KEEPING),
     "--reset": ("reset", (Action.RESTORE,)),
 }
-"""Which option is for which actions."""
+"""Field of `Options` and permitted actions for each option."""
 
 
 def command(
@@ -79,11 +79,11 @@ def command(
         bool, typer.Option("--reset", help="restore: NMT reset node, so that it acts now")
     ] = False,
 ) -> None:
-    """Read one drive's objects, compare them, or let it store or restore its parameters.
+    """Dump or compare one drive's objects, or let the drive store or restore its parameters.
 
-    compare without --eds and --with: with all that bring-up would write or check.
+    compare without --eds and --with compares with the values that bring-up would write or check.
     """
-    from daemon.config.load import read_all
+    from daemon.preflight.load import read_all
     from drives.errors import BringUpRefused, BusError, DriveSilent
 
     options = Options(output, against, eds, everything, json, yes, reset)
@@ -100,10 +100,10 @@ def command(
 
 
 def refuse_foreign(options: Options, action: Action) -> None:
-    """Each option belongs to some actions.
+    """Refuse an option that does not belong to the action.
 
     Raises:
-        ConfigError: one was given to another action.
+        ConfigError: one was given to another action, or --eds together with --with.
     """
     from daemon.config.strict import ConfigError
 
@@ -116,14 +116,14 @@ def refuse_foreign(options: Options, action: Action) -> None:
 
 
 def plan_of(name: str, settings: "Settings") -> "DrivePlan":
-    """The plan of the drive that is meant.
+    """Return the plan of the drive with this name or node id.
 
     Raises:
-        ConfigError: there is none of that name or node id; says which there are.
+        ConfigError: no drive has that name or node id; the text lists the known ones.
     """
-    from daemon.config.axes import cycle_settings, drive_limits
+    from daemon.config.drive_plan import cycle_settings, drive_limits
     from daemon.config.strict import ConfigError
-    from drives.plan import plan
+    from drives.bringup.plan import plan
 
     hip, slide = drive_limits(settings.limits)
     cycle = cycle_settings(settings.trainer.cycle)
@@ -143,13 +143,13 @@ def _act(
     clock: "Clock",
     settings: "Settings",
 ) -> int:
+    from drives.canopen.sniffer import BusSniffer, WitnessedBus
     from drives.errors import BootFailure, DriveSilent, SdoTimeout
-    from drives.scanning import listen
-    from drives.witness import Witness, WitnessedBus
+    from drives.service.scan import listen
     from gaitd.drive_keeping import keep
     from gaitd.drive_reading import compare, dump, refuse_company
 
-    witness = Witness()
+    witness = BusSniffer()
     heard = WitnessedBus(bus, clock, witness)
     shown(listen(heard, clock, LISTEN_NS))
     if action in KEEPING:
@@ -164,7 +164,7 @@ def _act(
         raise DriveSilent(name, BootFailure.NO_ANSWER, _silence(plan, witness)) from error
 
 
-def _silence(plan: "DrivePlan", witness: "Witness") -> str:
+def _silence(plan: "DrivePlan", witness: "BusSniffer") -> str:
     from drives.signals import NmtState
 
     node_id = plan.description.node_id

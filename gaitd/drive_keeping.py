@@ -1,4 +1,4 @@
-"""`gaitd drive NAME store` and `restore`: on request only, of a drive that nobody works with."""
+"""`gaitd drive NAME store` and `restore`: only on request, with no other master or SDO client."""
 
 import sys
 from typing import TYPE_CHECKING, Final
@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Final
 import typer
 
 from daemon.config.strict import MISSING, ConfigError
-from drives.configurator import Configurator
-from drives.keeping import (
+from drives.bringup.configurator import Configurator
+from drives.service.parameters import (
     SDO_TIMEOUT_NS,
     Keeping,
     KeepingRefusedError,
@@ -15,18 +15,18 @@ from drives.keeping import (
     check_drive,
     reset_node,
 )
-from drives.keeping import keep as write_signature
-from drives.scanning import listen
+from drives.service.parameters import keep as write_signature
+from drives.service.scan import listen
 from gaitd.station import EXIT_DIFFERENT, EXIT_SAME, shown
 
 if TYPE_CHECKING:
-    from drives.bus import Bus, Clock
-    from drives.plan import DrivePlan
-    from drives.witness import Witness
+    from drives.bringup.plan import DrivePlan
+    from drives.canopen.bus import Bus, Clock
+    from drives.canopen.sniffer import BusSniffer
     from gaitd.drive import Options
 
 RECHECK_NS: Final = 300_000_000
-"""After the question was answered: a person takes a minute, and a service may have started."""
+"""Time to listen again after the operator has confirmed: a service may have started meanwhile."""
 
 WHAT: Final = {
     Keeping.STORE: "overwrites what it has stored with what it holds now (1010h:01)",
@@ -45,16 +45,16 @@ def keep(
     options: "Options",
     bus: "Bus",
     clock: "Clock",
-    witness: "Witness",
+    witness: "BusSniffer",
     master_node_id: int,
 ) -> int:
-    """Check, ask, check again, do it.
+    """Check bus and drive, ask for confirmation, check both again, then store or restore.
 
     Returns: the exit code.
 
     Raises:
-        ConfigError: there is nobody to ask, and no --yes.
-        BringUpRefused, DriveSilent, BusError: as `drives/keeping.py`.
+        ConfigError: there is no terminal for the confirmation, and no --yes.
+        BringUpRefused, DriveSilent, BusError: as `drives/service/parameters.py`.
     """
     keeping, port = Keeping[action], Configurator(bus, clock)
     who = f"{plan.description.name} (node {plan.description.node_id})"

@@ -1,4 +1,4 @@
-"""`gaitd drive NAME dump` and `compare`: what a drive holds, and where it should hold another."""
+"""`gaitd drive NAME dump` and `compare`: read one drive's objects, or compare them."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from daemon.config.strict import ConfigError
-from drives.comparison import Compared, expectations, in_hex, with_plan, with_values
-from drives.configurator import Configurator
-from drives.dump import (
+from drives.bringup.configurator import Configurator
+from drives.canopen.sniffer import BusSniffer
+from drives.errors import BootFailure, DescriptionError, DriveSilent
+from drives.service.compare import Compared, expectations, in_hex, with_plan, with_values
+from drives.service.dump import (
     Entry,
     Value,
     defaults,
@@ -19,28 +21,26 @@ from drives.dump import (
     variable_at,
     write_dcf,
 )
-from drives.eds import load_eds
-from drives.errors import BootFailure, DescriptionError, DriveSilent
-from drives.object_words import ObjectWords
-from drives.witness import Witness
+from drives.service.eds import load_eds
+from drives.service.object_words import ObjectWords
 from gaitd.check import Section
 from gaitd.station import EXIT_DIFFERENT, EXIT_SAME, show, shown
 
 if TYPE_CHECKING:
     from canopen.objectdictionary import ObjectDictionary
 
-    from drives.bus import Bus, Clock
-    from drives.plan import DrivePlan
+    from drives.bringup.plan import DrivePlan
+    from drives.canopen.bus import Bus, Clock
     from gaitd.drive import Options
 
 EDS_DEFAULT: Final = "EDS default"
 
 
-def refuse_company(plan: "DrivePlan", witness: Witness) -> None:
-    """Two SDO clients at one drive break each other's transfers.
+def refuse_company(plan: "DrivePlan", witness: BusSniffer) -> None:
+    """Refuse to read beside another SDO client: both would break each other's transfers.
 
     Raises:
-        DriveSilent: somebody else reads or writes its objects now.
+        DriveSilent: another client reads or writes the drive's objects now.
     """
     name, node_id = plan.description.name, plan.description.node_id
     if witness.node(node_id).foreign_request_count:
@@ -49,7 +49,7 @@ def refuse_company(plan: "DrivePlan", witness: Witness) -> None:
 
 
 def dump(plan: "DrivePlan", options: "Options", bus: "Bus", clock: "Clock") -> int:
-    """Read all that can be read; print it, or write it to a file.
+    """Read all readable objects; print them, or write them to a file.
 
     Returns: the exit code.
     """
@@ -73,7 +73,7 @@ def dump(plan: "DrivePlan", options: "Options", bus: "Bus", clock: "Clock") -> i
 
 
 def compare(plan: "DrivePlan", options: "Options", bus: "Bus", clock: "Clock") -> int:
-    """Read what is to be compared and print where it differs.
+    """Read the objects to be compared and print those that differ.
 
     Returns: the exit code.
     """
@@ -123,7 +123,7 @@ def _values(
 
 @contextmanager
 def _operators_file() -> Generator[None]:
-    """A file that cannot be used is the operator's matter.
+    """Convert an unusable file into a configuration error, since the operator named the file.
 
     Raises:
         ConfigError: in place of DescriptionError.
@@ -150,7 +150,7 @@ def _write(
         raise ConfigError("command line", "--output", path, allowed) from error
 
 
-# --- words ----------------------------------------------------------------------------------------
+# --- text -----------------------------------------------------------------------------------------
 
 
 def _title(plan: "DrivePlan") -> str:

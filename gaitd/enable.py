@@ -1,4 +1,4 @@
-"""`gaitd enable`: one request to a running service."""
+"""`gaitd enable`: send one request to a running service."""
 
 import typer
 

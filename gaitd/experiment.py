@@ -12,17 +12,17 @@ import typer
 if TYPE_CHECKING:
     from analysis.delay import Delay
     from analysis.experiment import Row, Run
-    from gaitd.excitation import Stage
+    from gaitd_lab.excitation import Stage
 
 SCENARIO: Final = "paper"
 DELAY: Final = "delay"
 SHORTEST_S: Final = 1.0
 PLAIN_WIDTH: Final = 120
-"""Of a table that goes to a file."""
+"""Columns of a table that is written to a file."""
 
 
 class Law(Enum):
-    """Friction of the plant: `paper`, as the observer has it, or one that it does not know."""
+    """Friction law of the plant: `paper`, as the observer models it, or another one."""
 
     PAPER = "paper"
     PAPER_STICKING = "paper_sticking"
@@ -50,9 +50,9 @@ def command(
     scenario was played to its end.
     """
     from daemon.config.strict import ConfigError
-    from gaitd.excitation import NotPlayedError, Stage
     from gaitd.places import configs_folder
-    from sim_drives.plant_settings import FrictionLaw
+    from gaitd_lab.excitation import NotPlayedError, Stage
+    from sim_drives.plant.settings import FrictionLaw
 
     trainer = config or configs_folder("--config", "demo.toml") / "demo.toml"
     stage = Stage(trainer, None if law is None else FrictionLaw(law.value))
@@ -74,7 +74,7 @@ def command(
 
 
 def _experiment(stage: "Stage", seconds: float, output: Path) -> str:
-    """Play, print, draw; what went wrong, or nothing."""
+    """Play the scenario, print and draw its results; return the trouble, or an empty text."""
     with _progress() as told:
         played = stage.play(SCENARIO, seconds, told("the paper's scenario", seconds))
         delays = _delays(stage, played.run, told)
@@ -94,10 +94,10 @@ def _experiment(stage: "Stage", seconds: float, output: Path) -> str:
 
 
 def _delays(stage: "Stage", run: "Run", told: "Told") -> "tuple[Delay, Delay] | str":
-    """Measured from the scenario for it, if the trainer file has one; else why not."""
+    """Measure the delays in the delay scenario, or in `run` if there is none; else why not."""
     from analysis.delay import measure
     from analysis.recording import Recording, RecordingError
-    from gaitd.excitation import NotPlayedError
+    from gaitd_lab.excitation import NotPlayedError
 
     try:
         if DELAY in stage.settings.trainer.excite:
@@ -117,7 +117,7 @@ def _print_numbers(stage: "Stage", run: "Run") -> None:
     from analysis.experiment import marks
     from analysis.experiment_table import rows
     from analysis.replay import setup_for
-    from sim_drives.plant_settings import FrictionLaw
+    from sim_drives.plant.settings import FrictionLaw
 
     console = Console()
     if not console.is_terminal:
@@ -182,7 +182,7 @@ Told = Callable[[str, float], Callable[[float], None]]
 
 @contextmanager
 def _progress() -> Generator[Told]:
-    """One bar for each scenario, in simulated seconds; only on a terminal."""
+    """Progress bar for each scenario, in simulated seconds, shown only on a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 

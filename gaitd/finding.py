@@ -1,4 +1,4 @@
-"""What `gaitd doctor` finds: one fact, how it serves us, and what to do about it."""
+"""What `gaitd doctor` reports: a fact about the machine, its grade, and a remedy."""
 
 from enum import Enum
 from pathlib import Path
@@ -6,19 +6,19 @@ from typing import NamedTuple
 
 
 class Grade(Enum):
-    """How a fact serves us."""
+    """How well a fact meets the needs of gaitd."""
 
     GOOD = "good"
     LIMITED = "limited"
-    """Works with the limit that is said: fine for a desk, not with a person in the machine."""
+    """Works with the stated limit: fine for a desk, not with a person in the machine."""
     MISSING = "missing"
-    """What needs it does not work here; the rest does."""
+    """Features that need it do not work here; all others do."""
     BROKEN = "broken"
-    """Nothing works until this is mended."""
+    """Nothing works until this is repaired."""
 
 
 class Finding(NamedTuple):
-    """One fact, what it means, and what to do about it."""
+    """A fact about the machine, its grade, and a remedy."""
 
     subject: str
     found: str
@@ -27,7 +27,7 @@ class Finding(NamedTuple):
 
 
 def read(path: Path) -> str:
-    """The text of a small file of the kernel; empty where there is none to read."""
+    """Read a small file of the kernel; empty if it cannot be read."""
     try:
         return path.read_text(encoding="utf-8", errors="replace").strip()
     except OSError:

@@ -1,4 +1,4 @@
-"""`gaitd gateway`: the half of the service that a network can reach."""
+"""`gaitd gateway`: the process of the service that serves the network."""
 
 import os
 import signal
@@ -18,20 +18,21 @@ EXIT_CONFIGURATION: Final = 2
 def command(
     config: Annotated[Path, typer.Option("--config", help="Trainer file.", dir_okay=False)],
 ) -> None:
-    """Zenoh, events and requests of the service; ends with SIGTERM, exit code 0."""
+    """Run Zenoh, events and requests of the service until SIGTERM; exit code 0."""
     from contextlib import closing
 
     import zenoh
 
-    from daemon.clock import MonotonicClock, PageClock
     from daemon.config.trainer import SIMULATED, load_trainer
-    from daemon.gateway import endpoints, log
-    from daemon.gateway.notes_disk import NotesDisk
+    from daemon.gateway import log
     from daemon.gateway.process import serve, share_one_heap
     from daemon.gateway.reload import Reload
-    from daemon.holding import hold
-    from daemon.journal import SOCKET, Journal, is_journal
-    from daemon.notes_file import NAME
+    from daemon.ipc.state_file import NAME
+    from daemon.recorder.state_file_sync import NotesDisk
+    from daemon.system.clock import MonotonicClock, PageClock
+    from daemon.system.journal import SOCKET, Journal, is_journal
+    from daemon.system.lock import hold
+    from daemon.zenoh_io import endpoints
 
     def read(path: Path) -> "TrainerFile":
         return endpoints.check(load_trainer(path))
@@ -71,7 +72,7 @@ def command(
 
 
 class _Ending:
-    """Whether SIGTERM or SIGINT has come."""
+    """Flag that SIGTERM or SIGINT sets."""
 
     def __init__(self) -> None:
         self._asked = False

@@ -1,4 +1,4 @@
-"""`gaitd honesty`: whether the observer's standard deviations, bits and advice can be trusted."""
+"""`gaitd honesty`: consistency of the observer's standard deviations, status bits and advice."""
 
 import sys
 from collections.abc import Callable, Generator
@@ -62,7 +62,7 @@ def command(
 
 
 def _consistency(found: "Consistency", runs: int) -> None:
-    from observer.states import STATE_NAMES
+    from observer.filter.states import STATE_NAMES
 
     print(f"Monte Carlo  {runs} runs of {STEPS} steps, both axes in motion")
     print(
@@ -127,7 +127,7 @@ def _moved(moved: "list[Offset]") -> None:
 
 @contextmanager
 def _stages() -> Generator[Callable[[str], Callable[[float], None]]]:
-    """A progress bar on a terminal, on anything else nothing."""
+    """Progress bar, shown only on a terminal."""
     from rich.console import Console
     from rich.progress import Progress
 

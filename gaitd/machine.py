@@ -1,7 +1,8 @@
-"""What a machine can do for gaitd: each check reads one fact and says what it means.
+"""Checks of `gaitd doctor`: each reads one fact about this machine and grades it.
 
-A check of the system takes the root of its file system, so that its reading of /proc and /sys can
-be tested. Nothing is changed but, for a moment, our own scheduling class.
+A check of the operating system takes the root of its file system, so that a test can supply other
+/proc and /sys files. The only change made to the machine is temporary: this process's own
+scheduling class.
 """
 
 import importlib
@@ -26,7 +27,7 @@ from gaitd.machine_timing import MEMLOCK_MIN_MB
 REALTIME_PRIORITY: Final = 60
 STATE: Final = Path("var/lib/gaitd")
 DISK_MIN_MB: Final = 500
-"""Black boxes of a hundred stops, and the request log of a year."""
+"""Space for the black boxes of a hundred stops, and for the request log of a year."""
 WAKEUPS: Final = 200
 WAKEUP_GOOD_MS: Final = 0.5
 SYSTEMD_MIN: Final = 252
@@ -46,7 +47,7 @@ IMPORTS: Final = {
 
 
 def python() -> Finding:
-    """Version, and whether assertions are on: they guard our own invariants."""
+    """Check the Python version, and that assertions are on: they guard internal invariants."""
     found = f"{platform.python_implementation()} {platform.python_version()}"
     if sys.version_info < (3, 11) or platform.python_implementation() != "CPython":
         return Finding("python", found, Grade.BROKEN, "use CPython 3.11 or newer")
@@ -56,7 +57,7 @@ def python() -> Finding:
 
 
 def packages() -> Finding:
-    """Every dependency is installed and can be imported; a wheel may not fit the machine."""
+    """Check that every dependency can be imported: an installed wheel may not fit the machine."""
     broken: list[str] = []
     for distribution, module in IMPORTS.items():
         try:
@@ -70,7 +71,7 @@ def packages() -> Finding:
 
 
 def zenoh() -> Finding:
-    """The middleware's version: measured behaviour is that of 1.10."""
+    """Check the version of Zenoh: its behaviour was measured with 1.10."""
     try:
         version = importlib.metadata.version("eclipse-zenoh")
     except importlib.metadata.PackageNotFoundError:
@@ -80,7 +81,7 @@ def zenoh() -> Finding:
 
 
 def scheduling() -> Finding:
-    """Whether this user may run the core with SCHED_FIFO, tried for a moment."""
+    """Check, by a short trial, that this user may run the core with SCHED_FIFO."""
     limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
     before, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
@@ -95,7 +96,7 @@ def scheduling() -> Finding:
 
 
 def memory_lock() -> Finding:
-    """Whether the core may keep its pages from being swapped out."""
+    """Check that the core may lock its pages in memory."""
     limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
     if limit == resource.RLIM_INFINITY or os.geteuid() == 0:
         return Finding("memory lock", "unlimited", Grade.GOOD)
@@ -106,7 +107,7 @@ def memory_lock() -> Finding:
 
 
 def cores() -> Finding:
-    """Core and gateway, and the virtual drives on a desk, each want one to themselves."""
+    """Check for two processors: core, gateway and virtual drives each want their own."""
     count = len(os.sched_getaffinity(0))
     if count >= 2:
         return Finding("processors", f"{count} to run on", Grade.GOOD)
@@ -114,7 +115,7 @@ def cores() -> Finding:
 
 
 def wake_up() -> Finding:
-    """How late a sleeping thread wakes up here, measured without any real-time class."""
+    """Measure how late a sleeping thread wakes up on this machine, without any real-time class."""
     late_ms: list[float] = []
     for _ in range(WAKEUPS):
         due = time.monotonic_ns() + 1_000_000
@@ -129,7 +130,7 @@ def wake_up() -> Finding:
 
 
 def socket_can() -> Finding:
-    """Whether the kernel has AF_CAN."""
+    """Check that the kernel has AF_CAN."""
     try:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except OSError as error:
@@ -139,7 +140,7 @@ def socket_can() -> Finding:
 
 
 def tmpfs(root: Path) -> Finding:
-    """A tmpfs for the seam: on a disk, the ring of records would be written to it for ever."""
+    """Check for a tmpfs for the IPC channel: on a disk, the ring would cause permanent writes."""
     mounts = [line.split() for line in read(root / "proc/mounts").splitlines()]
     places = [fields[1] for fields in mounts if len(fields) > 2 and fields[2] == "tmpfs"]
     usable = [place for place in ("/run", "/dev/shm", "/tmp") if place in places]
@@ -150,7 +151,7 @@ def tmpfs(root: Path) -> Finding:
 
 
 def numba_cache() -> Finding:
-    """Where compiled kernels are kept; without a place every start compiles for a minute."""
+    """Check the folder of compiled kernels: without one, every start compiles for a minute."""
     told = os.environ.get("NUMBA_CACHE_DIR", "")
     place = Path(told) if told else Path.home() / ".cache"
     while not place.exists() and place != place.parent:
@@ -162,7 +163,7 @@ def numba_cache() -> Finding:
 
 
 def systemd(root: Path) -> Finding:
-    """The version of systemd, and whether it runs this machine."""
+    """Check the version of systemd, and that it runs this machine."""
     if not shutil.which("systemctl"):
         return Finding("systemd", "none", Grade.MISSING, "use `gaitd run` under your supervisor")
     said = subprocess.run(
@@ -177,7 +178,7 @@ def systemd(root: Path) -> Finding:
 
 
 def disk(root: Path) -> Finding:
-    """Room for black boxes, request log and notes, where the installed service keeps them."""
+    """Check the free space for black boxes, request log and state file of the installed service."""
     place = root / STATE
     while not place.exists() and place != place.parent:
         place = place.parent
@@ -186,7 +187,7 @@ def disk(root: Path) -> Finding:
 
 
 def disk_room(place: Path, free_mb: int) -> Finding:
-    """What so much free space means; a full disk is refused at the start (exit 2)."""
+    """Grade an amount of free space; the service refuses to start on a full disk (exit code 2)."""
     found = f"{free_mb} MB free at {place}"
     if free_mb >= DISK_MIN_MB:
         return Finding("disk", found, Grade.GOOD)
@@ -194,7 +195,7 @@ def disk_room(place: Path, free_mb: int) -> Finding:
 
 
 def compiler() -> Finding:
-    """Only `gaitd bench` wants one, for its anchor in C."""
+    """Check for a C compiler; only `gaitd bench` uses one, for its C implementation."""
     found = shutil.which("cc") or shutil.which("gcc")
     if not found:
         return Finding(
@@ -204,7 +205,7 @@ def compiler() -> Finding:
 
 
 def findings(root: Path = Path("/")) -> tuple[Finding, ...]:
-    """All checks, in the order they are printed."""
+    """Run all checks, in the order in which they are printed."""
     resolution_ns = round(time.clock_getres(time.CLOCK_MONOTONIC) * 1e9)
     return (
         python(),

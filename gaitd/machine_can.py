@@ -1,7 +1,7 @@
-"""CAN interfaces of a machine, from what `ip -details -json link show type can` and `vcan` say.
+"""CAN interfaces of a machine, from `ip -details -json link show type can` and `type vcan`.
 
-A CAN controller needs its bit rate before it is up, should come back by itself after bus-off
-(nothing is enabled by that), and its queue must hold what a bring-up and two legs send at once.
+A CAN controller needs its bit rate before it is up. It should restart by itself after bus-off,
+which enables no drive. Its queue must hold the frames that a bring-up and two legs send at once.
 """
 
 import json
@@ -12,15 +12,15 @@ from gaitd.finding import Finding, Grade
 
 SUBJECT: Final = "CAN interfaces"
 QUEUE_LENGTH_MIN: Final = 32
-"""Frames. A cycle of one leg sends seven at once; two legs and a bring-up need some air."""
+"""Frames. A cycle of one leg sends seven at once; two legs and a bring-up need a margin."""
 WELL: Final = frozenset({"ERROR-ACTIVE", ""})
-"""States of a controller; a virtual one has none."""
+"""Good states of a controller; a virtual interface has none."""
 BIT_RATE: Final = 1_000_000
 RESTART_MS: Final = 100
 
 
 def ip_links() -> str:
-    """What `ip` says of all CAN interfaces, as JSON; empty where there is no `ip`."""
+    """Output of `ip` for all CAN interfaces, as JSON; empty if there is no `ip`."""
     found: list[Any] = []
     for kind in ("can", "vcan"):
         command = ["ip", "-details", "-json", "link", "show", "type", kind]
@@ -33,7 +33,7 @@ def ip_links() -> str:
 
 
 def can_interfaces(ip_json: str) -> Finding:
-    """Which there are, whether they are up, their bit rate, state, restart and queue."""
+    """Check the CAN interfaces: whether they are up, their bit rate, state, restart and queue."""
     links = _links(ip_json)
     if not ip_json:
         return Finding(SUBJECT, "unknown: no `ip`", Grade.MISSING, "apt-get install iproute2")
@@ -47,7 +47,7 @@ def can_interfaces(ip_json: str) -> Finding:
 
 
 def _links(text: str) -> list[Any]:
-    """Entries that are interfaces; `ip` prints empty ones for those of another type."""
+    """Entries that are interfaces; `ip` prints empty entries for interfaces of another type."""
     try:
         return [link for link in json.loads(text or "[]") if link]
     except json.JSONDecodeError:
@@ -59,7 +59,7 @@ def _is_up(link: dict[str, Any]) -> bool:
 
 
 def _controller(link: dict[str, Any]) -> dict[str, Any]:
-    """Of a real interface; empty for vcan."""
+    """Controller settings of a real CAN interface; empty for vcan."""
     info = link.get("linkinfo", {})
     return info.get("info_data", {}) if info.get("info_kind") == "can" else {}
 

@@ -1,7 +1,7 @@
-"""How punctual a machine can be: kernel, limits, processors, clocks, memory.
+"""Checks of a machine's real-time behaviour: kernel, limits, processors, clocks, memory.
 
-Each check reads small files of the kernel below `root`, so that a test hands in those of another
-machine; what cannot be read there is said to be unknown, not to be good.
+Each check reads small files of the kernel below `root`, so that a test can supply those of another
+machine. A file that cannot be read makes the result unknown, not good.
 """
 
 import re
@@ -12,7 +12,7 @@ from gaitd.finding import Finding, Grade, read
 
 SLOW_CLOCKS: Final = frozenset({"hpet", "acpi_pm", "jiffies", "refined-jiffies"})
 IDLE_LATENCY_MAX_US: Final = 200
-"""Of the deepest idle state that may be used: a fiftieth of a cycle, and half of the budget."""
+"""Exit latency of the deepest usable idle state: a fiftieth of a cycle, and half of the budget."""
 TIMER_RESOLUTION_MAX_NS: Final = 1_000
 UNIT: Final = "gaitd-core.service"
 UNIT_PLACES: Final = ("etc/systemd/system", "usr/local/lib/systemd/system", "lib/systemd/system")
@@ -23,7 +23,7 @@ SIZES: Final = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
 
 
 def kernel(root: Path) -> Finding:
-    """Release, and how far it lets a real-time task interrupt it."""
+    """Check the kernel's release, and how far real-time tasks may preempt the kernel."""
     flavour = read(root / "proc/version")
     found = read(root / "proc/sys/kernel/osrelease") or "unknown"
     if read(root / "sys/kernel/realtime") == "1" or "PREEMPT_RT" in flavour:
@@ -39,7 +39,7 @@ def kernel(root: Path) -> Finding:
 
 
 def throttling(root: Path) -> Finding:
-    """How much of a second the kernel leaves to real-time tasks."""
+    """Check how much of each second the kernel leaves to real-time tasks."""
     runtime = read(root / "proc/sys/kernel/sched_rt_runtime_us")
     if runtime == "0":
         remedy = "sysctl kernel.sched_rt_runtime_us=950000"
@@ -53,7 +53,7 @@ def throttling(root: Path) -> Finding:
 
 
 def unit_limits(root: Path) -> Finding:
-    """What the installed unit grants the core, whoever runs this command."""
+    """Check the limits that the installed unit grants the core, independent of the current user."""
     text = _unit_text(root)
     if not text:
         remedy = "make install; not needed for `gaitd run` at a desk"
@@ -72,7 +72,7 @@ def unit_limits(root: Path) -> Finding:
 
 
 def _unit_text(root: Path) -> str:
-    """The unit and its drop-ins, in the order in which later settings win."""
+    """Text of the unit and its drop-ins, in the order in which later settings win."""
     for place in UNIT_PLACES:
         text = read(root / place / UNIT)
         if text:
@@ -95,7 +95,7 @@ def _is_enough(value: str, least: int) -> bool:
 
 
 def clock_source(root: Path) -> Finding:
-    """A slow clock source costs a microsecond at every look at the time."""
+    """Check the clock source: with a slow one each reading of the time takes a microsecond."""
     folder = root / "sys/devices/system/clocksource/clocksource0"
     found = read(folder / "current_clocksource")
     if found in SLOW_CLOCKS:
@@ -108,7 +108,7 @@ def clock_source(root: Path) -> Finding:
 
 
 def timers(resolution_ns: int) -> Finding:
-    """Whether a sleep can end between two ticks of the kernel; the resolution of its clock."""
+    """Check by the clock's resolution that a sleep can end between two ticks of the kernel."""
     if resolution_ns <= TIMER_RESOLUTION_MAX_NS:
         return Finding("timers", f"high resolution, {resolution_ns} ns", Grade.GOOD)
     found = f"only every {resolution_ns / 1e6:g} ms"
@@ -116,7 +116,7 @@ def timers(resolution_ns: int) -> Finding:
 
 
 def governor(root: Path) -> Finding:
-    """A governor that saves power wakes late."""
+    """Check the CPU governor: one that saves power delays wake-ups."""
     files = sorted(root.glob("sys/devices/system/cpu/cpu[0-9]*/cpufreq/scaling_governor"))
     governors = sorted({read(file) for file in files})
     if not governors:
@@ -128,7 +128,7 @@ def governor(root: Path) -> Finding:
 
 
 def idle_states(root: Path) -> Finding:
-    """How long the deepest sleep that a processor may fall into takes to end."""
+    """Check the wake-up latency of the deepest idle state of a processor."""
     states = sorted(root.glob("sys/devices/system/cpu/cpu[0-9]*/cpuidle/state[0-9]*"))
     usable = [state for state in states if read(state / "disable") in {"", "0"}]
     latencies = {int(read(s / "latency") or 0): read(s / "name") for s in usable}
@@ -143,7 +143,7 @@ def idle_states(root: Path) -> Finding:
 
 
 def isolated_cores(root: Path) -> Finding:
-    """Processors that nothing else is put on, for `realtime_cpus`; good to have, not needed."""
+    """Report the isolated processors, for `realtime_cpus`; useful, not required."""
     isolated = read(root / "sys/devices/system/cpu/isolated")
     if not isolated:
         return Finding("isolated processors", "none (isolcpus=N, realtime_cpus = [N])", Grade.GOOD)
@@ -151,7 +151,7 @@ def isolated_cores(root: Path) -> Finding:
 
 
 def swap(root: Path) -> Finding:
-    """Swap that may take pages of what is not locked: the gateway, the virtual drives."""
+    """Check for swap, which may take unlocked pages: those of gateway and virtual drives."""
     places = [line.split()[0] for line in read(root / "proc/swaps").splitlines()[1:]]
     if not places:
         return Finding("swap", "none", Grade.GOOD)

@@ -1,4 +1,4 @@
-"""`gaitd matrix`: every fault in every mode on both axes, in lock-step, judged and written down."""
+"""`gaitd matrix`: every fault in every mode on both axes, in lock-step, checked and documented."""
 
 import os
 import sys
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from gaitd.fault_matrix.cell import Cell, Found
+    from gaitd_lab.fault_matrix.cell import Cell, Found
 
 JOBS_MAX = 2
 
@@ -28,11 +28,11 @@ def command(
     jobs: Annotated[int, typer.Option(min=1, help="processes at the same time")] = JOBS_MAX,
     json: Annotated[bool, typer.Option("--json", help="every cell as one JSON object")] = False,
 ) -> None:
-    """Play the cells and judge them. Exit 0 only if each of them keeps every law, else 1."""
-    from gaitd.fault_matrix.judgement import broken
-    from gaitd.fault_matrix.page import command as again
-    from gaitd.fault_matrix.run import cells
+    """Run the cells of the fault matrix. Exit code 0 only if each keeps every law, else 1."""
     from gaitd.places import configs_folder
+    from gaitd_lab.fault_matrix.judgement import broken
+    from gaitd_lab.fault_matrix.page import command as again
+    from gaitd_lab.fault_matrix.run import cells
 
     _check_names(fault or [], mode or [], axis)
     wanted = cells(fault or (), mode or (), axis)
@@ -54,13 +54,13 @@ def command(
 
 
 SHOWN_MAX = 200
-"""More cells than these are for a page."""
+"""Largest number of cells printed; more cells need a page (--output)."""
 
 
 def _check_names(faults: list[str], modes: list[str], axis: str) -> None:
-    from gaitd.fault_matrix.faults import FAULTS
-    from gaitd.fault_matrix.modes import COLUMNS
-    from gaitd.fault_matrix.watch import AXES
+    from gaitd_lab.fault_matrix.faults import FAULTS
+    from gaitd_lab.fault_matrix.modes import COLUMNS
+    from gaitd_lab.fault_matrix.watch import AXES
 
     for option, names, known in (
         ("--fault", faults, tuple(FAULTS)),
@@ -75,11 +75,11 @@ def _check_names(faults: list[str], modes: list[str], axis: str) -> None:
 
 
 def _played(trainer: Path, wanted: "list[Cell]", seed: int, jobs: int) -> "list[Found]":
-    """All cells in the order asked for; on a terminal with its progress."""
+    """Run the cells and return them in the order of `wanted`, with progress on stderr."""
     from rich.console import Console
     from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
 
-    from gaitd.fault_matrix.run import run
+    from gaitd_lab.fault_matrix.run import run
 
     columns = (*Progress.get_default_columns(), MofNCompleteColumn(), TimeElapsedColumn())
     found: list[Found] = []
@@ -97,8 +97,8 @@ def _played(trainer: Path, wanted: "list[Cell]", seed: int, jobs: int) -> "list[
 def _print_json(found: "list[Found]") -> None:
     import msgspec
 
-    from gaitd.fault_matrix.judgement import broken
-    from gaitd.fault_matrix.page import command as again
+    from gaitd_lab.fault_matrix.judgement import broken
+    from gaitd_lab.fault_matrix.page import command as again
 
     for one in found:
         line = {**msgspec.to_builtins(one), "broken": broken(one), "command": again(one)}
@@ -107,7 +107,7 @@ def _print_json(found: "list[Found]") -> None:
 
 def _print_cells(found: "list[Found]") -> None:
     from gaitd.check import Section, plain, print_tables
-    from gaitd.fault_matrix.page import entry
+    from gaitd_lab.fault_matrix.page import entry
 
     rows = tuple((one.fault, one.mode, one.axis or "both", entry([one])) for one in found)
     section = Section("Fault matrix", ("fault", "mode", "axis", "what it did"), rows)
@@ -118,8 +118,8 @@ def _print_cells(found: "list[Found]") -> None:
 
 
 def _write(found: "list[Found]", output: Path) -> None:
-    from gaitd.fault_matrix import heat_map
-    from gaitd.fault_matrix.page import PAGE, PICTURE, page
+    from gaitd_lab.fault_matrix import heat_map
+    from gaitd_lab.fault_matrix.page import PAGE, PICTURE, page
 
     output.mkdir(parents=True, exist_ok=True)
     (output / PAGE).write_text(page(found), encoding="utf-8")

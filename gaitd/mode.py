@@ -15,7 +15,7 @@ from gaitd.remote import (
 
 
 def command(
-    name: Annotated[str, typer.Argument(help="hold, gait, excite, release or self_test")],
+    name: Annotated[str, typer.Argument(help="hold, gait, excite, hand_guiding or self_test")],
     cadence: Annotated[float, typer.Option(help="Strides per second, for gait.")] = 0.0,
     amplitude: Annotated[float, typer.Option(help="0 to 1 of the full gait, for gait.")] = 0.0,
     duration: Annotated[float, typer.Option(help="Seconds, for gait and excite.")] = 0.0,
@@ -25,7 +25,7 @@ def command(
     trainer: TrainerOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Choose what the enabled leg does: hold, gait (announced 3 s ahead), excite, release."""
+    """Choose the enabled leg's mode: hold, gait (announced 3 s ahead), excite, hand_guiding."""
     payload: dict[str, Any] = {
         "mode": name,
         "cadence_hz": cadence,

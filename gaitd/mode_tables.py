@@ -1,18 +1,18 @@
-"""docs/modes.md: the modes of the service as a diagram and tables, from what the core goes by.
+"""docs/modes.md: the modes of the service as a diagram and tables, from the core's own tables.
 
-Nothing is told a second time here: rows, requests, refusals, categories and texts are read from
-`daemon/core/modes.py`, `daemon/causes.py` and a limits file. The refusals are found by asking the
-guard itself about situations in which one thing is wrong.
+No fact is repeated in this file: rows, requests, refusals, categories and texts are read from
+`daemon/core/modes/table.py`, `daemon/wire/causes.py` and a limits file. The refusals are found by
+calling the guard with inputs in which one thing is wrong.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-from daemon.causes import CAUSE_TEXT, DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
-from daemon.core.limits import Categories
-from daemon.core.modes import TRANSITIONS, Circumstances, Event, event_of, refusal
-from daemon.record import Cause, Mode, ModeRequest, RequestKind
+from daemon.core.modes.table import TRANSITIONS, Event, GuardInputs, event_of, refusal
+from daemon.core.safety.limits import Categories
+from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
+from daemon.wire.causes import CAUSE_TEXT, DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
 
 HEAD: Final = """# Modes
 
@@ -21,7 +21,7 @@ fails where this page is older than they are. A stop needs no permission, no val
 working observer: every mode in which a drive is enabled has a row for it.
 """
 
-WELL: Final = Circumstances(
+WELL: Final = GuardInputs(
     mode=Mode.READY,
     gateway_alive=True,
     at_rest=True,
@@ -36,7 +36,7 @@ WELL: Final = Circumstances(
     patient_configured=False,
     guidance="impedance",
 )
-"""A situation in which nothing is wrong; what a configuration chooses is an example."""
+"""Guard inputs in which nothing is wrong. Values that a configuration chooses are examples."""
 
 ASKS: Final[Mapping[str, tuple[RequestKind, ModeRequest]]] = {
     "enable": (RequestKind.ENABLE, ModeRequest()),
@@ -46,12 +46,12 @@ ASKS: Final[Mapping[str, tuple[RequestKind, ModeRequest]]] = {
     "mode gait": (RequestKind.MODE, ModeRequest(Mode.GAIT, 0.25, 1.0, 60.0)),
     "mode torque": (RequestKind.MODE, ModeRequest(Mode.TORQUE)),
     "mode excite": (RequestKind.MODE, ModeRequest(Mode.EXCITE, duration_s=25.0, scenario="paper")),
-    "mode release": (RequestKind.MODE, ModeRequest(Mode.RELEASE)),
+    "mode hand_guiding": (RequestKind.MODE, ModeRequest(Mode.HAND_GUIDING)),
     "mode self_test": (RequestKind.MODE, ModeRequest(Mode.SELF_TEST)),
     "mode reference": (RequestKind.MODE, ModeRequest(Mode.REFERENCE, axis="right/hip")),
     "mode commission": (RequestKind.MODE, ModeRequest(Mode.COMMISSION, axis="right/hip")),
 }
-"""Each request that a client may send, with arguments that are allowed. `stop` needs none."""
+"""Each request that a client may send, with permitted arguments. `stop` needs none."""
 
 WRONG: Final[Mapping[str, Mapping[str, Any]]] = {
     "the gateway is silent": {"gateway_alive": False},
@@ -71,7 +71,7 @@ WRONG: Final[Mapping[str, Mapping[str, Any]]] = {
 
 
 def document(chosen: Mapping[str, str]) -> str:
-    """The whole page.
+    """Return the whole page.
 
     Args:
         chosen: `stop_category` of the limits file that is shown.
@@ -103,7 +103,7 @@ def document(chosen: Mapping[str, str]) -> str:
 
 
 def diagram() -> Iterator[str]:
-    """A state diagram in Mermaid: what all enabled modes share leaves their common box."""
+    """State diagram in Mermaid; transitions that all enabled modes share start at one box."""
     yield "stateDiagram-v2"
     yield "    [*] --> off"
     shared = _shared()
@@ -133,7 +133,7 @@ def diagram() -> Iterator[str]:
 
 
 def _shared() -> dict[Event, Mode]:
-    """Events that every enabled mode answers with the same row."""
+    """Events with the same target mode in every enabled mode, and that target."""
     active = [mode for mode in Mode if mode.active]
     return {
         event: TRANSITIONS[active[0], event]
@@ -169,7 +169,7 @@ def _moves(mode: Mode) -> bool:
 
 
 def _refusals() -> Iterator[tuple[str, ...]]:
-    """Each reason that differs from the one the request would get if nothing were wrong."""
+    """Refusals by the guard: with nothing wrong, and those that one wrong thing adds or changes."""
     for name, (kind, wanted) in ASKS.items():
         event = event_of(kind, wanted)
         for mode in (mode for mode in Mode if (mode, event) in TRANSITIONS):

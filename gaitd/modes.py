@@ -1,4 +1,4 @@
-"""`gaitd modes`: modes, requests and causes of stops, from the tables that the service goes by."""
+"""`gaitd modes`: modes, requests and causes of stops, from the tables that the service uses."""
 
 import sys
 from pathlib import Path
@@ -15,7 +15,7 @@ def command(
         typer.Option("--output", help="Folder for modes.md; without it the page is printed."),
     ] = None,
 ) -> None:
-    """Modes, who may ask for what and when, and what each stop tells a person to do."""
+    """Print the modes, the permitted requests, and each stop's remedy for the operator."""
     from daemon.config.limit_settings import Limits
     from daemon.config.strict import decoded, read_toml
     from gaitd.mode_tables import document

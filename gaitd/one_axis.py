@@ -1,6 +1,6 @@
-"""What `commission` and `reference` share: one axis of the empty machine, and how it went.
+"""Shared part of `commission` and `reference`: run a mode on one axis of the empty machine.
 
-Exit codes as in `remote.py`; 1 also when the axis was not homed, or does not move as it should.
+Exit codes as in `remote.py`; 1 also if the axis was not homed, or does not move as it should.
 """
 
 import sys
@@ -16,27 +16,27 @@ POLL_S: Final = 0.25
 PATIENCE_S: Final = 360.0
 """Longer than any homing may take."""
 CALM_POLLS: Final = 2
-"""Between two bring-ups the service passes through `ready`; it stays there only at the end."""
+"""Polls in a calm mode before the end counts: between bring-ups the service passes `ready`."""
 OVER_MODES: Final = frozenset({"ready", "fault"})
 
 
 class Ending(NamedTuple):
-    """How it went."""
+    """Result of `prepare`."""
 
     good: bool
     text: str
-    """The service's own words about the axis; why it stopped otherwise."""
+    """Event text of the service about the axis; if the axis stopped before its end, the reason."""
 
 
 def prepare(target: Target, mode: str, axis: str, good: str, *, as_json: bool) -> Ending | int:
-    """Ask for it, tell what goes on, and wait for the end; the exit code if it was not begun.
+    """Request the mode and wait for its end; the exit code if it was refused or not answered.
 
     Args:
         target: the service.
         mode: `reference` or `commission`.
         axis: LEG/AXIS.
-        good: what the service says of the axis when all went well.
-        as_json: one JSON object a line, and nothing else, is printed then.
+        good: beginning of the service's event text about the axis in case of success.
+        as_json: print the replies as one JSON object a line, and nothing else.
     """
     before = _status(target)
     if before is None:
@@ -92,5 +92,5 @@ def _nobody(what: str) -> int:
 
 
 def exit_code(ending: Ending) -> int:
-    """0 if it went well."""
+    """Exit code: 0 for success, else 1."""
     return EXIT_DONE if ending.good else EXIT_REFUSED

@@ -1,4 +1,4 @@
-"""Where the project's own files are when a command does not name one."""
+"""Search for the project's own files when a command line does not name them."""
 
 from pathlib import Path
 
@@ -6,14 +6,14 @@ from daemon.config.strict import MISSING, ConfigError
 
 
 def configs_folder(option: str, wanted: str) -> Path:
-    """The folder of configurations: of the clone that we run from, installed with us, or here.
+    """Find the folder of configurations: in the clone, the installation or the current folder.
 
     Args:
-        option: that would have named the file.
+        option: the option that would have named the file.
         wanted: the file in that folder.
 
     Raises:
-        ConfigError: no folder has it.
+        ConfigError: no folder has the file.
     """
     ours = Path(__file__).resolve().parent
     for folder in (ours.parent / "configs", ours / "configs", Path.cwd() / "configs"):

@@ -16,7 +16,7 @@ def command(
     trainer: TrainerOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Let the drive of one axis find its home: slowly, with limited torque, nobody in the machine.
+    """Home one axis by its drive: slowly and with limited torque, in the empty machine.
 
     The service needs the configuration of the empty machine, and the hand switch held.
     """

@@ -1,7 +1,7 @@
-"""What the commands that talk to a running service share: whom to ask, how, and the exit codes.
+"""Shared part of the clients of a running service: its address, one request, and the exit codes.
 
-Exit codes: 0 done; 1 refused, with the reason; 2 configuration or usage; 4 nobody answered, or
-nobody could say in time what became of the request.
+Exit codes: 0 done; 1 refused, with the reason; 2 configuration or usage; 4 no answer, or the
+service did not report the outcome of the request in time.
 """
 
 import json
@@ -39,21 +39,21 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print the answer as JS
 
 
 class Target(NamedTuple):
-    """A service: where it listens, and the TRAINER of its keys."""
+    """Address of a service: its endpoints, and the TRAINER of its keys."""
 
     endpoints: tuple[str, ...]
     trainer: str
 
 
 class Answer(NamedTuple):
-    """A reply as JSON text, or why there is none."""
+    """A reply as JSON text, or the reason why there is none."""
 
     text: str | None
     trouble: str = ""
 
 
 def find_target(config: Path | None, endpoint: str | None, trainer: str | None) -> Target:
-    """Put together whom to ask; what is named on the command line wins over the file.
+    """Determine the service's address; values of the command line override those of the file.
 
     Raises:
         ConfigError: the trainer file cannot be used.
@@ -61,7 +61,7 @@ def find_target(config: Path | None, endpoint: str | None, trainer: str | None) 
     endpoints, name = (DEFAULT_ENDPOINT,), DEFAULT_TRAINER
     if config is not None:
         from daemon.config.trainer import load_trainer
-        from daemon.gateway.endpoints import to_connect
+        from daemon.zenoh_io.endpoints import to_connect
 
         zenoh = load_trainer(config).trainer.zenoh
         endpoints, name = tuple(map(to_connect, zenoh.listen)), zenoh.trainer
@@ -69,7 +69,7 @@ def find_target(config: Path | None, endpoint: str | None, trainer: str | None) 
 
 
 def client_settings(endpoints: tuple[str, ...]) -> dict[str, Any]:
-    """Keys of Zenoh's configuration for a client that asks once and goes."""
+    """Keys of Zenoh's configuration for a client that sends one query and disconnects."""
     return {
         "mode": "client",
         "connect/endpoints": list(endpoints),
@@ -83,7 +83,7 @@ def client_settings(endpoints: tuple[str, ...]) -> dict[str, Any]:
 
 
 def open_client(endpoints: tuple[str, ...]) -> "zenoh.Session | None":
-    """A session with a service; None: no service listens there."""
+    """Open a session with a service; None if no service listens on the endpoints."""
     import zenoh
 
     zenoh.init_log_from_env_or("off")
@@ -108,7 +108,7 @@ def ask(target: Target, name: str, payload: dict[str, Any]) -> Answer:
         replies = session.get(selector, payload=json.dumps(payload), timeout=ANSWER_TIMEOUT_S)
         for reply in replies:
             sample = reply.ok or reply.err
-            # Zenoh reports its own timeout as an error reply, without an encoding of ours.
+            # Zenoh reports its own timeout as an error reply that is not encoded as JSON.
             if sample is not None and str(sample.encoding).startswith("application/json"):
                 return Answer(sample.payload.to_string())
     finally:
@@ -118,7 +118,7 @@ def ask(target: Target, name: str, payload: dict[str, Any]) -> Answer:
 
 
 def request(target: Target, name: str, payload: dict[str, Any], *, as_json: bool) -> int:
-    """Ask for one of enable, disable, stop, reset, mode; print what became of it.
+    """Request enable, disable, stop, reset or mode; print the outcome.
 
     Returns: the exit code.
     """
@@ -137,7 +137,7 @@ def request(target: Target, name: str, payload: dict[str, Any], *, as_json: bool
 
 
 def report_silence(name: str, trouble: str, *, as_json: bool) -> int:
-    """Say that nobody answered.
+    """Report that no service answered.
 
     Returns: the exit code.
     """

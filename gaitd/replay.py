@@ -1,4 +1,4 @@
-"""`gaitd replay`: the observer over a recorded file, as fast as it can."""
+"""`gaitd replay`: run the observer over a recorded file, as fast as possible."""
 
 import io
 import math
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from analysis.replay import Source
     from daemon.config.settings import Robot
-    from observer.batch import BatchEstimates
+    from observer.offline.batch import BatchEstimates
 
 EXIT_REFUSED = 2
 
@@ -56,7 +56,7 @@ def command(
         Path | None, typer.Option(help="of `gaitd baseline`, taken off the stride figures")
     ] = None,
 ) -> None:
-    """The observer over a recorded file: CSV in, CSV of the estimates out."""
+    """Run the observer over a recorded file: CSV in, CSV of the estimates out."""
     from analysis.recording import RecordingError
 
     try:
@@ -71,7 +71,7 @@ def command(
 
 
 class Given(NamedTuple):
-    """What to make the estimates with."""
+    """Inputs of the estimate besides the recording."""
 
     robot: Path | None
     baseline: Path | None
@@ -79,7 +79,7 @@ class Given(NamedTuple):
 
 
 def _replay(recorded: list[Path], leg: str | None, wanted: Wanted, given: Given) -> None:
-    """All is read before anything is written: one bad recording, and nothing is changed."""
+    """Replay all recordings, after reading all: a bad one leaves every file unchanged."""
     from analysis.replay import legs_of, read
 
     asked = [
@@ -117,7 +117,7 @@ def _one(
     stage: "Callable[[str], Callable[[float], None]]",
     reading_s: float,
 ) -> str:
-    """Write the files of one recording; what there is to say waits until they are in place."""
+    """Write the files of one recording; return its report, to print once they are in place."""
     from analysis.estimates import write_csv
     from analysis.replay import estimate, estimate_smoothed, warm_up
 
@@ -147,7 +147,7 @@ def _one(
 def _strides(
     source: "Source", robot: "Robot", given: Given, draft: Targets, target: Targets
 ) -> None:
-    """Strides are always made from the smoothed estimate."""
+    """Write strides, which are always computed from the smoothed estimate."""
     from analysis.replay import columns_of, estimate_smoothed
     from analysis.stride_figure import draw
     from analysis.stride_table import write_csv
@@ -181,7 +181,7 @@ def _baseline(path: Path, robot_file: Path | None) -> "NDArray[np.float64]":
 
 
 def _robot(source: "Source", named: Path | None) -> "tuple[Robot, str]":
-    """The robot and where it comes from."""
+    """The robot, and a text of its origin."""
     from daemon.config.settings import Robot
     from daemon.config.strict import load_toml
     from gaitd.places import configs_folder
@@ -197,7 +197,7 @@ def _report(
 ) -> None:
     import numpy as np
 
-    from observer.status import Status, Validity
+    from observer.filter.status import Status, Validity
 
     made = source.recording
     count = len(made.time_s)
@@ -220,11 +220,11 @@ def _report(
 
 
 def _print_drift(estimates: "BatchEstimates", robot: "Robot") -> None:
-    """What the drift monitor says of friction, axis by axis."""
+    """Print the drift monitor's result for the friction of each axis."""
     from analysis.consistency import drift_of
     from daemon.config.robot import friction_parameters
     from observer.drift import asks_for_calibration, correlation, friction_error
-    from observer.leg_model import STEP_S
+    from observer.filter.leg_model import STEP_S
 
     laws = friction_parameters(robot)
     units = (("hip", "N·m"), ("slide", "N"))
@@ -248,7 +248,7 @@ def _advice(asked: bool, robot: "Robot") -> str:
 
 @contextmanager
 def _stages() -> Generator[Callable[[str], Callable[[float], None]]]:
-    """Progress bars on a terminal, one for each stage; on anything else nothing."""
+    """Progress bars, one for each stage, shown only on a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 

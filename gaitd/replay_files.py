@@ -1,4 +1,4 @@
-"""Files of `gaitd replay`: which there will be, that none is one of its inputs, all or nothing."""
+"""Output files of `gaitd replay`: their names, the check against inputs, all-or-nothing writing."""
 
 import os
 from collections.abc import Generator, Sequence
@@ -13,11 +13,11 @@ STRIDES_PICTURE = ".strides.png"
 
 
 class FileError(Exception):
-    """A file cannot be written where it is asked for: names the option, the file and why."""
+    """A file cannot be written at its place; the text names the option, the file and the reason."""
 
 
 class Wanted(NamedTuple):
-    """As the person said it; each is a file, or a folder for several results."""
+    """Output paths from the command line; each is a file, or a folder for several results."""
 
     output: Path | None
     plot: Path | None
@@ -26,7 +26,7 @@ class Wanted(NamedTuple):
 
 
 class Targets(NamedTuple):
-    """Files of one result."""
+    """Output files of one result."""
 
     output: Path
     plot: Path | None
@@ -35,14 +35,14 @@ class Targets(NamedTuple):
 
 
 def targets_of(wanted: Wanted, results: Sequence[tuple[Path, str]], many: bool) -> list[Targets]:
-    """Where each result goes.
+    """Determine the output files of each result.
 
-    A result is a recording and, where there are several legs, its leg. A folder gets files named
-    after the recording; a file's name gets the leg before its suffix.
+    A result is a recording, or one leg of a recording with several legs. A folder gets files named
+    after the recording. In a file's name the leg is inserted before the suffix.
 
     Args:
-        wanted: by the options.
-        results: recording, and leg or nothing.
+        wanted: paths of the options.
+        results: recording, and leg or an empty text.
         many: several recordings, for which an option can only be a folder.
 
     Raises:
@@ -81,10 +81,10 @@ def _named(option: Path | None, recorded: Path, leg: str, suffix: str) -> Path |
 
 
 def check(targets: Sequence[Targets], inputs: Sequence[Path]) -> None:
-    """All can be written, each is another file, and none is an input.
+    """Check that all files can be written, that they differ, and that none is an input.
 
     Raises:
-        FileError: the first that is not so.
+        FileError: the first violation.
     """
     taken: dict[Path, str] = {}
     for one in targets:
@@ -116,9 +116,9 @@ def _check_place(option: str, path: Path, inputs: Sequence[Path]) -> None:
 
 @contextmanager
 def appearing(path: Path) -> Generator[Path]:
-    """A file to write to that becomes `path` at the end, and is gone if there was an error.
+    """Yield a file for writing that replaces `path` at the end, and is deleted after an error.
 
-    What is no regular file (`/dev/null`, a pipe) is written as it is.
+    A path that is no regular file (`/dev/null`, a pipe) is written directly.
     """
     path = path.resolve()
     if path.exists() and not path.is_file():

@@ -1,4 +1,4 @@
-"""`gaitd reset`: one request to a running service."""
+"""`gaitd reset`: send one request to a running service."""
 
 import typer
 
@@ -18,6 +18,6 @@ def command(
     trainer: TrainerOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Reset a latched stop once its cause is gone. Enables nothing."""
+    """Reset a latched stop once its cause is gone. No drive is enabled by it."""
     target = find_target(config, endpoint, trainer)
     raise typer.Exit(request(target, "reset", {}, as_json=as_json))

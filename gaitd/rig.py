@@ -1,4 +1,4 @@
-"""`gaitd rig NAME -- COMMAND`: a command in a small world that has what this machine lacks."""
+"""`gaitd rig NAME -- COMMAND`: run a command where there is SocketCAN, or systemd."""
 
 import os
 import shlex
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 EXIT_LACKING: Final = 2
 EXIT_RIG: Final = 4
-"""The world did not come to life, or ended before the command."""
+"""The environment did not start, or ended before the command."""
 POLL_S: Final = 0.1
 
 
 class Name(StrEnum):
-    """Which world."""
+    """Environment of `gaitd rig`."""
 
     VCAN = "vcan"
     SYSTEMD = "systemd"
@@ -32,8 +32,9 @@ def command(
     name: Annotated[Name, typer.Argument(help="vcan: SocketCAN; systemd: systemd as PID 1")],
     words: Annotated[list[str], typer.Argument(help="command and arguments, behind `--`")],
 ) -> None:
-    """Run a command there; this folder may be written to, the rest of the disk is read-only.
+    """Run a command in an environment with what this machine lacks: SocketCAN, or systemd as PID 1.
 
+    The current folder may be written to, the rest of the disk is read-only.
     Where the kernel has SocketCAN, `vcan` is a network namespace of its own. Elsewhere it is a
     virtual machine, which takes half a minute to boot and computes about ten times slower.
     """
@@ -77,7 +78,7 @@ def _run(rig: "Rig", name: str, words: list[str], folder: Path) -> int:
 
 
 def _show(running: subprocess.Popen[bytes], name: str, seen: IO[bytes]) -> None:
-    """Hand on what the command says, as it comes."""
+    """Copy the command's output to stdout while it runs."""
     from rich.console import Console
 
     console = Console(stderr=True)

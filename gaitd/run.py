@@ -1,4 +1,4 @@
-"""`gaitd run`: core and gateway for a desk or a demo."""
+"""`gaitd run`: core and gateway in one command, for a desk or a demonstration."""
 
 import ctypes
 import signal
@@ -14,25 +14,25 @@ import typer
 POLL_S = 0.05
 GATEWAY_RESTART_S = 1.0
 CORE_END_S = 10.0
-"""The core stops both axes first: a stop takes up to three seconds, and power-off a little."""
+"""Longer than the core needs to stop both axes (up to three seconds) and to switch off power."""
 GATEWAY_END_S = 5.0
 KILLED = 4
-"""A core that a signal ended is ours to explain, like any of our own bugs."""
+"""Exit code for a core that a signal ended, as for any other internal error."""
 PR_SET_PDEATHSIG = 1
 
 
 def command(
     config: Annotated[Path, typer.Option("--config", help="trainer file", dir_okay=False)],
 ) -> None:
-    """The service: core and gateway, started, watched and ended together."""
+    """Run the service: start, supervise and end core and gateway together."""
     raise typer.Exit(_Supervisor(config).run())
 
 
 class _Supervisor:
-    """The core's end is ours, with its exit code; a gateway that dies is started again.
+    """Ends with the core, with its exit code; restarts a gateway that has ended.
 
-    While the gateway is away the core stops the machine and holds it, and nothing is enabled again
-    by its return.
+    While the gateway is away the core stops the machine and holds it. The gateway's return enables
+    no drive again.
     """
 
     def __init__(self, config: Path) -> None:
@@ -66,7 +66,8 @@ class _Supervisor:
         return 2 if gateway_code == 2 else 0
 
     def _start(self, part: str) -> subprocess.Popen[bytes]:
-        # A session of its own: Ctrl-C reaches us alone, and we end the parts in their order.
+        # A session of its own: Ctrl-C reaches the supervisor alone, which ends core and gateway in
+        # order.
         arguments = [sys.executable, "-m", "gaitd", part, "--config", str(self._config)]
         return subprocess.Popen(
             arguments,
@@ -79,12 +80,12 @@ class _Supervisor:
 
 
 def _end_with_parent() -> None:
-    """Ask the kernel for SIGTERM when the supervisor is gone, however it went."""
+    """Ask the kernel for SIGTERM when the supervisor ends, by whatever cause."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _finish(process: subprocess.Popen[bytes], patience_s: float) -> int:
-    """End a part with SIGTERM, and with SIGKILL when its time is over."""
+    """End a process with SIGTERM, and with SIGKILL after `patience_s`."""
     if process.poll() is None:
         process.send_signal(signal.SIGTERM)
         try:

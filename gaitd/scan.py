@@ -1,6 +1,6 @@
-"""`gaitd scan`: who is on a bus, and is it the machine that the configuration describes.
+"""`gaitd scan`: list the stations on a bus, and compare them with the configured machine.
 
-Read only: SDO uploads, one frame at a time and paced, and nothing else. It may be run beside a
+Read only: SDO uploads, one frame at a time and paced, and nothing else. It may run beside a
 service. Exit codes: 0; 2 usage or configuration; 3 an expected drive is missing, is there twice or
 is another one, or the bus does not work.
 """
@@ -15,9 +15,9 @@ from gaitd.check import Section
 from gaitd.station import EXIT_DRIVE, BusPlace, opened, place_of, show, shown
 
 if TYPE_CHECKING:
-    from drives.bus import Bus, Clock
-    from drives.inventory import Finding, Inventory
-    from drives.stations import Expected, ProfileFile, Station
+    from drives.canopen.bus import Bus, Clock
+    from drives.service.inventory import Finding, Inventory
+    from drives.service.stations import Expected, ProfileFile, Station
 
 
 def command(
@@ -32,7 +32,7 @@ def command(
     bitrate: Annotated[int | None, typer.Option(help="without --config: bit/s")] = None,
     json: Annotated[bool, typer.Option("--json", help="one JSON object")] = False,
 ) -> None:
-    """List what is on the bus and compare it with the configuration. Writes nothing to anybody."""
+    """List the stations on the bus and compare them with the configuration. Writes no object."""
     from drives.errors import BusError
 
     place, expected = _sought(config, interface, channel, bitrate)
@@ -51,13 +51,13 @@ def command(
 
 
 def scan(bus: "Bus", clock: "Clock", bitrate_bit_per_s: int, expected: "Expected") -> "Inventory":
-    """Look at an open bus, with progress on a terminal.
+    """Survey an open bus, with progress on a terminal.
 
     Raises:
         BusError: the interface is down, or the controller is bus-off.
     """
-    from drives.inventory import take_stock
-    from drives.scanning import survey
+    from drives.service.inventory import take_stock
+    from drives.service.scan import survey
 
     return take_stock(shown(survey(bus, clock, bitrate_bit_per_s)), expected)
 
@@ -65,9 +65,9 @@ def scan(bus: "Bus", clock: "Clock", bitrate_bit_per_s: int, expected: "Expected
 def _sought(
     config: Path | None, interface: str | None, channel: str | None, bitrate: int | None
 ) -> "tuple[BusPlace, Expected]":
-    from daemon.config.load import read_all
     from daemon.config.strict import MISSING, ConfigError
-    from drives.stations import Expected
+    from daemon.preflight.load import read_all
+    from drives.service.stations import Expected
 
     named = {"--interface": interface, "--channel": channel, "--bitrate": bitrate}
     if config is not None:
@@ -89,11 +89,11 @@ def _sought(
 
 
 def _profiles() -> "tuple[ProfileFile, ...]":
-    """What there is in configs/drives/profiles; nothing where there is no such folder."""
-    from daemon.config.load import load_toml
+    """Drive profiles in configs/drives/profiles; none if there is no such folder."""
     from daemon.config.strict import ConfigError
-    from drives.profile import DriveProfile
-    from drives.stations import ProfileFile
+    from daemon.preflight.load import load_toml
+    from drives.cia402.profile import DriveProfile
+    from drives.service.stations import ProfileFile
     from gaitd.places import configs_folder
 
     try:
@@ -104,13 +104,13 @@ def _profiles() -> "tuple[ProfileFile, ...]":
     return tuple(ProfileFile(name, profile.vendor, profile.family) for name, profile in files)
 
 
-# --- words ----------------------------------------------------------------------------------------
+# --- text -----------------------------------------------------------------------------------------
 
 
 def sections(
     found: "Inventory", place: BusPlace, expected: "Expected", foreign_count: int
 ) -> tuple[Section, ...]:
-    """The inventory as tables of words."""
+    """Format the inventory as tables of text."""
     count = len(found.stations)
     where = f"{place.interface} {place.channel}"
     devices = "nobody" if not count else f"{count} node{'s' if count > 1 else ''}"
@@ -187,7 +187,7 @@ def _hex(value: int | None) -> str:
 
 
 def _finding_line(finding: "Finding") -> str:
-    from drives.inventory import WRONG
+    from drives.service.inventory import WRONG
 
     mark = "WRONG: " if finding.kind in WRONG else ""
     node = "" if finding.node_id is None else f"node {finding.node_id}"
@@ -196,10 +196,10 @@ def _finding_line(finding: "Finding") -> str:
 
 
 def as_json(found: "Inventory", foreign_count: int) -> str:
-    """One object: stations, findings with their kind as a name, and the verdict."""
+    """One JSON object: stations, findings with their kind as a name, and the verdict."""
     import msgspec
 
-    from drives.inventory import WRONG
+    from drives.service.inventory import WRONG
 
     findings: list[dict[str, Any]] = [
         {

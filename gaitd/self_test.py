@@ -1,10 +1,10 @@
-"""`gaitd self-test`: the test of the day, step by step, with a person in front of the machine.
+"""`gaitd self-test`: the daily test, step by step, with the operator in front of the machine.
 
-What has to be done is what the service says is missing: it refuses to enable as long as it has not
-seen hand switch and emergency stop act, and names what it has not seen. It asks to enable and never
-to reset: a stop that is latched is shown with its remedy, and the test ends.
+The steps follow from the service's refusals: until the service has seen hand switch and emergency
+stop act, it refuses to enable and names the inputs that it has not seen. This command requests
+enable, but never reset: a latched stop is shown with its remedy, and the test ends.
 
-Exit codes as in `remote.py`; 1 also when the test was not passed, or a step was not done in time.
+Exit codes as in `remote.py`; 1 also if the test failed, or a step was not done in time.
 """
 
 import json
@@ -33,7 +33,7 @@ from gaitd.remote import (
 
 POLL_S: Final = 0.5
 PATIENCE_S: Final = 120.0
-"""For each step that a person does."""
+"""Time for each step that the operator does."""
 CLIENT: Final = "gaitd self-test"
 PASSED: Final = "self-test passed"
 FOUND: Final = ": self-test "
@@ -48,7 +48,7 @@ PROMPTS: Final = (
     ("safe torque off", "Release the emergency stop."),
     ("moving", "Keep the leg still."),
 )
-"""What a person does about a reason for which the service refuses to enable."""
+"""Prompt for the operator, by a part of the reason with which the service refuses to enable."""
 
 Say = Callable[[str], None]
 
@@ -63,7 +63,7 @@ def command(
     trainer: TrainerOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """The test of the day: hand switch, emergency stop, then each axis moves a little by itself."""
+    """Run the daily test: hand switch, emergency stop, then each axis moves a little by itself."""
     target = find_target(config, endpoint, trainer)
 
     def say(text: str) -> None:
@@ -82,7 +82,7 @@ def command(
 
 
 def run(target: Target, say: Say) -> tuple[bool, list[str]]:
-    """All steps; whether the test was passed, and the service's own lines about it.
+    """Run all steps; return whether the test passed, and the service's event texts about it.
 
     Raises:
         NoAnswerError: the service does not answer.
@@ -101,15 +101,15 @@ def run(target: Target, say: Say) -> tuple[bool, list[str]]:
 
 
 def _enable(target: Target, say: Say) -> str:
-    """Ask to enable until nothing is missing any more; say what a person should do meanwhile.
+    """Request enable until nothing is missing; prompt the operator for the missing steps.
 
-    Returns: why it is not enabled; empty if it is.
+    Returns: the reason why it is not enabled; empty if it is.
     """
     said = ""
     for _ in range(round(PATIENCE_S / POLL_S)):
         safety = _status(target).safety
         if safety.mode != "ready":
-            # Somebody else's doing, or a stop: what is enabled after it was not asked for here.
+            # Another client's request, or a stop: an enable request now would be outside this test.
             return stop_text(safety) or f"not possible in mode {safety.mode}"
         reply = _request(target, "enable", {})
         if reply.outcome == "done":
@@ -123,7 +123,7 @@ def _enable(target: Target, say: Say) -> str:
 
 
 def stop_text(safety: wire.Safety) -> str:
-    """The stop that is in force, and what to do about it; empty if there is none."""
+    """Text and remedy of the stop that is in force; empty if there is none."""
     verdict = safety.verdict
     if verdict is None or verdict.category == "none":
         return ""
@@ -133,7 +133,7 @@ def stop_text(safety: wire.Safety) -> str:
 
 
 def prompt(reason: str) -> str:
-    """What a person does about a refusal; the service's own words where there is nothing better."""
+    """Prompt for the operator after a refusal; the service's reason if no prompt matches."""
     missing = reason.removeprefix(UNSEEN).split(", ") if reason.startswith(UNSEEN) else [reason]
     for key, text in PROMPTS:
         if any(key in one for one in missing):

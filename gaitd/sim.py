@@ -1,7 +1,7 @@
 """`gaitd sim`: the virtual drives of a configuration on its bus.
 
-On a simulated bus it owns time (`sim_drives/time_server.py`). On any other, and with
-`--wall-clock`, the drives go by the computer's clock (`sim_drives/realtime.py`).
+On a simulated bus this process provides the time (`sim_drives/time/server.py`). On any other bus,
+and with `--wall-clock`, the drives use the computer's clock (`sim_drives/time/wall_clock.py`).
 """
 
 import contextlib
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from daemon.config.trainer import TrainerFile
     from sim_drives.build import Machine
     from sim_drives.control import ControlSocket
-    from sim_drives.realtime import RealTime, Station
-    from sim_drives.time_server import TimeServer
-    from sim_drives.truth import TruthLog
+    from sim_drives.plant.truth import TruthLog
+    from sim_drives.time.server import TimeServer
+    from sim_drives.time.wall_clock import RealTime, Station
     from sim_drives.world import EmptyWorld, World
 
 FIFO_PRIORITY = 40
-"""A drive's firmware is real-time, too; below the service's core, and only where it is granted."""
+"""SCHED_FIFO where permitted, as a drive's firmware is real-time, too; below the service's core."""
 WARM_UP_NS = 20_000_000
 NS_PER_S = 1_000_000_000
 BUS_LOST = 4
@@ -73,7 +73,7 @@ def command(
         ),
     ] = None,
 ) -> None:
-    """The virtual drives of that configuration, until SIGTERM or Ctrl-C."""
+    """Run the virtual drives of a configuration until SIGTERM or Ctrl-C."""
     from daemon.config.trainer import SIMULATED, load_trainer
 
     trainer = load_trainer(config)
@@ -108,7 +108,7 @@ def command(
 
 
 class _End:
-    """Whether it is over: by signal, or by the time of the virtual drives."""
+    """End condition: SIGTERM, SIGINT, or a duration in the time of the virtual drives."""
 
     def __init__(self) -> None:
         self._asked = False
@@ -118,7 +118,7 @@ class _End:
         signal.signal(signal.SIGINT, self._ask)
 
     def at(self, running: "TimeServer | RealTime", duration_s: float | None) -> None:
-        """End by itself after so long, from now."""
+        """End the run `duration_s` seconds from now; never for None."""
         self._running = running
         if duration_s is not None:
             self._end_ns = running.now_ns + round(duration_s * NS_PER_S)
@@ -134,7 +134,7 @@ class _End:
 
 
 class _Part:
-    """The machine of a configuration, built when the first time of its clock is known."""
+    """Virtual machine of a configuration, built once the first time of its clock is known."""
 
     def __init__(
         self,
@@ -152,16 +152,16 @@ class _Part:
         self._machine: Machine | None = None
 
     def warm_up(self) -> None:
-        """Compile what the plant computes with, on no clock."""
-        from gaitd.virtual_machine import virtual_machine
+        """Compile the plant's code with a separate virtual machine, before the run begins."""
+        from gaitd_lab.virtual_machine import virtual_machine
 
         if self._with_drives:
             virtual_machine(self.trainer, seed=self._seed).world.advance_to(WARM_UP_NS)
         gc.freeze()
 
     def build(self, start_ns: int) -> "World | EmptyWorld":
-        """Switch the machine on."""
-        from gaitd.virtual_machine import virtual_machine
+        """Switch the virtual machine on; without drives, return an empty world."""
+        from gaitd_lab.virtual_machine import virtual_machine
         from sim_drives.world import EmptyWorld
 
         if not self._with_drives:
@@ -177,16 +177,16 @@ class _Part:
 
     @property
     def on_silence(self) -> Callable[[int], None] | None:
-        """Notes the truth while no SYNC comes, where that is wanted."""
+        """Function that logs the true state while no SYNC arrives; None if not wanted."""
         return self._machine.note_truth if self._machine and self._with_truth else None
 
     def obey(self, line: str) -> str:
-        """A command to the virtual drives.
+        """Run a command for the virtual drives and return its reply.
 
         Raises:
-            FaultCommandError: it makes no sense, or there are none.
+            FaultCommandError: the command is invalid, or there are no virtual drives.
         """
-        from sim_drives.faults import FaultCommandError
+        from sim_drives.faults.script import FaultCommandError
 
         if self._machine is None:
             raise FaultCommandError(f"{line!r}: there are no virtual drives (--no-drives)")
@@ -195,7 +195,7 @@ class _Part:
 
 def _pace(text: str | None, *, allowed: bool) -> float:
     from daemon.config.strict import ConfigError
-    from sim_drives.time_server import parse_pace
+    from sim_drives.time.server import parse_pace
 
     if text is not None and not allowed:
         raise ConfigError(COMMAND_LINE, "--pace", text, "only in simulated time")
@@ -220,9 +220,9 @@ def _refuse_foreign(
 
 
 def _missing(trainer: "TrainerFile", names: list[str], *, no_drives: bool) -> frozenset[str]:
-    """The drives that others stand in for, checked."""
+    """Drives that the virtual machine leaves out, checked against the plant's drives."""
     from daemon.config.strict import ConfigError
-    from gaitd.virtual_machine import load_plant
+    from gaitd_lab.virtual_machine import load_plant
 
     if names and no_drives:
         raise ConfigError(COMMAND_LINE, "--without", names[0], "nothing with --no-drives")
@@ -237,10 +237,10 @@ def _missing(trainer: "TrainerFile", names: list[str], *, no_drives: bool) -> fr
 def _truth_logs(
     trainer: "TrainerFile", truth: Path | None, ending: contextlib.ExitStack
 ) -> "dict[str, TruthLog]":
-    """One file for each leg; with two legs, `_right` and `_left` become part of the name."""
+    """One log file for each leg; with two legs, `_right` and `_left` become part of the name."""
     from daemon.config.strict import ConfigError
-    from gaitd.virtual_machine import load_plant
-    from sim_drives.truth import TruthLog
+    from gaitd_lab.virtual_machine import load_plant
+    from sim_drives.plant.truth import TruthLog
 
     logs: dict[str, TruthLog] = {}
     if truth is None:
@@ -267,9 +267,9 @@ def _simulated(
     *,
     begins_held: bool,
 ) -> "TimeServer":
-    from sim_drives.bus_server import bus_server
-    from sim_drives.realtime import now_ns
-    from sim_drives.time_server import TimeServer
+    from sim_drives.time.bus_server import bus_server
+    from sim_drives.time.server import TimeServer
+    from sim_drives.time.wall_clock import now_ns
     from simtime.page import PageWriter, page_path
 
     channel = Path(part.trainer.channel)
@@ -277,7 +277,7 @@ def _simulated(
     with _channel_errors(part.trainer):
         served = ending.enter_context(bus_server(channel))
         page = PageWriter(page_path(channel))
-    # At a whole second, so that cycles fall on the same instants of the world on each run.
+    # Start at a whole second, so that cycles fall on the same instants of the world in each run.
     world = part.build(-(-max(now_ns(), page.left_ns) // NS_PER_S) * NS_PER_S)
     server = TimeServer(
         world,
@@ -300,7 +300,7 @@ def _simulated(
 def _by_the_wall(
     part: _Part, control: Path | None, ending: contextlib.ExitStack, *, is_simulated: bool
 ) -> "RealTime":
-    from sim_drives.realtime import RealTime, now_ns
+    from sim_drives.time.wall_clock import RealTime, now_ns
 
     part.warm_up()
     bus = _served(part, ending) if is_simulated else _opened(part.trainer, ending)
@@ -311,8 +311,8 @@ def _by_the_wall(
 
 
 def _served(part: _Part, ending: contextlib.ExitStack) -> "Station":
-    from sim_drives.bus_server import bus_server
-    from sim_drives.realtime import ServedBus
+    from sim_drives.time.bus_server import bus_server
+    from sim_drives.time.wall_clock import ServedBus
     from simtime.page import PageWriter, page_path
 
     channel = Path(part.trainer.channel)
@@ -325,7 +325,7 @@ def _opened(trainer: "TrainerFile", ending: contextlib.ExitStack) -> "Station":
     import can
 
     from daemon.config.strict import ConfigError
-    from sim_drives.realtime import open_bus
+    from sim_drives.time.wall_clock import open_bus
 
     table = trainer.trainer.bus
     try:
@@ -367,7 +367,7 @@ def _control(
 
 
 def _run(running: "TimeServer | RealTime", end: _End) -> int:
-    from sim_drives.realtime import BusLostError
+    from sim_drives.time.wall_clock import BusLostError
 
     try:
         running.run(end)

@@ -1,4 +1,4 @@
-"""`gaitd soak`: an hour of gait by the real processes, with faults drawn from a seed."""
+"""`gaitd soak`: an hour of gait with the real processes, and faults drawn from a seed."""
 
 import sys
 from pathlib import Path
@@ -9,7 +9,7 @@ import typer
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from gaitd.soaking.play import Soaked
+    from gaitd_lab.soak.play import Soaked
 
 SAY_EVERY_S = 60.0
 
@@ -25,20 +25,20 @@ def command(
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="print one JSON object")] = False,
 ) -> None:
-    """Virtual drives, core and gateway in simulated time, with faults, until the time is over.
+    """Run virtual drives, core and gateway in simulated time, with faults, until the time is over.
 
-    Exit code 0 only if every stop is explained, nothing ended by itself, the machine always walked
-    again, and memory kept to its budget.
+    Exit code 0 only if every stop was expected and none was missing, no process ended by itself,
+    gait resumed after every stop, and memory kept to its budget.
     """
     import json as json_text
 
-    from gaitd.demonstration.script import ActError
-    from gaitd.demonstration.stage import Tempo
     from gaitd.places import configs_folder
-    from gaitd.soaking.figure import draw
-    from gaitd.soaking.machinery import machinery, warm_up
-    from gaitd.soaking.page import failures, page, plain, summary
-    from gaitd.soaking.play import Soak
+    from gaitd_lab.demonstration.script import ActError
+    from gaitd_lab.demonstration.stage import Tempo
+    from gaitd_lab.soak.figure import draw
+    from gaitd_lab.soak.machinery import machinery, warm_up
+    from gaitd_lab.soak.page import failures, page, plain, summary
+    from gaitd_lab.soak.play import Soak
 
     configs = configs_folder("configs", "demo.toml")
     with _progress(minutes * 60) as say:
@@ -61,7 +61,7 @@ def command(
 
 
 class _progress:  # noqa: N801 - used as a function
-    """A bar on a terminal; elsewhere a line a minute, both on stderr."""
+    """A progress bar on a terminal, else a line a minute; both on stderr."""
 
     def __init__(self, total_s: float) -> None:
         from rich.console import Console

@@ -1,4 +1,4 @@
-"""What the commands for people in front of a bus share: opening it, progress, tables, codes."""
+"""Shared part of `scan` and `drive`: opening the bus, progress, tables, exit codes."""
 
 import sys
 from collections.abc import Generator
@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar
 
 if TYPE_CHECKING:
-    from daemon.clock import Clock
     from daemon.config.bundle import Settings
-    from drives.bus import CanBus
-    from drives.scanning import Progress
-    from drives.simulated import SimulatedBus
+    from daemon.system.clock import Clock
+    from drives.canopen.bus import CanBus
+    from drives.canopen.simulated import SimulatedBus
+    from drives.service.scan import Progress
     from gaitd.check import Section
 
 T = TypeVar("T")
@@ -19,11 +19,11 @@ T = TypeVar("T")
 EXIT_SAME: Final = 0
 EXIT_DIFFERENT: Final = 1
 EXIT_DRIVE: Final = 3
-"""The drive or the bus is not as it should be."""
+"""The drive or the bus is not in the required state."""
 
 
 class BusPlace(NamedTuple):
-    """A bus by the words of a configuration, and what named it, for the error."""
+    """A bus as configured, and the file or option that named it, for error texts."""
 
     interface: str
     channel: str
@@ -33,27 +33,27 @@ class BusPlace(NamedTuple):
 
 
 class OpenBus(NamedTuple):
-    """A bus, and the clock that goes with it."""
+    """An open bus, and its clock."""
 
     bus: "CanBus | SimulatedBus"
     clock: "Clock"
 
 
 def place_of(settings: "Settings") -> BusPlace:
-    """The bus of a configuration."""
+    """Return the bus of a configuration."""
     bus, file = settings.trainer.bus, settings.file
     return BusPlace(bus.interface, file.channel, bus.bitrate_bit_per_s, file.path, "bus.channel")
 
 
 @contextmanager
 def opened(place: BusPlace) -> "Generator[OpenBus]":
-    """The bus, closed in any case.
+    """Open the bus, and close it in any case.
 
     Raises:
         ConfigError: it cannot be opened.
     """
-    from daemon.bus_choice import choose_bus
     from daemon.config.strict import ConfigError
+    from daemon.system.bus_choice import choose_bus
     from drives.errors import BusError
     from simtime.wire import Role
 
@@ -76,7 +76,7 @@ def opened(place: BusPlace) -> "Generator[OpenBus]":
 
 
 def show(tables: "tuple[Section, ...]") -> None:
-    """Tables on a terminal, aligned text in a pipe; empty ones are left out."""
+    """Print tables on a terminal, aligned text in a pipe; leave out empty tables."""
     from gaitd.check import plain, print_tables
 
     filled = tuple(table for table in tables if table.rows)
@@ -87,7 +87,7 @@ def show(tables: "tuple[Section, ...]") -> None:
 
 
 def shown(steps: "Generator[Progress, None, T]") -> T:
-    """Run a generator of progress to its end; a bar on stderr where that is a terminal."""
+    """Run a generator of progress and return its result; shows a bar if stderr is a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn
     from rich.progress import Progress as Bar

@@ -1,4 +1,4 @@
-"""`gaitd status`: what a running service does, on one screen."""
+"""`gaitd status`: the state of a running service on one screen."""
 
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -29,7 +29,7 @@ def command(
     trainer: TrainerOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """What a running service does: mode, verdict, drives, legs, newest events."""
+    """Print the state of a running service: mode, verdict, drives, legs, newest events."""
     answer = ask(find_target(config, endpoint, trainer), "status", {"client": "gaitd status"})
     if answer.text is None:
         raise typer.Exit(report_silence("status", answer.trouble, as_json=as_json))
@@ -39,7 +39,7 @@ def command(
 
 
 def lines(message: wire.Status) -> Iterator[str]:
-    """The screen, line by line."""
+    """Format the screen, line by line."""
     yield from _safety_lines(message)
     yield from map(_drive_line, message.drives)
     for leg in message.legs:

@@ -1,4 +1,4 @@
-"""`gaitd stop`: one request to a running service."""
+"""`gaitd stop`: send one request to a running service."""
 
 import typer
 
@@ -18,6 +18,6 @@ def command(
     trainer: TrainerOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Stop now, whatever the service is doing. The emergency stop is another thing."""
+    """Stop now, in any mode of the service. This does not replace the emergency stop."""
     target = find_target(config, endpoint, trainer)
     raise typer.Exit(request(target, "stop", {}, as_json=as_json))

@@ -1,4 +1,4 @@
-"""A stop as a person reads it: what the file is, the machine around it, its events; and CSV."""
+"""Tables and CSV of one stop: the file, the machine around the stop, and the events."""
 
 import csv
 import math
@@ -11,20 +11,20 @@ from gaitd.check import Section
 
 if TYPE_CHECKING:
     from analysis.stop_recording import StopRecording
-    from daemon.record import CycleRecord, DriveRecord
+    from daemon.ipc.record import CycleRecord, DriveRecord
 
 AROUND_S: Final = (
     *(-10.0, -5.0, -2.0, -1.0, -0.5, -0.2, -0.1, -0.05, -0.03, -0.02, -0.01, 0.0),
     *(0.01, 0.02, 0.03, 0.04, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0),
 )
-"""Seconds from the stop that are shown: the nearer, the closer together."""
+"""Times from the stop, s, at which records are shown; denser near the stop."""
 EVENT_COUNT: Final = 20
 _UNITS: Final = {"hip": ("rad", "rad/s", "N·m")}
 _SLIDE_UNITS: Final = ("m", "m/s", "N")
 
 
 def sections(told: "StopRecording") -> tuple[Section, ...]:
-    """The whole story as tables of words."""
+    """Format the recording of a stop as tables of text."""
     from analysis.stop_recording import about, remedy_of
 
     head = (*about(told), *((("remedy", r),) if (r := remedy_of(told.kept.cause)) else ()))
@@ -38,7 +38,7 @@ def sections(told: "StopRecording") -> tuple[Section, ...]:
 
 
 def _shown(told: "StopRecording") -> "list[CycleRecord]":
-    """The records next to AROUND_S, and the first and the last, each once."""
+    """The records nearest to AROUND_S, and the first and the last, each once."""
     times_s = [told.from_stop_s(record) for record in told.records]
     wanted = [at_s for at_s in AROUND_S if times_s[0] <= at_s <= times_s[-1] + 1e-3]
     half_s = told.header.period_ns * 0.5e-9
@@ -77,7 +77,7 @@ def _drive_section(told: "StopRecording", name: str) -> Section:
 
 
 def _drive_cells(drive: "DriveRecord") -> tuple[str, ...]:
-    from daemon.words import POWER_STATES
+    from daemon.wire.fields import POWER_STATES
 
     troubles = {
         "no sample": not drive.fresh,
@@ -101,7 +101,7 @@ def _number(value: float | None, digits: int) -> str:
 
 
 def _events(told: "StopRecording") -> Iterator[tuple[str, ...]]:
-    """What people were told, as the gateway says it, the newest of it."""
+    """The newest events around the stop, with the texts that the gateway publishes."""
     from itertools import pairwise
 
     from daemon.gateway.events import happenings
@@ -117,11 +117,11 @@ def _events(told: "StopRecording") -> Iterator[tuple[str, ...]]:
 # --- CSV ------------------------------------------------------------------------------------------
 
 MORE_COLUMNS: Final = ("from_stop_s", "mode", "category", "cause")
-"""Beside those of a recording; readers of recordings leave them out."""
+"""Columns added to those of a recording; readers of recordings ignore them."""
 
 
 def write_csv(told: "StopRecording", leg: str, path: Path) -> int:
-    """Write the recording of one leg, as `gaitd replay` reads it; how many rows it has.
+    """Write the recording of one leg in the format of `gaitd replay`; return the number of rows.
 
     Raises:
         OSError: the file cannot be written.
@@ -137,7 +137,7 @@ def write_csv(told: "StopRecording", leg: str, path: Path) -> int:
 
 
 def _rows(told: "StopRecording", leg: str) -> Iterator[tuple[str, ...]]:
-    """Of the cycles in which the observer ran, as a replay of the ring takes them."""
+    """Rows of the cycles in which the observer ran, as a replay of the ring selects them."""
     index = told.header.leg_names.index(leg)
     first_ns, last_ns = None, 0
     for record in told.records:
@@ -156,5 +156,5 @@ def _rows(told: "StopRecording", leg: str) -> Iterator[tuple[str, ...]]:
 
 
 def _cells(values: Sequence[float]) -> Iterator[str]:
-    """Every number to its last bit; a missing one as an empty cell."""
+    """Format each number to its last bit, and a missing one as an empty cell."""
     return ("" if math.isnan(value) else repr(value) for value in values)

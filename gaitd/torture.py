@@ -1,4 +1,4 @@
-"""`gaitd torture`: random commands and faults on the virtual machine, watched by invariants."""
+"""`gaitd torture`: random commands and faults on the virtual machine, with invariants checked."""
 
 import sys
 from pathlib import Path
@@ -19,17 +19,17 @@ def command(
         Path | None, typer.Option(help="trainer file; by default configs/demo.toml", dir_okay=False)
     ] = None,
 ) -> None:
-    """Torture the service in lock-step until the time is over, or an invariant is broken.
+    """Fuzz the service in lock-step until the time is over, or an invariant is broken.
 
-    Nothing of it is in real time. Each session has the seed after the one before, and with it
-    another make of drives, another guidance, or nobody in the machine. Exit code 0 only if no
-    invariant was broken; otherwise the last seconds and the command to see them again are printed.
+    No part of the service runs in real time. Each session has the seed after the one before, and
+    with it another make of drives, another guidance, or an empty machine. Exit code 0 only if no
+    invariant was broken; otherwise the last seconds and the command that repeats them are printed.
     """
     from daemon.config.strict import ConfigError
     from gaitd.places import configs_folder
-    from gaitd.random_hour.report import page, summary, told
-    from gaitd.random_hour.series import sessions
-    from gaitd.random_hour.tally import Tally
+    from gaitd_lab.fuzz.report import page, summary, told
+    from gaitd_lab.fuzz.series import sessions
+    from gaitd_lab.fuzz.tally import Tally
 
     trainer = config or configs_folder("--config", "demo.toml") / "demo.toml"
     if trainer.name != "demo.toml":
@@ -41,7 +41,7 @@ def command(
             f"seed {played.seed}, {played.variant}: {played.tally.simulated_s:.0f} s, violations "
         )
         print(f"{said}{len(played.tally.broken) or 'none'}", file=sys.stderr, flush=True)
-        if output is not None:  # after each session: a run that is cut short has its page as well
+        if output is not None:  # after each session: a run that is cut short leaves its page, too
             output.mkdir(parents=True, exist_ok=True)
             told_as = " ".join(("gaitd", *sys.argv[1:]))
             (output / "random_hour.md").write_text(page(tally, told_as), encoding="utf-8")

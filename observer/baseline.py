@@ -1,7 +1,7 @@
-"""The passive baseline: what is taken for a patient, by gait phase, when one only lies there.
+"""The passive baseline: the estimated patient effort, by gait phase, of a passive patient.
 
-Leg mass, springs and friction are never quite as configured. What that leaves repeats with the
-stride, so it is recorded once, with a patient who does nothing, and taken away from then on.
+Leg mass, springs and friction never match their configuration exactly. The resulting error repeats
+with the stride, so it is recorded once with a passive patient, and subtracted from then on.
 """
 
 from typing import Final, NamedTuple
@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.batch import BatchEstimates, Columns
+from observer.offline.batch import BatchEstimates, Columns
 from observer.strides import (
     BASELINE_BINS,
     DT,
@@ -23,34 +23,35 @@ Matrix = NDArray[np.float64]
 
 STRIDES_MIN: Final = 5
 SAMPLES_MIN: Final = 3
-"""In each bin."""
+"""Samples in each bin."""
 
 
 class Baseline(NamedTuple):
-    """By gait phase in BASELINE_BINS bins, from one rise of the hip to the next."""
+    """Baseline by gait phase in BASELINE_BINS bins, from one rise of the hip to the next."""
 
     mean: Matrix
     """Shape (BASELINE_BINS, 2): N m, N; NaN in a bin without samples."""
     std: Matrix
-    """Of the samples about it, same shape."""
+    """Standard deviation of the samples about the mean, same shape."""
     sample_count: NDArray[np.int64]
-    """Same shape."""
+    """Number of samples, same shape."""
     stride_count: int
     cadence_hz: float
     """Mean over the strides."""
 
 
 class TooFewError(ValueError):
-    """A recording that makes no baseline; says what it lacks."""
+    """The recording is not sufficient for a baseline; the message names what is missing."""
 
 
 def baseline_of(smooth: BatchEstimates, columns: Columns) -> Baseline:
-    """The baseline of a smoothed passive recording.
+    """Compute the baseline of a smoothed passive recording.
 
-    Bins in which the split could never be told, at a reversal, are bridged from their neighbours.
+    Bins in which the split was never observable, at a reversal, are interpolated from their
+    neighbours.
 
     Raises:
-        TooFewError: too few strides, or an axis that is hardly ever known.
+        TooFewError: too few strides, or an axis with too few valid samples.
     """
     counter = StrideCounter()
     sums, squares = np.zeros((BASELINE_BINS, 2)), np.zeros((BASELINE_BINS, 2))
@@ -94,7 +95,7 @@ def _add(rows: Matrix, sums: Matrix, squares: Matrix, counts: NDArray[np.int64])
 
 
 def _bridge(values: NDArray[np.float64], known: NDArray[np.bool_]) -> None:
-    """Bins that are not known from those beside them, round the stride."""
+    """Interpolate unknown bins from their neighbours, cyclically."""
     places = np.arange(BASELINE_BINS)
     values[~known] = np.interp(
         places[~known], places[known], values[known], period=float(BASELINE_BINS)

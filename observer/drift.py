@@ -1,30 +1,30 @@
-"""Friction drift monitor: does the estimated patient always brake, or always push, with the motion?
+"""Friction drift monitor: a patient who seems to always brake, or always push, with the motion.
 
-Friction that is higher or lower than its law by e shows as a patient of -e sign(v), and nothing in
-NIS tells it (observer.md, fact 10). So this watches the correlation of the patient's effort with
-the sign of velocity, over the last tens of seconds of certain motion. For Coulomb friction that is
-10 % off it is 0.98 and more (observer.md, test 33).
+Friction that is higher than its law by e appears as a patient effort of -e sign(v), and NIS does
+not show it (observer.md, fact 10). So this module computes the correlation of the patient's effort
+with the sign of velocity, over the last tens of seconds of certain motion. For Coulomb friction
+that is 10 % off it is 0.98 and more (observer.md, test 33).
 
-A patient who pushes with the motion looks just the same (fact 6). So the number is always there,
-but it is advice to calibrate only where nobody is in the machine.
+A patient who pushes with the motion looks the same (fact 6). So the number is always available, but
+it is a reason to calibrate only when the machine is empty.
 """
 
 import math
 from typing import Final, NamedTuple
 
-from observer.friction import FrictionParameters
+from observer.mechanism.friction import FrictionParameters
 
 MEMORY_S: Final = 20.0
-"""Of motion: what is older counts less than 1/e."""
+"""Time constant, in time of motion: weights fall to 1/e."""
 CERTAIN_EDGES: Final = 3.0
-"""Only samples faster than so many times the gate's edge: their friction is past its hump."""
+"""Only samples faster than this many times the gate's edge count: beyond the friction peak."""
 MOTION_MIN_S: Final = 4.0
-"""Less motion than this tells nothing."""
+"""Least motion for a result."""
 BALANCE_MIN: Final = 0.2
-"""Least share of samples in either direction: one direction alone cannot be correlated."""
+"""Least share of samples in either direction: one direction alone gives no correlation."""
 CORRELATION_MAX: Final = 0.8
 ERROR_MAX_RATIO: Final = 0.03
-"""Of Coulomb friction: a smaller error matters less than a calibration costs."""
+"""Share of Coulomb friction: a smaller error does not justify a calibration."""
 
 
 class Drift(NamedTuple):
@@ -41,14 +41,14 @@ NO_DRIFT: Final = Drift()
 
 
 def noted(drift: Drift, f: FrictionParameters, speed: float, patient: float, dt_s: float) -> Drift:
-    """The sums with one more valid sample.
+    """Add one valid sample to the sums.
 
     Args:
-        drift: so far; NO_DRIFT at first.
+        drift: the sums so far; NO_DRIFT at first.
         f: the axis.
         speed: estimated, rad/s or m/s.
         patient: estimated, N m or N.
-        dt_s: of the sample.
+        dt_s: duration of the sample.
     """
     if not abs(speed) > CERTAIN_EDGES * f.edge:
         return drift
@@ -64,7 +64,7 @@ def noted(drift: Drift, f: FrictionParameters, speed: float, patient: float, dt_
 
 
 def correlation(drift: Drift) -> float:
-    """Of patient and direction of motion, -1..1; NaN while there is too little to tell from."""
+    """Correlation of patient effort and direction of motion, -1..1; NaN with too few samples."""
     if not _tells(drift):
         return math.nan
     covariance, directions, patients = _moments(drift)
@@ -72,7 +72,7 @@ def correlation(drift: Drift) -> float:
 
 
 def friction_error(drift: Drift) -> float:
-    """By how much friction is higher than its law, N m or N; NaN while that cannot be told."""
+    """Estimated excess of friction over its law, N m or N; NaN with too few samples."""
     if not _tells(drift):
         return math.nan
     covariance, directions, _ = _moments(drift)
@@ -80,7 +80,7 @@ def friction_error(drift: Drift) -> float:
 
 
 def asks_for_calibration(drift: Drift, f: FrictionParameters) -> bool:
-    """Whether an empty machine with this drift should be calibrated."""
+    """True if an empty machine with this drift should be calibrated."""
     far = abs(friction_error(drift)) > ERROR_MAX_RATIO * f.coulomb
     return far and abs(correlation(drift)) > CORRELATION_MAX
 
@@ -92,7 +92,7 @@ def _tells(drift: Drift) -> bool:
 
 
 def _moments(drift: Drift) -> tuple[float, float, float]:
-    """Covariance of patient and direction, and the variances of direction and patient."""
+    """Covariance of patient and direction, then the variances of direction and patient."""
     direction = drift.direction_s / drift.motion_s
     patient = drift.patient_s / drift.motion_s
     return (

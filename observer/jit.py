@@ -1,10 +1,10 @@
-"""How this project compiles: one decorator, and a cache that cannot be stale.
+"""Compilation with numba: one decorator, and a cache that cannot be stale.
 
-numba's own cache looks at the file of the function that it compiled and at no other, so after an
-edit of `mechanism.py` a cached filter goes on with the old mechanism, silently. Here the cache
-directory is named by a hash over all sources that a kernel can see: those of `observer/`, those of
-the package that the decorated function lives in, and the versions of what turns them into machine
-code. Another source is another directory, so there is nothing to invalidate.
+numba's own cache checks only the file of the compiled function, so after an edit of `mechanism.py`
+a cached filter silently uses the old mechanism. Here the cache directory is named by a hash over
+all sources that a kernel can use: those of `observer/`, those of the package that the decorated
+function lives in, and the versions of the compilers. Another source gives another directory, so no
+entry needs to be invalidated.
 
 `kernel` is for functions that are called from Python or are large. `inline` is for the pieces that
 kernels are made of: LLVM puts their bodies into the caller, which lets a loop over sigma points
@@ -33,11 +33,11 @@ from numba.core import config as numba_config
 F = TypeVar("F", bound=Callable[..., Any])
 
 CONFIG: Final[Any] = numba_config
-"""numba's own configuration, whose attributes come into being at run time."""
+"""numba's own configuration, whose attributes are created at run time."""
 COMPILERS: Final = ("numba", "llvmlite", "numpy")
-"""What turns sources into machine code; with Python's version they are part of the key."""
+"""Packages that compile the kernels; with Python's version they are part of the key."""
 DIRECTORIES_KEPT: Final = 12
-"""Older generations of the cache are removed when a new one begins."""
+"""Number of older cache generations to keep; the rest is removed when a new one begins."""
 
 
 def kernel(function: F) -> F:
@@ -53,7 +53,7 @@ def inline(function: F) -> F:
 def _compile(function: F, *, forceinline: bool) -> F:
     root = _source_root(Path(inspect.getfile(function)))
     before = CONFIG.CACHE_DIR
-    # numba reads this when it decorates, so each package can have a directory of its own.
+    # numba reads this when it decorates, so each package can have its own directory.
     CONFIG.CACHE_DIR = str(_cache_directory(root))
     try:
         compiled: Any = numba.njit(cache=True, error_model="numpy", forceinline=forceinline)
@@ -63,7 +63,7 @@ def _compile(function: F, *, forceinline: bool) -> F:
 
 
 def is_cached() -> bool:
-    """Whether anything of the observer as it is now has been compiled before."""
+    """True if kernels of the present sources have been compiled before."""
     return any((_cache_base() / source_key(_OBSERVER)).rglob("*.nbi"))
 
 
@@ -81,7 +81,7 @@ def source_key(root: Path) -> str:
 
 
 def _source_root(path: Path) -> Path:
-    """The top package that the file belongs to, or the file's folder where there is none."""
+    """Top package of the file, or its folder if it is in no package."""
     folder = path.resolve().parent
     while (folder.parent / "__init__.py").exists():
         folder = folder.parent
@@ -92,8 +92,8 @@ def _source_root(path: Path) -> Path:
 def _cache_directory(root: Path) -> Path:
     directory = _cache_base() / source_key(root)
     if directory.exists():
-        with contextlib.suppress(OSError):  # of another user, who looks after it
-            os.utime(directory)  # what is in use is not old
+        with contextlib.suppress(OSError):  # of another user, who maintains it
+            os.utime(directory)  # marks the directory as in use
     else:
         _forget_old_generations(directory.parent)
         directory.mkdir(parents=True, exist_ok=True)
@@ -102,7 +102,7 @@ def _cache_directory(root: Path) -> Path:
 
 @cache
 def _cache_base() -> Path:
-    """Where the caches live: what numba was told (NUMBA_CACHE_DIR), the user's cache, or /tmp."""
+    """Directory of the caches: NUMBA_CACHE_DIR if set, the user's cache, or /tmp."""
     told = str(CONFIG.CACHE_DIR)
     wanted = Path(told) if told else Path.home() / ".cache" / "gaitd" / "numba"
     try:
@@ -113,9 +113,9 @@ def _cache_base() -> Path:
 
 
 def _temporary_base() -> Path:
-    """A folder in the system's temporary folder that nobody else can write, else a fresh one.
+    """Folder in the system's temporary folder that no other user can write, else a fresh one.
 
-    A cache is code that will run: one that another user could have filled is not used.
+    A cache contains code that will run: one that another user could have filled is not used.
     """
     shared = Path(tempfile.gettempdir()) / f"gaitd-numba-{os.getuid()}"
     shared.mkdir(mode=0o700, exist_ok=True)
@@ -125,7 +125,7 @@ def _temporary_base() -> Path:
 
 
 def _forget_old_generations(base: Path) -> None:
-    # Another process may be at the same work; numba compiles anew what it does not find.
+    # Another process may do the same; numba recompiles missing entries.
     with contextlib.suppress(FileNotFoundError):
         newest_first = sorted(base.iterdir(), key=lambda path: -path.stat().st_mtime_ns)
         for directory in newest_first[DIRECTORIES_KEPT - 1 :]:

@@ -1,4 +1,4 @@
-"""Floats that say their unit by type, where it depends on the axis or would clutter a formula."""
+"""Float types that name a unit where it depends on the axis or would clutter a formula."""
 
 from typing import TypeAlias
 
@@ -21,6 +21,6 @@ Mass: TypeAlias = float
 Inertia: TypeAlias = float
 """kg m^2 of angles, kg of the slide, kg m between them."""
 Number: TypeAlias = float
-"""Without a unit."""
+"""Dimensionless."""
 TurnRate: TypeAlias = float
-"""How fast a link turns for a driven rate: rad/rad, rad/m."""
+"""Angular rate of a link per driven rate: rad/rad, rad/m."""

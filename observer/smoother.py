@@ -1,10 +1,10 @@
-"""Fixed-lag smoother: what a cycle looked like, in the light of the 150 ms after it.
+"""Fixed-lag smoother: the estimate of a cycle from the samples of the 150 ms after it.
 
 The filter lags behind a patient by some 40 ms, which costs up to 60 % of a stride's work. So all
-figures of work are made from this, and controllers get the filter's estimate at once.
+figures of work use the smoothed estimate, while controllers use the filter's without delay.
 
-Rauch, Tung and Striebel's recursion, with the cross covariance from the sigma points that the
-filter has propagated anyhow (Saerkkae, Bayesian Filtering and Smoothing, 2013, 10.2):
+Rauch, Tung and Striebel's recursion, with the cross covariance from the filter's propagated sigma
+points (Saerkkae, Bayesian Filtering and Smoothing, 2013, 10.2):
 
     C = S_k A1',  G_k = C (P-)^-1                               A1, A2: differences of the points
     x_s(k) = x_k + G_k (x_s(k+1) - x-(k+1))
@@ -12,11 +12,11 @@ filter has propagated anyhow (Saerkkae, Bayesian Filtering and Smoothing, 2013, 
     W_k = (S_k - G A1)(..)' + (G A2)(..)' + (G Q)(..)'          Q: root of the process noise
 
 P_k - G P- G' equals W_k, but W_k is a sum of squares: nothing is subtracted from a covariance here
-either. Where the filter began anew the chain is cut: nothing of after goes to before.
+either. Where the filter restarted the chain is cut: later samples do not affect earlier estimates.
 
 Each cycle is one node in a ring of LAG + 1; all in one flat array of floats, like the filter's
-memory, so a copy is a snapshot. `remember` is called after each `leg_filter.advance`, on what it
-left in its memory and scratch; `smoothed` gives the node that is LAG cycles old.
+memory, so a copy is a snapshot. `remember` is called after each `leg_filter.advance`, with its
+memory and scratch; `smoothed` gives the node that is LAG cycles old.
 """
 
 import math
@@ -25,9 +25,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.cdkf import SIGMA_4, STEP
-from observer.jit import inline, kernel
-from observer.leg_memory import (
+from observer.filter.cdkf import SIGMA_4, STEP
+from observer.filter.leg_memory import (
     EVENT,
     NOTHING,
     ROOT,
@@ -38,28 +37,29 @@ from observer.leg_memory import (
     N,
     arrays_in,
 )
-from observer.leg_model import LANES
+from observer.filter.leg_model import LANES
+from observer.jit import inline, kernel
 
 Vector = NDArray[np.float64]
 
 LAG: Final = 15
-"""Cycles: 150 ms."""
+"""Cycles of lag: 150 ms."""
 NODES: Final = LAG + 1
 SQUARE: Final = N * N
 
-# Places in a node: the filtered mean, and then
+# Places in a node: the filtered mean first, then
 COVARIANCE: Final = N
 LINKED: Final = COVARIANCE + SQUARE
-"""How this node follows from the one before: CUT, SAME or LINKED_BY_MODEL."""
+"""Relation to the previous node: CUT, SAME or LINKED_BY_MODEL."""
 GAIN: Final = LINKED + 1
-"""Of the node before, from this one."""
+"""Smoother gain of the previous node, from this one."""
 FORECAST: Final = GAIN + SQUARE
 OWN: Final = FORECAST + N
-"""W of the node before."""
+"""W of the previous node."""
 OPEN_SPLIT: Final = OWN + SQUARE
 """Variance of the split that the filter keeps apart (leg_noise.py)."""
 NOTES: Final = OPEN_SPLIT + 2
-"""What the caller wants to find again with the node."""
+"""Caller's data, kept with the node."""
 NOTE_COUNT: Final = 6
 NODE_SIZE: Final = NOTES + NOTE_COUNT
 
@@ -67,13 +67,13 @@ CUT: Final = 0.0
 SAME: Final = 1.0
 LINKED_BY_MODEL: Final = 2.0
 
-# Places in a ring: the nodes, and then
+# Places in a ring: the nodes first, then
 COUNT: Final = NODES * NODE_SIZE
-"""Nodes ever remembered."""
+"""Number of nodes ever stored."""
 RING_SIZE: Final = COUNT + 1
 WORK_SIZE: Final = 8 * SQUARE
 
-# Places in the result: the mean, and then
+# Places in the result: the mean first, then
 SMOOTH_STD: Final = N
 SMOOTH_COVARIANCE: Final = 2 * N
 """Lower triangle, row by row."""
@@ -87,14 +87,14 @@ SMOOTH_SIZE: Final = SMOOTH_NOTES + NOTE_COUNT
 def remember(
     ring: Vector, memory: Vector, scratch: Vector, points: Vector, notes: Vector, work: Vector
 ) -> None:
-    """Take the cycle that `advance` has just finished.
+    """Store the cycle that `advance` has just finished.
 
     Args:
         ring: (RING_SIZE), all zero before the first cycle.
-        memory: of the filter.
-        scratch: of the filter, as `advance` left it.
-        points: of the filter, as `advance` left them.
-        notes: (NOTE_COUNT), kept with the node.
+        memory: the filter's memory after `advance`.
+        scratch: the filter's scratch memory after `advance`.
+        points: the filter's sigma points after `advance`.
+        notes: (NOTE_COUNT), stored with the node.
         work: scratch, (WORK_SIZE).
     """
     count = int(ring[COUNT])
@@ -123,7 +123,7 @@ def remember(
 
 @inline
 def _link(node: Vector, a: Arrays, work: Vector) -> None:
-    """Gain, forecast and W from the node before to this one, by the step that led here."""
+    """Compute gain, forecast and W from the previous node to this one."""
     before = a.backup[N:].reshape((N, N))
     forecast = a.forecast[N:].reshape((N, N))
     first, second = work[:SQUARE], work[SQUARE : 2 * SQUARE]
@@ -163,7 +163,7 @@ def _link(node: Vector, a: Arrays, work: Vector) -> None:
 
 @inline
 def _differences(points: Vector, first: Vector, second: Vector) -> None:
-    """A1 and A2 of propagated sigma points, as `cdkf.compress` forms them."""
+    """Differences A1 and A2 of propagated sigma points, as in `cdkf.compress`."""
     to_first = 0.5 / STEP
     to_second = math.sqrt(SIGMA_4 - 1.0) * 0.5 / (STEP * STEP)
     for row in range(N):
@@ -190,11 +190,11 @@ def _solve(root: Vector, row: Vector) -> None:
 
 @kernel
 def smoothed(ring: Vector, lag: int, out: Vector, work: Vector) -> bool:
-    """The node that is `lag` cycles old, smoothed by all nodes after it; whether there is one.
+    """Smooth the node that is `lag` cycles old by all later nodes; False if there is none.
 
     Args:
-        ring: as `remember` keeps it.
-        lag: 0..LAG; 0 is the newest, as the filter has it.
+        ring: as written by `remember`.
+        lag: 0..LAG; 0 is the newest, equal to the filter's estimate.
         out: result, (SMOOTH_SIZE).
         work: scratch, (WORK_SIZE).
     """
@@ -223,7 +223,7 @@ def _copy(source: Vector, start: int, target: Vector, count: int) -> None:
 def _step_back(
     before: Vector, after: Vector, mean: Vector, covariance: Vector, work: Vector
 ) -> None:
-    """Mean and covariance of the node before, in place of those of the node after it."""
+    """Replace mean and covariance of a node by those of the previous node."""
     if after[LINKED] == SAME:
         return
     if after[LINKED] == CUT:
@@ -254,7 +254,7 @@ def _step_back(
 
 @inline
 def _write(node: Vector, mean: Vector, covariance: Vector, out: Vector) -> None:
-    """Result of one node: what is open of the split of a joint at rest counts."""
+    """Write the result of one node, with the uncertainty of the split of a joint at rest."""
     at = SMOOTH_COVARIANCE
     for row in range(N):
         out[row] = mean[row]

@@ -1,16 +1,17 @@
-"""Strides: what the patient did in each of them, from the smoothed estimate.
+"""Strides: the patient's work in each of them, from the smoothed estimate.
 
 A stride begins where the hip's angle rises through its slow mean (towards flexion), after it has
-been lower by SWING_RAD; it counts if it was higher by SWING_RAD in between, and if it took as long
-as a stride can. So a leg at rest, or one that trembles, makes none.
+been lower by SWING_RAD; it counts if it was higher by SWING_RAD in between, and if its duration is
+that of a stride. So a leg at rest, or one that trembles, makes none.
 
-Samples of a stride wait in a buffer, because gait phase, and with it the passive baseline, is known
-only when the stride is over. What an axis did while its split could not be told (at rest, or after
-a push) does not count; power at rest is next to nothing, and `coverage_ratio` says what is missing.
+Samples of a stride are buffered, because gait phase, and with it the passive baseline, is known
+only when the stride is over. Samples of an axis while its split is not observable (at rest, or
+after a push) do not count; power at rest is close to zero, and `coverage_ratio` gives the missing
+share.
 
-Sigma of a figure comes from the smoothed covariance. Errors of neighbouring samples hang together
+Sigma of a figure comes from the smoothed covariance. Errors of neighbouring samples are correlated
 for about CORRELATION_S; a sum over a stride then has the variance sum(sigma^2 dt) 2 CORRELATION_S.
-What no covariance knows of, friction or a mass that is not as configured, is not in it.
+Errors outside the covariance, of friction or mass parameters, are not included.
 """
 
 import math
@@ -20,41 +21,41 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.batch import BatchEstimates, Columns
+from observer.filter.status import Status, Validity
 from observer.jit import kernel
+from observer.offline.batch import BatchEstimates, Columns
 from observer.smoother import SMOOTH_COVARIANCE, SMOOTH_NOTES
-from observer.status import Status, Validity
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 SWING_RAD: Final = math.radians(3.0)
-"""How far the hip must swing to either side of its mean."""
+"""Least swing of the hip to either side of its mean."""
 MEAN_S: Final = 4.0
 """Time constant of the slow mean."""
 DURATION_MIN_S: Final = 0.7
 DURATION_MAX_S: Final = 15.0
 GAP_MAX_S: Final = 1.0
-"""Without an estimate for so long, the stride is given up."""
+"""Without an estimate for this long, the stride is discarded."""
 STEP_MAX_S: Final = 0.03
-"""A crossing within a longer step, a gap, shares the gap among the strides beside it."""
+"""After a longer step, a gap, a crossing divides the gap between the adjacent strides."""
 CORRELATION_S: Final = 0.06
 WORK_MIN_J: Final = 0.5
-"""Of patient and drive together: below, nobody has a share."""
+"""Positive work of patient and drive together; below it no share is given."""
 BASELINE_BINS: Final = 50
 
-# Notes that the smoother keeps for us, and columns of the buffer.
+# Notes that the smoother stores with each cycle, and columns of the buffer.
 NOTE_DT_S, NOTE_EFFORT, NOTE_STATUS, NOTE_VALIDITY = 0, 1, 3, 4
 DT, HIP = 0, 1
 SPEED, PATIENT, EFFORT, KNOWN = 2, 4, 6, 8
-"""Pairs of hip and slide, as the next ones."""
+"""Pairs of hip and slide, like the following ones."""
 PATIENT_VARIANCE, SPEED_VARIANCE, SHARED = 10, 12, 14
 """SHARED: covariance of patient and speed."""
 COLUMNS: Final = 16
 ROWS_MAX: Final = 2000
 BLOCK_ROWS: Final = 10_000
 
-# Figures of an axis as the kernel writes them; a standard deviation is two places behind a work,
+# Figures of an axis as the kernel writes them; a standard deviation is two places after a work,
 # one behind the others.
 W_POS, W_NEG, W_POS_STD, W_NEG_STD = 0, 1, 2, 3
 MEAN, MEAN_STD, PEAK, PEAK_STD, POWER_PEAK, POWER_PEAK_STD = 4, 5, 6, 7, 8, 9
@@ -63,13 +64,13 @@ FIGURES: Final = 12
 
 
 class AxisStride(NamedTuple):
-    """What the patient did on one axis in one stride. Efforts in N m or N."""
+    """Figures of the patient on one axis in one stride. Efforts in N m or N."""
 
     work_positive_j: float
-    """With the motion."""
+    """Work with the motion."""
     work_positive_j_std: float
     work_negative_j: float
-    """Against it; not positive."""
+    """Work against the motion; not positive."""
     work_negative_j_std: float
     assist_mean_si: float
     """Effort signed by the direction of motion, mean over the samples that count."""
@@ -79,14 +80,14 @@ class AxisStride(NamedTuple):
     power_mean_w: float
     power_mean_w_std: float
     power_peak_w: float
-    """The largest in size, with its sign."""
+    """Largest absolute value, with its sign."""
     power_peak_w_std: float
     share_ratio: float | None
     """Patient's positive work over that of patient and drive, both over the samples that count;
-    None where there is next to none."""
+    None where it is close to zero."""
     share_ratio_std: float | None
     coverage_ratio: float
-    """Share of the stride's time in which the patient's effort was known."""
+    """Share of the stride's time with a known patient effort."""
 
 
 class Stride(NamedTuple):
@@ -98,26 +99,27 @@ class Stride(NamedTuple):
     hip: AxisStride
     slide: AxisStride
     work_positive_j: float
-    """Of both axes."""
+    """Sum of both axes."""
     work_positive_j_std: float
     work_negative_j: float
     work_negative_j_std: float
     share_ratio: float | None
     share_ratio_std: float | None
     status: Status
-    """All bits of its samples."""
+    """All status bits of its samples."""
     baseline: bool
-    """Whether a passive baseline was subtracted."""
+    """True if a passive baseline was subtracted."""
 
 
 class StrideCounter:
-    """Cuts the stream of smoothed samples of one leg into strides."""
+    """Divides the smoothed samples of one leg into strides."""
 
     def __init__(self, baseline: Matrix | None = None) -> None:
-        """A counter that waits for the first stride to begin.
+        """Wait for the first stride to begin.
 
         Args:
-            baseline: of a passive run, (BASELINE_BINS, 2): N m and N by gait phase; None for none.
+            baseline: from a passive run, (BASELINE_BINS, 2): N m and N by gait phase; None for
+                none.
         """
         self._baseline = np.zeros((BASELINE_BINS, 2)) if baseline is None else baseline
         self._with_baseline = baseline is not None
@@ -127,7 +129,7 @@ class StrideCounter:
         self._restart()
 
     def take(self, sample: Sequence[float] | Vector) -> Stride | None:
-        """One smoothed sample, in order of time; the stride that it completes, if it does.
+        """Add one smoothed sample, in order of time; return the stride that it completes, or None.
 
         Args:
             sample: `smoother.smoothed`'s result (SMOOTH_SIZE), with the notes of `notes_of`.
@@ -161,7 +163,7 @@ class StrideCounter:
         return self._last[: self._completed]
 
     def warm_up(self) -> None:
-        """Compile, or load from the cache, what `take` calls; changes nothing."""
+        """Compile, or load from the cache, the kernels of `take`; changes no state."""
         _measure(np.ones((2, COLUMNS)), self._baseline, np.zeros((2, FIGURES)))
 
     def _restart(self) -> None:
@@ -179,7 +181,7 @@ class StrideCounter:
         self._status_bits = 0
 
     def _pass(self, dt_s: float) -> None:
-        """Time of which nothing is known, at the end of the stride."""
+        """Add time without an estimate to the end of the stride."""
         if 0 <= self._count < ROWS_MAX:
             self._rows[self._count] = 0.0
             self._rows[self._count, DT] = dt_s
@@ -245,7 +247,7 @@ class StrideCounter:
 def notes_of(
     dt_s: float, effort: Sequence[float], status: int, validity: Sequence[int]
 ) -> tuple[float, ...]:
-    """What a stride has to know of a cycle beside its estimate; for `smoother.remember`."""
+    """Data of a cycle that a stride needs besides its estimate; for `smoother.remember`."""
     return (dt_s, effort[0], effort[1], float(status), float(validity[0]), float(validity[1]))
 
 
@@ -287,7 +289,7 @@ def _share(patient_j: float, patient_j_std: float, drive_j: float) -> tuple[floa
 
 @kernel
 def _measure(rows: Matrix, baseline: Matrix, figures: Matrix) -> None:
-    """All figures of one stride, both axes, into `figures` (2, FIGURES)."""
+    """Compute all figures of one stride, both axes, into `figures` (2, FIGURES)."""
     whole_s = 0.0
     for k in range(rows.shape[0]):
         whole_s += rows[k, DT]
@@ -339,12 +341,12 @@ def _measure_axis(rows: Matrix, baseline: Matrix, axis: int, whole_s: float, to:
 def strides_of(
     smooth: BatchEstimates, columns: Columns, baseline: Matrix | None = None
 ) -> list[tuple[int, Stride]]:
-    """Strides of a smoothed recording, each with the row of its first sample.
+    """Compute the strides of a smoothed recording, each with the row of its first sample.
 
     Args:
-        smooth: of `smooth_batch.run_smoothed`.
+        smooth: from `smooth_batch.run_smoothed`.
         columns: the recording.
-        baseline: of a passive run, (BASELINE_BINS, 2); None for none.
+        baseline: from a passive run, (BASELINE_BINS, 2); None for none.
     """
     counter = StrideCounter(baseline)
     found: list[tuple[int, Stride]] = []
@@ -356,7 +358,7 @@ def strides_of(
 
 
 def samples_of(smooth: BatchEstimates, columns: Columns) -> Iterator[list[float]]:
-    """Rows of a smoothed recording as `StrideCounter.take` wants them."""
+    """Rows of a smoothed recording as `StrideCounter.take` needs them."""
     steps_s = np.diff(columns.time_s, prepend=columns.time_s[:1])
     effort = np.nan_to_num(columns.effort)
     notes = np.column_stack((steps_s, effort, smooth.status, smooth.validity))

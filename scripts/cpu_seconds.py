@@ -1,7 +1,7 @@
-"""Run a step of `make test` and note the CPU-seconds of it: cpu_seconds.py FILE NAME COMMAND ...
+"""Run a step of `make test` and log its CPU-seconds: cpu_seconds.py FILE NAME COMMAND ...
 
 Adds a line `SECONDS NAME` to FILE, which pytest prints with its own figures
-(tests/support/cpu_seconds.py). Exits as the command did.
+(tests/support/cpu_seconds.py). The exit code is that of the command.
 """
 
 import resource
@@ -11,7 +11,7 @@ from pathlib import Path
 
 
 def main() -> int:
-    """Run it."""
+    """Run the command, log its CPU time, and return its exit code."""
     file, name, *command = sys.argv[1:]
     code = subprocess.run(command, check=False).returncode
     used = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -126,10 +126,10 @@ warm() {
     say "compiling for this processor"
     setpriv --reuid=gaitd-core --regid=gaitd --clear-groups env -C / NUMBA_CACHE_DIR=/var/cache/gaitd "$PREFIX/bin/python" -P - << 'WARM' ||
 from pathlib import Path
-from daemon.config.load import load
-from daemon.core.axis_notes import Notes
-from daemon.core.build import build
-from daemon.core.warm import warm_up
+from daemon.preflight.load import load
+from daemon.core.modes.persistent_state import Notes
+from daemon.core.runtime.build import build
+from daemon.core.runtime.warm_up import warm_up
 warm_up(build(load(Path("/etc/gaitd/trainer.toml")), "", Notes()))
 WARM
         say "not compiled yet: the first start does it, and takes half a minute longer"

@@ -1,13 +1,13 @@
-"""Mutation testing of the files that safety rests on: `make mutants`.
+"""Mutation testing of the safety-critical files: `make mutants`.
 
-Each mutant is one small change to one file, made in memory and never on disk. A fresh process takes
-it in place of the module, runs the unit tests of that file, and must see one of them fail. What
-survives has to be argued in `docs/mutants.md`, row by row; anything else is an exit of 1, and so is
-a row there that no survivor needs any more.
+Each mutant is one small change to one file, made in memory and never on disk. A fresh process
+imports it in place of the module and runs the unit tests of that file, one of which must fail.
+`docs/mutants.md` must give a reason for each survivor, row by row. A survivor without a row, and a
+row without a survivor, end the run with exit code 1.
 
-The mutations are Cosmic Ray's and those of `mutation_operators.py`. Its own runner starts Python
-and imports everything anew for each mutant, and writes into the work tree; here each process is
-forked from one that has imported what the tests need, all but the mutated module.
+The mutations are those of Cosmic Ray and of `mutation_operators.py`. Cosmic Ray's own runner starts
+Python and imports everything anew for each mutant, and writes into the work tree. Here each process
+is forked from one that has imported what the tests need, except the mutated module.
 """
 
 import argparse
@@ -32,9 +32,9 @@ from typing import NamedTuple
 PROJECT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(PROJECT), str(PROJECT / "scripts")]
 sys.dont_write_bytecode = False
-sys.pycache_prefix = str(PROJECT / ".venv" / "pycache")  # each process would compile the tests anew
+sys.pycache_prefix = str(PROJECT / ".venv" / "pycache")  # otherwise each process compiles the tests
 SURVIVORS = PROJECT / ".venv" / "mutants.json"
-"""Those of the last run: `--again` is for writing tests, while the mutated files stay the same."""
+"""Survivors of the last run. `--again` tests only these, while the mutated files stay the same."""
 EQUIVALENTS = PROJECT / "docs" / "mutants.md"
 
 import hypothesis  # noqa: E402 - after the path
@@ -49,29 +49,29 @@ from rich.progress import Progress  # noqa: E402
 from rich.table import Table  # noqa: E402
 
 SUBJECTS = {
-    "drives/cia402.py": ("drives/test_cia402*.py",),
-    "daemon/core/modes.py": ("daemon/core/test_modes*.py",),
-    "daemon/core/safety.py": (
+    "drives/cia402/power_state.py": ("drives/test_cia402*.py",),
+    "daemon/core/modes/table.py": ("daemon/core/test_modes*.py",),
+    "daemon/core/safety/checks.py": (
         *("daemon/core/test_safety_findings.py", "daemon/core/test_every_limit.py"),
         "daemon/core/test_safety.py",
     ),
-    "daemon/core/bounds.py": (
+    "daemon/core/safety/bounds.py": (
         *("daemon/core/test_safety_findings.py", "daemon/core/test_safety.py"),
         "daemon/core/test_safety_bounds.py",
     ),
 }
-"""What is mutated, and the unit tests that must notice, under `tests`; the quick ones first."""
+"""Mutated files, and their unit tests under `tests`, the quick ones first."""
 
 SOURCES = {file: (PROJECT / file).read_text(encoding="utf-8") for file in SUBJECTS}
 TREES = {file: get_ast(source) for file, source in SOURCES.items()}
-"""Parsed once; each process changes a copy that the fork made."""
+"""Parsed once; each process changes its own copy after the fork."""
 
 LEFT_OUT = re.compile(
     "|".join(
         [
-            "VariableReplacer",  # want arguments
+            "VariableReplacer",  # need arguments
             "VariableInserter",
-            # Of members of an enum, None, True: the very same.
+            # Equivalent for members of an enum, None and True.
             "ReplaceComparisonOperator_(Is_Eq|Eq_Is|IsNot_NotEq|NotEq_IsNot)$",
         ]
     )
@@ -80,16 +80,16 @@ LEFT_OUT = re.compile(
 
 PRELOADED = (
     *("hypothesis.stateful", "_hypothesis_pytestplugin", "pytest_timeout", "numpy"),
-    *("daemon.record", "daemon.core.limits"),
+    *("daemon.ipc.record", "daemon.core.safety.limits"),
 )
-"""What the tests import that takes long; nothing that imports what is mutated."""
+"""Slow imports of the tests, without any module that imports a mutated one."""
 
 TEST_TIMEOUT_S = 60
-"""For one test of a mutant that loops for ever; none of the tests takes a second."""
+"""Limit for one test of a mutant that loops for ever; without one a test takes below a second."""
 
 
 class Outcome(Enum):
-    """What became of a mutant."""
+    """Result of a mutant."""
 
     KILLED = "killed"
     SURVIVED = "survived"
@@ -98,7 +98,7 @@ class Outcome(Enum):
 
 
 class Spec(NamedTuple):
-    """Which change to which file."""
+    """One mutation: the file, the operator, and the number of its occurrence."""
 
     file: str
     operator: str
@@ -106,7 +106,7 @@ class Spec(NamedTuple):
 
 
 class Key(NamedTuple):
-    """How a mutant is named in docs/mutants.md."""
+    """Identification of a mutant in docs/mutants.md."""
 
     file: str
     function: str
@@ -115,7 +115,7 @@ class Key(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """A mutant and what became of it."""
+    """A mutant and its result."""
 
     spec: Spec
     outcome: Outcome
@@ -123,12 +123,12 @@ class Judged(NamedTuple):
 
 
 def module_name(file: str) -> str:
-    """`daemon/core/modes.py` is `daemon.core.modes`."""
+    """Module name of a path: `daemon.core.modes.table` for `daemon/core/modes/table.py`."""
     return file.removesuffix(".py").replace("/", ".")
 
 
 def operator(name: str, file: str) -> Operator:
-    """An operator by its name; ours look at the module that they are to change."""
+    """Create an operator by its name; those of this project read the module to be changed."""
     ours = getattr(mutation_operators, name, None)
     if ours is None:
         return OperatorProvider()[name]()
@@ -136,13 +136,13 @@ def operator(name: str, file: str) -> Operator:
     if spec is None or spec.loader is None:
         raise RuntimeError(f"{file} cannot be imported")
     module = importlib.util.module_from_spec(spec)
-    sys.modules["unmutated"] = module  # dataclasses look themselves up
+    sys.modules["unmutated"] = module  # dataclasses look their module up here
     spec.loader.exec_module(module)
     return ours(vars(module), SOURCES[file])
 
 
 def specs_of(file: str, functions: Collection[str]) -> Iterator[Spec]:
-    """Every mutation that some operator can make of a file, or of these functions of it."""
+    """Every mutation of a file by any operator, or only those in the given functions."""
     nodes = list(ast_nodes(TREES[file]))
     ours = [one.__name__ for one in mutation_operators.OPERATORS]
     for name in [*(n for n in OperatorProvider() if not LEFT_OUT.search(n)), *ours]:
@@ -154,14 +154,14 @@ def specs_of(file: str, functions: Collection[str]) -> Iterator[Spec]:
 
 
 class _Bare(ast.NodeTransformer):
-    """What Python runs: without annotations and without strings that stand alone."""
+    """Reduces source to the code that Python runs: without annotations and docstrings."""
 
     def visit_arg(self, node: ast.arg) -> ast.AST:
         node.annotation = None
         return node
 
     def visit_arguments(self, node: ast.arguments) -> ast.AST:
-        """By position or by name: Cosmic Ray takes the bare star for a multiplication."""
+        """Merge all kinds of arguments: Cosmic Ray mutates the bare star like a multiplication."""
         node.args = [*node.posonlyargs, *node.args, *node.kwonlyargs]
         node.defaults = [*node.defaults, *(one for one in node.kw_defaults if one is not None)]
         node.posonlyargs, node.kwonlyargs, node.kw_defaults = [], [], []
@@ -186,7 +186,7 @@ def what_runs(source: str) -> str:
 
 
 class _Mutated(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
-    """Gives the mutated source wherever the module is imported."""
+    """Import hook that supplies the mutated source of one module."""
 
     def __init__(self, file: str, source: str) -> None:
         self.file, self.source = file, source
@@ -204,7 +204,7 @@ class _Mutated(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
 
 
 class _Hurried:
-    """A pytest plugin: hypothesis tries less, and need not find the smallest example."""
+    """Pytest plugin that limits hypothesis to fewer examples, and skips shrinking."""
 
     @pytest.hookimpl
     def pytest_collection(self) -> None:
@@ -221,7 +221,7 @@ class _Hurried:
 
 
 def tests_fail(file: str, source: str) -> bool:
-    """Whether a unit test notices the source; to be called once in a process."""
+    """Check whether a unit test fails with this source; to be called once in a process."""
     if module_name(file) in sys.modules:
         raise RuntimeError(f"{file} was imported before its mutation")
     sys.meta_path.insert(0, _Mutated(file, source))
@@ -236,7 +236,7 @@ def tests_fail(file: str, source: str) -> bool:
 
 
 def key_of(file: str, before: str, after: str) -> Key:
-    """Where a change is and what it is: the enclosing function, the lines out, the lines in."""
+    """Key of a change: the enclosing function, the removed lines, the added lines."""
     old, new = before.splitlines(), after.splitlines()
     out: list[str] = []
     into: list[str] = []
@@ -250,7 +250,7 @@ def key_of(file: str, before: str, after: str) -> Key:
 
 
 def _cell(lines: list[str]) -> str:
-    """On one line; Cosmic Ray puts a blank before what it puts in."""
+    """Join lines, without the blank that Cosmic Ray inserts before its replacement."""
     return re.sub(r"(?<=[(\[]) ", "", " ".join(" ".join(lines).split()))
 
 
@@ -266,7 +266,7 @@ def _enclosing(source: str, line: int) -> str:
 
 def judge(spec: Spec) -> Judged:
     """Make one mutant and run the tests on it."""
-    gc.freeze()  # what was imported before the fork is not worth looking through again and again
+    gc.freeze()  # objects imported before the fork need no further garbage collection
     before = SOURCES[spec.file]
     visitor = MutationVisitor(spec.occurrence, operator(spec.operator, spec.file))
     after = visitor.walk(TREES[spec.file]).get_code()
@@ -282,12 +282,12 @@ def judge(spec: Spec) -> Judged:
 
 
 def unmutated_fails(file: str) -> bool:
-    """Whether the tests fail without any mutation, which would make every result worthless."""
+    """Check whether the tests fail without a mutation: every result would then be worthless."""
     return tests_fail(file, SOURCES[file])
 
 
 def argued(files: Iterable[str]) -> set[Key]:
-    """The rows of docs/mutants.md for these files."""
+    """Rows of docs/mutants.md for these files."""
     rows: set[Key] = set()
     for line in EQUIVALENTS.read_text(encoding="utf-8").splitlines():
         cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
@@ -297,7 +297,7 @@ def argued(files: Iterable[str]) -> set[Key]:
 
 
 def main() -> int:
-    """Run all mutants; 0 only if docs/mutants.md argues every survivor, and nothing else."""
+    """Run all mutants; 0 only if the rows of docs/mutants.md match the survivors exactly."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument(
         "files", nargs="*", default=list(SUBJECTS), help="of " + ", ".join(SUBJECTS)
@@ -325,7 +325,7 @@ def main() -> int:
 
 
 def _watched(results: Iterable[Judged], total_count: int) -> Iterator[Judged]:
-    """The results as they come, with progress: a bar on a terminal, a line at times in a pipe."""
+    """Yield the results as they arrive, with a progress bar on a terminal, else with lines."""
     console = Console()
     survived = 0
     with Progress(console=console, disable=not console.is_terminal) as progress:

@@ -1,8 +1,8 @@
-"""Mutations of what these files are made of: tables, members of enums, texts, single statements.
+"""Mutations of tables, enum members, texts, single statements, and min and max.
 
-Cosmic Ray's own operators change comparisons, arithmetic, numbers and truth values. What decides
-here is more often a row of a table, a member of an enum, or whether a text is empty (a refusal
-that is empty is a grant); so these are changed too, with the same interface.
+Cosmic Ray's own operators change comparisons, arithmetic, numbers and truth values. The mutated
+files decide more often by a row of a table, a member of an enum, or an empty text (an empty refusal
+grants the request). These operators change such code, with the same interface.
 """
 
 import enum
@@ -16,31 +16,31 @@ Place = tuple[tuple[int, int], tuple[int, int]]
 
 
 class OneOfEach(Operator):
-    """An operator that can do at most one thing to a node, and says what by `replacement`."""
+    """An operator with at most one mutation of a node, given by `replacement`."""
 
     def __init__(self, namespace: Mapping[str, object], source: str) -> None:
-        """`namespace` is the module's, which tells an enum from another class."""
+        """Store the module's `namespace`, which distinguishes an enum from another class."""
         self.namespace = namespace
         self.source = source
 
     def replacement(self, node: NodeOrLeaf) -> str | None:
-        """The code that takes the node's place; None where there is nothing to change."""
+        """Return the code that replaces the node; None if there is nothing to change."""
         raise NotImplementedError
 
     def mutation_positions(self, node: NodeOrLeaf) -> Iterator[Place]:
-        """As Cosmic Ray wants it."""
+        """As `Operator.mutation_positions`."""
         if self.replacement(node) is not None:
             yield node.start_pos, node.end_pos
 
     def mutate(self, node: NodeOrLeaf, index: int) -> NodeOrLeaf:  # noqa: ARG002 - its interface
-        """As Cosmic Ray wants it."""
+        """As `Operator.mutate`."""
         new = tree.Name(self.replacement(node) or "", node.start_pos, _prefix(node))
         new.parent = node.parent
         return new
 
     @classmethod
     def examples(cls) -> Iterable[Example]:
-        """None: these need a namespace."""
+        """Return no examples: these operators need a namespace."""
         return ()
 
 
@@ -49,10 +49,10 @@ def _prefix(node: NodeOrLeaf) -> str:
 
 
 class NextMember(OneOfEach):
-    """`Enum.MEMBER` becomes the enum's next member, and a constant the next one of its type."""
+    """Replaces `Enum.MEMBER` by the next member, and a constant by the next one of its type."""
 
     def replacement(self, node: NodeOrLeaf) -> str | None:
-        """The neighbour's name."""
+        """Return the name of the next member or constant."""
         if node.type in {"atom_expr", "power"} and len(node.children) == 2:
             owner, trailer = node.children
             found = self.namespace.get(owner.get_code().strip())
@@ -86,10 +86,10 @@ def _is_read(node: NodeOrLeaf) -> bool:
 
 
 class OtherBound(OneOfEach):
-    """`min` becomes `max`, and `..._min_...` the field `..._max_...` that the file reads too."""
+    """Swaps `min` and `max`, and fields `..._min_...` and `..._max_...` if the file reads both."""
 
     def replacement(self, node: NodeOrLeaf) -> str | None:
-        """The other one's name."""
+        """Return the name of the opposite bound."""
         if not isinstance(node, tree.Name) or node.is_definition():
             return None
         if node.value in {"min", "max"}:
@@ -102,22 +102,22 @@ class OtherBound(OneOfEach):
 
 
 class NoRow(OneOfEach):
-    """A row of a table goes: of a dict, of a set, of a tuple with a name at module level."""
+    """Removes a row of a table: of a dict, of a set, of a tuple with a name at module level."""
 
     def mutation_positions(self, node: NodeOrLeaf) -> Iterator[Place]:
-        """One for each row."""
+        """Yield one position for each row."""
         for row in _rows(node):
             yield row[0].start_pos, row[-1].end_pos
 
     def mutate(self, node: BaseNode, index: int) -> BaseNode:
-        """The node without the row."""
+        """Return the node without the row."""
         gone = {id(leaf) for leaf in _rows(node)[index]}
         node.children = [child for child in node.children if id(child) not in gone]
         return node
 
 
 def _rows(node: NodeOrLeaf) -> list[list[NodeOrLeaf]]:
-    """The children of each row with the comma behind it; empty for what is no table."""
+    """Children of each row, with the comma behind it; empty if the node is no table."""
     is_table = node.type == "dictorsetmaker" or (
         node.type == "testlist_comp"
         and node.parent.parent.type in {"expr_stmt", "annassign"}
@@ -134,20 +134,20 @@ def _rows(node: NodeOrLeaf) -> list[list[NodeOrLeaf]]:
 
 
 class OtherText(OneOfEach):
-    """A text becomes empty, and an empty one not; docstrings are left alone."""
+    """Empties a text, or fills an empty one; leaves docstrings alone."""
 
     def replacement(self, node: NodeOrLeaf) -> str | None:
-        """The other text."""
+        """Return the replacement text."""
         if node.type not in {"string", "fstring"} or node.parent.type in {"simple_stmt", "strings"}:
             return None if node.type != "strings" else '""'
         return '"mutant"' if node.get_code().strip() == '""' else '""'
 
 
 class NoStatement(OneOfEach):
-    """A statement of a function goes: a return, a yield, an assignment."""
+    """Removes a statement of a function: a return, a yield, an assignment."""
 
     def replacement(self, node: NodeOrLeaf) -> str | None:
-        """`pass`, where it stood."""
+        """Return `pass` for a statement inside a function."""
         if node.parent is None or node.parent.type != "simple_stmt":
             return None
         if tree.search_ancestor(node, "funcdef") is None:

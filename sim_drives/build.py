@@ -1,7 +1,7 @@
-"""From plant.toml to a machine: plants, drives and world wired together.
+"""Build a machine from plant.toml: plants, drives and world wired together.
 
-Whoever calls reads the files: the mechanism comes as numbers, because a robot file is the service's
-to understand.
+The caller reads the files. The mechanism is passed in as numbers, because only the service parses
+robot files.
 """
 
 import configparser
@@ -9,22 +9,22 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from observer.friction import FrictionParameters
-from observer.mechanism import LegParameters
-from sim_drives.dictionary import Entry, read_eds
-from sim_drives.faults import FaultCommandError, help_text
+from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.mechanism import LegParameters
+from sim_drives.canopen.dictionary import Entry, read_eds
+from sim_drives.cia402.scaling import effort_per_a
+from sim_drives.faults.script import FaultCommandError, help_text
 from sim_drives.one_leg import Leg
-from sim_drives.plant import PlantError, Trainer, UnknownProgrammeError
-from sim_drives.scaling import effort_per_a
+from sim_drives.plant.plant import PlantError, Trainer, UnknownProgrammeError
+from sim_drives.plant.truth import TruthLog
 from sim_drives.settings import DriveSettings, PlantFile
-from sim_drives.truth import TruthLog
 from sim_drives.world import World
 
 PATIENT_COMMAND = "patient"
 
 
 class MachineError(Exception):
-    """The operator's: plant.toml says what no machine can be built from; `key` is empty for all."""
+    """Operator error: plant.toml cannot be built; `key` is empty if it concerns the whole file."""
 
     def __init__(self, key: str, value: object, allowed: str) -> None:
         super().__init__(f"{key} = {value}: {allowed}")
@@ -35,18 +35,18 @@ class MachineError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """A world, and the plants in it by the name of their leg."""
+    """A world, and its plants by leg name."""
 
     world: World
     trainers: Mapping[str, Trainer]
     note_truth: Callable[[int], None]
-    """Adds a row to each leg's truth, as every SYNC does; takes the SYNC's number."""
+    """Add a row to each leg's truth, as every SYNC does; the argument is the SYNC number."""
 
     def command(self, line: str) -> str:
-        """Obey a line: a fault (`faults.py`), `patient PROGRAMME`, or `help`.
+        """Execute a command line: a fault (`script.py`), `patient PROGRAMME`, or `help`.
 
         Raises:
-            FaultCommandError: no such command; says what is known.
+            FaultCommandError: unknown command; the message lists the known ones.
         """
         words = line.split()
         if words == ["help"]:
@@ -81,20 +81,20 @@ def build_machine(
     truth: Mapping[str, TruthLog] | None = None,
     without: Collection[str] = (),
 ) -> Machine:
-    """Build the machine, switched on, at rest in its start pose.
+    """Build the machine, powered on and at rest in its start pose.
 
     Args:
         plant: plant.toml.
-        folder: where it lies; its paths are relative to it.
+        folder: the folder of plant.toml; its paths are relative to it.
         leg: mechanism of the plant's robot file.
-        frictions: of hip and slide, from the same file.
-        seed: of all that is random; the file's own if None.
+        frictions: friction of hip and slide, from the same file.
+        seed: seed of all random values; the file's own if None.
         start_ns: the world's first time.
-        truth: takes each SYNC's truth, by leg; legs may be missing.
-        without: drives, LEG/AXIS, that others stand in for; their axes have no torque.
+        truth: receives the truth of each SYNC, by leg; legs may be missing.
+        without: drives, LEG/AXIS, that are not simulated here; their axes have no torque.
 
     Raises:
-        MachineError: by key of plant.toml, value, and what would be allowed.
+        MachineError: names the key of plant.toml, the value, and the allowed values.
     """
     chosen_seed = plant.seed if seed is None else seed
     trainers: dict[str, Trainer] = {}

@@ -1,7 +1,7 @@
 """Commands to running virtual drives: text lines on a Unix datagram socket.
 
-One datagram is one or more lines; the answer is one datagram, `ok: ...` or `error: ...` for each
-line, to whoever has bound a name to be answered at. Nobody is waited for.
+A datagram is one or more lines. The answer is one datagram, `ok: ...` or `error: ...` for each
+line, sent to the client's address if it has bound one. Sending never blocks.
 """
 
 import contextlib
@@ -10,24 +10,24 @@ from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Final
 
-from sim_drives.faults import FaultCommandError
+from sim_drives.faults.script import FaultCommandError
 
 DATAGRAM_BYTES: Final = 4096
 
 
 class ControlSocket:
-    """A socket that is looked at now and then."""
+    """Polled command socket."""
 
     def __init__(self, listening: socket.socket, obey: Callable[[str], str]) -> None:
         self._socket = listening
         self._obey = obey
 
     def fileno(self) -> int:
-        """For poll()."""
+        """Return the descriptor for poll()."""
         return self._socket.fileno()
 
     def serve(self) -> None:
-        """Obey what has come."""
+        """Execute the received commands."""
         while True:
             try:
                 data, sender = self._socket.recvfrom(DATAGRAM_BYTES)
@@ -35,7 +35,7 @@ class ControlSocket:
                 return
             answer = "\n".join(self._answer(line) for line in _lines(data))
             if sender:
-                # Whoever asked may have gone, or read too slowly: not our matter.
+                # The client may have gone, or read too slowly; the answer is then dropped.
                 with contextlib.suppress(OSError):
                     self._socket.sendto(answer.encode(), sender)
 
@@ -52,7 +52,7 @@ def _lines(data: bytes) -> list[str]:
 
 @contextlib.contextmanager
 def control_socket(path: Path, obey: Callable[[str], str]) -> Generator[ControlSocket]:
-    """Listen at `path`; a socket that an earlier run has left there is replaced.
+    """Listen at `path`; a socket left there by an earlier run is replaced.
 
     Raises:
         OSError: the path cannot be bound, or is something else than a socket.

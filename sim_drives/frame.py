@@ -1,4 +1,4 @@
-"""CAN frames of the virtual drives: identifier and data, with or without the time they leave at."""
+"""CAN frames of the virtual drives: identifier and data, with or without their send time."""
 
 from typing import NamedTuple
 

@@ -1,8 +1,8 @@
-"""One leg of the virtual machine: a plant and the two nodes on it, from event to event.
+"""One leg of the virtual machine: a plant and its two nodes, simulated from event to event.
 
-Legs meet on the bus alone, so between two frames from outside each runs by itself. An event is a
-timer of a node, an entry of the faults' agenda, or a flag that the plant stops for; frames that
-leave late wait in the outbox. Nothing here reads a clock.
+Legs interact on the bus alone, so between two frames from outside each runs by itself. An event is
+a timer of a node, a scheduled fault, or a flag for which the plant stops; delayed frames wait in
+the outbox. Nothing here reads a clock.
 """
 
 import heapq
@@ -11,42 +11,42 @@ from collections.abc import Container
 from itertools import count
 from typing import Final, NamedTuple
 
-from sim_drives.actuation import AxisFlag
-from sim_drives.dictionary import Entry
-from sim_drives.fault_rules import RULES
-from sim_drives.faults import FaultOrder
+from sim_drives.canopen.dictionary import Entry
+from sim_drives.canopen.node import Node
+from sim_drives.canopen.timers import NEVER
+from sim_drives.faults.rules import RULES
+from sim_drives.faults.script import FaultOrder
 from sim_drives.frame import Frame, TimedFrame
-from sim_drives.node import Node
-from sim_drives.plant_port import Axis, Plant
+from sim_drives.plant.actuation import AxisFlag
+from sim_drives.plant.port import Axis, Plant
 from sim_drives.settings import DriveSettings, FaultKind
-from sim_drives.timers import NEVER
 
 NS_PER_S: Final = 1_000_000_000
 
 
 class Leg(NamedTuple):
-    """What one leg is made of."""
+    """The parts of one leg."""
 
     name: str
     plant: Plant
-    """Its time is the world's start."""
+    """The plant, at the world's start time."""
     hip: DriveSettings
     hip_entries: tuple[Entry, ...]
-    """Of its EDS, for its node id."""
+    """EDS entries for the node id."""
     slide: DriveSettings
     slide_entries: tuple[Entry, ...]
 
 
 class _Running(NamedTuple):
-    """A fault that has begun and not ended."""
+    """An active fault."""
 
     number: int
-    """Of its end on the agenda, so that the end of an older one does not end it."""
+    """Identifies the scheduled end, so that the end of an older fault does not end this one."""
     value: float
 
 
 class _Line:
-    """One node's end of the bus."""
+    """One node's access to the bus."""
 
     def __init__(self, leg: "OneLeg", name: str) -> None:
         self._leg = leg
@@ -85,7 +85,7 @@ class OneLeg:
         self._flags = dict.fromkeys(self.nodes, AxisFlag.NONE)
 
     def power_on(self, drives: Container[str]) -> None:
-        """Switch these drives on; one without power says nothing, and its axis has no torque."""
+        """Power the drives on; one without power sends nothing, and its axis has no torque."""
         for name, node in self.nodes.items():
             if name in drives:
                 node.power_on()
@@ -93,18 +93,18 @@ class OneLeg:
     # --- the bus ------------------------------------------------------------------------------
 
     def receive(self, frame: Frame) -> None:
-        """A frame reaches both nodes now."""
+        """Deliver a frame to both nodes now."""
         for node in self.nodes.values():
             node.receive(frame)
 
     def put_on_bus(self, drive: str, frame: Frame, delay_ns: int) -> None:
-        """A node sends; the frame is on the bus `delay_ns` from now."""
+        """Put a node's frame on the bus `delay_ns` from now."""
         heapq.heappush(self._outbox, (self.now_ns + delay_ns, next(self._order), drive, frame))
 
     # --- time ---------------------------------------------------------------------------------
 
     def advance_to(self, time_ns: int) -> list[TimedFrame]:
-        """Let time pass; the frames on the bus up to and including `time_ns`, in order."""
+        """Advance to `time_ns`; return the frames up to and including it, by time."""
         sent: list[TimedFrame] = []
         while True:
             self._advance_plant(min(self._next_deadline_ns(), time_ns))
@@ -115,7 +115,7 @@ class OneLeg:
                 return sent + self._release()
 
     def next_event_ns(self) -> int:
-        """When something happens by itself, or NEVER; not counting what the plant may report."""
+        """Return the time of the next event, or NEVER; flags of the plant not included."""
         return min(self._next_deadline_ns(), self._outbox[0][0] if self._outbox else NEVER)
 
     def _next_deadline_ns(self) -> int:
@@ -123,7 +123,7 @@ class OneLeg:
         return min(timers_ns, self._agenda[0][0] if self._agenda else NEVER)
 
     def _advance_plant(self, time_ns: int) -> None:
-        """Up to `time_ns`, or to the moment where a flag comes up, which the nodes then judge."""
+        """Advance the plant to `time_ns`, or until it raises a flag, which the nodes process."""
         self.now_ns = self._plant.advance(max(time_ns, self.now_ns))
         for name, node in self.nodes.items():
             flags = node.axis.flags()
@@ -152,7 +152,7 @@ class OneLeg:
     # --- faults -------------------------------------------------------------------------------
 
     def plan(self, at_ns: int, order: FaultOrder) -> None:
-        """Put a fault on the agenda."""
+        """Schedule a fault."""
         heapq.heappush(self._agenda, (at_ns, next(self._order), order))
 
     def inject(self, order: FaultOrder) -> None:

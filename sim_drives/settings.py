@@ -1,4 +1,4 @@
-"""The drives' half of plant.toml, and the whole file: each virtual drive, and what goes wrong when.
+"""The whole plant.toml, and its tables of virtual drives and faults.
 
 The numbers of `[drives.LEG.AXIS]` describe the hardware: encoder, transmission, motor. The service
 has its own copy of them in `configs/drives/`; the two may differ on purpose. What the master
@@ -10,11 +10,11 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from sim_drives.plant_settings import NonNegative, PlantTables, Positive, Table
+from sim_drives.plant.settings import NonNegative, PlantTables, Positive, Table
 
 
 class PersonalityName(Enum):
-    """Whose habits a drive has; `personality.py` spells them out."""
+    """The make that a drive imitates; defined in `personality.py`."""
 
     EPOS4 = "epos4"
     ELMO_GOLD = "elmo_gold"
@@ -22,11 +22,11 @@ class PersonalityName(Enum):
 
 
 class EncoderKind(Enum):
-    """What the drive knows of its position after power-on."""
+    """What the drive knows about its position after power-on."""
 
     ABSOLUTE = "absolute"
     INCREMENTAL = "incremental"
-    """Counts from zero where it stands at power-on, and is referenced only after homing."""
+    """Counts from zero at the power-on position; referenced only after homing."""
 
 
 class HomeSwitch(Table, frozen=True):
@@ -37,16 +37,16 @@ class HomeSwitch(Table, frozen=True):
 
 
 class PositionLimit(Enum):
-    """What the drive makes of a position outside 607Dh."""
+    """Reaction of the drive to a position outside 607Dh."""
 
     CLIP = "clip"
-    """A target in cyclic position mode is clipped, and statusword bit 11 says so."""
+    """A target in cyclic position mode is clipped, and statusword bit 11 is set."""
     FAULT = "fault"
     """A target or an actual position outside is fault 8A82h."""
 
 
 class LimitSwitch(Enum):
-    """What the drive makes of the switches at the joint's end stops (60FDh bits 0 and 1)."""
+    """Reaction of the drive to the switches at the joint's end stops (60FDh bits 0 and 1)."""
 
     REPORT = "report"
     FAULT = "fault"
@@ -54,7 +54,7 @@ class LimitSwitch(Enum):
 
 
 class FaultKind(Enum):
-    """What can go wrong; `fault_rules.py` has each one's rule."""
+    """Kinds of fault; `rules.py` has the rule of each."""
 
     LOST_TPDO = "lost_tpdo"
     LATE_TPDO = "late_tpdo"
@@ -86,40 +86,40 @@ class FaultKind(Enum):
 class DriveSettings(Table, frozen=True):
     """One drive: rotary with `offset_rad`, or on a rail with `lead_m` and `offset_m`.
 
-    `build.py` refuses what is neither, and a maximum below its minimum.
+    `build.py` refuses a drive that is neither, and a maximum below its minimum.
     """
 
     personality: PersonalityName
     node_id: Annotated[int, Meta(ge=1, le=127)]
     eds: Annotated[str, Meta(min_length=1)]
-    """By path relative to plant.toml."""
+    """Path relative to plant.toml."""
     serial_number: Annotated[int, Meta(ge=0, le=0xFFFFFFFF)]
     boot_ms: Annotated[float, Meta(ge=1, le=10_000)]
-    """From power-on, or NMT reset node, to the boot-up message."""
+    """Time from power-on, or NMT reset node, to the boot-up message."""
     encoder: EncoderKind
     counts_per_rev: Annotated[int, Meta(ge=4, le=10_000_000)]
-    """Of the motor."""
+    """Encoder counts per turn of the motor."""
     gear_ratio: Annotated[float, Meta(gt=0, le=10_000)]
     sign: Literal[1, -1]
     """+1 when positive counts and positive current move the joint in its positive direction."""
     torque_constant_nm_per_a: Annotated[float, Meta(gt=0, le=100)]
-    """The motor's true one; 3001h:05 is what the drive believes."""
+    """True torque constant of the motor; 3001h:05 is the value configured in the drive."""
     nominal_current_a: Annotated[float, Meta(gt=0, le=200)]
     current_limit_a: Annotated[float, Meta(gt=0, le=500)]
     position_limit: PositionLimit
     limit_switch: LimitSwitch
     tpdo_delay_min_ms: Annotated[float, Meta(ge=0, le=10)]
     tpdo_delay_max_ms: Annotated[float, Meta(ge=0, le=10)]
-    """A synchronous TPDO leaves this long after its SYNC, drawn from the seed."""
+    """A synchronous TPDO is sent this long after its SYNC, drawn from the seed."""
     tpdo_shuffled: bool
-    """TPDOs of one SYNC leave in any order instead of by number."""
+    """TPDOs of one SYNC are sent in any order instead of by number."""
     homes: bool = False
-    """An absolute encoder can be homed, too, which moves its zero until the power is lost."""
+    """An absolute encoder can be homed, too, which moves its zero until power is lost."""
     homing_time_s: Annotated[float, Meta(gt=0, le=3600)] = 60.0
-    """A homing that has not ended by then has failed."""
+    """A homing that has not ended after this time has failed."""
     home_switch: HomeSwitch | None = None
     lead_m: Positive | None = None
-    """Travel for each turn after the gear; makes the axis a linear one."""
+    """Travel per turn after the gear; makes the axis a linear one."""
     offset_rad: float | None = None
     offset_m: float | None = None
     """Joint position at count 0 of an absolute encoder."""
@@ -133,17 +133,17 @@ class LegDrives(Table, frozen=True):
 
 
 class FaultSettings(Table, frozen=True):
-    """One `[[fault]]`: what happens to which drive, when, for how long."""
+    """One `[[fault]]`: kind, drive, time and duration."""
 
     at_s: NonNegative
-    """Since the virtual drives' start."""
+    """Time since the virtual drives' start."""
     drive: Annotated[str, Meta(pattern=r"^(\*|(right|left)/(hip|slide))$")]
     """LEG/AXIS, or * for every drive."""
     kind: FaultKind
     duration_s: Positive | None = None
     """Until cleared by command, if absent. A reboot and a glitch without one are over at once."""
     value: float = 0.0
-    """Its meaning is the kind's: error code, TPDO number, delay in ms, counts."""
+    """Value of the fault, depending on its kind: error code, TPDO number, delay in ms, counts."""
 
 
 class PlantFile(PlantTables, frozen=True):

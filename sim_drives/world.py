@@ -1,10 +1,10 @@
 """The virtual machine in lock-step: all nodes, all plants, one time; frames in, frames out.
 
-`World` has no thread and no clock: its time is what `advance_to` is told. The same settings, seed
-and calls give the same frames, bit for bit.
+`World` has no thread and no clock: its time is the argument of `advance_to`. The same settings,
+seed and calls give the same frames, bit for bit.
 
     world = World(legs, faults, seed=1)
-    world.advance_to(t)               time passes; returns what the drives have sent until then
+    world.advance_to(t)               time passes; returns the frames sent by the drives until then
     world.receive(Frame(0x080, b""))  a frame of the master's arrives now
     world.advance_to(t + 1_000_000)   TPDOs with their latency, SDO answers, heartbeats, EMCY
 """
@@ -12,7 +12,9 @@ and calls give the same frames, bit for bit.
 from collections.abc import Callable, Collection, Sequence
 from typing import Final
 
-from sim_drives.faults import (
+from sim_drives.canopen.node import Node
+from sim_drives.canopen.timers import NEVER
+from sim_drives.faults.script import (
     EVERY_DRIVE,
     FaultCommandError,
     FaultOrder,
@@ -20,16 +22,14 @@ from sim_drives.faults import (
     parse_command,
 )
 from sim_drives.frame import Frame, TimedFrame
-from sim_drives.node import Node
 from sim_drives.one_leg import NS_PER_S, Leg, OneLeg
 from sim_drives.settings import FaultSettings
-from sim_drives.timers import NEVER
 
 SYNC_ID: Final = 0x080
 
 
 class EmptyWorld:
-    """A bus without virtual drives: those of others are on it."""
+    """A bus without virtual drives, for drives that are not simulated here."""
 
     drives: tuple[str, ...] = ()
 
@@ -42,12 +42,12 @@ class EmptyWorld:
         self.sync_count += frame.can_id == SYNC_ID
 
     def advance_to(self, time_ns: int) -> list[TimedFrame]:
-        """Time passes, and nothing happens."""
+        """Advance time without any event."""
         self.now_ns = time_ns
         return []
 
     def next_event_ns(self) -> int:
-        """Nothing happens by itself."""
+        """Return NEVER: there are no events."""
         return NEVER
 
 
@@ -64,18 +64,18 @@ class World:
         on_sync: Callable[[int], None] | None = None,
         without: Collection[str] = (),
     ) -> None:
-        """Build the machine and switch it on.
+        """Build the machine and power it on.
 
         Args:
-            legs: their plants stand at `start_ns`.
+            legs: their plants are at rest at `start_ns`.
             faults: the script; times count from `start_ns`.
-            seed: of the TPDOs' latencies; the plants have seeds of their own.
+            seed: seed of the TPDO latencies; the plants have seeds of their own.
             start_ns: the world's first time.
             on_sync: called at each SYNC with its number from 1, the plants being at its time.
-            without: these drives, LEG/AXIS, never have power: others stand in for them.
+            without: these drives, LEG/AXIS, never have power: they are not simulated here.
 
         Raises:
-            FaultCommandError: the script names a drive that is not there, or a wrong value.
+            FaultCommandError: the script names a drive that does not exist, or a wrong value.
         """
         self._now_ns = start_ns
         self._on_sync = on_sync
@@ -94,7 +94,7 @@ class World:
 
     @property
     def sync_count(self) -> int:
-        """SYNCs so far."""
+        """Number of SYNCs so far."""
         return self._sync_count
 
     @property
@@ -103,11 +103,11 @@ class World:
         return tuple(self._home)
 
     def node(self, drive: str) -> Node:
-        """One drive by its name, to look into."""
+        """Return one node by the name of its drive, for inspection."""
         return self._home[drive].nodes[drive]
 
     def receive(self, frame: Frame) -> None:
-        """A frame of the master, or of anybody else, reaches every node now."""
+        """Deliver a frame of the master, or of another node, to every node now."""
         for leg in self._legs:
             leg.receive(frame)
         if frame.can_id == SYNC_ID:
@@ -116,7 +116,7 @@ class World:
                 self._on_sync(self._sync_count)
 
     def advance_to(self, time_ns: int) -> list[TimedFrame]:
-        """Let time pass; what the drives have put on the bus up to and including `time_ns`.
+        """Advance time; return the drives' frames on the bus up to and including `time_ns`.
 
         Raises:
             ValueError: `time_ns` is in the past (a bug of the caller).
@@ -128,16 +128,16 @@ class World:
         return sorted(sent, key=lambda frame: frame.time_ns)
 
     def next_event_ns(self) -> int:
-        """When something happens by itself, or timers.NEVER; the plants may report before."""
+        """Return the time of the next event, or timers.NEVER; the plants may report earlier."""
         return min(leg.next_event_ns() for leg in self._legs)
 
     # --- faults -------------------------------------------------------------------------------
 
     def command(self, line: str) -> str:
-        """Obey one line of text (see `faults.py`); says what has been done.
+        """Execute one line of text (see `script.py`); returns what has been done.
 
         Raises:
-            FaultCommandError: the line makes no sense; says why.
+            FaultCommandError: the line is invalid; the message gives the reason.
         """
         order = parse_command(line)
         self.inject(order)

@@ -1,8 +1,8 @@
 """The simulated bus as an interface of python-can: `can.Bus(interface="gaitd", channel=PATH)`.
 
-Registered by an entry point, so that `can.logger -i gaitd -c PATH`, `can.viewer`, and programs of
-others join the bus of `gaitd sim`. By default the program is a listener: it receives all frames,
-may send, and its time-outs are of the computer's clock. With `in_step=True` it is a seat that
+Registered by an entry point, so that `can.logger -i gaitd -c PATH`, `can.viewer`, and other
+programs can join the bus of `gaitd sim`. By default the program is a listener: it receives all
+frames, may send, and its time-outs use the computer's clock. With `in_step=True` it is a seat that
 simulated time waits for: its time-outs are simulated, and time passes only while it receives.
 """
 
@@ -20,7 +20,7 @@ _FOR_EVER_S = 3600.0
 
 
 class SimulatedCanBus(can.BusABC):
-    """A station on the simulated bus."""
+    """A python-can bus that is a seat on the simulated bus."""
 
     def __init__(
         self,
@@ -31,14 +31,14 @@ class SimulatedCanBus(can.BusABC):
         can_filters: can.typechecking.CanFilters | None = None,
         **kwargs: object,
     ) -> None:
-        """Join.
+        """Join the bus.
 
         Args:
             channel: path of the socket of `gaitd sim`.
             in_step: simulated time waits for this program.
-            name: of the seat.
+            name: name of the seat.
             can_filters: as python-can's.
-            kwargs: what python-can hands to every interface, such as `bitrate`; unused.
+            kwargs: what python-can passes to every interface, such as `bitrate`; unused.
 
         Raises:
             can.CanInitializationError: `gaitd sim` does not answer there.
@@ -56,7 +56,7 @@ class SimulatedCanBus(can.BusABC):
         super().__init__(channel=channel, can_filters=can_filters)
 
     def fileno(self) -> int:
-        """For python-can's Notifier."""
+        """Return the descriptor for python-can's Notifier."""
         return self._link.fileno()
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:

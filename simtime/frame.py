@@ -1,4 +1,4 @@
-"""A CAN frame, as every bus of this project hands it over."""
+"""A CAN frame, as every bus of this project returns it."""
 
 from typing import NamedTuple
 
@@ -9,6 +9,6 @@ class Frame(NamedTuple):
     can_id: int
     data: bytes
     time_ns: int = 0
-    """When it arrived, by the wall clock (of this machine's kernel, or simulated); 0 if unknown."""
+    """Time of arrival, by the wall clock (of this machine's kernel, or simulated); 0 if unknown."""
     is_error: bool = False
-    """An error frame (`drives/bus_state.py`): `can_id` holds the error class."""
+    """An error frame (`drives/canopen/bus_state.py`): `can_id` holds the error class."""

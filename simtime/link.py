@@ -1,8 +1,8 @@
-"""A seat's end of simulated time: frames out, frames in, and time that passes while it waits.
+"""Client side of simulated time: sends and receives frames, and lets time pass while it waits.
 
-`Link` is what bus and clock of a service are made of in simulated time: `SocketLink` in a process
-of its own, and `sim_drives.conductor.DirectLink` in the process of the virtual drives. With the
-server's `--wall-clock` a `SocketLink` carries frames alone, and waits by the computer's clock.
+Bus and clock of a service in simulated time use a `Link`: `SocketLink` in a process of its own, and
+`sim_drives.time.conductor.DirectLink` in the process of the virtual drives. With the server's
+`--wall-clock` a `SocketLink` carries frames alone, and waits by the computer's clock.
 """
 
 import contextlib
@@ -19,19 +19,19 @@ from simtime.page import PageError, SimulatedTime, page_path
 from simtime.wire import Role
 
 CONNECT_TIMEOUT_S: Final = 5.0
-"""For the server's WELCOME."""
+"""Time limit for the server's WELCOME."""
 WATCHED_TIMEOUT_S: Final = 0.5
-"""The same where a watchdog goes by the computer's clock."""
+"""Time limit for the WELCOME, if a watchdog uses the computer's clock."""
 _LAST_LOOKS: Final = 1000
 _POLL_MAX_NS: Final = 1_000_000_000
 
 
 class LinkLostError(Exception):
-    """There is no server, or it has ended or refused: says which."""
+    """There is no server, or it has ended or refused; the message states which."""
 
 
 class Link(Protocol):
-    """What a bus and a clock in simulated time need."""
+    """The interface that a bus and a clock in simulated time need."""
 
     def now_ns(self) -> int:
         """Simulated time."""
@@ -45,7 +45,7 @@ class Link(Protocol):
         """Take the seat, unless it is taken.
 
         Raises:
-            LinkLostError: there is none to be had.
+            LinkLostError: the seat is not available.
         """
         ...
 
@@ -58,7 +58,7 @@ class Link(Protocol):
         ...
 
     def send(self, frames: Sequence[Frame]) -> int:
-        """Put frames on the bus now; the number that found no room.
+        """Put frames on the bus now; return the number that did not fit into the queue.
 
         Raises:
             LinkLostError: the bus is gone.
@@ -74,15 +74,15 @@ class Link(Protocol):
         ...
 
     def take(self) -> list[Frame]:
-        """The frames that have come, each once."""
+        """Return the received frames, each once."""
         ...
 
 
 class SocketLink:
     """A seat over the socket of `gaitd sim`.
 
-    Before it is taken its time is that of the server's page. When a server has gone, time goes on
-    by the computer's clock from where it was; a later server begins no earlier than that.
+    Before the seat is taken its time is that of the server's page. When a server has ended, time
+    continues by the computer's clock from its last value; a later server begins no earlier.
     """
 
     def __init__(
@@ -94,14 +94,14 @@ class SocketLink:
         wall_clock_only: bool = False,
         patience_s: float | None = None,
     ) -> None:
-        """Name the seat; it is taken by `open`.
+        """Configure the seat; it is taken by `open`.
 
         Args:
-            path: of the server's socket.
-            role: what the seat is to time.
-            name: for people, and for `stall NAME`.
+            path: path of the server's socket.
+            role: role of the seat for time.
+            name: name for messages, and for `stall NAME`.
             wall_clock_only: refuse a server whose time is simulated.
-            patience_s: for any answer, of the computer's time; None: for ever, as a core has it.
+            patience_s: time limit for any answer, of the computer's time; None: unlimited (core).
         """
         self._path, self._role, self._name = path, role, name
         self._wall_clock_only = wall_clock_only
@@ -122,7 +122,7 @@ class SocketLink:
     # --- time ---------------------------------------------------------------------------------
 
     def now_ns(self) -> int:
-        """As `Link.now_ns`: the page's, so a process that was stopped sees how long."""
+        """As `Link.now_ns`: the page's time, so a stopped process sees how much has passed."""
         if self._is_wall_clock:
             return time.monotonic_ns()
         if self._page is None or (self._socket is None and self._was_open):
@@ -136,7 +136,7 @@ class SocketLink:
 
     @property
     def is_in_step(self) -> bool:
-        """Whether the seat is taken, and its time simulated."""
+        """True if the seat is taken, and its time simulated."""
         return self._socket is not None and not self._is_wall_clock
 
     # --- the seat -----------------------------------------------------------------------------
@@ -183,7 +183,7 @@ class SocketLink:
         self._existing()
 
     def fileno(self) -> int:
-        """For poll(): readable when something has come.
+        """Return the descriptor for poll(): readable when a message has come.
 
         Raises:
             LinkLostError: the seat is not taken.
@@ -191,7 +191,7 @@ class SocketLink:
         return self._existing().fileno()
 
     def close(self) -> None:
-        """Leave the seat; time goes on by the computer's clock."""
+        """Leave the seat; time continues by the computer's clock."""
         if self._socket is not None:
             now_ns = self.now_ns()
             self._socket.close()
@@ -208,8 +208,8 @@ class SocketLink:
         return 0 if all(said) else len(frames)
 
     def say_here(self) -> None:
-        """Say that we ask for nothing yet, for a reason: else we would be taken for hung."""
-        with contextlib.suppress(LinkLostError):  # the next use of the bus says so
+        """Send a sign of life while no request is made: otherwise the seat would count as hung."""
+        with contextlib.suppress(LinkLostError):  # the next use of the bus raises it
             self._say(wire.pack_here(self.now_ns()))
 
     def wait(self, until_ns: int, *, for_frame: bool) -> None:
@@ -228,7 +228,7 @@ class SocketLink:
         return frames
 
     def receive_waiting(self) -> None:
-        """Take in what has come, without waiting; for listeners.
+        """Read the messages that have come, without waiting; for listeners.
 
         Raises:
             LinkLostError: the server has ended.
@@ -237,10 +237,10 @@ class SocketLink:
             self._accept(self._hear())
 
     def command(self, line: str) -> str:
-        """A command of a test, and its answer.
+        """Send a command of a test, and return its answer.
 
         Raises:
-            ValueError: the server refuses it; with its words.
+            ValueError: the server refuses it; with the server's message.
             LinkLostError: the server has ended.
         """
         self._say(wire.pack_hand(line))
@@ -258,7 +258,7 @@ class SocketLink:
             left_ns = until_ns - time.monotonic_ns()
             if left_ns <= 0:
                 return
-            if not for_frame:  # what comes meanwhile waits in the socket
+            if not for_frame:  # frames that come meanwhile wait in the socket
                 time.sleep(left_ns * 1e-9)
             elif poller.poll(min(left_ns, _POLL_MAX_NS) * 1e-6):
                 self.receive_waiting()
@@ -273,7 +273,7 @@ class SocketLink:
                 self._lose(f"`gaitd sim` answers with {type(other).__name__}")
 
     def _say(self, message: bytes) -> bool:
-        """Whether there was room for it."""
+        """Send a message; return whether there was room for it."""
         try:
             self._existing().send(message, socket.MSG_DONTWAIT * self._is_wall_clock)
         except BlockingIOError:
@@ -303,7 +303,7 @@ class SocketLink:
         raise LinkLostError(f"`gaitd sim` refuses what was sent: {told}" if told else why)
 
     def _last_words(self) -> str:
-        """Why the server has hung up, where it said so: its message may still wait to be read."""
+        """Return the server's reason for disconnecting, if its message is still unread."""
         end = self._existing()
         end.setblocking(False)
         for _ in range(_LAST_LOOKS):

@@ -1,7 +1,7 @@
-"""The time page: simulated time as a file in memory, for those who only read it.
+"""The time page: simulated time as a file in memory, for processes that only read it.
 
 `gaitd sim` writes it at each advance, beside its socket (SOCKET.time). The gateway, the
-demonstration, the tests and a core that computes read it. Cells of 64 bit, little-endian:
+demonstration, the tests and a computing core read it. Cells of 64 bit, little-endian:
 
     0  magic        "GAITDTP1"; the last character is the version
     1  now_ns       simulated time, monotonic
@@ -11,13 +11,13 @@ demonstration, the tests and a core that computes read it. Cells of 64 bit, litt
     5  pid          of the process that writes
     6  wall_ns      the computer's monotonic clock when now_ns was written
 
-It is read and written whole, by `pread` and `pwrite`: a mapped file that another program cuts short
-ends who looks at it with SIGBUS. The cells lie within 64 bytes, which the kernel copies by words at
-least, so a reader never sees half a number. A page that was cut short or overwritten is whole again
-at the next advance; until then a reader goes by what it read last.
+It is read and written as a whole, by `pread` and `pwrite`: if another program truncates a mapped
+file, its readers end with SIGBUS. The cells lie within 64 bytes, which the kernel copies by words
+at least, so a reader never sees half a number. A page that was truncated or overwritten is valid
+again at the next advance; until then a reader uses the values that it read last.
 
-The file outlives its writer. While no writer lives, time goes on by the computer's clock from where
-it was left: a reader's ages go on growing, and a later writer begins there.
+The file outlives its writer. While no writer lives, time continues by the computer's clock from its
+last value: a reader's ages keep growing, and a later writer begins there.
 """
 
 import contextlib
@@ -31,15 +31,15 @@ from typing import Final, NamedTuple
 MAGIC: Final = b"GAITDTP1"
 SUFFIX: Final = ".time"
 ALIVE_CHECK_NS: Final = 200_000_000
-"""A time that stands still for longer makes a reader look whether its writer lives."""
+"""Time without an advance after which a reader checks whether the writer is alive."""
 _LAYOUT: Final = struct.Struct("<8s6q")
 _NAME: Final = MAGIC[:-1]
 _NO_PROCESS: Final = 2**31 - 1
-"""Beyond every process id."""
+"""Above every process id."""
 
 
 class PageError(Exception):
-    """The file is no time page: names it and what is wrong."""
+    """The file is no time page; the message names the file and the error."""
 
 
 class _Cells(NamedTuple):
@@ -52,18 +52,18 @@ class _Cells(NamedTuple):
 
 
 def page_path(socket_path: Path) -> Path:
-    """Where the page of a server lies."""
+    """Return the path of a server's page."""
     return socket_path.with_name(socket_path.name + SUFFIX)
 
 
 class PageWriter:
-    """The server's end."""
+    """The server's side of the page."""
 
     def __init__(self, path: Path) -> None:
-        """Open the page; make it if there is none.
+        """Open the page; create it if there is none.
 
         Raises:
-            OSError: it cannot be made or written, or is a file of something else.
+            OSError: it cannot be created or written, or it is another kind of file.
         """
         self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
         weakref.finalize(self, os.close, self._file)
@@ -73,18 +73,18 @@ class PageWriter:
         self._now_ns = self._utc_ahead_ns = self._pace_thousandths = 0
         self._wall_clock, self._pid = False, _NO_PROCESS
         self.left_ns: int = 0
-        """The time by now, behind an earlier server; 0 where there was none."""
+        """The present time, continued from an earlier server; 0 if there was none."""
         if data.startswith(MAGIC) and len(data) == _LAYOUT.size:
             left = _Cells._make(_LAYOUT.unpack(data)[1:])
             self.left_ns = left.now_ns + max(time.monotonic_ns() - left.wall_ns, 0)
 
     def begin(self, now_ns: int, utc_ahead_ns: int, *, wall_clock: bool) -> None:
-        """Say that we write from now on."""
+        """Mark this process as the writer."""
         self._utc_ahead_ns, self._wall_clock, self._pid = utc_ahead_ns, wall_clock, os.getpid()
         self.write(now_ns)
 
     def write(self, now_ns: int) -> None:
-        """Time has passed."""
+        """Write the advanced time."""
         self._now_ns = now_ns
         cells = (
             now_ns,
@@ -97,25 +97,25 @@ class PageWriter:
         os.pwrite(self._file, _LAYOUT.pack(MAGIC, *cells), 0)
 
     def leave(self) -> None:
-        """Say that we write no more."""
+        """Mark the page as having no writer."""
         self._pid = _NO_PROCESS
         self.write(self._now_ns)
 
     def write_pace(self, pace_ratio: float) -> None:
-        """How fast time is meant to pass; 0: as fast as it can."""
+        """Write the intended pace; 0: as fast as it can."""
         self._pace_thousandths = round(pace_ratio * 1000)
         self.write(self._now_ns)
 
 
 class SimulatedTime:
-    """A reader's end: a `Clock` that cannot wait, monotonic over every change of the server."""
+    """The reader's side: a `Clock` that cannot wait, monotonic over every change of the server."""
 
     def __init__(self, path: Path) -> None:
         """Open the page.
 
         Raises:
             FileNotFoundError: there is none.
-            PageError: it is none, or of another version.
+            PageError: it is no page, or of another version.
         """
         self._file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         weakref.finalize(self, os.close, self._file)
@@ -134,12 +134,12 @@ class SimulatedTime:
 
     @property
     def pace_ratio(self) -> float:
-        """How fast time is meant to pass; 0: as fast as it can."""
+        """The intended pace of time; 0: as fast as it can."""
         return self._read().pace_thousandths / 1000
 
     @property
     def is_wall_clock(self) -> bool:
-        """Time is the computer's monotonic clock."""
+        """True if time is the computer's monotonic clock."""
         return bool(self._read().wall_clock)
 
     def now_ns(self) -> int:
@@ -161,7 +161,7 @@ class SimulatedTime:
         return time.time_ns() if self.is_wall_clock else self.now_ns() + self.utc_ahead_ns()
 
     def utc_ahead_ns(self) -> int:
-        """Simulated UTC less simulated time; constant but for a wall clock that is set."""
+        """Simulated UTC less simulated time; changes only when the wall clock is set."""
         cells = self._read()
         return time.time_ns() - time.monotonic_ns() if cells.wall_clock else cells.utc_ahead_ns
 
@@ -173,7 +173,7 @@ class SimulatedTime:
 
 
 def _lives(pid: int) -> bool:
-    with contextlib.suppress(PermissionError):  # of another user, and there
+    with contextlib.suppress(PermissionError):  # the process exists and belongs to another user
         try:
             os.kill(pid, 0)
         except ProcessLookupError:

@@ -1,16 +1,16 @@
-"""What the computer says of a process that is waited for."""
+"""State of a process that simulated time waits for."""
 
 from pathlib import Path
 from typing import Final
 
 STOPPED: Final = "T"
-"""As after SIGSTOP: it is not waited for."""
+"""Stopped, as after SIGSTOP: the process is not waited for."""
 IN_A_DEBUGGER: Final = "t"
-"""At a breakpoint: it is waited for, however long."""
+"""Stopped by a debugger: the process is waited for without a limit."""
 
 
 def process_state(pid: int) -> str:
-    """The state of a process as /proc has it, `T` for a stopped one; empty if it is gone."""
+    """Return the state of a process from /proc, `T` for a stopped one; empty if it is gone."""
     try:
         text = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
     except OSError:

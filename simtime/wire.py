@@ -13,15 +13,15 @@ numbers are little-endian. The first byte is the kind of the message; the rest:
     WELCOME  i64 now_ns, i64 utc_ahead_ns, u8 wall_clock
     FRAMES   frames                              came on the bus; before the GRANT of a seat's WAIT
     GRANT    i64 now_ns                          the wait is over; time stands until the next WAIT
-    DONE     text                                what the command has done
-    REFUSED  text                                what is wrong; the server then hangs up, but on
-                                                 a HAND
+    DONE     text                                result of the command
+    REFUSED  text                                the error; the server then disconnects, except
+                                                 after a HAND
 
     a frame  u32 can_id, u8 length, u8 flags, i64 time_ns, 8 bytes of data    (22 bytes)
              flags: bit 0 is an error frame of the controller
 
-A frame's time_ns is simulated UTC (time + utc_ahead_ns) of its arrival. At most FRAMES_MAX frames
-stand in one message; more come in several.
+A frame's time_ns is simulated UTC (time + utc_ahead_ns) of its arrival. One message holds at most
+FRAMES_MAX frames; more come in several.
 """
 
 import struct
@@ -51,20 +51,20 @@ class Kind(IntEnum):
 
 
 class Role(IntEnum):
-    """What a seat is to the passing of time."""
+    """The role of a seat for the passing of time."""
 
     IN_STEP = 1
-    """Time waits for it: a core, an integrator's node that is simulated as well."""
+    """Time waits for this seat: a core, an integrator's node that is simulated as well."""
     BESIDE = 2
-    """Its waits are granted in simulated time, and time does not wait for it: a tool."""
+    """Time grants this seat's waits, but does not wait for the seat: a tool."""
     LISTENER = 3
-    """It receives all frames, may send, and never waits: a logger."""
+    """This seat receives all frames, may send, and never waits: a logger."""
     HAND = 4
-    """It commands: a test that holds time, lets it run, injects faults."""
+    """This seat sends commands: a test that holds time, lets it run, injects faults."""
 
 
 class WireError(ValueError):
-    """A message that is none: says what is wrong with it."""
+    """The message is invalid; the text gives the reason."""
 
 
 _HELLO: Final = struct.Struct("<BBq")
@@ -96,11 +96,11 @@ class Send(NamedTuple):
 
 
 class Wait(NamedTuple):
-    """How far time may go."""
+    """A request to let time pass."""
 
     until_ns: int
     for_frame: bool
-    """Or to the first frame, if one comes before."""
+    """True if the first frame ends the wait, too."""
 
 
 class Hand(NamedTuple):
@@ -116,7 +116,7 @@ class Welcome(NamedTuple):
     utc_ahead_ns: int
     """Simulated UTC less simulated time."""
     wall_clock: bool
-    """Time is the computer's monotonic clock: nothing is waited for, nothing is granted."""
+    """True if time is the computer's monotonic clock: nothing is waited for, nothing is granted."""
 
 
 class Frames(NamedTuple):
@@ -143,55 +143,55 @@ FromServer = Welcome | Frames | Grant | Told
 
 
 def pack_hello(role: Role, now_ns: int, name: str) -> bytes:
-    """A HELLO."""
+    """Pack a HELLO."""
     return _HELLO.pack(Kind.HELLO, role, now_ns) + name.encode()
 
 
 def pack_send(now_ns: int, frames: Sequence[Frame]) -> Iterator[bytes]:
-    """As many SENDs as the frames need."""
+    """Pack frames into as many SENDs as needed."""
     head = _SEND.pack(Kind.SEND, now_ns)
     return (head + part for part in _packed(frames))
 
 
 def pack_here(now_ns: int) -> bytes:
-    """A SEND without frames: the seat asks for nothing yet, and is no hung one."""
+    """Pack a SEND without frames: a sign of life while the seat makes no request."""
     return _SEND.pack(Kind.SEND, now_ns)
 
 
 def pack_wait(until_ns: int, *, for_frame: bool) -> bytes:
-    """A WAIT."""
+    """Pack a WAIT."""
     return _WAIT.pack(Kind.WAIT, until_ns, for_frame)
 
 
 def pack_hand(line: str) -> bytes:
-    """A HAND."""
+    """Pack a HAND."""
     return bytes((Kind.HAND,)) + line.encode()
 
 
 def pack_welcome(welcome: Welcome) -> bytes:
-    """A WELCOME."""
+    """Pack a WELCOME."""
     return _WELCOME.pack(Kind.WELCOME, *welcome)
 
 
 def pack_frames(frames: Sequence[Frame]) -> Iterator[bytes]:
-    """As many FRAMES as the frames need."""
+    """Pack frames into as many FRAMES as needed."""
     head = bytes((Kind.FRAMES,))
     return (head + part for part in _packed(frames))
 
 
 def pack_grant(now_ns: int) -> bytes:
-    """A GRANT."""
+    """Pack a GRANT."""
     return _GRANT.pack(Kind.GRANT, now_ns)
 
 
 def pack_told(text: str, *, refused: bool) -> bytes:
-    """A DONE or a REFUSED."""
+    """Pack a DONE or a REFUSED."""
     kind = Kind.REFUSED if refused else Kind.DONE
     return bytes((kind,)) + text.encode()[: MESSAGE_SIZE_MAX - 1]
 
 
 def read_to_server(data: bytes) -> ToServer:
-    """What a seat has sent.
+    """Parse a message of a seat.
 
     Raises:
         WireError: it is no message of a seat.
@@ -218,7 +218,7 @@ def read_to_server(data: bytes) -> ToServer:
 
 
 def read_from_server(data: bytes) -> FromServer:
-    """What the server has sent.
+    """Parse a message of the server.
 
     Raises:
         WireError: it is no message of a server.

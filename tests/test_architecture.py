@@ -26,14 +26,16 @@ PYTEST = "pytest is not needed to run gaitd: only the plugin that it ships impor
 NEUTRAL = "simulated time is neutral ground: it imports nothing of ours"
 JUDGEMENT = "commands ask whether a configuration is good; nothing that they start does"
 PLANTS = (
-    Plant("drives", "daemon.record", "drives and observer know nothing of ours"),
+    Plant("drives", "daemon.ipc.record", "drives and observer know nothing of ours"),
     Plant("observer", "drives.signals", "drives and observer never see each other"),
-    Plant("daemon.core", "sim_drives.actuation", "production never imports the virtual drives"),
-    Plant("sim_drives", "observer.cdkf", PHYSICS),
+    Plant(
+        "daemon.core", "sim_drives.plant.actuation", "production never imports the virtual drives"
+    ),
+    Plant("sim_drives", "observer.filter.cdkf", PHYSICS),
     Plant("sim_drives", "drives.signals", PHYSICS),
     Plant(
         "daemon.gateway",
-        "daemon.core.safety",
+        "daemon.core.safety.checks",
         "the gateway sees neither drives nor observer nor core",
     ),
     Plant("daemon.core", "zenoh", "the core sees no network and no gateway"),

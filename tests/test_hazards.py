@@ -5,7 +5,7 @@ import re
 from functools import cache
 from pathlib import Path
 
-from daemon.record import Cause
+from daemon.ipc.record import Cause
 
 PROJECT = Path(__file__).resolve().parent.parent
 PAGE = PROJECT / "docs" / "hazards.md"
@@ -82,7 +82,7 @@ def test_what_a_row_says_is_wired_is_a_condition_of_the_page():
 
 
 def test_no_decision_reads_the_time_of_day():
-    """Only `daemon/clock.py` may, for records; the linter holds `time`, this holds `datetime`."""
+    """Only `daemon/system/clock.py` may, for records; the linter holds `time`, this `datetime`."""
     for package in ("daemon", "drives", "observer"):
         for file in sorted((PROJECT / package).rglob("*.py")):
             if file.name == "clock.py":

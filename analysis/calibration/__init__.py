@@ -1,7 +1,8 @@
 """Calibration: friction, springs, drive inertia and encoder noise of the empty machine.
 
-Reading order: `motion` (recordings made ready), `innovations` (the filter whose surprises are
-scored), `quantities` (what may be calibrated), `start` (a guess by regression), `likelihood` and
-`fit` (maximum likelihood, intervals, what cannot be told), `empty_check` (wrong recline, spring or
-offset), `verdict` (before and after on held-out data), `advice`, `robot_file`, `figures`, `page`.
+Reading order: `motion` (recordings prepared), `innovations` (the filter whose innovations are
+scored), `quantities` (what can be calibrated), `start` (initial values by regression), `likelihood`
+and `fit` (maximum likelihood, intervals, unidentifiable values), `empty_check` (wrong recline,
+spring or offset), `verdict` (before and after on held-out data), `advice`, `robot_file`, `figures`,
+`page`.
 """

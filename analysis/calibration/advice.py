@@ -1,4 +1,4 @@
-"""What a recording cannot tell, in words, and what to record instead."""
+"""Advice on what to record for quantities that a recording does not identify."""
 
 from typing import Final
 
@@ -12,7 +12,7 @@ REVERSALS_MIN: Final = 4
 
 
 def advice(motion: Motion, results: tuple[Result, ...]) -> list[str]:
-    """One line for each axis and kind of quantity that the recording cannot tell."""
+    """One line for each axis and kind of quantity that the recording does not identify."""
     lines: list[str] = []
     for axis, name in enumerate(AXES):
         shown = [one for one in results if one.quantity.axis == axis and one.shown]

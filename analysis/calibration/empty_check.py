@@ -1,12 +1,12 @@
-"""Is the mechanism itself right? What the empty machine's effort leaves over position says so.
+"""Check of the mechanism: residual efforts of the empty machine over position.
 
-The effort that inertia, weight and springs of the file leave is friction of the shape
+The residual effort after inertia, weight and springs of the file is friction of the form
 
     F = coulomb tanh(v / transition) + hump + viscous v      per axis, free factors
 
-plus, where one number of the mechanism is wrong, the change of weight and springs that it makes.
-Each candidate is tried alone, with the friction free beside it; the one that leaves least explains
-best. NIS cannot see this: the observer's integrators absorb it.
+plus, where one number of the mechanism is wrong, the resulting change of weight and springs.
+Each candidate is fitted alone, together with the free friction; the one with the smallest residual
+explains best. NIS does not detect this: the observer's integrators absorb it.
 """
 
 import math
@@ -25,10 +25,10 @@ from analysis.calibration.start import FAST, moved, unexplained
 from analysis.recording import RecordingError
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
-from observer.mechanism import WorkspaceError, knee_angle
-from observer.parameters import LegParameters
+from observer.filter.status import START_KNEE_MIN_RAD
+from observer.mechanism.mechanism import WorkspaceError, knee_angle
+from observer.mechanism.parameters import LegParameters
 from observer.quantities import Number
-from observer.status import START_KNEE_MIN_RAD
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -36,11 +36,11 @@ Matrix = NDArray[np.float64]
 BLOCK_ROWS: Final = 100
 """Rows that count as one independent sample: a second."""
 NOTICED: Final = 0.04
-"""Effort that a wrong mechanism must explain, rms and of the Coulomb level, to be worth a word."""
+"""Least effort, rms over the Coulomb level, that a wrong mechanism must explain to be reported."""
 SIGNIFICANT: Final = 12.0
-"""Fall of the misfit in block units (chi squared with one degree of freedom)."""
+"""Least fall of the misfit in block units (chi squared with one degree of freedom)."""
 AS_GOOD: Final = 9.0
-"""In the same units: a candidate that explains so little less cannot be told from the best."""
+"""In the same units: a candidate this close to the best cannot be distinguished from it."""
 
 
 class Candidate(NamedTuple):
@@ -50,7 +50,7 @@ class Candidate(NamedTuple):
     unit: str
     scale: Number
     changed: Callable[[Robot, float], Robot]
-    """The robot with the number changed by so much."""
+    """Returns the robot with the number changed by this amount."""
 
 
 def _table(robot: Robot, table: str, field: str, change: float) -> Robot:
@@ -70,7 +70,7 @@ def _in(table: str, field: str) -> Callable[[Robot, float], Robot]:
 
 
 CANDIDATES: Final = (
-    # The same to the mechanism: both turn the thigh against gravity.
+    # Equivalent for the mechanism: both turn the thigh against gravity.
     Candidate("recline or hip encoder offset", "deg", 5.0, _in("geometry", "recline_deg")),
     Candidate("slide encoder offset", "m", 0.05, _along_rail),
     Candidate("hip spring stiffness", "N·m/rad", 4.0, _in("springs", "hip_stiffness_nm_per_rad")),
@@ -88,19 +88,19 @@ CANDIDATES: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """How well a change of one number explains what is left."""
+    """Explanation of the residual by a change of one number."""
 
     words: str
     unit: str
     change: Number
     half_interval: Number
     explained_ratio: float
-    """Share of the misfit that the best friction alone leaves."""
+    """Share of the misfit of friction alone."""
     fall: Number
 
     @property
     def mendable(self) -> bool:
-        """Whether a calibration, which fits springs and drives, mends it."""
+        """True if a calibration, which fits springs and drives, corrects it."""
         return "spring" in self.words or "drive" in self.words
 
     def __str__(self) -> str:
@@ -109,18 +109,18 @@ class Explanation:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """The verdict on the mechanism."""
+    """Result of the check of the mechanism."""
 
     well: bool
     best: Explanation
     as_good: tuple[Explanation, ...]
     hip_left_nm: float
     slide_left_n: float
-    """Rms that the best friction leaves, and the mechanism might explain."""
+    """Rms residual of the best friction, which the mechanism might explain."""
 
     @property
     def mendable(self) -> bool:
-        """Whether all is well, or what may be wrong is what calibration corrects."""
+        """True if nothing is wrong, or if calibration corrects it."""
         return self.well or any(one.mendable for one in (self.best, *self.as_good))
 
     def __str__(self) -> str:
@@ -141,7 +141,7 @@ class Check:
 
 
 def refuse_wrong_branch(robot: Robot, motion: Motion) -> None:
-    """The pose that a recording begins with must be one of a leg.
+    """Refuse a recording whose first pose is impossible for a leg.
 
     Raises:
         RecordingError: the mechanism does not close there, or the knee is bent backwards.
@@ -202,7 +202,7 @@ def _explain(
     misfit = 2.0 * float(found.cost)
     blocks = regression.block_count
     slope = float(np.sum(found.jac**2))
-    # Of the variance that is left, in independent samples.
+    # Share of the remaining variance, in independent samples.
     std = math.sqrt(misfit / blocks / max(slope / len(found.fun), 1e-12) / len(found.fun))
     return Explanation(
         candidate.words,
@@ -215,7 +215,7 @@ def _explain(
 
 
 class _Regression:
-    """Efforts left over, with the friction's free factors taken out; in units of Coulomb levels."""
+    """Residual efforts without the friction's free factors; in units of Coulomb levels."""
 
     def __init__(self, robot: Robot, motion: Motion) -> None:
         self.motion = motion
@@ -239,7 +239,7 @@ class _Regression:
 
     @property
     def block_count(self) -> float:
-        """Independent samples."""
+        """Number of independent samples."""
         return sum(float(np.count_nonzero(rows)) for rows in self.rows) / BLOCK_ROWS
 
     def _base(self, axis: int, chosen: NDArray[np.bool_], *, sprung: bool) -> Matrix:
@@ -248,7 +248,8 @@ class _Regression:
         speed = FAST[axis] / 3
         slow = np.sign(v) * np.exp(-np.abs(v) / speed)
         base = (np.sign(v), slow, v, v * np.abs(v), np.tanh(before / 0.5) * slow)
-        # Without a spring, whose rest makes one, a constant effort is fitted beside friction.
+        # Without a spring, whose rest position adds one, a constant effort is fitted beside
+        # friction.
         return np.column_stack(base if sprung else (*base, np.ones(len(v))))
 
     def _left(self, leg: LegParameters, robot: Robot) -> Matrix:
@@ -271,13 +272,13 @@ class _Regression:
         return float(np.sum(self.differences(robot) ** 2))
 
     def noticed(self, robot: Robot, best: Explanation) -> float:
-        """Rms effort that the change makes, of the Coulomb level."""
+        """Rms effort of the change, over the Coulomb level."""
         candidate = next(one for one in CANDIDATES if one.words == best.words)
         change = self.differences(candidate.changed(robot, best.change)) - self.differences(robot)
         return float(np.sqrt(np.mean(change**2)))
 
     def left_rms(self, robot: Robot) -> tuple[float, float]:
-        """N·m and N that the best friction leaves."""
+        """Rms residual of the best friction, N·m and N."""
         left = self._left(leg_parameters(robot), robot)
         made: list[float] = []
         for axis in range(2):

@@ -1,4 +1,4 @@
-"""Pictures of a calibration: friction over velocity, and what is left before and after."""
+"""Pictures of a calibration: friction over velocity, and residuals before and after."""
 
 from pathlib import Path
 from typing import Final
@@ -11,7 +11,7 @@ from analysis.calibration.quantities import law_of
 from analysis.calibration.session import Calibration
 from analysis.calibration.start import left_over
 from analysis.drawing import BAD, ESTIMATE, MEASURED, TEXT, legend, limit_to, style
-from observer.friction import static_friction_of
+from observer.mechanism.friction import static_friction_of
 
 DPI: Final = 100
 POINTS_MAX: Final = 2000
@@ -22,7 +22,7 @@ PLACES: Final = ("rad", "m")
 
 
 def draw_friction(made: Calibration, path: Path) -> None:
-    """The law of both axes, fitted and before, over what the motion says; a PNG."""
+    """Draw the friction law of both axes, before and after, over the recorded motion; a PNG."""
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     left = left_over(made.fit.frame, made.fit.natural, made.motion)
     for axis, axes in enumerate(figure.subplots(1, 2)):
@@ -33,7 +33,7 @@ def draw_friction(made: Calibration, path: Path) -> None:
             speed[chosen], left[chosen, axis], ".", color=MEASURED, ms=2, alpha=0.35, label="motion"
         )
         top = float(np.quantile(np.abs(speed), 0.999)) * 1.05 + 1e-3
-        # Dense about zero, where the law turns.
+        # Dense about zero, where the law is curved.
         grid = np.linspace(-1, 1, 801) ** 3 * top
         for natural, colour, words in (
             (made.fit.frame.natural, BAD, "before"),
@@ -50,7 +50,7 @@ def draw_friction(made: Calibration, path: Path) -> None:
 
 
 def draw_residuals(made: Calibration, path: Path) -> None:
-    """What the observer takes for a patient in the empty machine, before and after; a PNG."""
+    """Draw the false patient effort in the empty machine, before and after; a PNG."""
     figure = Figure(figsize=(10, 7.2), layout="constrained")
     rows = figure.subplots(2, 2)
     for axis in range(2):

@@ -1,12 +1,12 @@
-"""Maximum likelihood, intervals, and what a recording cannot tell.
+"""Maximum likelihood, intervals, and values that a recording does not identify.
 
-A trust region walks on the likelihood with Fisher's information for its curvature. The likelihood
-has more than one optimum: so it walks from several starts, and the best end counts. Two ends that
-explain the recording equally well and say different things are a reason not to believe either.
+A trust region method maximises the likelihood with Fisher's information as its curvature. The
+likelihood has more than one optimum: the search runs from several starts, and the best end counts.
+If two ends explain the recording equally well with different values, neither is trusted.
 
-What turns out to have too wide an interval, or to go along with another by more than
-CORRELATION_MAX, goes back to the value of the file, and the rest is fitted once more. A narrow
-interval stands whatever it goes along with, because it counts that already.
+A value with too wide an interval, or a correlation with another beyond CORRELATION_MAX, returns to
+the value of the file, and the rest is fitted once more. A value with a narrow interval stays
+whatever its correlation, which the interval already includes.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -44,31 +44,32 @@ from observer.quantities import Number
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Progress = Callable[[str, float], None]
-"""Told in words where it is, and the share done."""
+"""Called with a text of the present step, and the share done."""
 
 CORRELATION_MAX: Final = 0.98
 INTERVAL_MAX_RATIO: Final = 0.5
-"""Of a 95 % half interval to its value; wider is not known."""
+"""Largest 95 % half interval over the value; a wider one counts as unknown."""
 QUANTILE: Final = 1.959964
 STEPS_MAX: Final = 40
 START_NOISE: Final = 0.03
-"""Effort noise to begin with, of the Coulomb level: what is blurred has fewer valleys."""
+"""Initial effort noise over the Coulomb level: larger noise leaves fewer local optima."""
 START_FACTORS: Final = (0.4, 0.63, 1.0, 1.6, 2.5)
 START_ENCODERS: Final = (1.0, 30.0, 1 / 30.0)
-"""Encoder noise to begin with, in the file's: what is far too large hides everything else."""
+"""Initial encoder noise over the file's: one that is far too large hides everything else."""
 START_HUMPS: Final = (0.01, 0.2)
-"""Humps to begin with, in Coulomb levels."""
+"""Initial humps, in Coulomb levels."""
 NOISE_STEPS_MAX: Final = 15
 STALLED_STEPS: Final = 6
-"""So many steps without a gain end a search."""
+"""Number of steps without a gain that ends a search."""
 HOPELESS: Final = 10.0
-"""Times the expected gain that a search may be worse than one before, or it ends."""
+"""A search ends when it is worse than an earlier one by this many times the expected gain."""
 SAME: Final = 25.0
-"""Squared distance from a known end, in standard deviations, at which a search ends there."""
+"""Squared distance from a known end, in standard deviations, at which a search ends."""
 EQUAL_PER_SAMPLE: Final = 0.01
-"""Logarithm of the likelihood: two ends that differ by less explain a recording equally well."""
+"""Log likelihood: two ends that differ by less explain a recording equally well."""
 LEVELS: Final = (0, 2, LAW_SIZE, LAW_SIZE + 2, *(SPRINGS + at for at in (0, 2, 3, 5)))
-"""What two such ends must agree in: Coulomb, viscous, stiffness and inertia of both axes."""
+"""Values in which two such ends must agree: Coulomb, viscous, stiffness and inertia of both
+axes."""
 ROUNDS: Final = 4
 NO_SPRING: Final = "the file says that there is none"
 FOLLOWS: Final = {
@@ -77,42 +78,42 @@ FOLLOWS: Final = {
     SPRINGS + 1: SPRINGS,
     SPRINGS + 4: SPRINGS + 3,
 }
-"""What moves with another although it is not told itself: the peak of the law lies above its
+"""Values that follow another one if they are not identified: the peak of the law lies above its
 Coulomb level, and a spring's rest keeps the effort in the middle."""
 WALL: Final = 1e4
-"""Stiffness of the bounds in units of the likelihood."""
+"""Stiffness of the bounds in units of likelihood."""
 TIGHT_RATIO: Final = 0.1
-"""Of an interval that is narrow enough however two values go along: it counts that already."""
+"""Interval that is narrow enough despite a correlation, which it already includes."""
 DECREMENT: Final = 1e-2
-"""Expected gain of the likelihood below which a search ends: a seventh of a standard deviation."""
+"""Expected gain of the likelihood at which a search ends: a seventh of a standard deviation."""
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """One quantity after the calibration."""
+    """Result of one quantity."""
 
     quantity: Quantity
     before: Number
     value: Number
     half_interval: Number
-    """95 %; NaN where it was not calibrated."""
+    """95 % half interval; NaN where it was not calibrated."""
     reason: str
-    """Why not; empty where it was."""
+    """Why it was not calibrated; empty where it was."""
 
     @property
     def calibrated(self) -> bool:
-        """Whether the recording told it."""
+        """True if the recording identified it."""
         return not self.reason
 
     @property
     def shown(self) -> bool:
-        """Whether the machine has such a thing."""
+        """True if the machine has such a part."""
         return self.reason != NO_SPRING
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """Everything that a fit leaves behind."""
+    """All results of a fit."""
 
     frame: Frame
     natural: Vector
@@ -120,20 +121,20 @@ class Fit:
     loss_per_sample: Number
     step_count: int
     rival: str
-    """What explains the recording equally well and says something else; empty if nothing does."""
+    """Another optimum that explains the recording equally well with other values; empty if none."""
 
 
 class _End(NamedTuple):
-    """Where a search ended."""
+    """End of a search."""
 
     free: Vector
     loss: Number
-    """With priors."""
+    """Loss including priors."""
     step_count: int
 
 
 class _Search:
-    """The likelihood with its priors as scipy wants it: value, gradient, curvature."""
+    """The likelihood with its priors in scipy's form: value, gradient, curvature."""
 
     def __init__(
         self,
@@ -168,7 +169,7 @@ class _Search:
         return loss if np.isfinite(loss) else 1e12
 
     def _beyond(self, x: Vector) -> Vector:
-        """How far outside of its bounds each value is, with its sign."""
+        """Distance of each value outside of its bounds, with its sign."""
         return x - np.clip(x, self.low, self.high)
 
     def all(self, x: Vector) -> tuple[float, Vector, Matrix]:
@@ -202,7 +203,7 @@ class _Search:
             raise StopIteration
 
     def _adds_nothing(self, x: Vector, loss: float, gain: float, curvature: Matrix) -> bool:
-        """Whether it is on its way to a known end, or to a worse one."""
+        """True if the search approaches a known end, or a worse one."""
         for end in self.known:
             away = x - end.free[self.which]
             if loss - HOPELESS * gain > end.loss or float(away @ curvature @ away) < SAME:
@@ -211,12 +212,12 @@ class _Search:
 
 
 def fit(frame: Frame, motion: Motion, progress: Progress) -> Fit:
-    """Calibrate what the rows that are not held out can tell.
+    """Calibrate the values that the rows that are not held out identify.
 
     Args:
-        frame: of the file to begin from.
+        frame: of the initial file.
         motion: the recording.
-        progress: told the misfit (minus log likelihood per sample) after each step.
+        progress: called with the misfit (minus log likelihood per sample) after each step.
     """
     likelihood = Likelihood(frame, motion, ~motion.held_out)
     reasons = _fixed(frame, motion)
@@ -260,7 +261,7 @@ def fit(frame: Frame, motion: Motion, progress: Progress) -> Fit:
     for end in ends:
         other = _back(frame, end.free, reasons)
         if end.loss < first.loss + margin and _disagreement(frame, other, results):
-            # With the same values left to the file as the best: a flat valley is no optimum.
+            # With the same values fixed as in the best: a flat valley is no second optimum.
             again = walk(other)
             if again.loss < told.loss + margin:
                 rival = rival or _disagreement(frame, again.free, results)
@@ -269,7 +270,7 @@ def fit(frame: Frame, motion: Motion, progress: Progress) -> Fit:
 
 
 def _disagreement(frame: Frame, free: Vector, results: tuple[Result, ...]) -> str:
-    """Levels in which free values are others than the results, in words; empty if none is."""
+    """List levels in which free values differ from the results; empty if none does."""
     natural = frame.from_free(free)
     return ", ".join(
         f"{one.quantity.label} {one.value:.4g} or {natural[i]:.4g} {one.quantity.unit}"
@@ -280,7 +281,7 @@ def _disagreement(frame: Frame, free: Vector, results: tuple[Result, ...]) -> st
 
 
 def _back(frame: Frame, free: Vector, reasons: Iterable[int]) -> Vector:
-    """Free values, with those that cannot be told at the file's."""
+    """Replace unidentified free values by those of the file."""
     made, given = free.copy(), list(reasons)
     made[given] = frame.free(frame.natural)[given]
     return made
@@ -289,13 +290,13 @@ def _back(frame: Frame, free: Vector, reasons: Iterable[int]) -> Vector:
 def _told(
     likelihood: Likelihood, end: _End, reasons: dict[int, str], walk: Callable[[Vector], _End]
 ) -> tuple[_End, Matrix]:
-    """The end with what cannot be told back at the file's, and the covariance of the rest.
+    """Fix unidentified values to the file's, and return that end with the covariance of the rest.
 
     Args:
         likelihood: of the recording.
         end: of the best search.
-        reasons: why a value is not fitted; what cannot be told is added.
-        walk: searches on with what is not among the reasons.
+        reasons: why a value is not fitted; unidentified ones are added.
+        walk: continues the search in the values that are not among the reasons.
     """
     cov = np.zeros((SIZE, SIZE))
     for _ in range(ROUNDS):
@@ -313,10 +314,10 @@ def _told(
 
 
 def best_start(likelihood: Likelihood, free: Vector, motion: Motion) -> Vector:
-    """Free values with the speeds and time constants that suit best.
+    """Return free values with the best-fitting speeds and time constants.
 
-    A regression tells nothing of them, and the file may be wrong. So they are tried on a grid about
-    the file's, axis by axis, with the likelihood for the judge.
+    A regression does not identify them, and the file may be wrong. So a grid about the file's
+    values is evaluated with the likelihood, axis by axis.
     """
     for axis in range(2):
         if not moved(motion, axis).enough(axis):
@@ -332,7 +333,7 @@ def best_start(likelihood: Likelihood, free: Vector, motion: Motion) -> Vector:
 
 
 def _loud(frame: Frame, natural: Vector) -> Vector:
-    """Free values with the noise to begin with."""
+    """Return free values with the initial noise."""
     free = frame.free(natural)
     free[NOISE + 2 : NOISE + 4] = np.log(START_NOISE * natural[[0, LAW_SIZE]])
     free[NOISE + 4 :] = np.log(0.2 * START_NOISE * natural[[0, LAW_SIZE]])
@@ -359,7 +360,7 @@ def _walk(search: _Search, x: Vector, steps_max: int) -> _End:
 
 
 def _fixed(frame: Frame, motion: Motion) -> dict[int, str]:
-    """What is not fitted whatever the recording says, and why not."""
+    """Values that are never fitted, with the reasons."""
     reasons: dict[int, str] = {}
     for axis in range(2):
         law, spring = axis * LAW_SIZE, SPRINGS + 3 * axis
@@ -373,7 +374,7 @@ def _fixed(frame: Frame, motion: Motion) -> dict[int, str]:
 
 
 def _untold(frame: Frame, free: Vector, which: NDArray[np.intp], fisher: Matrix) -> dict[int, str]:
-    """What to give up, worst first, until the rest is told; with the reason."""
+    """Select values to fix, worst first, until the rest is identified; with the reasons."""
     found: dict[int, str] = {}
     left = list(range(len(which)))
     while left:
@@ -392,7 +393,7 @@ def _worst(
 ) -> tuple[int, str] | None:
     std = np.sqrt(np.maximum(np.diag(cov), 0.0))
     wide = QUANTILE * std / np.array([_size_of(frame, free, int(i)) for i in which])
-    wide[which >= NOISE] = 0.0  # noise is always told well enough for what it is used for
+    wide[which >= NOISE] = 0.0  # noise is always identified well enough for its use
     place = int(np.argmax(wide))
     if wide[place] > INTERVAL_MAX_RATIO:
         return place, f"its 95 % interval is ±{100 * min(float(wide[place]), 9.99):.0f} %"
@@ -410,7 +411,7 @@ def _worst(
 
 
 def _size_of(frame: Frame, free: Vector, index: int) -> float:
-    """How large a change of a free value is one of 100 % of its quantity."""
+    """Change of a free value that changes its quantity by 100 %."""
     if index >= NOISE:
         return 1.0
     if index >= SPRINGS:
@@ -419,14 +420,14 @@ def _size_of(frame: Frame, free: Vector, index: int) -> float:
         before = abs(float(frame.free(frame.natural)[index]))
         return max(before, 1.0 if part < 2 else 0.5 * scale / scale)
     axis, part = divmod(index, LAW_SIZE)
-    if part == 1:  # the hump is known as well as the peak that it makes
+    if part == 1:  # the hump is as certain as the resulting peak
         coulomb, stribeck = frame.from_free(free)[index - 1 : index + 1]
         return float(stribeck / max(coulomb * np.exp(free[index]), 1e-12))
     return 1.0
 
 
 def _natural_covariance(frame: Frame, free: Vector, cov: Matrix) -> Matrix:
-    """By the derivative of natural values after free ones."""
+    """Covariance of natural values, by their derivative by the free ones."""
     slope = np.empty((SIZE, SIZE))
     for index in range(SIZE):
         beside = free.copy()

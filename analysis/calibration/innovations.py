@@ -1,4 +1,4 @@
-"""The surprises of a filter without a patient: what the likelihood of a parameter set is made of.
+"""Innovations of a filter without a patient, from which the likelihood of parameters is computed.
 
 An extended Kalman filter of six states (positions, velocities, friction of both axes) over the same
 mechanism and friction law as the observer's, in substeps that are symmetric and of second order:
@@ -8,10 +8,10 @@ mechanism and friction law as the observer's, in substeps that are symmetric and
     friction by half a substep at the new velocity
 
 The derivatives of a step come from seven points, the mean and one beside it for each state, in
-eight lanes that are vector code. An effort noise stands for what neither mechanism nor friction
-explain. While an axis rests, friction is whatever holds it: a random walk, because the law there is
-hardly smooth and no real joint obeys it. The two axes of a row are taken one
-after the other, so their innovations are independent.
+eight lanes that are vector code. An effort noise represents what neither mechanism nor friction
+explains. While an axis rests, friction is a random walk, because the law is hardly smooth there and
+no real joint obeys it. The two axes of a row are processed one after the other, so their
+innovations are independent.
 """
 
 from typing import Final
@@ -19,10 +19,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.friction import FrictionParameters, friction_after
 from observer.jit import kernel
-from observer.linkage import bounded_acceleration, dynamics
-from observer.parameters import LegParameters
+from observer.mechanism.friction import FrictionParameters, friction_after
+from observer.mechanism.linkage import bounded_acceleration, dynamics
+from observer.mechanism.parameters import LegParameters
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -47,11 +47,11 @@ def _advance(
     points: Vector,
     rates: Vector,
 ) -> None:
-    """One substep of all lanes in place; `rates` keeps their accelerations between substeps."""
+    """Advance all lanes by one substep in place; `rates` keeps accelerations between substeps."""
     half_s = 0.5 * step_s
     half1_s = half_s * open_hip
     half2_s = half_s * open_slide
-    # Not LANES: a loop of a count that the compiler knows is unrolled, and never vector code.
+    # Not LANES: the compiler unrolls a loop of known count, and then does not vectorise it.
     for j in range(points.size // STATES):
         v1 = points[2 * LANES + j]
         v2 = points[3 * LANES + j]
@@ -92,7 +92,7 @@ def _begin(
     mean: Vector,
     cov: Matrix,
 ) -> None:
-    """At a smoothed position, velocity and acceleration: friction is what these leave of effort."""
+    """Start at a smoothed position, velocity and acceleration: friction is the residual effort."""
     d = dynamics(leg, start[0], start[1], start[2], start[3], coriolis_share)
     for i in range(4):
         mean[i] = start[i]
@@ -115,7 +115,7 @@ def _predict(
     width: Vector,
     work: Matrix,
 ) -> None:
-    """Mean and covariance after the step, from the lanes' ends."""
+    """Compute mean and covariance after the step from the lanes' ends."""
     jacobian = work[:STATES]
     product = work[STATES:]
     for i in range(STATES):
@@ -133,7 +133,7 @@ def _predict(
             total = 0.0
             for k in range(STATES):
                 total += product[i, k] * jacobian[j, k]
-            # An effort moves an axis as a friction of the same size does, the other way round.
+            # An effort moves an axis like a friction of the same size and opposite sign.
             if i < 4:
                 total += noise[2] * noise[2] * jacobian[i, 4] * jacobian[j, 4]
                 total += noise[3] * noise[3] * jacobian[i, 5] * jacobian[j, 5]
@@ -145,7 +145,7 @@ def _predict(
 
 @kernel
 def _correct(mean: Vector, cov: Matrix, axis: int, surprise: float, variance: float) -> None:
-    """One measured position; what is left of the covariance stays symmetric."""
+    """Correct by one measured position; the covariance stays symmetric."""
     for i in range(STATES):
         mean[i] += cov[i, axis] / variance * surprise
     column = cov[:, axis].copy()
@@ -169,7 +169,7 @@ def _step(
     points: Vector,
     rates: Vector,
 ) -> None:
-    """All lanes from the mean, and beside it, to the end of a row."""
+    """Advance all lanes, the mean and its neighbours, to the end of a row."""
     for i in range(STATES):
         for j in range(LANES):
             points[i * LANES + j] = mean[i]
@@ -213,7 +213,7 @@ def innovations(
     surprise: Matrix,
     variance: Matrix,
 ) -> None:
-    """Innovations of all rows and their variances, into `surprise` and `variance`, shape (n, 2).
+    """Write innovations of all rows and their variances to `surprise` and `variance`, shape (n, 2).
 
     `noise`, shape (6,), holds standard deviations of both positions, efforts and frictions;
     `rest_noise`, shape (2,), that of a friction while its axis `rests`, shape (n, 2), where the law

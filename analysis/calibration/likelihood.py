@@ -5,8 +5,8 @@ Its gradient and its expected curvature (Fisher's information) need first deriva
     g_i  = sum( dz_i z / s + ds_i (1 - z^2 / s) / (2 s) )
     I_ij = sum( dz_i dz_j / s + ds_i ds_j / (2 s^2) )
 
-Derivatives are differences of whole filter runs. Weak priors keep a search from wandering where the
-recording says nothing; intervals do not count them.
+Derivatives are differences of whole filter runs. Weak priors bound a search where the recording has
+no information; intervals do not include them.
 """
 
 from dataclasses import dataclass
@@ -32,44 +32,44 @@ Flags = NDArray[np.bool_]
 
 SUBSTEPS: Final = 3
 DIFFERENCE: Final = 1e-4
-"""Of a free value."""
+"""Step of a free value."""
 WIDTH: Final = np.array([1e-5, 1e-5, 1e-5, 5e-6, 1e-3, 1e-2])
 SPREAD: Final = np.array([0.02, 0.01, 0.5, 5.0])
 PRIOR_LEVEL: Final = 3.0
 PRIOR_SPEED: Final = 1.0
-"""Standard deviations of free values about the first guess, factors of e: levels and noise; speeds
+"""Standard deviations of free values about the initial ones, factors of e: levels and noise; speeds
 and time constants of the law."""
 STEEPER_MAX: Final = 4.0
 SMOOTHER_MAX: Final = 30.0
-"""Factors that the law's speeds may fall below and rise above the file's."""
+"""Limits of the law's speeds as factors on the file's."""
 HUMP_MAX_RATIO: Final = 1.0
-"""How high the hump may become, in Coulomb levels."""
+"""Limit of the hump, in Coulomb levels."""
 BLOCK_ROWS: Final = 50
-"""Innovations that are near in time are not quite independent: scores are summed over blocks."""
+"""Innovations close in time are not quite independent: scores are summed over blocks."""
 REST_NOISE_RATIO: Final = 0.03
-"""Of the Coulomb level in a row: how fast the friction that holds a resting axis may change."""
+"""Over the Coulomb level, per row: rate of change of the friction that holds a resting axis."""
 CLIP: Final = 36.0
-"""A z^2 / s above this counts as this: one shock is no reason to bend the law."""
+"""Limit of z^2 / s: a single shock must not distort the law."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surprises:
-    """Innovations and variances that count, shape (m,)."""
+    """The innovations and variances that count, shape (m,)."""
 
     z: Vector
     s: Vector
 
     @property
     def loss(self) -> float:
-        """Minus the logarithm of the likelihood, but for a constant."""
+        """Negative log likelihood without its constant."""
         return float(0.5 * np.sum(np.minimum(self.z**2 / self.s, CLIP) + np.log(self.s)))
 
 
 class Likelihood:
-    """Of a motion, as a function of free values; runs are remembered until the next ones."""
+    """Likelihood of a motion as a function of free values; the last runs are cached."""
 
     def __init__(self, frame: Frame, motion: Motion, rows: Flags) -> None:
-        """Score the `rows`, shape (n,), that have settled."""
+        """Score the settled part of `rows`, shape (n,)."""
         self.frame = frame
         self.motion = motion
         self.counted = (rows & motion.settled)[:, None] & ~np.isnan(motion.position)
@@ -79,7 +79,7 @@ class Likelihood:
         self.row = np.nonzero(self.counted)[0]
 
     def surprises(self, free: Vector) -> Surprises:
-        """One run of the filter."""
+        """Run the filter once."""
         natural = self.frame.from_free(free)
         motion = self.motion
         innovations(
@@ -106,7 +106,7 @@ class Likelihood:
     def derivatives(
         self, free: Vector, which: NDArray[np.intp]
     ) -> tuple[Surprises, Matrix, Matrix]:
-        """Innovations, and per free value (m, k): dz and ds."""
+        """Return the innovations, and dz and ds per free value, (m, k)."""
         base = self.surprises(free)
         dz, ds = np.empty((len(base.z), len(which))), np.empty((len(base.z), len(which)))
         for column, index in enumerate(which):
@@ -129,7 +129,7 @@ def scores(base: Surprises, dz: Matrix, ds: Matrix) -> tuple[Matrix, Matrix]:
 
 
 def prior_std() -> Vector:
-    """Shape (SIZE,): of free values about the first guess."""
+    """Standard deviations of free values about the initial ones, shape (SIZE,)."""
     std = np.full(SIZE, PRIOR_LEVEL)
     for axis in range(2):
         std[axis * LAW_SIZE + 3 : (axis + 1) * LAW_SIZE] = PRIOR_SPEED
@@ -138,11 +138,11 @@ def prior_std() -> Vector:
 
 
 def bounds(frame: Frame) -> tuple[Vector, Vector]:
-    """Shape (SIZE,) each: least and greatest free values; infinite but for the law's shape.
+    """Least and greatest free values, shape (SIZE,) each; infinite except for the law's shape.
 
-    Another law than ours (bristles) would be fitted by one that is ever steeper at rest, which says
-    nothing about motion and which no observer at 10 ms can follow. A hump without an end is as
-    little use: behind it the likelihood is rough and has many valleys. A law that is smoother than
+    Another law than ours (bristles) would be fitted by one that is ever steeper at rest, which does
+    not describe motion and which no observer at 10 ms can follow. An unbounded hump is of no use
+    either: behind it the likelihood is rough and has many local optima. A law that is smoother than
     the file's does no harm.
     """
     middle = frame.free(frame.natural)
@@ -157,7 +157,7 @@ def bounds(frame: Frame) -> tuple[Vector, Vector]:
 
 
 def robust_covariance(each: Matrix, fisher: Matrix, rows: NDArray[np.intp]) -> Matrix:
-    """Of estimates: Huber's sandwich over blocks of rows, never narrower than Fisher's own."""
+    """Covariance of estimates: Huber's sandwich over blocks of rows, never below Fisher's own."""
     inverse = np.linalg.pinv(fisher, hermitian=True)
     blocks = rows // BLOCK_ROWS
     edges = np.flatnonzero(np.diff(blocks, prepend=blocks[0] - 1))

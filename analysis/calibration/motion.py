@@ -1,7 +1,7 @@
-"""Recordings made ready: glitches out, motion smoothed, rows to fit and to hold out.
+"""Preparation of recordings: without glitches, smoothed, split into rows to fit and to hold out.
 
 Velocity and acceleration come from local polynomials (Savitzky and Golay 1964) over the positions;
-they serve the first guess and the checks, the likelihood itself takes positions as measured.
+they serve the initial values and the checks, the likelihood itself uses positions as measured.
 """
 
 from collections.abc import Sequence
@@ -27,39 +27,39 @@ PERIOD_S: Final = (0.004, 0.02)
 DURATION_MIN_S: Final = 10.0
 MISSING_MAX_RATIO: Final = 0.3
 SETTLE_ROWS: Final = 20
-"""After a beginning, before innovations count."""
+"""Time after a start before innovations count."""
 BLOCK_S: Final = 2.0
 HELD_OUT_OF: Final = 4
-"""Of so many blocks in a row the last one is held out."""
+"""Of this many blocks in a row the last one is held out."""
 REST: Final = (0.01, 0.004)
 """Smoothed speeds, rad/s and m/s, below which an axis counts as resting."""
 REST_MARGIN_ROWS: Final = 10
-"""Of a rest, at both ends: breaking away and coming to rest are the law's."""
+"""Margin at both ends of a rest, where breaking away and coming to rest follow the law."""
 GLITCH: Final = (0.02, 0.01)
-"""Distance from the median of five samples, rad and m, that no leg can go to and come back from."""
+"""Distance from the median of five samples, rad and m, beyond any leg's: a glitch."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Recordings, one behind the other, as the filter and the regressions take them; n rows."""
+    """Concatenated recordings in the form that filter and regressions use; n rows."""
 
     sources: tuple[str, ...]
     time_s: Vector
-    """Shape (n,): of all, with the pauses between recordings left out."""
+    """Shape (n,): common time, without the pauses between recordings."""
     steps_s: Vector
-    """Shape (n,): from the row before, in the same recording."""
+    """Shape (n,): time since the previous row of the same recording."""
     position: Matrix
     """Shape (n, 2): rad, m; NaN where missing or a glitch."""
     effort: Matrix
-    """Shape (n, 2): N·m, N; from the row before until this one."""
+    """Shape (n, 2): N·m, N; from the previous row to this one."""
     begins: Flags
     """Shape (n,)."""
     settled: Flags
-    """Shape (n,): long enough after a beginning."""
+    """Shape (n,): settled after a start."""
     smooth: Matrix
     """Shape (n, 6): position, velocity, acceleration of hip and slide in turn."""
     smooth_effort: Matrix
-    """Shape (n, 2): at the row's time, smoothed as the positions are."""
+    """Shape (n, 2): at the row's time, smoothed like the positions."""
     held_out: Flags
     """Shape (n,)."""
     rests: Flags
@@ -67,7 +67,7 @@ class Motion:
 
     @property
     def duration_s(self) -> float:
-        """Of all recordings."""
+        """Duration of all recordings."""
         return float(np.sum(self.steps_s[~self.begins]))
 
     @property
@@ -79,12 +79,12 @@ class Motion:
 def prepare(
     recordings: Sequence[Recording], *, hold_out: bool = True, effort_delay_s: float = 0.0
 ) -> Motion:
-    """Make recordings of the same machine ready.
+    """Prepare recordings of the same machine.
 
     Args:
         recordings: each of at least one row.
-        hold_out: keep every fourth two seconds back; otherwise nothing.
-        effort_delay_s: the effort of a row acts so much later than the row says.
+        hold_out: hold out every fourth two seconds; otherwise nothing.
+        effort_delay_s: delay of an effort relative to its row.
 
     Raises:
         RecordingError: too short, the wrong rate, or too much missing.
@@ -168,7 +168,7 @@ def _one(
 
 
 def _delayed(one: Recording, axis: int, delay_s: float) -> Vector:
-    """What acted in each row, gaps filled: a part of the row before where efforts come late."""
+    """Efforts that acted in each row, with gaps filled, shifted by the delay."""
     effort = _filled(one.time_s, one.effort[:, axis])
     late: Vector = np.interp(one.time_s - delay_s, one.time_s, effort)
     return late
@@ -181,7 +181,7 @@ def smoothed(values: Vector, order: int = 0, period_s: float = 1.0) -> Vector:
 
 
 def _at_rows(effort: Vector) -> Vector:
-    """What acted from row to row, at the rows: the mean of before and after."""
+    """Efforts at the rows: the mean of the adjacent intervals."""
     after = np.append(effort[1:], effort[-1])
     return 0.5 * (effort + after)
 

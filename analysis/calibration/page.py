@@ -1,4 +1,4 @@
-"""The page of a calibration: tables in Markdown and two pictures beside it."""
+"""Page of a calibration: tables in Markdown and two pictures beside it."""
 
 from pathlib import Path
 from typing import Final
@@ -15,12 +15,12 @@ def write_page(made: Calibration, robot_name: str, folder: Path) -> Path:
     """Write calibration.md, calibration_friction.png and calibration_residuals.png.
 
     Args:
-        made: what came out.
-        robot_name: of the file that the calibration began with.
-        folder: made if it is not there.
+        made: the result.
+        robot_name: of the initial file.
+        folder: created if missing.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     draw_friction(made, folder / f"{NAME}_friction.png")

@@ -1,12 +1,12 @@
-"""What may be calibrated: its place in robot.toml, and numbers that a search moves well in.
+"""Quantities to calibrate: their keys in robot.toml, and transformed values suited to a search.
 
-A search moves in `free` numbers: logarithms of what is positive, the Stribeck hump in place of the
-peak of the law, in parts of the Coulomb level (so that the law stays one), and springs by stiffness
+A search uses `free` numbers: logarithms of positive values, the Stribeck hump instead of the peak
+of the law, in parts of the Coulomb level (so that the law stays valid), and springs by stiffness
 and by their effort at a pose in the middle of the recording (so that the two are nearly
 independent).
 
-An axis whose file says stiffness 0 has no spring, and gets none. In the place of the spring's rest
-its vectors hold a constant effort: a drive's offset, or a weight that the file does not know. It is
+An axis whose file says stiffness 0 has no spring, and gets none. In place of the spring's rest its
+vectors hold a constant effort: a drive's offset, or a weight that is not in the file. It is
 estimated and reported; no number of robot.toml holds it.
 """
 
@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
-from observer.friction import FrictionParameters, smallest_stribeck
-from observer.parameters import LegParameters
+from observer.mechanism.friction import FrictionParameters, smallest_stribeck
+from observer.mechanism.parameters import LegParameters
 from observer.quantities import Number
 
 Vector = NDArray[np.float64]
@@ -27,10 +27,10 @@ AXES: Final = ("hip", "slide")
 
 
 class Quantity(NamedTuple):
-    """One number of robot.toml that a recording may tell."""
+    """One number of robot.toml that a recording may identify."""
 
     key: str
-    """Dotted."""
+    """Dotted key."""
     label: str
     unit: str
     axis: int
@@ -74,11 +74,11 @@ QUANTITIES: Final = (
     Quantity("observer.measurement_hip_angle_rad", "hip encoder noise", "rad", 0),
     Quantity("observer.measurement_slide_position_m", "slide encoder noise", "m", 1),
 )
-"""In the order of every vector of natural values; NUISANCES more numbers follow there."""
+"""Order of every vector of natural values; NUISANCES more numbers follow."""
 COUNT: Final = len(QUANTITIES)
 LAW_SIZE: Final = len(_LAW)
 SPRINGS: Final = 2 * LAW_SIZE
-"""Where the springs and inertias begin, three for each axis."""
+"""Start of the springs and inertias, three for each axis."""
 NOISE: Final = SPRINGS + 6
 NUISANCES: Final = 4
 """Effort noise and friction noise, hip and slide: estimated, never written."""
@@ -88,16 +88,16 @@ CONSTANTS: Final = (
     Quantity("", "hip constant effort", "N·m", 0),
     Quantity("", "slide constant effort", "N", 1),
 )
-"""What an axis without a spring has in the place of the spring's rest."""
+"""For an axis without a spring, in place of the spring's rest."""
 SPRING_SCALE: Final = ((20.0, 5.0, 0.2), (100.0, 30.0, 4.0))
-"""Steps of stiffness, effort and inertia that mean about as much as a free step of 1 elsewhere."""
+"""Steps of stiffness, effort and inertia comparable to a free step of 1 elsewhere."""
 SMALLEST: Final = 1e-9
 HUMP_MIN_RATIO: Final = 1e-3
-"""Of the Coulomb level: a law given without a hump begins with this one."""
+"""Over the Coulomb level: initial hump of a law given without one."""
 
 
 def value_of(robot: Robot, key: str) -> float:
-    """One number of a robot by its dotted key."""
+    """Value of a robot's dotted key."""
     value: object = robot
     for part in key.split("."):
         value = getattr(value, part)
@@ -106,7 +106,7 @@ def value_of(robot: Robot, key: str) -> float:
 
 
 def natural_values(robot: Robot) -> Vector:
-    """Shape (SIZE,): what the file says, and nuisances as small parts of the Coulomb level."""
+    """Values of the file, and nuisances as small parts of the Coulomb level; shape (SIZE,)."""
     values = [value_of(robot, key) for key in KEYS]
     hip, slide = values[0], values[LAW_SIZE]
     for at in (SPRINGS, SPRINGS + 3):
@@ -117,34 +117,34 @@ def natural_values(robot: Robot) -> Vector:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """What natural and free values are measured against."""
+    """Reference of natural and free values."""
 
     leg: LegParameters
-    """With the inertias and springs of the file."""
+    """Leg with the inertias and springs of the file."""
     natural: Vector
-    """Of the file."""
+    """Natural values of the file."""
     middle: tuple[float, float]
-    """Pose that spring efforts are taken at, rad and m."""
+    """Reference pose of spring efforts, rad and m."""
     coriolis_share: Number
 
     def sprung(self, axis: int) -> bool:
-        """Whether the file gives the axis a spring."""
+        """True if the file gives the axis a spring."""
         return bool(self.natural[SPRINGS + 3 * axis] > 0.0)
 
     def quantity(self, index: int) -> Quantity:
-        """What a natural value is."""
+        """Quantity of a natural value."""
         for axis in range(2):
             if index == SPRINGS + 3 * axis + 1 and not self.sprung(axis):
                 return CONSTANTS[axis]
         return QUANTITIES[index]
 
     def constants_of(self, natural: Vector) -> Vector:
-        """Shape (2,): efforts that act all the time, N·m and N."""
+        """Constant efforts, shape (2,): N·m and N."""
         at = (SPRINGS + 1, SPRINGS + 4)
         return np.array([0.0 if self.sprung(axis) else natural[at[axis]] for axis in range(2)])
 
     def free(self, natural: Vector) -> Vector:
-        """Free values of natural ones, both of shape (SIZE,)."""
+        """Convert natural to free values, both of shape (SIZE,)."""
         free = np.empty(SIZE)
         for axis in range(2):
             law = slice(axis * LAW_SIZE, (axis + 1) * LAW_SIZE)
@@ -164,7 +164,7 @@ class Frame:
         return free
 
     def from_free(self, free: Vector) -> Vector:
-        """Natural values of free ones, both of shape (SIZE,)."""
+        """Convert free to natural values, both of shape (SIZE,)."""
         natural = np.empty(SIZE)
         free = np.clip(free, -60.0, 60.0)
         for axis in range(2):
@@ -198,24 +198,24 @@ class Frame:
 
 
 def law_of(natural: Vector, axis: int) -> FrictionParameters:
-    """The friction of an axis in natural values."""
+    """Friction law of an axis from natural values."""
     coulomb, stribeck, *rest = natural[axis * LAW_SIZE : (axis + 1) * LAW_SIZE].tolist()
     return FrictionParameters(stribeck, coulomb, *rest)
 
 
 def noise_of(natural: Vector) -> Vector:
-    """Shape (6,): positions, efforts, frictions, as `innovations` takes them."""
+    """Noise of positions, efforts and frictions for `innovations`, shape (6,)."""
     return np.ascontiguousarray(natural[NOISE:])
 
 
 def frame_of(robot: Robot, middle: tuple[float, float]) -> Frame:
     """The frame of a robot file and of a pose in the middle of a recording."""
-    # Composed once here: friction is checked to be what kernels take.
+    # Composed once here: this also checks friction as the kernels need it.
     friction_parameters(robot)
     share = 1.0 if robot.observer.coriolis else 0.0
     return Frame(leg_parameters(robot), natural_values(robot), middle, share)
 
 
 def labelled(index: int) -> str:
-    """`hip coulomb`, and so on."""
+    """Name such as `hip coulomb`."""
     return QUANTITIES[index].label if index < COUNT else "noise of effort or friction"

@@ -1,7 +1,7 @@
-"""The calibrated robot.toml: the given file with some numbers replaced, everything else as it was.
+"""The calibrated robot.toml: the given file with some numbers replaced.
 
-TOML of this project has one `key = number` in a line, below its `[table]`. Only such lines are
-touched, and what comes out is decoded again and compared before it is written.
+TOML of this project has one `key = number` per line, below its `[table]`. Only such lines are
+changed, and the result is decoded again and compared before it is written.
 """
 
 import re
@@ -22,11 +22,11 @@ DIGITS: Final = 6
 
 
 class RobotFileError(Exception):
-    """A robot file that cannot be rewritten line by line: says which key."""
+    """A robot file that cannot be rewritten line by line; names the key."""
 
 
 def rewritten(text: str, values: Mapping[str, tuple[float, str]]) -> str:
-    """The text with the numbers of some dotted keys replaced, each with a comment.
+    """Replace the numbers of some dotted keys, each with a comment.
 
     Raises:
         RobotFileError: a key has no line of its own with a number.
@@ -51,7 +51,7 @@ def rewritten(text: str, values: Mapping[str, tuple[float, str]]) -> str:
 
 
 def as_toml(value: float) -> str:
-    """A float of TOML, never an integer."""
+    """Format as a TOML float, never an integer."""
     text = f"{value:.{DIGITS}g}"
     return text if any(mark in text for mark in ".en") else f"{text}.0"
 
@@ -60,13 +60,13 @@ def write(given: Path, output: Path, values: Mapping[str, tuple[float, str]]) ->
     """Write the calibrated file beside the given one.
 
     Args:
-        given: the robot file to begin with; never written.
-        output: replaced if it is there.
+        given: the initial robot file; never written.
+        output: replaced if it exists.
         values: number and comment by dotted key.
 
     Raises:
         RobotFileError: `output` is `given`, or a key has no line of its own.
-        ConfigError: what would be written is no robot file; nothing is written.
+        ConfigError: the result would not be a valid robot file; nothing is written.
         OSError: the file cannot be written.
     """
     if output.exists() and output.samefile(given):

@@ -1,4 +1,4 @@
-"""A calibration from recordings to verdict: everything but files, words and pictures."""
+"""A calibration from recordings to verdict, without files, text output and pictures."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,14 +26,14 @@ from analysis.recording import RecordingError
 from analysis.replay import Source
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
-from observer.leg_model import integrator_named, substeps_needed
-from observer.mechanism import smallest_inertia
-from observer.status import START_RATIO_MIN, Status
+from observer.filter.leg_model import integrator_named, substeps_needed
+from observer.filter.status import START_RATIO_MIN, Status
+from observer.mechanism.mechanism import smallest_inertia
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """What came out."""
+    """Result of a calibration."""
 
     motion: Motion
     check: Check
@@ -44,14 +44,14 @@ class Calibration:
     before: Score
     after: Score
     held_out: str
-    """Which data the scores are of."""
+    """Data that the scores belong to."""
     fault: str
-    """Why the result must not be used; empty if it may be."""
+    """Reason why the result must not be used; empty if it may be."""
     contact_s: NDArray[np.float64]
-    """Times of rows that were not judged: a short contact, of an end stop for instance."""
+    """Times of excluded rows: a short contact, for instance with an end stop."""
 
     def values(self, source: str) -> Mapping[str, tuple[float, str]]:
-        """What to write, by dotted key, each with its provenance."""
+        """Values to write, by dotted key, each with its provenance."""
         made: dict[str, tuple[float, str]] = {}
         for index, one in enumerate(self.fit.results):
             if not one.quantity.key:
@@ -68,7 +68,7 @@ class Calibration:
 
 
 def empty_run(sources: Sequence[Source], robot: Robot) -> Motion:
-    """Recordings of the empty machine, ready; with all that makes them unfit refused.
+    """Prepare recordings of the empty machine; unsuitable ones are refused.
 
     Raises:
         RecordingError: a patient or an artificial disturbance is in them, they are too short or of
@@ -110,10 +110,10 @@ def calibrate(
 
     Args:
         sources: recordings of the empty machine.
-        robot: of the file to begin from.
-        held_out: other recordings to compare on; without them every fourth two seconds are kept
-            back.
-        progress: told words and the share done.
+        robot: of the initial file.
+        held_out: other recordings to compare on; without them every fourth two seconds are held
+            out.
+        progress: called with a text and the share done.
 
     Raises:
         RecordingError: see `empty_run`.
@@ -154,7 +154,7 @@ def calibrate(
 def _quiet(
     seen: Sequence[Disturbance], natural: NDArray[np.float64]
 ) -> tuple[list[Disturbance], NDArray[np.bool_]]:
-    """Without the contacts that the new file finds: both are judged on the same rows."""
+    """Exclude contacts found with the new file, so that both files are scored on the same rows."""
     after, contact = without_contacts(seen[1], natural)
     return [replace(seen[0], moving=seen[0].moving & ~contact[:, None]), after], contact
 
@@ -190,7 +190,7 @@ def with_values(robot: Robot, made: Fit) -> Robot:
 
 
 def _too_steep(robot: Robot) -> str:
-    """What to change where the observer could not follow the fitted friction; empty if it can."""
+    """Name the change needed if the observer cannot follow the fitted friction; empty if it can."""
     tuning = robot.observer
     inertia = smallest_inertia(leg_parameters(robot), START_RATIO_MIN)
     integrator = integrator_named(tuning.integrator)

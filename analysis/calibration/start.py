@@ -1,7 +1,7 @@
-"""Where a search begins: what of the torque neither inertia nor weight explains is friction.
+"""Initial values: effort that neither inertia nor weight explains is friction.
 
-At speed that is linear in the unknown numbers, so that a regression over the smoothed motion finds
-them whatever the file says. What is slow and curved is left to the likelihood.
+At speed that is linear in the unknown numbers, so a regression over the smoothed motion finds them
+independently of the file. Slow motion, where the law is nonlinear, is left to the likelihood.
 """
 
 from typing import Final, NamedTuple
@@ -11,26 +11,26 @@ from numpy.typing import NDArray
 
 from analysis.calibration.motion import REST, Motion
 from analysis.calibration.quantities import LAW_SIZE, SPRINGS, Frame, law_of
-from observer.friction import smallest_stribeck
 from observer.jit import kernel
-from observer.linkage import dynamics
-from observer.parameters import LegParameters
+from observer.mechanism.friction import smallest_stribeck
+from observer.mechanism.linkage import dynamics
+from observer.mechanism.parameters import LegParameters
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 FAST: Final = (0.15, 0.05)
 MOVES_MIN_S: Final = 2.0
-"""An axis that moves for less than this in all does not move."""
+"""An axis with less total time of motion does not count as moving."""
 MOVES_MIN: Final = (0.05, 0.02)
-"""Nor one with a smaller range, rad and m."""
+"""Nor does one with a smaller range, rad and m."""
 
 
 @kernel
 def unexplained(
     leg: LegParameters, coriolis_share: float, smooth: Matrix, effort: Matrix, left: Matrix
 ) -> None:
-    """What inertia, weight, springs and dampers leave of the effort, shape (n, 2), into `left`."""
+    """Write the residual effort after inertia, weight, springs and dampers, (n, 2), to `left`."""
     for row in range(smooth.shape[0]):
         q1, q2, v1, v2, a1, a2 = smooth[row]
         d = dynamics(leg, q1, q2, v1, v2, coriolis_share)
@@ -39,7 +39,7 @@ def unexplained(
 
 
 class Moved(NamedTuple):
-    """How an axis moved."""
+    """Extent of an axis' motion."""
 
     range_si: float
     top_speed_si: float
@@ -47,12 +47,12 @@ class Moved(NamedTuple):
     reversal_count: int
 
     def enough(self, axis: int) -> bool:
-        """Whether its friction can be told at all."""
+        """True if its friction can be identified."""
         return self.moving_s >= MOVES_MIN_S and self.range_si >= MOVES_MIN[axis]
 
 
 def moved(motion: Motion, axis: int) -> Moved:
-    """How an axis moved, from the smoothed motion."""
+    """Extent of an axis' motion, from the smoothed motion."""
     velocity = motion.velocity[:, axis]
     moving = np.abs(velocity) > REST[axis]
     signs = np.sign(velocity[np.abs(velocity) > FAST[axis] / 2])
@@ -66,7 +66,7 @@ def moved(motion: Motion, axis: int) -> Moved:
 
 
 def left_over(frame: Frame, natural: Vector, motion: Motion) -> Matrix:
-    """Shape (n, 2): the effort that the mechanism of these values leaves to friction, N·m and N."""
+    """Effort that the mechanism of these values leaves to friction, shape (n, 2): N·m and N."""
     left = np.empty((len(motion.steps_s), 2))
     effort = motion.smooth_effort - frame.constants_of(natural)
     unexplained(frame.leg_of(natural), frame.coriolis_share, motion.smooth, effort, left)
@@ -76,9 +76,9 @@ def left_over(frame: Frame, natural: Vector, motion: Motion) -> Matrix:
 def regressed(frame: Frame, motion: Motion, hump_ratio: float) -> Vector:
     """Natural values, shape (SIZE,), by linear least squares of the inverse dynamics.
 
-    Of each axis that moves: Coulomb and viscous friction, the drive's inertia, and the effort and
-    stiffness of its spring or a constant effort, over the rows that are too fast for the rest of
-    the law. Its hump is `hump_ratio` of the Coulomb level. Everything else is the file's.
+    For each axis that moves: Coulomb and viscous friction, the drive's inertia, and the effort and
+    stiffness of its spring or a constant effort, over the rows too fast for the rest of the law.
+    Its hump is `hump_ratio` of the Coulomb level. Everything else is taken from the file.
     """
     natural = frame.natural.copy()
     left = left_over(frame, natural, motion)
@@ -91,7 +91,7 @@ def regressed(frame: Frame, motion: Motion, hump_ratio: float) -> Vector:
 def _regress_axis(
     frame: Frame, natural: Vector, motion: Motion, left: Vector, axis: int, hump_ratio: float
 ) -> None:
-    """Into `natural`, what is left of the effort with the file's values."""
+    """Regress one axis into `natural`, from the residual effort with the file's values."""
     velocity, speed = motion.velocity[:, axis], np.abs(motion.velocity[:, axis])
     moving = (speed > REST[axis]) & motion.settled & ~motion.held_out
     fast = moving & (speed > min(FAST[axis], float(np.quantile(speed[moving], 0.5))))
@@ -100,7 +100,7 @@ def _regress_axis(
     if frame.sprung(axis):
         columns[:, 3] = motion.smooth[fast, axis] - frame.middle[axis]
     columns[:, 4] = motion.smooth[fast, 4 + axis]
-    # Of least norm: a column of zeros gets 0.
+    # Minimum norm: a column of zeros gets 0.
     found, *_ = np.linalg.lstsq(columns, left[fast], rcond=None)
     law, at = natural[axis * LAW_SIZE : (axis + 1) * LAW_SIZE], SPRINGS + 3 * axis
     law[0] = max(float(found[0]), 0.2 * float(np.median(np.abs(left[fast]))), 1e-3)

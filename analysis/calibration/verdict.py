@@ -1,8 +1,8 @@
-"""Before and after, on what was not fitted: does the new robot file describe the machine better?
+"""Comparison of old and new robot file on held-out data.
 
-The observer itself, with each file's own numbers, runs over the held-out recording: what it takes
-for a patient's effort in the empty machine is an error, and its NIS says whether it knows. Beside
-them the likelihood per sample of the filter without a patient.
+The observer runs with each file's own numbers over the held-out recording: any patient effort in
+the empty machine is an error, and NIS shows whether the observer's confidence is consistent. The
+likelihood per sample of the filter without a patient is given as well.
 """
 
 from dataclasses import dataclass, replace
@@ -17,39 +17,39 @@ from analysis.calibration.quantities import NUISANCES, SPRINGS, Frame
 from analysis.calibration.start import moved
 from analysis.replay import setup_for
 from daemon.config.settings import Robot
-from observer.batch import Columns, run
+from observer.offline.batch import Columns, run
 from observer.quantities import Number
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 WORSE_MAX_RATIO: Final = 1.02
-"""An axis whose false effort grows by more than this got worse."""
+"""Growth of the false effort above which an axis got worse."""
 GOOD_RATIO: Final = 0.03
-"""False effort, of the Coulomb level, that is as good as none."""
+"""False effort over the Coulomb level that is negligible."""
 PATIENT_MIN_RATIO: Final = 0.2
-"""False effort while moving, of the Coulomb level, that no friction of ours leaves behind."""
+"""False effort while moving, over the Coulomb level, that our friction law cannot cause."""
 CONTACT_ROWS: Final = 100
-"""A second: what is that much louder than the others is a contact, of an end stop for instance."""
+"""A second: rows this much above the others are a contact, for instance with an end stop."""
 CONTACT_RATIO: Final = 5.0
 CONTACT_SHARE_MAX: Final = 0.2
-"""Of a recording: what comes more often is no single contact, but something else that acts."""
+"""Share of a recording: more frequent events are no single contact, but another effect."""
 
 
 class Score(NamedTuple):
-    """Of one robot file on the rows that were not fitted."""
+    """Score of one robot file on the rows that were not fitted."""
 
     loss_per_sample: Number
     nis: float
     """Mean; 2 is ideal."""
     hip_rms_nm: float
-    """Of what is taken for the patient while the hip moves."""
+    """Rms of the false patient effort while the hip moves."""
     slide_rms_n: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Disturbance:
-    """What the observer takes for a patient, over the whole recording."""
+    """Estimated patient effort over the whole recording."""
 
     patient: Matrix
     """Shape (n, 2): N·m, N."""
@@ -68,10 +68,10 @@ def disturbance(robot: Robot, motion: Motion, constants: Vector) -> Disturbance:
 
 
 def without_contacts(seen: Disturbance, natural: Vector) -> tuple[Disturbance, Flags]:
-    """The same but for a few short contacts, which say nothing of friction; and when they were.
+    """Exclude a few short contacts, which do not depend on friction; also return their rows.
 
     Args:
-        seen: with the calibrated file.
+        seen: result with the calibrated file.
         natural: the calibrated values.
 
     Returns:
@@ -88,7 +88,7 @@ def without_contacts(seen: Disturbance, natural: Vector) -> tuple[Disturbance, F
 
 
 def score(frame: Frame, natural: Vector, motion: Motion, rows: Flags, seen: Disturbance) -> Score:
-    """Of natural values, and of the observer's run with them, on some rows."""
+    """Score natural values, and the observer's run with them, on some rows."""
     likelihood = Likelihood(frame, motion, rows)
     loss = likelihood.surprises(frame.free(natural)).loss / max(len(likelihood.row), 1)
     nis = seen.nis[rows & np.isfinite(seen.nis) & motion.settled]
@@ -103,7 +103,7 @@ def rms_of(seen: Disturbance, rows: Flags, axis: int) -> float:
 
 
 def like_fitted(frame: Frame, fitted: Vector) -> Vector:
-    """The file's values with what is fitted and not written: the law alone is compared."""
+    """Replace fitted values that are not written: only the law is compared."""
     made = frame.natural.copy()
     made[-NUISANCES:] = fitted[-NUISANCES:]
     for axis in range(2):
@@ -113,7 +113,7 @@ def like_fitted(frame: Frame, fitted: Vector) -> Vector:
 
 
 def two_optima(disagreement: str) -> str:
-    """Why values must not be used when others explain the recording as well, in words."""
+    """Explain that values are not used because others fit the recording equally well."""
     return (
         f"two sets of values explain this recording equally well: {disagreement}; record slow and "
         "fast motion over the whole range, as in excite friction_hip and friction_slide, and "
@@ -122,7 +122,7 @@ def two_optima(disagreement: str) -> str:
 
 
 def why_not_better(before: Score, after: Score, natural: Vector, motion: Motion) -> str:
-    """Why the new file is no improvement on held-out data; empty if it is one."""
+    """Reason why the new file is no improvement on held-out data; empty if it is one."""
     if not after.loss_per_sample < before.loss_per_sample:
         return (
             "the held-out part is not described better: minus log likelihood per sample "
@@ -142,10 +142,10 @@ def why_not_better(before: Score, after: Score, natural: Vector, motion: Motion)
 
 
 def something_else(seen: Disturbance, natural: Vector, motion: Motion) -> str:
-    """What acts besides friction, in words; empty where nothing does.
+    """Describe an effect besides friction; empty if there is none.
 
     Args:
-        seen: with the calibrated file.
+        seen: result with the calibrated file.
         natural: the calibrated values.
         motion: the recording.
     """

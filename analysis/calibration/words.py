@@ -5,7 +5,7 @@ from analysis.calibration.session import Calibration
 
 
 def values_table(made: Calibration) -> str:
-    """One line for each quantity: before, after, its interval, or why it could not be told."""
+    """One line for each quantity: before, after, its interval, or why it was not identified."""
     head = f"{'quantity':<24}{'before':>12}{'calibrated':>14}  95 %"
     return "\n".join((head, *(_line(one) for one in made.fit.results if one.shown)))
 

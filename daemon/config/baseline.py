@@ -1,7 +1,7 @@
 """The passive baseline of a leg as a file: written by `gaitd baseline`, read by the service.
 
-It belongs to the robot file that it was recorded with: with other masses or friction, other things
-would be left over. So it names that file's hash, and is refused beside another one.
+A baseline is valid only with the robot file that it was recorded with, because other masses or
+friction leave another residual. So it holds that file's hash, and is refused with any other.
 """
 
 from pathlib import Path
@@ -30,7 +30,7 @@ class BaselineFile(Table, frozen=True):
     """baseline.toml."""
 
     robot_sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
-    """Of the robot file that it was recorded with."""
+    """Hash of the robot file that it was recorded with."""
     cadence_hz: Annotated[float, Meta(gt=0, le=2)]
     stride_count: Annotated[int, Meta(ge=1)]
     hip_nm: Bins
@@ -43,7 +43,7 @@ def load_baseline(path: Path, robot_sha256: str) -> NDArray[np.float64]:
     """Read a baseline for a robot, shape (BASELINE_BINS, 2): N m, N.
 
     Raises:
-        ConfigError: the file, one of its values, or it is another robot's.
+        ConfigError: the file or one of its values is invalid, or it is another robot's.
     """
     file = load_toml(path, BaselineFile)
     if file.robot_sha256 != robot_sha256:
@@ -53,7 +53,7 @@ def load_baseline(path: Path, robot_sha256: str) -> NDArray[np.float64]:
 
 
 def baseline_text(baseline: Baseline, robot_sha256: str, source: str) -> str:
-    """The file for a baseline."""
+    """The text of the file for a baseline."""
     lists = (
         ("hip_nm", baseline.mean[:, 0]),
         ("hip_nm_std", baseline.std[:, 0]),

@@ -1,4 +1,4 @@
-"""The whole configuration as the service takes it: every file read, hashed and decoded."""
+"""The whole configuration of the service: every file read, hashed and decoded."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from daemon.config.limit_settings import Limits
 from daemon.config.settings import Robot, Trainer
 from daemon.config.trainer import TrainerFile
-from drives.profile import DriveDescription
+from drives.cia402.profile import DriveDescription
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class LegDrives:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """One configuration, read once; nothing keeps a file open or reads one again."""
+    """One configuration, read once; no file is kept open or read again."""
 
     file: TrainerFile
     """The trainer file with its resolved paths."""
@@ -37,21 +37,21 @@ class Settings:
     limits: Limits
     legs: tuple[LegDrives, ...]
     hashes: Mapping[str, str]
-    """SHA-256 of each file that was read, by its path as a person finds it."""
+    """SHA-256 of each file that was read, by its path."""
 
     @property
     def trainer(self) -> Trainer:
-        """What the trainer file says."""
+        """The contents of the trainer file."""
         return self.file.trainer
 
     @property
     def runtime(self) -> Path:
-        """Absolute: the directory of ring and sockets."""
+        """Absolute path of the directory of ring and sockets."""
         return self.file.runtime
 
     @property
     def state(self) -> Path:
-        """Absolute: the directory that outlives a restart."""
+        """Absolute path of the directory that survives a restart."""
         return self.file.state
 
     @property

@@ -1,4 +1,4 @@
-"""What limits.toml may say: one struct per table, the range beside the name (see `settings.py`).
+"""Tables of limits.toml: one struct per table, the range beside the name (see `settings.py`).
 
 Nothing here has a default: safety depends on all of it.
 """
@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from daemon.config.settings import Table
-from daemon.record import StopCategory
+from daemon.ipc.record import StopCategory
 
 Category = Literal["S2", "S1", "S0"]
 
@@ -19,37 +19,37 @@ class HipLimits(Table, frozen=True):
     position_min_deg: Annotated[float, Meta(ge=-60, le=120)]
     position_max_deg: Annotated[float, Meta(ge=-60, le=120)]
     soft_margin_deg: Annotated[float, Meta(gt=0, le=30)]
-    """Before the hard limits, where the speed that is allowed begins to fall."""
+    """Distance from the hard limits at which the allowed speed begins to fall."""
     velocity_max_rad_per_s: Annotated[float, Meta(gt=0, le=6)]
-    release_speed_max_rad_per_s: Annotated[float, Meta(gt=0, le=3)]
-    """In mode release, where a person moves the leg."""
+    hand_guiding_speed_max_rad_per_s: Annotated[float, Meta(gt=0, le=3)]
+    """In mode hand_guiding, where a person moves the leg."""
     torque_max_nm: Annotated[float, Meta(gt=0, le=120)]
     torque_rate_max_nm_per_s: Annotated[float, Meta(gt=0, le=5000)]
     power_max_w: Annotated[float, Meta(gt=0, le=500)]
     stride_energy_max_j: Annotated[float, Meta(gt=0, le=500)]
     """Net energy into the leg over one stride, or `watch.energy_window_ms`."""
     torque_deviation_max_nm: Annotated[float, Meta(gt=0, le=30)]
-    """Between what was sent in torque mode and what the drive measures."""
+    """Between the torque sent in torque mode and the torque that the drive measures."""
     load_deviation_max_nm: Annotated[float, Meta(gt=0, le=60)]
-    """Of the drive's torque from what motion, load and friction ask for, mean of a stride."""
-    opposed_torque_min_nm: Annotated[float, Meta(gt=0, le=60)]
-    """Beyond the load, in one direction while the joint accelerates in the other: a wrong sign."""
+    """Drive's torque minus what motion, load and friction require, mean over a stride."""
+    sign_mismatch_torque_min_nm: Annotated[float, Meta(gt=0, le=60)]
+    """Torque beyond the load, against the joint's acceleration, that indicates a wrong sign."""
     tracking_max_deg: Annotated[float, Meta(gt=0, le=45)]
     following_error_deg: Annotated[float, Meta(gt=0, le=45)]
-    """Of the drive's position loop; written into the drive (6065h)."""
+    """Limit of the drive's position loop; written into the drive (6065h)."""
     temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
     quick_stop_deceleration_rad_per_s2: Annotated[float, Meta(gt=0, le=200)]
     """Written into the drive (6085h), and used for stopping paths."""
     static_load_tolerance_nm: Annotated[float, Meta(gt=0, le=60)]
-    """Enable refuses when the load at hold differs from g(q) by more."""
+    """Enable is refused when the load at hold differs from g(q) by more."""
     max_runaway_deg: Annotated[float, Meta(gt=0, le=180)]
     """How far the joint may go after the core has died, before its drive has stopped it."""
     brake: bool
     assist_max_nm: Annotated[float, Meta(gt=0, le=60)]
-    """Of a controller's setpoint, on top of g(q) and guidance; one beyond it is refused."""
+    """Maximum of a controller's setpoint, on top of g(q) and guidance; a larger one is refused."""
     assist_rate_max_nm_per_s: Annotated[float, Meta(gt=0, le=2000)]
     assist_power_max_w: Annotated[float, Meta(gt=0, le=250)]
-    """Of the assist alone, along the motion."""
+    """Power of the assist alone, along the motion."""
 
 
 class SlideLimits(Table, frozen=True):
@@ -59,15 +59,15 @@ class SlideLimits(Table, frozen=True):
     position_max_m: Annotated[float, Meta(ge=-1, le=2)]
     soft_margin_m: Annotated[float, Meta(gt=0, le=0.3)]
     velocity_max_m_per_s: Annotated[float, Meta(gt=0, le=5)]
-    release_speed_max_m_per_s: Annotated[float, Meta(gt=0, le=3)]
-    """In mode release, where a person moves the leg."""
+    hand_guiding_speed_max_m_per_s: Annotated[float, Meta(gt=0, le=3)]
+    """In mode hand_guiding, where a person moves the leg."""
     force_max_n: Annotated[float, Meta(gt=0, le=1500)]
     force_rate_max_n_per_s: Annotated[float, Meta(gt=0, le=50000)]
     power_max_w: Annotated[float, Meta(gt=0, le=2000)]
     stride_energy_max_j: Annotated[float, Meta(gt=0, le=2000)]
     force_deviation_max_n: Annotated[float, Meta(gt=0, le=300)]
     load_deviation_max_n: Annotated[float, Meta(gt=0, le=600)]
-    opposed_force_min_n: Annotated[float, Meta(gt=0, le=600)]
+    sign_mismatch_force_min_n: Annotated[float, Meta(gt=0, le=600)]
     tracking_max_m: Annotated[float, Meta(gt=0, le=0.5)]
     following_error_m: Annotated[float, Meta(gt=0, le=0.5)]
     temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
@@ -88,17 +88,17 @@ class Singularity(Table, frozen=True):
 
 
 class SoftLimit(Table, frozen=True):
-    """Damping of what leads out, from 0 where a soft margin begins to this at the hard limit."""
+    """Damping of outward motion, rising from 0 at the soft margin to this at the hard limit."""
 
     hip_damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=200)]
     slide_damping_n_s_per_m: Annotated[float, Meta(ge=0, le=3000)]
 
 
 class Watch(Table, frozen=True):
-    """How long a doubt must last, and over which time energy counts where there is no stride."""
+    """Durations before a deviation is a fault, and the time window of energy without a stride."""
 
     deviation_cycles: Annotated[int, Meta(ge=1, le=20)]
-    opposed_cycles: Annotated[int, Meta(ge=1, le=20)]
+    sign_mismatch_cycles: Annotated[int, Meta(ge=1, le=20)]
     energy_window_ms: Annotated[int, Meta(ge=500, le=10000)]
 
 
@@ -110,19 +110,19 @@ class Spasm(Table, frozen=True):
     rise_window_ms: Annotated[int, Meta(ge=20, le=500)]
     stiffness_ratio: Annotated[float, Meta(ge=0, lt=1)]
     softening_ms: Annotated[int, Meta(ge=20, le=2000)]
-    """From full stiffness to none."""
+    """Time from full stiffness to none."""
     recovery_ms: Annotated[int, Meta(ge=100, le=10000)]
-    """From none to full, once the effort is gone."""
+    """Time from none to full, once the effort is gone."""
     patience_ms: Annotated[int, Meta(ge=20, le=5000)]
     """How long it may last before the machine stops."""
 
 
 class Communication(Table, frozen=True):
-    """When silence is a verdict."""
+    """Limits on missing samples, heartbeats, gateway states and cycles."""
 
     sample_age_max_cycles: Annotated[int, Meta(ge=1, le=10)]
     heartbeat_timeout_ms: Annotated[int, Meta(ge=20, le=500)]
-    """Of a drive's heartbeat, as the core judges it."""
+    """Timeout for a drive's heartbeat at the core."""
     gateway_silence_ms: Annotated[int, Meta(ge=50, le=1000)]
     overruns_in_a_row: Annotated[int, Meta(ge=1, le=20)]
     mode_switch_cycles: Annotated[int, Meta(ge=2, le=20)]
@@ -132,10 +132,10 @@ class Communication(Table, frozen=True):
 
 
 class Stop(Table, frozen=True):
-    """How stopping is judged (escalation: daemon/core/stopping.py)."""
+    """Checks of stopping (escalation: daemon/core/safety/stop_sequence.py)."""
 
     obey_cycles: Annotated[int, Meta(ge=1, le=20)]
-    """Cycles until a drive must show the state that it was sent into."""
+    """Cycles until a drive must show the commanded state."""
     standstill_cycles: Annotated[int, Meta(ge=1, le=100)]
     standstill_hip_rad_per_s: Annotated[float, Meta(gt=0, le=0.5)]
     standstill_slide_m_per_s: Annotated[float, Meta(gt=0, le=0.5)]
@@ -143,17 +143,17 @@ class Stop(Table, frozen=True):
     """A speed of this many times what the quick-stop ramp allows counts as disobeyed."""
     assist_fade_ms: Annotated[int, Meta(ge=20, le=2000)]
     patient_hip_nm: Annotated[float, Meta(ge=0, le=60)]
-    """Along with the motion; a quick stop keeps to its ramp against it."""
+    """The patient's effort along the motion, against which a quick stop must keep to its ramp."""
     patient_slide_n: Annotated[float, Meta(ge=0, le=600)]
 
 
 class Assist(Table, frozen=True):
-    """A controller's setpoints in the core (daemon/core/assist.py)."""
+    """A controller's setpoints in the core (daemon/core/motion/assist.py)."""
 
     setpoint_age_max_cycles: Annotated[int, Meta(ge=2, le=50)]
-    """From the cycle that a setpoint answers; then it is stale, and assist lapses."""
+    """Cycles after that of the answered estimate; then a setpoint is stale, and assist lapses."""
     first_setpoint_cycles: Annotated[int, Meta(ge=5, le=500)]
-    """Mode torque waits so long for its first setpoint."""
+    """Time that mode torque waits for its first setpoint, in cycles."""
     stiffness_rate_max_ratio_per_s: Annotated[float, Meta(gt=0, le=10)]
 
 

@@ -1,12 +1,12 @@
-"""robot.toml in the terms of the observer: the only place where degrees become radians for it."""
+"""Converts robot.toml for the observer: the only place that converts its degrees to radians."""
 
 import math
 
 from daemon.config.settings import Robot, Segment
-from observer.friction import FrictionParameters
-from observer.leg_model import integrator_named
-from observer.leg_observer import ObserverTuning
-from observer.mechanism import (
+from observer.filter.leg_model import integrator_named
+from observer.filter.leg_observer import ObserverTuning
+from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.mechanism import (
     Dampers,
     Geometry,
     LegParameters,
@@ -15,11 +15,11 @@ from observer.mechanism import (
     Springs,
     with_patient,
 )
-from observer.mechanism import leg_parameters as compose
+from observer.mechanism.mechanism import leg_parameters as compose
 
 
 def leg_parameters(robot: Robot) -> LegParameters:
-    """Geometry, inertia, springs and dampers of one leg, the patient's in it if there is one."""
+    """Geometry, inertia, springs and dampers of one leg, with the patient's leg if configured."""
     geometry = leg_geometry(robot)
     return compose(
         geometry,
@@ -57,7 +57,7 @@ def leg_geometry(robot: Robot) -> Geometry:
 
 
 def leg_links(robot: Robot) -> tuple[Link, Link, Link]:
-    """Thigh, shank and shoe: the machine's, with the patient's segments where there is one."""
+    """Thigh, shank and shoe of the machine, with the patient's segments if configured."""
     machine = (_link(robot.thigh), _link(robot.shank), _link(robot.shoe))
     if robot.patient is None:
         return machine

@@ -1,7 +1,7 @@
-"""What the configuration files may say: one struct per table, the range beside the name.
+"""Tables of the configuration files: one struct per table, the range beside the name.
 
 Unknown keys, missing keys and values out of range are refused. Nothing physical and nothing that
-safety depends on has a default. `load.py` reads the files into one frozen `Settings`.
+safety depends on has a default. `preflight/load.py` reads the files into one `Settings`.
 """
 
 from typing import Annotated, Literal
@@ -48,7 +48,7 @@ class Segment(Table, frozen=True):
 
 
 class Slide(Table, frozen=True):
-    """The carriage: `mass_kg` weighs, the drive's reflected mass is inertia alone."""
+    """The carriage: `mass_kg` has weight and inertia, the drive's reflected mass only inertia."""
 
     mass_kg: Annotated[float, Meta(ge=0, le=50)]
     drive_mass_kg: Annotated[float, Meta(ge=0, le=200)]
@@ -61,7 +61,7 @@ class Hip(Table, frozen=True):
 
 
 class Springs(Table, frozen=True):
-    """Weight compensation at both drives; the rest position lies where the spring is slack."""
+    """Weight compensation at both drives; at the rest position the spring is slack."""
 
     hip_stiffness_nm_per_rad: Annotated[float, Meta(ge=0, le=500)]
     hip_rest_rad: Annotated[float, Meta(ge=-20, le=20)]
@@ -103,14 +103,14 @@ class SlideFriction(Table, frozen=True):
 
 
 class Friction(Table, frozen=True):
-    """Both axes."""
+    """Friction of both axes."""
 
     hip: HipFriction
     slide: SlideFriction
 
 
 class Patient(Table, frozen=True):
-    """Adds the leg's segments to the exoskeleton's (Winter's table)."""
+    """Body data from which the leg's segments are added to the exoskeleton's (Winter's table)."""
 
     mass_kg: Annotated[float, Meta(ge=20, le=160)]
     height_m: Annotated[float, Meta(ge=1.0, le=2.2)]
@@ -131,7 +131,7 @@ class ObserverTuning(Table, frozen=True):
     measurement_slide_position_m: Positive
     coriolis: bool
     velocity_gated: bool
-    """At rest what changes is friction's (Fig. 5), and the split is uncertain."""
+    """At rest changes are assigned to friction (Fig. 5), and the split is uncertain."""
     integrator: Literal["semi_implicit", "rk4"]
     substeps: Annotated[int, Meta(ge=1, le=10)]
     gate_nis: Annotated[float, Meta(ge=20, le=1000)]
@@ -163,7 +163,7 @@ class Robot(Table, frozen=True):
 
 
 class Bus(Table, frozen=True):
-    """`simulated` is the bus of `gaitd sim`; every other word is python-can's."""
+    """The CAN bus: `simulated` is the bus of `gaitd sim`; other interfaces are python-can's."""
 
     interface: Text
     channel: Text
@@ -172,7 +172,7 @@ class Bus(Table, frozen=True):
 
 
 class Cycle(Table, frozen=True):
-    """The grid. The drives' 60C2h is written from `period_ms`."""
+    """The cycle grid. The drives' 60C2h is written from `period_ms`."""
 
     period_ms: Literal[10]
     window_ms: Annotated[float, Meta(ge=1, le=8)]
@@ -183,9 +183,9 @@ class Cycle(Table, frozen=True):
     """1016h in the drives: the master's silence until they stop by themselves."""
     rpdo_timeout_ms: Annotated[int, Meta(ge=20, le=100)]
     realtime_priority: Annotated[int, Meta(ge=0, le=90)]
-    """SCHED_FIFO priority of the core where the machine allows it; 0 asks for none."""
+    """SCHED_FIFO priority of the core where the machine allows it; 0 requests none."""
     realtime_cpus: tuple[Annotated[int, Meta(ge=0, le=1023)], ...] = ()
-    """Processors that the cycle may run on; empty: those that it is given."""
+    """Processors that the cycle may run on; empty: those that the system gives the process."""
     sync_counter: Annotated[int, Meta(ge=0, le=240)] = 0
     """1019h: SYNC counts from 1 to this, 2 at least; 0: SYNC without counter."""
     sync_window_ms: Annotated[float, Meta(ge=0, le=10)] = 0.0
@@ -193,13 +193,13 @@ class Cycle(Table, frozen=True):
 
 
 class Leg(Table, frozen=True):
-    """One leg: two drive files and maybe a baseline, by path relative to this file."""
+    """One leg: two drive files and an optional baseline, by path relative to this file."""
 
     name: Literal["right", "left"]
     hip: Text
     slide: Text
     baseline: Text | None = None
-    """Of `gaitd baseline`: taken off the stride figures; none if absent."""
+    """File of `gaitd baseline`, subtracted from the stride figures; none if absent."""
 
 
 class Impedance(Table, frozen=True):
@@ -251,51 +251,51 @@ class Excite(Table, frozen=True):
     artificial: tuple[Sinusoid, ...] = ()
 
 
-class Release(Table, frozen=True):
-    """Hand guiding: what slows whoever moves the leg, and for how long it may last."""
+class HandGuiding(Table, frozen=True):
+    """Hand guiding: damping of the leg's motion, and the maximum duration."""
 
     hip_damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=50)]
     slide_damping_n_s_per_m: Annotated[float, Meta(ge=0, le=1000)]
     hip_slow_rad_per_s: Annotated[float, Meta(gt=0, le=1)]
-    """Faster than this, the damping below is added for what goes beyond."""
+    """Above this speed, the damping below is added for the excess."""
     slide_slow_m_per_s: Annotated[float, Meta(gt=0, le=1)]
     hip_damping_beyond_nm_s_per_rad: Annotated[float, Meta(gt=0, le=60)]
     slide_damping_beyond_n_s_per_m: Annotated[float, Meta(gt=0, le=1500)]
     hip_edge_nm: Annotated[float, Meta(ge=0, le=100)]
-    """What leads back in at a hard limit; it grows from nothing over the soft margin."""
+    """Effort that leads back in at a hard limit; it grows from zero over the soft margin."""
     slide_edge_n: Annotated[float, Meta(ge=0, le=1000)]
     duration_max_s: Annotated[float, Meta(gt=0, le=600)]
-    """Then the leg is held again."""
+    """After this time the leg is held again."""
 
 
 class SelfTest(Table, frozen=True):
-    """The test of the day: what must have been seen and tried before a leg is moved."""
+    """The daily test: which checks must have passed before a leg is moved."""
 
     required: Literal["daily", "never"]
     valid_h: Annotated[float, Meta(gt=0, le=48)]
-    """For so long hand switch, STO and a passed test count."""
+    """How long hand switch, STO and a passed test remain valid."""
     hip_motion_deg: Annotated[float, Meta(gt=0.5, le=15)]
-    """Forth and back, from where the leg is held."""
+    """Motion forth and back, from where the leg is held."""
     hip_speed_rad_per_s: Annotated[float, Meta(gt=0, le=0.5)]
     hip_load_tolerance_nm: Annotated[float, Meta(gt=0, le=60)]
-    """Of the mean effort over both ways against g(q): friction is not in it."""
+    """Deviation of the mean effort over both ways from g(q); friction cancels in this mean."""
     slide_motion_m: Annotated[float, Meta(gt=0.005, le=0.2)]
     slide_speed_m_per_s: Annotated[float, Meta(gt=0, le=0.5)]
     slide_load_tolerance_n: Annotated[float, Meta(gt=0, le=600)]
     friction_min_ratio: Annotated[float, Meta(gt=0, lt=1)]
-    """Of half the difference of the efforts forth and back to friction as robot.toml has it."""
+    """Ratio of half the difference of the efforts forth and back to the friction of robot.toml."""
     friction_max_ratio: Annotated[float, Meta(gt=1, le=10)]
 
 
 class Reference(Table, frozen=True):
-    """When an absolute encoder is believed after a start (docs/first_start.md)."""
+    """Conditions for trusting an absolute encoder after a start (docs/first_start.md)."""
 
     pose_tolerance_deg: Annotated[float, Meta(gt=0, le=360)]
-    """How far the hip may be from where it was left."""
+    """How far the hip may be from its stored position."""
     pose_tolerance_m: Annotated[float, Meta(gt=0, le=2)]
-    """How far the slide may be from where it was left."""
+    """How far the slide may be from its stored position."""
     without_stored_pose: Literal["believe", "home"]
-    """What a first start makes of an absolute encoder."""
+    """Whether an absolute encoder is trusted at a first start, when no pose is stored."""
 
 
 class Commissioning(Table, frozen=True):
@@ -306,49 +306,49 @@ class Commissioning(Table, frozen=True):
     hip_torque_max_nm: Annotated[float, Meta(gt=0, le=40)]
     hip_torque_rate_nm_per_s: Annotated[float, Meta(gt=0, le=100)]
     hip_motion_deg: Annotated[float, Meta(gt=0, le=10)]
-    """Moved so far, the torque is taken away."""
+    """The torque is removed after this motion."""
     slide_force_max_n: Annotated[float, Meta(gt=0, le=400)]
     slide_force_rate_n_per_s: Annotated[float, Meta(gt=0, le=1000)]
     slide_motion_m: Annotated[float, Meta(gt=0, le=0.1)]
 
 
 class Lease(Table, frozen=True):
-    """How long a controller's lease lives without an accepted setpoint (docs/control_by_others.md).
+    """Duration of a controller's lease without an accepted setpoint (docs/control_by_others.md).
 
     The assist itself ends earlier: `setpoint_age_max_cycles` of limits.toml.
     """
 
     duration_ms: Annotated[int, Meta(ge=50, le=5000)]
     duration_max_ms: Annotated[int, Meta(ge=50, le=60_000)]
-    """Whoever wants a longer one gets this."""
+    """Upper limit of the duration that a client may request."""
 
 
 class Zenoh(Table, frozen=True):
-    """Where the gateway listens: loopback or a Unix socket, unless somebody decides otherwise."""
+    """Where the gateway listens: loopback or a Unix socket, unless the file allows more."""
 
     trainer: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]+$")]
     listen: Annotated[tuple[Locator, ...], Meta(min_length=1)]
     listen_beyond_loopback: bool = False
-    """Only with true may `listen` hold what another machine can reach."""
+    """Only with true may `listen` hold endpoints that other machines can reach."""
 
 
 class Paths(Table, frozen=True):
-    """Where the two processes meet and what outlives them; relative to the trainer file."""
+    """Directories of the service, relative to the trainer file."""
 
     runtime: Text
-    """A directory on a tmpfs: the ring and the sockets of the seam."""
+    """A directory on a tmpfs: the ring and the sockets of the IPC channel."""
     state: Text
     """A directory that survives a restart: stored pose and latched verdict."""
 
 
 class Shutdown(Table, frozen=True):
-    """What the operator knows about a stop: said by `check`, and by STATUS= at the end."""
+    """The operator's knowledge about a stop: printed by `check`, and sent in STATUS= at the end."""
 
     effect: Annotated[str, Meta(min_length=10)]
 
 
 class Log(Table, frozen=True):
-    """What of the gateway's events goes into the log; the others are published all the same."""
+    """Lowest severity of the gateway's events in the log; all events are published regardless."""
 
     level: Literal["debug", "info", "warning", "error"] = "info"
 
@@ -364,7 +364,7 @@ class Trainer(Table, frozen=True):
     hold: Impedance
     gait: Gait
     excite: dict[str, Excite]
-    release: Release
+    hand_guiding: HandGuiding
     self_test: SelfTest
     reference: Reference
     commissioning: Commissioning

@@ -1,7 +1,7 @@
-"""TOML into a struct, or an error that says where, what, and what would have been right.
+"""Strict decoding of TOML into structs, with errors that name place, value and allowed range.
 
-msgspec judges; this file only finds the one value that it refused and puts its place and its range
-into words. Nothing is ever defaulted, coerced or ignored.
+msgspec checks the values; this module finds the one value that was refused and describes its place
+and its range. No value is ever defaulted, coerced or ignored.
 """
 
 import difflib
@@ -16,16 +16,26 @@ from typing import Annotated, Any, Final, NamedTuple, TypeVar, cast, get_args, g
 import msgspec
 from msgspec import inspect
 
-from daemon.decoding import Decoder, RefusedError
+from daemon.ipc.decoding import Decoder, RefusedError
 
 T = TypeVar("T")
 
 _VALUE_LENGTH_MAX: Final = 60
 _INTEGER_END: Final = 2**63
 
+RENAMED: Final = {
+    "release": "hand_guiding",
+    "release_speed_max_rad_per_s": "hand_guiding_speed_max_rad_per_s",
+    "release_speed_max_m_per_s": "hand_guiding_speed_max_m_per_s",
+    "opposed_torque_min_nm": "sign_mismatch_torque_min_nm",
+    "opposed_force_min_n": "sign_mismatch_force_min_n",
+    "opposed_cycles": "sign_mismatch_cycles",
+}
+"""Present names of keys in older files, for names too different to be suggested by likeness."""
+
 
 class Words(str):
-    """Words about a value in place of the value itself, shown without quotes: `(missing)`."""
+    """Text in place of a value, shown without quotes: `(missing)`."""
 
     __slots__ = ()
 
@@ -34,10 +44,10 @@ MISSING: Final = Words("(missing)")
 
 
 class ConfigError(Exception):
-    """The operator's matter: a file says something that we refuse to run with.
+    """The configuration is refused, and the operator has to correct it.
 
-    `file`, `key` (dotted), `value` (as it stands in the file) and `allowed` are what a person needs
-    to correct it; `key` is empty when the file as a whole is meant.
+    `file`, `key` (dotted), `value` (as it stands in the file) and `allowed` are what is needed to
+    correct it; `key` is empty when the file as a whole is meant.
     """
 
     def __init__(self, file: Path | str, key: str, value: object, allowed: str) -> None:
@@ -98,7 +108,7 @@ def load_toml(path: Path, kind: type[T]) -> T:
 
 
 def decoded(document: Document, kind: type[T]) -> T:
-    """Turn a document into a struct.
+    """Convert a document into a struct.
 
     Raises:
         ConfigError: unknown or missing key, wrong type, out of range, not a finite number.
@@ -110,7 +120,7 @@ def decoded(document: Document, kind: type[T]) -> T:
 
 
 def described(kind: object) -> str:
-    """What a value of this type may be, in words, for example `a number > 0 and <= 120`."""
+    """The allowed values of a type in words, for example `a number > 0 and <= 120`."""
     return _words(inspect.type_info(kind))
 
 
@@ -133,10 +143,10 @@ def _table(data: bytes) -> dict[str, Any]:
 
 
 def _check_integers(value: object) -> None:
-    """TOML promises 64 bits; tomllib takes any number, and few who use it could.
+    """Check that integers have 64 bits, as TOML requires; tomllib accepts any size.
 
     Raises:
-        ValueError: one is larger.
+        ValueError: an integer is larger.
     """
     if isinstance(value, dict | list):
         inner = value.values() if isinstance(value, dict) else value
@@ -172,7 +182,7 @@ def _fault(value: object, kind: object, key: str) -> _Fault | None:
 
 
 def _inside(value: object, kind: object, key: str) -> Iterator[_Part | _Fault]:
-    """What is one level deeper."""
+    """The parts of a value one level deeper, with their types and keys."""
     origin, arguments = get_origin(kind), get_args(kind)
     if isinstance(value, dict) and isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         yield from _fields(cast("dict[str, object]", value), kind, key)
@@ -202,7 +212,8 @@ def _fields(
 
 
 def _unknown(name: str, known: list[str]) -> str:
-    near = difflib.get_close_matches(name, known, n=1)
+    renamed = RENAMED.get(name)
+    near = [renamed] if renamed in known else difflib.get_close_matches(name, known, n=1)
     hint = f" Did you mean `{near[0]}`?" if near else ""
     return f"unknown key.{hint} Known here: {', '.join(known)}"
 

@@ -1,4 +1,4 @@
-"""The file that `--config` names, and where it points; nothing of drives, mechanism or numerics.
+"""The file that `--config` names, and its paths; nothing of drives, mechanism or numerics.
 
 The gateway reads its configuration here: it shares no code with the drives (ARCHITECTURE.md).
 """
@@ -12,7 +12,7 @@ from daemon.config.settings import Trainer
 from daemon.config.strict import ConfigError, decoded, read_toml
 
 SIMULATED: Final = "simulated"
-"""The interface whose channel is the socket of `gaitd sim`, which owns time."""
+"""The interface whose channel is the socket of `gaitd sim`, which controls time."""
 SOCKET_PATH_BYTES_MAX: Final = 107
 """sun_path of unix(7) holds 108 bytes with the closing zero."""
 _LONGEST_SOCKET_NAME: Final = "gateway.sock"
@@ -20,7 +20,7 @@ _LONGEST_SOCKET_NAME: Final = "gateway.sock"
 
 @dataclass(frozen=True, slots=True)
 class TrainerFile:
-    """The trainer file and every path it names, absolute or as reachable from where we are."""
+    """The trainer file and every path it names, absolute or relative to the working directory."""
 
     path: Path
     sha256: str
@@ -28,20 +28,20 @@ class TrainerFile:
     robot: Path
     limits: Path
     runtime: Path
-    """Directory of the seam: ring and sockets."""
+    """Directory of the IPC channel: ring and sockets."""
     state: Path
-    """Directory that outlives a restart."""
+    """Directory that survives a restart."""
     sim: Path | None
     """plant.toml of the virtual drives."""
     channel: str
-    """Of the bus; an absolute path where the bus is simulated."""
+    """Channel of the bus; an absolute path where the bus is simulated."""
 
 
 def load_trainer(path: Path) -> TrainerFile:
     """Read the trainer file alone and resolve its paths relative to its own folder.
 
     Raises:
-        ConfigError: the file, one of its values, or one of its paths.
+        ConfigError: the file, one of its values, or one of its paths is invalid.
     """
     document = read_toml(path)
     trainer = decoded(document, Trainer)
@@ -61,7 +61,7 @@ def load_trainer(path: Path) -> TrainerFile:
 
 def beside(file: Path, named: str) -> Path:
     """The path that `file` means by `named`: relative ones start at the file's own folder."""
-    # normpath, not resolve(): a person should find the path again that stands in the file.
+    # normpath, not resolve(): the operator must recognise the path in the file.
     return Path(os.path.normpath(file.parent / named))
 
 

@@ -10,99 +10,105 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from daemon.core import (
-    assisting,
-    conduct,
-    guidance,
-    inbox,
+    cycle_record,
+    inputs,
+)
+from daemon.core.motion import (
+    leg_plan,
+)
+from daemon.core.safety import (
+    checks,
+)
+from daemon.core.safety.friction_monitor import watch
+from daemon.core.safety.inputs import AxisInputs, LegInputs, ServiceInputs
+from daemon.core.state import Axis, Core, Leg
+from daemon.core.steps import (
+    commissioning,
+    controllers,
+    impedance,
     joints,
     latching,
-    plans,
+    monitors,
     poses,
-    preparing,
-    recording,
     requests,
-    safety,
+    supervisor,
     targets,
-    watching,
 )
-from daemon.core.friction_watch import watch
-from daemon.core.joints import jump_reach_si
-from daemon.core.looking_back import look_back
-from daemon.core.sampling import effort_std
-from daemon.core.situation import AxisSituation, LegSituation, ServiceSituation
-from daemon.core.state import Axis, Core, Leg
+from daemon.core.steps.joints import jump_reach_si
+from daemon.core.steps.sampling import effort_std
+from daemon.core.steps.smoothing import look_back
 from daemon.core.tick import Tick
-from daemon.record import CycleRecord, Level, Mode, Verdict
-from drives.bus import Frame
-from drives.cia402 import TORQUE_FREE
+from daemon.ipc.record import CycleRecord, GatewayState, Mode, Verdict
+from drives.canopen.bus import Frame
+from drives.cia402.power_state import TORQUE_FREE
 from drives.signals import DriveFeedback, OperationMode, PowerState
-from observer.leg_observer import PoseError
-from observer.mechanism import ratio_and_load
-from observer.status import Validity
+from observer.filter.leg_observer import PoseError
+from observer.filter.status import Validity
+from observer.mechanism.mechanism import ratio_and_load
 
 
 def step(
-    core: Core, frames: Sequence[Frame], levels: Sequence[Level], tick: Tick
+    core: Core, frames: Sequence[Frame], levels: Sequence[GatewayState], tick: Tick
 ) -> tuple[list[Frame], CycleRecord]:
-    """One cycle with the drives: everything between the TPDOs of a SYNC and the RPDOs after it."""
+    """Run one cycle with drives: from the TPDOs of a SYNC to the RPDOs that follow them."""
     drives = core.drives
     if drives is None:
         raise RuntimeError("a cycle needs drives that have been brought up")
     drives.feed(frames, tick.sync_ns)
     sense(core, drives.end_of_window(tick.cycle, tick.sync_ns), tick)
     observe(core, tick)
-    orders = inbox.hear(core, levels, tick.cycle)
-    assisting.hear(core, tick.cycle)
+    orders = inputs.hear(core, levels, tick.cycle)
+    controllers.hear(core, tick.cycle)
     found = judge(core, orders, tick)
-    conduct.change_mode(core, found, orders, tick.cycle, tick.sync_utc_ns)
+    supervisor.change_mode(core, found, orders, tick.cycle, tick.sync_utc_ns)
     poses.follow(core, tick.cycle, tick.sync_utc_ns)
-    guidance.assist(core, tick.cycle)
-    commands = guidance.command(core, tick.cycle)
-    watching.note_commands(core)
+    impedance.assist(core, tick.cycle)
+    commands = impedance.command(core, tick.cycle)
+    monitors.note_commands(core)
     outgoing = drives.frames(commands)
-    return outgoing, recording.record(core, tick)
+    return outgoing, cycle_record.record(core, tick)
 
 
-def rest(core: Core, levels: Sequence[Level], tick: Tick) -> CycleRecord:
-    """One cycle without drives: nothing to sense and nothing to send, but heard and told."""
+def rest(core: Core, levels: Sequence[GatewayState], tick: Tick) -> CycleRecord:
+    """Run one cycle without drives: gateway states are read and a record is written."""
     for axis in core.axes:
         if axis.feedback is not None:
-            # Told once, in the cycle that heard it; the drive itself is not asked any more.
+            # Each EMCY is recorded once, in its own cycle; no new sample replaces this one.
             axis.feedback = replace(axis.feedback, news=())
-    orders = inbox.hear(core, levels, tick.cycle)
-    assisting.hear(core, tick.cycle)
+    orders = inputs.hear(core, levels, tick.cycle)
+    controllers.hear(core, tick.cycle)
     requests.answer(core, orders, tick.cycle, tick.sync_utc_ns)
     requests.finish_request(core)
     latching.follow(core, tick.sync_utc_ns)
-    return recording.record(core, tick)
+    return cycle_record.record(core, tick)
 
 
 def react(core: Core, frames: Sequence[Frame], tick: Tick) -> list[Frame]:
-    """Between two windows: what came is fed, and an alarm is answered at once by all drives.
+    """Process frames between two windows and stop all drives at once if one sent an alarm.
 
-    Only what makes the stop harsher is answered: a drive may answer our frame with its next EMCY
-    (8220h after its own reset), and the two of us would go on without end.
+    Frames are sent only if the stop of an axis became harsher. Otherwise a drive that answers each
+    frame with another EMCY (8220h after its own reset) would cause an endless exchange.
     """
     drives = core.drives
     if drives is None or not drives.feed_between(frames, tick.sync_ns):
         return []
-    if not conduct.driving(core):
+    if not supervisor.driving(core):
         return []
     for axis, feedback in zip(core.axes, drives.peek(tick.sync_ns), strict=True):
         axis.feedback = feedback
-    found = judge(core, inbox.NO_ORDERS, tick)
+    found = judge(core, inputs.NO_ORDERS, tick)
     if not found:
         return []
     before = [axis.stop and axis.stop.step for axis in core.axes]
     for verdict in found:
-        conduct.stop(core, verdict, tick.cycle)
+        supervisor.stop(core, verdict, tick.cycle)
     if before == [axis.stop and axis.stop.step for axis in core.axes]:
         return []
-    return drives.frames(guidance.command(core, tick.cycle))
+    return drives.frames(impedance.command(core, tick.cycle))
 
 
 def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
-    """What each joint does, and whether its drive is where it should be."""
+    """Update the joints from the drive samples, and check their references and drive states."""
     for axis, feedback in zip(core.axes, feedbacks, strict=True):
         _tell_overdue(core, axis, feedback)
         axis.feedback = feedback
@@ -111,7 +117,7 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
         if lost and axis.referenced:
             axis.referenced, axis.unreferenced_why = False, lost
             core.events.append(f"{axis.name}: not referenced any more, {lost}")
-        # A drive that is not heard may have lost its power, and with it its home.
+        # A silent drive may have lost its power, and with it its home position.
         silent = feedback.sample_age_cycles > core.config.thresholds.sample_age_max_cycles
         axis.homed = axis.homed and axis.referenced and not silent
         _count_readiness(core, axis, feedback)
@@ -119,7 +125,7 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
             axis.error_found = ""
     for leg in core.legs:
         _place(leg)
-        watching.watch_raw(core, leg)
+        monitors.watch_raw(core, leg)
 
 
 def _tell_overdue(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
@@ -131,13 +137,13 @@ def _tell_overdue(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
 
 
 def _measured(core: Core, axis: Axis, feedback: DriveFeedback, tick: Tick) -> joints.Joint:
-    # Once home is found positions count from another origin: no motion leads there.
-    before = joints.Joint() if preparing.finds_home(core, axis, feedback) else axis.joint
+    # Homing moves the origin of the position: that step must not count as motion.
+    before = joints.Joint() if commissioning.finds_home(core, axis, feedback) else axis.joint
     return joints.measure(before, feedback, axis.scaling, tick.sync_ns)
 
 
 def _reference_lost(core: Core, axis: Axis, feedback: DriveFeedback) -> str:
-    """Why the axis does not know its position any more; empty while it does."""
+    """The reason why the position of an axis is no longer valid; empty while it is valid."""
     if feedback.rebooted:
         return "its drive has rebooted"
     if feedback.reference_lost:
@@ -149,7 +155,7 @@ def _reference_lost(core: Core, axis: Axis, feedback: DriveFeedback) -> str:
 
 def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
     state = feedback.power_state
-    if not conduct.enable_wanted(core, axis):
+    if not supervisor.enable_wanted(core, axis):
         axis.seen_off = axis.seen_off or state in _OFF
         held = axis.stop is not None and not axis.seen_off
         powered = state not in TORQUE_FREE
@@ -169,11 +175,11 @@ def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
 _OFF = frozenset(
     {PowerState.NOT_READY_TO_SWITCH_ON, PowerState.SWITCH_ON_DISABLED, PowerState.FAULT}
 )
-"""No single controlword leads from here to power, so none of ours that is still on its way does."""
+"""States from which no single controlword enables power, so a delayed controlword cannot either."""
 
 
 def _place(leg: Leg) -> None:
-    """Where the mechanism is by the raw encoders: load that holds it, distance to singularity."""
+    """Compute holding load, singularity ratio and tracking error of a leg from raw encoders."""
     hip, slide = leg.axes
     if not all(axis.joint.known and axis.referenced for axis in leg.axes):
         leg.singularity_ratio = 1.0
@@ -192,10 +198,10 @@ def _place(leg: Leg) -> None:
 
 
 def observe(core: Core, tick: Tick) -> None:
-    """Feed each leg's observer with this cycle's samples; what did not come is NaN."""
+    """Feed each leg's observer with this cycle's samples; a missing sample is NaN."""
     for leg in core.legs:
         hip, slide = leg.axes
-        leg.artificial = plans.artificial(leg)
+        leg.artificial = leg_plan.artificial(leg)
         leg.measured = (_sampled_si(hip), _sampled_si(slide))
         leg.effort_used = (
             hip.joint.effort_si - leg.artificial[0],
@@ -214,19 +220,22 @@ def observe(core: Core, tick: Tick) -> None:
             effort_std=effort_std(leg),
             late=tick.late,
             unreferenced=not referenced,
-            artificial=leg.artificial != (0.0, 0.0) or plans.is_artificial(leg),
-            input_saturated=watching.is_saturated(leg),
+            artificial=leg.artificial != (0.0, 0.0) or leg_plan.is_artificial(leg),
+            input_saturated=monitors.is_saturated(leg),
             near_limit=leg.zone.entered,
         )
         watch(core, leg, estimate, tick.dt_s)
         look_back(leg, estimate, tick.dt_s)
-        watching.watch_patient(core, leg, estimate)
+        monitors.watch_patient(core, leg, estimate)
         bad = Validity.BAD in estimate.validity
         leg.observer_bad_cycles = leg.observer_bad_cycles + 1 if bad else 0
 
 
 def _start_observer(leg: Leg) -> bool:
-    """Begin at the measured pose; a pose that no leg can have is refused, and enabling with it."""
+    """Start the observer at the measured pose; False if that pose is impossible.
+
+    Without an observer the drives cannot be enabled.
+    """
     try:
         leg.observer.reset(leg.measured)
     except PoseError:
@@ -239,13 +248,13 @@ def _sampled_si(axis: Axis) -> float:
     return axis.joint.position_si if axis.joint.fresh else math.nan
 
 
-def judge(core: Core, orders: inbox.Orders, tick: Tick) -> tuple[Verdict, ...]:
-    """Gather what safety looks at, and let it judge; the harshest verdict first."""
+def judge(core: Core, orders: inputs.CommandInputs, tick: Tick) -> tuple[Verdict, ...]:
+    """Collect the safety inputs and run the safety checks; the harshest verdict is first."""
     drives = core.drives
-    service = ServiceSituation(
+    service = ServiceInputs(
         stop_requested=orders.stop,
         shutdown_requested=tick.shutdown,
-        level_age_cycles=tick.cycle - core.level_cycle,
+        gateway_age_cycles=tick.cycle - core.level_cycle,
         overruns_in_a_row=tick.overruns_in_a_row,
         bus_off=drives is not None and drives.bus_state.has_been_off,
         bus_error=tick.bus_error,
@@ -253,36 +262,36 @@ def judge(core: Core, orders: inbox.Orders, tick: Tick) -> tuple[Verdict, ...]:
     )
     axes = [_situation(core, leg, index) for leg in core.legs for index in range(len(leg.axes))]
     legs = [
-        LegSituation(leg.name, leg.singularity_ratio, leg.stopping_ratio, leg.observer_bad_cycles)
+        LegInputs(leg.name, leg.singularity_ratio, leg.stopping_ratio, leg.observer_bad_cycles)
         for leg in core.legs
     ]
     for axis in core.axes:
         if axis.feedback is not None:
             axis.emergencies_seen = axis.feedback.alarm_count
     config = core.config
-    return safety.judge(
-        service, axes, legs, config.thresholds, config.categories, driving=conduct.driving(core)
+    return checks.judge(
+        service, axes, legs, config.thresholds, config.categories, driving=supervisor.driving(core)
     )
 
 
-def _situation(core: Core, leg: Leg, index: int) -> AxisSituation:
+def _situation(core: Core, leg: Leg, index: int) -> AxisInputs:
     axis = leg.axes[index]
     feedback = axis.feedback
     if feedback is None:
         raise RuntimeError(f"{axis.name} is judged before it was sensed")
-    return AxisSituation(
+    return AxisInputs(
         name=axis.name,
         feedback=feedback,
         joint=axis.joint,
-        limits=preparing.limits_in_force(core, axis),
+        limits=commissioning.limits_in_force(core, axis),
         referenced=axis.referenced,
         preparing=core.preparation is not None,
-        homing=preparing.is_homing(core, axis),
+        homing=commissioning.is_homing(core, axis),
         tracking_si=axis.tracking_si if core.mode != Mode.STOPPING else 0.0,
         wanted_velocity_si=axis.wanted_velocity_si,
         counts_sign=1 if axis.scaling.counts_per_si > 0 else -1,
         loop_distance_si=targets.loop_distance(axis),
-        enable_wanted=conduct.enable_wanted(core, axis),
+        enable_wanted=supervisor.enable_wanted(core, axis),
         reached_enabled=axis.reached_enabled,
         unready_cycles=axis.unready_cycles,
         unasked_cycles=axis.unasked_cycles,
@@ -291,8 +300,8 @@ def _situation(core: Core, leg: Leg, index: int) -> AxisSituation:
         mode_wanted=axis.mode_sent,
         new_emergency=feedback.alarm_count > axis.emergencies_seen,
         watch=axis.watch,
-        stride_energy_j=watching.stride_energy(leg, axis),
-        stride_drift_si=watching.stride_drift(leg, axis),
+        stride_energy_j=monitors.stride_energy(leg, axis),
+        stride_drift_si=monitors.stride_drift(leg, axis),
         stopping_end_si=axis.stopping_end_si,
         spasm_cycles=axis.spasm.cycles,
         spasm_rise_si=axis.spasm.rise_si,

@@ -1,17 +1,14 @@
-"""The mutable part of the core: what one cycle leaves for the next."""
+"""The mutable state of the core that is kept from one cycle to the next."""
 
 from dataclasses import dataclass, field
 
-from daemon.config.settings import Excite, Gait, Impedance, Release, SelfTest
-from daemon.core.assist import AssistRules, LegAssist
-from daemon.core.axis_notes import Notes, PoseRules, Wiring
-from daemon.core.balance import Balance
-from daemon.core.effort_watch import EffortWatch
-from daemon.core.energy import StrideSum
-from daemon.core.joints import Joint
-from daemon.core.limits import AxisLimits, Categories, Thresholds
-from daemon.core.preparation import HomingRules, Preparation, PushRules, SignTest
-from daemon.core.reference import (
+from daemon.config.settings import Excite, Gait, HandGuiding, Impedance, SelfTest
+from daemon.core.modes.persistent_state import PersistentState, PoseRules, Wiring
+from daemon.core.motion.assist import AssistRules, LegAssist
+from daemon.core.motion.hand_guiding import ReleasePlay
+from daemon.core.motion.self_test import SelfTestPlay
+from daemon.core.motion.single_axis import HomingRules, Preparation, PushRules, SignTest
+from daemon.core.motion.trajectory import (
     ExcitePlay,
     GaitPlay,
     GaitShape,
@@ -19,32 +16,35 @@ from daemon.core.reference import (
     Reference,
     TorquePlay,
 )
-from daemon.core.release import ReleasePlay
-from daemon.core.self_test import SelfTestPlay
-from daemon.core.soft_limits import SoftZone
-from daemon.core.spasm import SpasmRules, SpasmWatch
-from daemon.core.stopping import DriveStop, StopRules
-from daemon.record import Cause, Mode, Request, RequestResult, Setpoint, Verdict
-from daemon.refusals import SetpointRefusal
-from drives.drive import DriveGroup
+from daemon.core.safety.effort_monitor import EffortWatch
+from daemon.core.safety.energy import StrideSum
+from daemon.core.safety.inverse_dynamics import Balance
+from daemon.core.safety.limits import AxisLimits, Categories, Thresholds
+from daemon.core.safety.soft_limits import SoftZone
+from daemon.core.safety.spasm import SpasmRules, SpasmWatch
+from daemon.core.safety.stop_sequence import DriveStop, StopRules
+from daemon.core.steps.joints import Joint
+from daemon.ipc.record import Cause, Mode, Request, RequestResult, Setpoint, Verdict
+from daemon.wire.refusals import SetpointRefusal
+from drives.cia402.drive import DriveGroup
+from drives.cia402.torque import TorqueSampling
+from drives.cia402.units import AxisScaling
 from drives.signals import DriveFeedback, OperationMode
-from drives.torque import TorqueSampling
-from drives.units import AxisScaling
 from observer.drift import NO_DRIFT, Drift
-from observer.friction import FrictionParameters
-from observer.leg_observer import LegEstimate, LegObserver
-from observer.leg_smoother import LegSmoother
-from observer.mechanism import LegParameters
+from observer.filter.leg_observer import LegEstimate, LegObserver
+from observer.filter.leg_smoother import LegSmoother
+from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.mechanism import LegParameters
 from observer.strides import Stride, StrideCounter
 
 Play = GaitPlay | ExcitePlay | ReleasePlay | SelfTestPlay
-"""What has stages, and an end."""
+"""A plan that has stages and an end."""
 Plan = Hold | TorquePlay | Play
 
 
 @dataclass(frozen=True, slots=True)
 class CoreConfig:
-    """What the core took from the configuration; never changes while it lives."""
+    """The part of the configuration that the core uses; constant while the core runs."""
 
     period_ns: int
     thresholds: Thresholds
@@ -55,10 +55,10 @@ class CoreConfig:
     hold: Impedance
     gait: Gait
     excite: dict[str, Excite]
-    release: Release
+    hand_guiding: HandGuiding
     self_test: SelfTest
     leg_digest: str
-    """Of robot.toml: a self-test is about one leg and one machine."""
+    """Digest of robot.toml: a self-test is valid for one leg and one machine only."""
     patient_configured: bool
     signs_must_be_proven: bool
 
@@ -70,10 +70,10 @@ class CoreConfig:
 
 @dataclass(slots=True)
 class Axis:
-    """One axis: what it is, and what is known of it."""
+    """Parameters and state of one axis."""
 
     name: str
-    """`right/hip`: as in the records."""
+    """Name as in the records, for example `right/hip`."""
     node_id: int
     limits: AxisLimits
     scaling: AxisScaling
@@ -85,37 +85,40 @@ class Axis:
     torque_sampling: TorqueSampling
     spasm: SpasmWatch
     reaction_cycles: int
-    """From its drive's profile: so long a fault reaction may last."""
+    """Longest fault reaction of the drive, in cycles, from its profile."""
     serial_number: int = 0
     referenced: bool = False
     homed: bool = False
-    """In this power cycle of the drive, and by us."""
+    """The core has homed the axis in this power cycle of the drive."""
     unreferenced_why: str = ""
     sign_proven: bool = False
     joint: Joint = field(default_factory=Joint)
     feedback: DriveFeedback | None = None
     stop: DriveStop | None = None
     mode_sent: OperationMode = OperationMode.CYCLIC_SYNC_TORQUE
-    """6060h of the last command: what 6061h is to show."""
+    """6060h of the last command, which 6061h is expected to show."""
     seen_off: bool = False
-    """Since power was last asked for its drive has shown that it is off, and not on its way."""
+    """The drive has shown a state without power since power was last requested."""
     effort_sent_si: float = 0.0
     position_sent_si: float = 0.0
-    """Target position of the last command, whatever the mode."""
+    """Target position of the last command, in every mode."""
     speed_sent_si: float = 0.0
     acceleration_sent_si: float = 0.0
-    """Of the target position, over the last two commands; 0 where the drive does not go by it."""
+    """Acceleration of the target position, from the last two commands.
+
+    0 where the drive does not follow its target position.
+    """
     effort_mean_si: float = 0.0
-    """Of what was sent in torque mode lately: holds a joint without a loop of ours."""
+    """Low-pass mean of the effort sent in torque mode: it holds a joint without a control loop."""
     effort_offset_si: float = 0.0
     position_offset_si: float = 0.0
-    """What the target had beyond the plan's wish when guidance took it over; fades away."""
+    """Difference between target and plan when guidance took over; it fades to zero."""
     gravity_si: float = 0.0
     watch: EffortWatch = field(default_factory=EffortWatch)
     energy: StrideSum = field(default_factory=StrideSum)
-    """Into the leg, J."""
+    """Energy that the drive puts into the leg, J."""
     unexplained: StrideSum = field(default_factory=StrideSum)
-    """Effort times cycles of a gait that plays."""
+    """Sum of the effort residual over the cycles of a playing gait."""
     stopping_end_si: float = 0.0
     tracking_si: float = 0.0
     wanted_velocity_si: float = 0.0
@@ -123,16 +126,16 @@ class Axis:
     unready_cycles: int = 0
     unasked_cycles: int = 0
     emergencies_seen: int = 0
-    """Alarms by EMCY that have been judged: each is, once."""
+    """Count of EMCY alarms already checked: each alarm is checked once."""
     error_found: str = ""
-    """What the drive said of the fault in which bring-up found it; empty once that is over."""
+    """Error text of the fault that bring-up found in the drive; empty once the fault is gone."""
     drift: Drift = NO_DRIFT
     calibration_advised: bool = False
 
 
 @dataclass(slots=True)
 class Leg:
-    """One leg: two axes, an observer, and what it is meant to do."""
+    """Parameters and state of one leg: two axes, an observer and a plan."""
 
     name: str
     parameters: LegParameters
@@ -142,7 +145,7 @@ class Leg:
     smoother: LegSmoother
     strides: StrideCounter
     friction: tuple[FrictionParameters, FrictionParameters]
-    """Of hip and slide, as the observer has it."""
+    """Friction of hip and slide, as used by the observer."""
     phase_offset_strides: float
     plan: Plan | None = None
     reference: Reference | None = None
@@ -151,23 +154,23 @@ class Leg:
     effort_used: tuple[float, float] = (0.0, 0.0)
     artificial: tuple[float, float] = (0.0, 0.0)
     assist: LegAssist = field(default_factory=LegAssist)
-    """What a controller asked for, and what of it is in force."""
+    """The setpoint of a controller and the assist in force."""
     takes_over: bool = False
-    """The plan is another one since the last command, and is to begin with the effort of that."""
+    """The plan has changed since the last command and begins with the effort of that command."""
     assist_si: tuple[float, float] = (0.0, 0.0)
-    """A controller's assist in force in this cycle, bounded: N·m, N."""
+    """Bounded assist of a controller in force in this cycle: N·m, N."""
     stiffness_ratio: float = 1.0
-    """Of the configured stiffness of guidance: what a controller, or a spasm, leaves of it."""
+    """Share of the configured guidance stiffness that a controller requests."""
     spasm_ratio: float = 1.0
-    """Of the stiffness of guidance: what a spasm leaves of it."""
+    """Share of the guidance stiffness that remains during a spasm."""
     singularity_ratio: float = 1.0
     stopping_ratio: float = 1.0
     window_cycles: int = 1
-    """Of a stride, or what stands in for it: energy is counted over it."""
+    """Length of the energy window: a stride, or the configured window where there is no stride."""
     balance: Balance = field(default_factory=Balance)
     zone: SoftZone = field(default_factory=SoftZone)
     stride: Stride | None = None
-    """Completed in this cycle."""
+    """The stride that was completed in this cycle; None if there was none."""
     stride_count: int = 0
     observer_started: bool = False
     observer_bad_cycles: int = 0
@@ -175,7 +178,7 @@ class Leg:
 
 @dataclass(slots=True)
 class Core:
-    """Everything that one cycle leaves for the next."""
+    """The whole state of the core between two cycles."""
 
     boot_id: str
     config: CoreConfig
@@ -184,56 +187,56 @@ class Core:
     """None until the drives have been brought up, and after they were lost."""
     mode: Mode = Mode.OFF
     verdict: Verdict = field(default_factory=Verdict)
-    """Latched until a reset; in mode OFF the reason why the drives are not there."""
+    """Latched until a reset; in mode OFF the reason why the drives are not available."""
     causes_told: set[tuple[Cause, str]] = field(default_factory=set[tuple[Cause, str]])
-    """Since the machine was stopped: each is told once."""
+    """Causes published since the machine was stopped: each is published once."""
     disabling: bool = False
-    """STOPPING because somebody asked to disable, not because of a verdict."""
+    """The mode is STOPPING because of a disable request, not because of a verdict."""
     reset_cycles_left: int = 0
+    """Cycles for which a requested fault reset is still tried."""
     reset_settle_cycles: int = 0
-    """A drive that was in fault is out of it for good once it has shown so for these."""
-    """Cycles for which a requested fault reset is still being tried."""
+    """Cycles for which all drives must still show no fault before the reset is done."""
     load_settle_cycles: int = 0
     load_checked: bool = False
-    notes: Notes = field(default_factory=Notes)
-    """What outlives a restart."""
+    notes: PersistentState = field(default_factory=PersistentState)
+    """The persistent state: it outlives a restart."""
     preparation: Preparation | None = None
-    """One axis is being homed or its sign proven, or is about to be."""
+    """The homing or sign test of one axis, under way or about to begin."""
     evidence: dict[str, SignTest] = field(default_factory=dict[str, SignTest])
-    """Sign tests that went well, by axis, until somebody says what was seen."""
+    """Successful sign tests by axis, until the operator confirms the observed direction."""
     request: Request | None = None
-    """Accepted, and not finished yet."""
+    """The request that is accepted and not finished yet."""
     result: RequestResult = field(default_factory=RequestResult)
-    """Of the newest request that was heard: its id never falls."""
+    """Result of the newest request received: its id never decreases."""
     stop_count: int | None = None
     level_seq: int = 0
-    """Of the newest level that counted."""
+    """`seq` of the newest gateway state used."""
     level_cycle: int = 0
-    """`for_cycle` of the newest level: the gateway's age is counted from here."""
+    """`for_cycle` of the newest gateway state: the gateway's age is counted from here."""
     setpoints: tuple[Setpoint, ...] = ()
-    """The newest of each leg, as the newest level has them."""
+    """The newest setpoint of each leg in the newest gateway state."""
     lease: int = 0
-    """That is held, by the newest level; 0: none."""
+    """The lease that is held according to the newest gateway state; 0: none."""
     torque_lease: int = 0
-    """With which mode TORQUE was entered."""
+    """The lease with which mode TORQUE was entered."""
     setpoint_accepted_count: int = 0
     setpoint_refused_count: list[int] = field(default_factory=lambda: [0] * len(SetpointRefusal))
-    """By reason, in the order of `SetpointRefusal`."""
+    """Refused setpoints by reason, in the order of `SetpointRefusal`."""
     lapse_count: int = 0
     lapse_reason: str = ""
-    """Of the newest lapse."""
+    """Reason of the newest lapse of assist."""
     seq: int = 0
     events: list[str] = field(default_factory=list)
     progress: str = ""
     self_test_due: str = ""
-    """Why a leg may not be moved before a self-test; empty if it may."""
+    """The reason why a self-test must come before any motion; empty if none is due."""
     inputs_unseen: tuple[str, ...] = ()
-    """What of hand switch and STO has not been seen to act today, where it must be."""
+    """The states of hand switch and STO still to be observed in the daily test, where required."""
     utc_newest_ns: int = 0
-    """The latest time that was ever read: a clock that is behind it went back."""
+    """The latest UTC time ever read: a clock that shows less was set back."""
     axes: tuple[Axis, ...] = field(init=False)
     """All axes of all legs, in the order of the records."""
 
     def __post_init__(self) -> None:
-        """Legs and their axes stay what they are for as long as a core lives."""
+        """Collect the axes; legs and axes are the same objects for the life of a core."""
         self.axes = tuple(axis for leg in self.legs for axis in leg.axes)

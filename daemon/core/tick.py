@@ -1,23 +1,23 @@
-"""What the loop hands to a cycle besides frames and levels."""
+"""The timing and bus data that the loop passes to a cycle besides frames and gateway states."""
 
 from typing import NamedTuple
 
-from daemon.cycle_timing import CycleTiming
-from daemon.record import BusRecord
+from daemon.ipc.cycle_timing import CycleTiming
+from daemon.ipc.record import BusRecord
 
 
 class Tick(NamedTuple):
-    """What the loop knows about this cycle and no frame says."""
+    """Data of one cycle that the loop measures and that no frame contains."""
 
     cycle: int
     sync_ns: int
-    """Monotonic time at which SYNC left."""
+    """Monotonic time at which SYNC was sent."""
     sync_utc_ns: int
     dt_s: float
-    """True time since the SYNC before."""
+    """Measured time since the previous SYNC."""
     timing: CycleTiming
     late: bool = False
-    """Grid points were skipped before this one."""
+    """Grid points were skipped directly before this cycle."""
     overruns_in_a_row: int = 0
     bus_error: str = ""
     tx_dropped_in_a_row: int = 0
@@ -25,4 +25,4 @@ class Tick(NamedTuple):
     bus_load_ratio: float = 0.0
     bus: BusRecord = BusRecord()
     shutdown: bool = False
-    """SIGTERM has come."""
+    """SIGTERM has been received."""

@@ -1,33 +1,33 @@
-"""What the drives have reported by EMCY: a bounded history of each, for whoever comes late."""
+"""History of EMCY messages: a bounded number for each drive, published with the drive's state."""
 
 from collections import deque
 from typing import Final
 
 from daemon import wire
-from daemon.record import CycleRecord, EmergencyRecord
+from daemon.ipc.record import CycleRecord, EmergencyRecord
 
 RING_COUNT: Final = 32
 
 
 class EmergencyHistory:
-    """The newest messages of every drive since the core's start."""
+    """The newest EMCY messages of every drive since the core's start."""
 
     def __init__(self) -> None:
         self._rings: dict[str, deque[wire.Emergency]] = {}
 
     def core_started(self) -> None:
-        """Forget the core before."""
+        """Clear the history of the previous core."""
         self._rings.clear()
 
     def note(self, record: CycleRecord) -> None:
-        """Take one record."""
+        """Add the EMCY messages of one record."""
         for drive in record.drives:
             for emergency in drive.emergencies:
                 ring = self._rings.setdefault(drive.name, deque(maxlen=RING_COUNT))
                 ring.append(_message(emergency, record.sync_utc_ns))
 
     def of(self, drive: str) -> tuple[wire.Emergency, ...]:
-        """Those of one drive, oldest first."""
+        """The EMCY messages of one drive, oldest first."""
         return tuple(self._rings.get(drive, ()))
 
 

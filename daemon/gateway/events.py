@@ -1,11 +1,11 @@
-"""Records into events: what changed from one record to the next, said once, with a priority.
+"""Events made from records: each change between two records is reported once, with a priority.
 
 Priorities follow IEC 60601-1-8: high needs an immediate reaction, medium a prompt one, low
 attention; info is no alarm. A verdict is the alarm; the mode change that follows from it is not
-another one. Inputs and states of a drive count only while it has told them.
+another one. Changes of a drive's inputs are reported only after its first statusword.
 
-The core says what it did in lines of its own (`CycleRecord.events`). They are passed on, but for a
-line that only names the cause of a new verdict: that one is said here, with priority and remedy.
+The core reports its own events as lines of text (`CycleRecord.events`). They are passed on, except
+a line that only names the cause of a new verdict: the event of the verdict has priority and remedy.
 """
 
 from collections import deque
@@ -14,9 +14,8 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 from daemon import wire
-from daemon.causes import CAUSE_TEXT
 from daemon.gateway.translate import Stamp, head, power_state_name
-from daemon.record import (
+from daemon.ipc.record import (
     Cause,
     CycleRecord,
     DriveRecord,
@@ -26,14 +25,15 @@ from daemon.record import (
     StopCategory,
     Verdict,
 )
-from daemon.words import NMT_STATES, name_of
+from daemon.wire.causes import CAUSE_TEXT
+from daemon.wire.fields import NMT_STATES, name_of
 
 HISTORY_COUNT: Final = 200
-"""Events that a late joiner gets."""
+"""Number of events kept for late joiners."""
 
 
 class Priority(Enum):
-    """How urgent an event is."""
+    """Urgency of an event."""
 
     HIGH = "high"
     MEDIUM = "medium"
@@ -42,7 +42,7 @@ class Priority(Enum):
 
 
 class Kind(Enum):
-    """What sort of event it is."""
+    """Type of an event."""
 
     CORE = "core"
     MODE = "mode"
@@ -55,17 +55,17 @@ class Kind(Enum):
 
 
 ASKED: Final = frozenset({Cause.STOP_REQUESTED, Cause.SHUTDOWN})
-"""Somebody wanted this stop."""
+"""Causes of a stop that was requested."""
 PASSING: Final = frozenset(
     {"not_ready_to_switch_on", "ready_to_switch_on", "switched_on", "fault_reaction_active"}
 )
-"""Power states on the way to another one, which are no event."""
+"""Intermediate power states, which make no event."""
 BY_PERSON: Final = frozenset({Cause.HAND_SWITCH_OPEN, Cause.STO_ACTIVE})
-"""Somebody used what is there to stop the machine."""
+"""Causes of a stop by a person at the machine: hand switch or safe torque off."""
 
 
 class Happening(NamedTuple):
-    """An event without its place in the history."""
+    """An event before it has an identity and a place in the history."""
 
     priority: Priority
     kind: Kind
@@ -79,7 +79,7 @@ CORE_BACK: Final = Happening(Priority.LOW, Kind.CORE, "records from the core arr
 
 
 def happenings(before: CycleRecord | None, now: CycleRecord) -> list[Happening]:
-    """Everything that happened from the record before to this one, of the same core."""
+    """All events between two consecutive records of a core; `before` is None for the first."""
     if before is None:
         said = [Happening(Priority.INFO, Kind.CORE, f"core is there, mode {name_of(now.mode)}")]
         latched = _verdict_change(Verdict(), now.verdict)
@@ -95,38 +95,39 @@ def happenings(before: CycleRecord | None, now: CycleRecord) -> list[Happening]:
 
 
 def core_lost(silence_ms: int) -> Happening:
-    """The core fell silent."""
+    """The event that no records arrive from the core any more."""
     text = f"no record from the core for {silence_ms} ms: nothing that was shown is valid"
     remedy = "the drives stop by themselves; see the core's log"
     return Happening(Priority.HIGH, Kind.CORE, text, remedy)
 
 
 def unread(what: str) -> Happening:
-    """What the core has written, and cannot be read."""
+    """The event that data written by the core cannot be read."""
     remedy = "if it goes on: end core and gateway, and start both from one installation"
     return Happening(Priority.LOW, Kind.NOTE, what, remedy)
 
 
 def failed(what: str) -> Happening:
-    """A bug of ours, which cost one query its answer."""
+    """The event that a bug in the gateway has ended one query."""
     return Happening(Priority.LOW, Kind.NOTE, what, "report it, with the gateway's log")
 
 
 def asked(name: str, client: str) -> Happening:
-    """A client's request goes to the core."""
+    """The event that a client's request is sent to the core."""
     return Happening(Priority.INFO, Kind.REQUEST, f"{name}, asked by {client}")
 
 
 def answered(name: str, client: str, outcome: str, reason: str) -> Happening:
-    """A client got its answer from the gateway."""
+    """The event that the gateway has answered a client's request."""
     said = f"{name}, asked by {client}: {outcome}"
     return Happening(Priority.INFO, Kind.REQUEST, f"{said}: {reason}" if reason else said)
 
 
 class EventLog:
-    """The bounded history, and the identity of each event.
+    """The bounded history of events, and the identity of each event.
 
-    An id is BOOT-RECORD-INDEX: the number of the newest record, and the how manieth event since.
+    An id is BOOT-RECORD-INDEX: the core's boot id, the number of the newest record, and the index
+    of the event since that record, from 1.
     """
 
     def __init__(self) -> None:
@@ -142,7 +143,7 @@ class EventLog:
         time_ns: int,
         next_seq: Callable[[], int],
     ) -> list[wire.Event]:
-        """Give events their identity and keep them."""
+        """Give the events their identities, add them to the history and return them."""
         place = (stamp.core_boot_id or "none", record_seq)
         if place != self._place:
             self._place, self._index = place, 0
@@ -167,7 +168,7 @@ class EventLog:
 
 
 def _note(line: str) -> Happening:
-    """A line of the core, sorted by its first word; what the CAN controller says needs a look."""
+    """An event from a line of the core; the first word gives its kind and priority."""
     word = line.partition(" ")[0]
     if word == "CAN":
         return Happening(Priority.LOW, Kind.NOTE, line)
@@ -223,7 +224,7 @@ def _drive_changes(before: DriveRecord, now: DriveRecord) -> list[Happening]:
 
 
 def _has_spoken(drive: DriveRecord) -> bool:
-    """Whether a statusword, and with it the inputs, has come from this drive."""
+    """True if a statusword, and with it the inputs, has been received from this drive."""
     return power_state_name(drive.power_state) != "unknown"
 
 

@@ -1,4 +1,4 @@
-"""Many records into one `health`: lateness, work, and what got lost between us and the drives.
+"""Summary of many records in one `health` message: lateness, work, lost samples and records.
 
 A sample is missed when its cycle's window closed without it. It is late when its frame came before
 the next record (the drive's late count rose there), and lost when it did not.
@@ -13,22 +13,22 @@ from typing import Final
 import msgspec
 
 from daemon import wire
-from daemon.cycle_timing import CyclePart
 from daemon.gateway.translate import Stamp, finite, head
-from daemon.health_messages import BusHealth, DriveHealth
-from daemon.record import BusRecord, CycleRecord, DriveRecord
-from daemon.refusals import SetpointRefusal
-from daemon.words import name_of
+from daemon.ipc.cycle_timing import CyclePart
+from daemon.ipc.record import BusRecord, CycleRecord, DriveRecord
+from daemon.wire.fields import name_of
+from daemon.wire.health_messages import BusHealth, DriveHealth
+from daemon.wire.refusals import SetpointRefusal
 
 LATENESS_BOUND_US: Final = (50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000)
 
 _OPERATIONAL: Final = 0x05
-"""NMT state in which TPDOs come."""
+"""NMT state OPERATIONAL, in which a drive sends TPDOs."""
 
 
 @dataclass(slots=True)
 class _Tally:
-    """Missed samples of one drive."""
+    """Missed, late and lost samples of one drive."""
 
     missed_count: int = 0
     lost_count: int = 0
@@ -45,12 +45,12 @@ class _Tally:
 
 @dataclass(slots=True)
 class Counters:
-    """What the gateway itself lost, since its start."""
+    """What the gateway itself lost, counted since its start."""
 
     record_missed_count: int = 0
     record_skipped_count: int = 0
-    level_dropped_count: int = 0
-    inquiry_dropped_count: int = 0
+    gateway_state_dropped_count: int = 0
+    request_dropped_count: int = 0
     not_kept_count: int = 0
     setpoint_refused_count: Mapping[SetpointRefusal, int] = field(
         default_factory=dict[SetpointRefusal, int]
@@ -59,7 +59,7 @@ class Counters:
 
 @dataclass(slots=True)
 class HealthWindow:
-    """Collects one second of records; the histogram and the tallies live as long as the core."""
+    """Collects one second of records; histogram and tallies are kept as long as the core lives."""
 
     counters: Counters = field(default_factory=Counters)
     _histogram: list[int] = field(default_factory=lambda: [0] * (len(LATENESS_BOUND_US) + 1))
@@ -69,28 +69,28 @@ class HealthWindow:
     _tallies: dict[str, _Tally] = field(default_factory=dict)
 
     def core_started(self) -> None:
-        """Forget the core before."""
+        """Clear what was counted of the previous core."""
         self._histogram = [0] * (len(LATENESS_BOUND_US) + 1)
         self._records.clear()
         self._tallies.clear()
 
     def note(self, record: CycleRecord) -> None:
-        """Take one record."""
+        """Add one record."""
         self._records.append(record)
         self._histogram[bisect_left(LATENESS_BOUND_US, record.timing.lateness_ns / 1e3)] += 1
         for drive in record.drives:
             self._tallies.setdefault(drive.name, _Tally()).note(drive)
 
     def note_wake(self, work_ns: int) -> None:
-        """Take the length of one turn of the gateway's loop."""
+        """Add the duration of one turn of the gateway's loop, in ns."""
         self._wakes_ns.append(work_ns)
 
     def note_estimate(self, work_ns: int) -> None:
-        """Take the time from a wake to the first estimate that is made and not yet put."""
+        """Add the time from a wake-up to the first estimate, made but not yet published, in ns."""
         self._estimates_ns.append(work_ns)
 
     def close(self, stamp: Stamp, seq: int) -> wire.Health:
-        """Say what the second was like, and begin the next."""
+        """Make the message of the last second and begin the next."""
         records, self._records = self._records, []
         wakes_ns, self._wakes_ns = self._wakes_ns, []
         estimates_ns, self._estimates_ns = self._estimates_ns, []
@@ -113,8 +113,8 @@ class HealthWindow:
             tx_dropped_count=newest.tx_dropped_count if newest else None,
             record_missed_count=self.counters.record_missed_count,
             record_skipped_count=self.counters.record_skipped_count,
-            level_dropped_count=self.counters.level_dropped_count,
-            inquiry_dropped_count=self.counters.inquiry_dropped_count,
+            gateway_state_dropped_count=self.counters.gateway_state_dropped_count,
+            request_dropped_count=self.counters.request_dropped_count,
             not_kept_count=self.counters.not_kept_count,
             gateway_wake_max_us=_max_us(wakes_ns),
             gateway_estimate_p50_us=_median_us(estimates_ns),
@@ -137,7 +137,7 @@ class HealthWindow:
 
 
 def _refused(counters: Counters, newest: CycleRecord | None) -> dict[str, int]:
-    """Of every reason: a setpoint is refused by the gateway or by the core."""
+    """Refused setpoints by reason: the sum of the gateway's and the core's refusals."""
     by_core = newest.assist.refused_count if newest else ()
     return {
         name_of(reason): counters.setpoint_refused_count.get(reason, 0)
@@ -148,7 +148,7 @@ def _refused(counters: Counters, newest: CycleRecord | None) -> dict[str, int]:
 
 
 def _by_part(newest: CycleRecord | None) -> dict[str, int]:
-    """Of every part; a ring of an older core has none."""
+    """Overruns by part of the cycle; empty parts for a ring of an older core, which has none."""
     counts = newest.timing.overrun_by_part if newest else ()
     return {name_of(part): count for part, count in zip(CyclePart, counts, strict=False)}
 

@@ -1,16 +1,17 @@
-"""The lease: who may command torque. One holder, for a limited time, by a number nobody can guess.
+"""The lease: permission for one client to command torque, for a limited time, proven by a number.
 
-    acquire     nobody holds it             granted, with a new number
+    acquire     no lease is held            granted, with a new number
                 the holder, by its number   renewed, with the same number
-                anybody else                refused, and told who holds it
+                any other client            refused, with the holder's name
     release     the holder, by its number   ended
     accepted setpoint                       renewed
     time over, a stop, another core,
     a machine that is stopped               ended
 
-Renewal follows what the core says that it accepted, not what the gateway forwarded. The number goes
-to its holder and to the core; it is never published, logged or recorded. Told the time; knows no
-clock and no Zenoh.
+A lease is renewed by setpoints that the core reports as accepted, not by those that the gateway
+forwarded. The number is random and cannot be guessed. It is sent only to the holder and to the
+core; it is never published, logged or recorded. The time is an argument: this module reads no
+clock and does not use Zenoh.
 """
 
 import secrets
@@ -22,14 +23,14 @@ from typing import Final, NamedTuple
 from daemon.config.settings import Lease as LeaseRules
 
 NUMBER_BITS: Final = 53
-"""As far as every JSON reader counts exactly."""
+"""Bits of a lease number: integers up to 2**53 are exact in every JSON reader."""
 REMEMBERED_COUNT: Final = 10_000
-"""Numbers that are not given again; by chance none would be."""
+"""Number of past lease numbers that are not used again."""
 NS_PER_MS: Final = 1_000_000
 
 
 class Granted(NamedTuple):
-    """A lease as its holder is told of it."""
+    """A granted lease, as it is sent to its holder."""
 
     number: int
     duration_ms: int
@@ -37,14 +38,14 @@ class Granted(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """A lease that is over."""
+    """A lease that has ended, and why."""
 
     client: str
     why: str
 
 
 class LeaseRefusedError(Exception):
-    """Nothing was given or taken: says why, in words for the one who asked."""
+    """The request for the lease is refused; the message is the reason given to the client."""
 
 
 @dataclass(slots=True)
@@ -56,13 +57,13 @@ class _Held:
 
 
 def draw_number() -> int:
-    """A number that nobody can guess; never 0."""
+    """A random lease number that cannot be guessed; never 0."""
     return secrets.randbits(NUMBER_BITS) or 1
 
 
 @dataclass(slots=True)
-class LeaseDesk:
-    """Gives the lease, renews it, and takes it back."""
+class LeaseManager:
+    """Grants, renews and ends the lease."""
 
     rules: LeaseRules
     draw: Callable[[], int] = draw_number
@@ -71,27 +72,27 @@ class LeaseDesk:
 
     @property
     def number(self) -> int:
-        """Of the lease that is held; 0: none."""
+        """Number of the lease that is held; 0: none."""
         return self._held.number if self._held else 0
 
     @property
     def holder(self) -> str | None:
-        """Who holds it."""
+        """Name of the client that holds the lease; None if no lease is held."""
         return self._held.client if self._held else None
 
     def acquire(
         self, client: str, number: int | None, wanted_ms: int | None, now_ns: int
     ) -> Granted:
-        """Give the lease, or renew it for who shows its number.
+        """Grant the lease, or renew it for the client that sends its number.
 
         Args:
-            client: who asks, for people.
-            number: of the lease that the client holds already; None: it asks for a new one.
-            wanted_ms: how long the lease is to live without renewal; None: as configured.
+            client: name of the client, for events and the log.
+            number: of the lease that the client holds already; None: it requests a new one.
+            wanted_ms: duration of the lease without renewal; None: as configured.
             now_ns: the time.
 
         Raises:
-            LeaseRefusedError: somebody else holds it, or the number is none that is held.
+            LeaseRefusedError: another client holds the lease, or the number is not the lease's.
         """
         held = self._held
         if held is None and number is not None:
@@ -105,10 +106,10 @@ class LeaseDesk:
         return Granted(number, duration_ms, renewed)
 
     def release(self, client: str, number: int) -> Ended:
-        """Take the lease back from its holder.
+        """End the lease at its holder's request.
 
         Raises:
-            LeaseRefusedError: nobody holds one, or not this client by this number.
+            LeaseRefusedError: no lease is held, or not by this client with this number.
         """
         held = self._held
         if held is None:
@@ -119,17 +120,17 @@ class LeaseDesk:
         return Ended(held.client, "released")
 
     def renew(self, now_ns: int) -> None:
-        """A setpoint was accepted: the lease lives on."""
+        """Renew the lease after an accepted setpoint."""
         if self._held is not None:
             self._held.expires_ns = now_ns + self._held.duration_ms * NS_PER_MS
 
     def end(self, why: str) -> Ended | None:
-        """Whatever the holder thinks of it."""
+        """End the lease, if one is held, without the holder's request."""
         held, self._held = self._held, None
         return Ended(held.client, why) if held else None
 
     def tick(self, now_ns: int) -> Ended | None:
-        """End it when its time is over."""
+        """End the lease if its time is over."""
         if self._held is None or now_ns < self._held.expires_ns:
             return None
         return self.end(f"no setpoint was accepted for {self._held.duration_ms} ms")

@@ -1,33 +1,34 @@
-"""The messages of each leg: its estimate at once, and what else a record says of it later.
+"""Messages of each leg: the estimate is published at once, the other messages later in the turn.
 
-A controller waits for the estimate, and counts microseconds; nobody waits for the others.
+A controller waits for the estimate, where every microsecond counts; the others are not urgent.
 """
 
 from collections.abc import Sequence
 from typing import Final
 
-from daemon.clock import AgeClock
 from daemon.gateway import strides, translate
 from daemon.gateway.health import HealthWindow
 from daemon.gateway.outlet import Outlet
 from daemon.gateway.translate import View
-from daemon.record import CycleRecord
+from daemon.ipc.record import CycleRecord
+from daemon.system.clock import AgeClock
 
 YOUNG_RECORD_COUNT: Final = 20
-"""What is older is not published: after a stall nobody wants to see the past as the present."""
+"""Records older than this, in cycles, are not published, so that after a stall old estimates do not
+appear as current ones."""
 _LATER_MESSAGES: Final = (("activity", translate.activity), ("friction", translate.friction))
 
 
 class LegMessages:
-    """Of all legs of a core."""
+    """Publishes the messages of all legs of a core."""
 
     def __init__(self, outlet: Outlet, clock: AgeClock, health: HealthWindow) -> None:
         self._outlet, self._clock, self._health = outlet, clock, health
         self._views: list[View] = []
-        """Their estimates are out, the rest is not."""
+        """Legs whose estimate has been published and whose other messages have not."""
 
     def hurry(self, records: Sequence[CycleRecord], core_boot_id: str, now_ns: int) -> None:
-        """Put the estimates of records that are new, the oldest first."""
+        """Publish the estimates of new records, oldest first."""
         young = [r for r in records if records[-1].seq - r.seq < YOUNG_RECORD_COUNT]
         self._health.counters.record_skipped_count += len(records) - len(young)
         for record in young:
@@ -36,7 +37,7 @@ class LegMessages:
                 self._put_estimate(translate.look(leg, record, stamp), now_ns)
 
     def follow(self) -> None:
-        """Put what else is in the records whose estimates are out."""
+        """Publish the other messages of the records whose estimates have been published."""
         views, self._views = self._views, []
         for view in views:
             for name, make in _LATER_MESSAGES:

@@ -1,17 +1,17 @@
-"""The gateway's log: one event per line, with what is known of it as fields.
+"""The gateway's log: one event per line, with its known properties as fields.
 
-Under systemd the lines go into the journal with their fields (`daemon/journal.py`), else to stderr
-as logfmt: `level="warning" text="..." kind="stop" cause="drive_silent" drive="right/hip"`.
+Under systemd the lines go into the journal with their fields (`daemon/system/journal.py`), else to
+stderr as logfmt: `level="warning" text="..." kind="stop" cause="drive_silent" drive="right/hip"`.
 """
 
 import json
 import logging
 from typing import Final
 
-from daemon.journal import Journal
+from daemon.system.journal import Journal
 
 _PRIORITY: Final = {logging.ERROR: 3, logging.WARNING: 4, logging.INFO: 6, logging.DEBUG: 7}
-"""Of syslog(3), by level."""
+"""Priorities of syslog(3) by logging level."""
 _FIELDS: Final = {
     "kind": "GAITD_EVENT",
     "priority": "GAITD_PRIORITY",
@@ -21,11 +21,11 @@ _FIELDS: Final = {
     "drive": "GAITD_DRIVE",
     "cycle": "GAITD_CYCLE",
 }
-"""Names of the journal, by those of logfmt."""
+"""Journal field names by logfmt names."""
 
 
 def known(record: logging.LogRecord) -> dict[str, str]:
-    """What a line knows beside its text, by the names of logfmt; empty for one of no event."""
+    """Fields of a log record beside its text, by logfmt name; empty if the record is no event."""
     event = getattr(record, "event", None)
     if event is None:
         return {}
@@ -42,10 +42,10 @@ def known(record: logging.LogRecord) -> dict[str, str]:
 
 
 class Logfmt(logging.Formatter):
-    """Level, text, and what is known as key="value"."""
+    """Formats a log record as level, text and fields, each as key="value"."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """One line, whatever the text is."""
+        """Format the record as one line, with line breaks escaped."""
         fields = {"level": record.levelname.lower(), "text": _text(record), **known(record)}
         return " ".join(
             f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in fields.items()
@@ -53,28 +53,28 @@ class Logfmt(logging.Formatter):
 
 
 class JournalHandler(logging.Handler):
-    """Into the journal; a line that it has no room for is dropped and counted there."""
+    """Logging handler for the journal, which drops and counts lines that it has no room for."""
 
     def __init__(self, journal: Journal) -> None:
         super().__init__()
         self._journal = journal
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Never waits, never raises."""
+        """Send one log record to the journal; never blocks."""
         priority = _PRIORITY.get(record.levelno, _PRIORITY[logging.INFO])
         fields = {_FIELDS[name]: value for name, value in known(record).items()}
         self._journal.tell(_text(record), priority, fields)
 
 
 def _text(record: logging.LogRecord) -> str:
-    """With the traceback, where there is one."""
+    """The message, followed by the traceback if there is one."""
     if record.exc_info is None:
         return record.getMessage()
     return f"{record.getMessage()}\n{logging.Formatter().formatException(record.exc_info)}"
 
 
 def begin(journal: Journal, level: str) -> None:
-    """Send what is logged to its place; `level` is a name of logging, in small letters."""
+    """Configure logging: the journal if it is open, else stderr; `level` is a lower-case name."""
     if journal.is_open:
         handler: logging.Handler = JournalHandler(journal)
     else:
@@ -84,5 +84,5 @@ def begin(journal: Journal, level: str) -> None:
 
 
 def set_level(level: str) -> None:
-    """From now on only what is at least so important."""
+    """Set the lowest level that is logged."""
     logging.getLogger().setLevel(level.upper())

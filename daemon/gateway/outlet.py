@@ -1,4 +1,4 @@
-"""Where messages go, as those who write them see it."""
+"""The interface through which the gateway publishes messages."""
 
 from typing import Protocol
 
@@ -8,14 +8,14 @@ from daemon import wire
 
 
 class Outlet(Protocol):
-    """Where messages go; `publish.ZenohOutlet`, or a list in a test."""
+    """Publisher of messages: `publish.ZenohOutlet`, or a list in a test."""
 
     def next_seq(self, *parts: str) -> int:
         """The next sequence number of a key."""
         ...
 
     def put(self, message: msgspec.Struct, *parts: str) -> None:
-        """Publish."""
+        """Publish a message under the key made of `parts`."""
         ...
 
     def put_event(self, event: wire.Event) -> None:
@@ -23,5 +23,5 @@ class Outlet(Protocol):
         ...
 
     def show_alive(self, alive: bool) -> None:
-        """Hold the liveliness token or let it go."""
+        """Hold the liveliness token while `alive` is true, else release it."""
         ...

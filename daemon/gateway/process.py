@@ -1,8 +1,8 @@
-"""The gateway's process: opens the seam and Zenoh, turns until it is told to end, closes both.
+"""The gateway's process: opens ipc and Zenoh, runs the loop until it must end, closes both.
 
-One thread of ours, beside those that wait for the disk. It sleeps in poll() and is woken by the
-core's datagram, by a query, or after 20 ms without either, so that the core goes on hearing us. The
-watchdog is fed from here alone.
+The loop runs in one thread; other threads of ours only wait for the disk. It sleeps in poll() and
+is woken by the core's datagram, by a query or by a setpoint, and after 20 ms at the latest, so that
+the core keeps receiving the gateway state. Only this loop triggers the watchdog.
 """
 
 import ctypes
@@ -14,37 +14,38 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
-from daemon.clock import AgeClock, MonotonicClock
 from daemon.config.settings import Lease
-from daemon.gateway.keeper import Keeper
-from daemon.gateway.publish import Mailbox, ZenohOutlet
 from daemon.gateway.reload import Reload
 from daemon.gateway.service import LEVEL_PERIOD_NS, Gateway
-from daemon.gateway.session import open_session
 from daemon.gateway.setpoints import SetpointBox
-from daemon.gateway.subscribe import SetpointSubscriber
-from daemon.sd_notify import Notifier
-from daemon.seam import GatewaySeam
+from daemon.ipc.transport import GatewaySeam
+from daemon.recorder.recorder import DiskRecorder
+from daemon.system.clock import AgeClock, MonotonicClock
+from daemon.system.sd_notify import Notifier
+from daemon.zenoh_io.publish import Mailbox, ZenohOutlet
+from daemon.zenoh_io.session import open_session
+from daemon.zenoh_io.subscribe import SetpointSubscriber
 
 _POLL_MS: Final = LEVEL_PERIOD_NS // 1_000_000
 _REST_MS: Final = 1
-"""Behind the estimates, if nobody asks for anything: where processors are few, Zenoh's thread sends
-them on this one. Without it they came 0.1 ms later on two."""
+"""Pause after publishing estimates, if no client sends a request: on a machine with few processors
+Zenoh's thread needs this one's. Without the pause estimates arrived 0.1 ms later on two processors.
+"""
 _M_ARENA_MAX: Final = -8
-"""mallopt(3)."""
+"""M_ARENA_MAX of mallopt(3)."""
 _TELL_NS: Final = 500_000_000
-"""Between two words to the supervisor."""
+"""Interval between two notifications to systemd."""
 
 
 def share_one_heap() -> None:
-    """Let Zenoh's threads allocate where everybody does; to be called before there are any.
+    """Let all threads allocate from one heap; must be called before Zenoh starts its threads.
 
-    By default glibc gives each of them a heap of its own, eight for each processor. Links come and
-    go in any of them, and each in turn grows to the buffers of one: for hours, memory that was free
-    elsewhere.
+    By default glibc gives each thread a heap of its own, up to eight per processor. Zenoh opens and
+    closes links in any of its threads, so each heap in turn grows to the size of a link's buffers:
+    memory use rises for hours although memory is free in other heaps.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    if mallopt is not None:  # glibc's; others have one heap anyway
+    if mallopt is not None:  # mallopt is glibc's; other C libraries have one heap anyway
         mallopt(_M_ARENA_MAX, 1)
 
 
@@ -59,17 +60,17 @@ def serve(
     notify_address: str | None,
     reload: Reload,
 ) -> None:
-    """Run the gateway until `ended` says so, which is asked at least every 20 ms.
+    """Run the gateway until `ended` returns true; it is called at least every 20 ms.
 
-    Ages of records, leases and setpoints go by `clock`. How long its own work takes, and when the
-    supervisor is told, goes by the computer's.
+    Ages of records, leases and setpoints are measured by `clock`. The gateway's own work and the
+    interval of notifications to systemd are measured by the computer's monotonic clock.
 
     Raises:
         zenoh.ZError: an endpoint cannot be listened on.
         OSError: the runtime directory does not exist or cannot be written.
     """
-    # Order matters at the end: the outlet undeclares, then the session closes (an open one would
-    # hang the process), and only then mailbox and box go, because callbacks may use it until then.
+    # The order of closing matters: the outlet undeclares, then the session closes (an open one
+    # would hang the process), and only then mailbox and box, because callbacks use them until then.
     with (
         closing(Notifier(notify_address)) as supervisor,
         closing(GatewaySeam(runtime)) as seam,
@@ -78,7 +79,7 @@ def serve(
         closing(open_session(listen, trainer)) as session,
         closing(ZenohOutlet(session, trainer, mailbox)) as outlet,
         closing(SetpointSubscriber(session, trainer, box)),
-        closing(Keeper(state, runtime, clock, version("gaitd"))) as keeper,
+        closing(DiskRecorder(state, runtime, clock, version("gaitd"))) as keeper,
         closing(Gateway(seam, outlet, clock, trainer, listen, lease)) as gateway,
     ):
         poller = select.poll()
@@ -103,7 +104,7 @@ def serve(
             gateway.tell(reload.turn(gateway.steering.leases, hashes))
             gateway.health.counters.not_kept_count = keeper.not_kept_count
             box.expect(gateway.steering.lease)
-            gateway.health.counters.inquiry_dropped_count = mailbox.dropped_count
+            gateway.health.counters.request_dropped_count = mailbox.dropped_count
             gateway.health.note_wake(hurried_ns + wall.now_ns() - resumed_ns)
             if resumed_ns >= tell_ns:
                 status = "; ".join(filter(None, (gateway.status, reload.needs_restart)))
@@ -113,6 +114,6 @@ def serve(
 
 
 def _freeze() -> None:
-    """What is built by now stays: looking through it again costs a subscriber milliseconds."""
+    """Exclude all objects built so far from garbage collection: scanning them would cost ms."""
     gc.collect()
     gc.freeze()

@@ -1,10 +1,10 @@
-"""SIGHUP: what of the trainer file may change while the gateway runs, and what needs a restart.
+"""SIGHUP: which settings of the trainer file change in a running gateway, and which need a restart.
 
 Rules:
-1. The file is read and checked as at the start. One that is wrong changes nothing: the error is
-   told as `gaitd check` tells it, and the gateway goes on with what it has.
-2. Taken over at once: `[log]`. Taken over if nobody holds the lease: `[lease]`.
-3. Everything else needs a restart, and is named: endpoints and paths that of the gateway, all
+1. The file is read and checked as at the start. An invalid file changes nothing: the error is
+   reported as by `gaitd check`, and the gateway keeps its settings.
+2. `[log]` takes effect at once. `[lease]` takes effect if no lease is held.
+3. Everything else needs a restart and is named: endpoints and paths that of the gateway, all
    other tables and files that of the core. Nothing that acts on the drives changes in a running
    core (docs/running.md).
 """
@@ -17,33 +17,33 @@ from typing import Final
 from daemon.config.strict import ConfigError
 from daemon.config.trainer import TrainerFile
 from daemon.gateway.events import Happening, Kind, Priority
-from daemon.gateway.lease import LeaseDesk
+from daemon.gateway.lease import LeaseManager
 from daemon.gateway.log import set_level
 
 OURS: Final = frozenset({"lease", "log", "zenoh", "paths"})
 """Tables that the gateway reads. It shares `paths` with the core."""
 NOBODYS: Final = frozenset({"sim"})
-"""Of the virtual drives."""
+"""Tables of the virtual drives, which need no restart of gateway or core."""
 
 
 class Reload:
-    """The configuration in force, and what has been asked of it."""
+    """The configuration in force, and the pending request to reload it."""
 
     def __init__(self, file: TrainerFile, read: Callable[[Path], TrainerFile]) -> None:
-        """`file` is in force now; `read` reads and checks one, or raises ConfigError."""
+        """`file` is in force now; `read` reads and checks a file, or raises ConfigError."""
         self._file = file
         self._log = file.trainer.log
         self._read = read
         self._asked = False
         self.needs_restart = ""
-        """What the newest reload found that only a restart takes over; empty if nothing."""
+        """Changes found by the newest reload that need a restart; empty if none."""
 
     def ask(self, *_signal: object) -> None:
-        """SIGHUP has come: as a handler of `signal`."""
+        """Request a reload; used as the signal handler of SIGHUP."""
         self._asked = True
 
-    def turn(self, leases: LeaseDesk, core_hashes: Mapping[str, str]) -> list[Happening]:
-        """Do what was asked, once.
+    def turn(self, leases: LeaseManager, core_hashes: Mapping[str, str]) -> list[Happening]:
+        """Carry out a requested reload once, and return its events.
 
         Args:
             leases: takes the new rules.
@@ -60,7 +60,7 @@ class Reload:
         return [self._take(new, leases, core_hashes)]
 
     def _take(
-        self, new: TrainerFile, leases: LeaseDesk, core_hashes: Mapping[str, str]
+        self, new: TrainerFile, leases: LeaseManager, core_hashes: Mapping[str, str]
     ) -> Happening:
         taken: list[str] = []
         waiting: list[str] = []
@@ -82,13 +82,13 @@ class Reload:
 
 
 def changed_tables(old: TrainerFile, new: TrainerFile) -> set[str]:
-    """Names of the tables and keys of a trainer file that are others now."""
+    """Names of the tables and keys that differ between two trainer files."""
     fields = old.trainer.__struct_fields__
     return {name for name in fields if getattr(old.trainer, name) != getattr(new.trainer, name)}
 
 
 def changed_files(hashes: Mapping[str, str], trainer: Path) -> list[str]:
-    """Files but the trainer's own that are not any more what the core has read, by their names."""
+    """Names of the core's files, except the trainer file, that changed since the core read them."""
     others = {Path(path): sha256 for path, sha256 in hashes.items() if Path(path) != trainer}
     return sorted(path.name for path, sha256 in others.items() if _sha256(path) != sha256)
 
@@ -101,7 +101,7 @@ def _sha256(path: Path) -> str:
 
 
 def restarts(old: TrainerFile, new: TrainerFile, files: Iterable[str]) -> list[str]:
-    """What each process takes over only when it is started again."""
+    """Changes that need a restart, one line for each process."""
     changed = changed_tables(old, new)
     gateway = sorted(changed & {"zenoh", "paths"})
     core = sorted(changed - OURS - NOBODYS | changed & {"paths"}) + list(files)

@@ -1,9 +1,9 @@
-"""One turn of the gateway: records in, messages out; queries in, level out.
+"""One turn of the gateway's loop: records in, messages out; queries in, gateway state out.
 
-In the order of time: read the records that are new, and put the estimates of the young ones, before
-anything else is looked at (`hurry`). Then (`turn`) publish what else is in them; say their events;
-judge the core's silence; take setpoints; take queries; answer what has an answer; send the level;
-say what is said once a second. Nothing in it waits, and it is told the time.
+The order within a turn: first read the new records and publish the estimates of the young ones
+(`hurry`). Then (`turn`) publish the records' other messages and their events; check for the core's
+silence; take setpoints; take queries; answer what has an answer; send the gateway state; publish
+the messages that are due once a second. Nothing here blocks, and the time is an argument.
 """
 
 import logging
@@ -13,21 +13,21 @@ from typing import Any, Final, NamedTuple, Protocol
 import msgspec
 
 from daemon import wire
-from daemon.clock import AgeClock
 from daemon.config.settings import Lease
-from daemon.gateway import control, events, translate
-from daemon.gateway.alive import SILENCE_NS, Presence
+from daemon.gateway import events, requests, translate
 from daemon.gateway.emergencies import EmergencyHistory
 from daemon.gateway.health import HealthWindow
-from daemon.gateway.lease import LeaseDesk
+from daemon.gateway.lease import LeaseManager
 from daemon.gateway.leg_messages import LegMessages
 from daemon.gateway.outlet import Outlet
+from daemon.gateway.presence import SILENCE_NS, Presence
 from daemon.gateway.setpoints import NOTHING, Batch
 from daemon.gateway.steering import Steering
 from daemon.gateway.translate import Stamp
-from daemon.record import CycleRecord, DriveRecord, Outcome
-from daemon.seam import GatewaySeam, RareNotice, RingError, RingHeader
-from daemon.words import name_of, printable
+from daemon.ipc.record import CycleRecord, DriveRecord, Outcome
+from daemon.ipc.transport import GatewaySeam, RareNotice, RingError, RingHeader
+from daemon.system.clock import AgeClock
+from daemon.wire.fields import name_of, printable
 
 LEVEL_PERIOD_NS: Final = 20_000_000
 DRIVES_PERIOD_NS: Final = 100_000_000
@@ -54,14 +54,14 @@ class Inquiry(Protocol):
 
 
 class Waiting(NamedTuple):
-    """A query whose answer is outstanding, and who asked."""
+    """A query whose answer is outstanding, and the name of its client."""
 
     inquiry: Inquiry
     client: str
 
 
 class Gateway:
-    """Everything between the seam and the outlet."""
+    """The gateway between the IPC channel and the outlet."""
 
     def __init__(
         self,
@@ -75,8 +75,8 @@ class Gateway:
         self._seam, self._outlet, self._clock = seam, outlet, clock
         self._trainer, self._listen = trainer, tuple(listen)
         self._log = logging.getLogger("gaitd.gateway")
-        self._desk = control.Desk(first_level_seq=clock.now_ns())
-        self.steering = Steering(LeaseDesk(lease))
+        self._desk = requests.RequestQueue(first_level_seq=clock.now_ns())
+        self.steering = Steering(LeaseManager(lease))
         self._presence = Presence()
         self._events = events.EventLog()
         self.health = HealthWindow()
@@ -95,9 +95,9 @@ class Gateway:
         self._second_due_ns = clock.now_ns() + SECOND_NS
 
     def hurry(self, now_ns: int) -> bool:
-        """New records in, their estimates out: all else of a turn can wait for a millisecond.
+        """Publish the estimates of new records; the rest of a turn can wait for a millisecond.
 
-        Returns: whether there were any.
+        Returns: whether there were new records.
         """
         records, header = self._records(), self._seam.header
         if not records or header is None:
@@ -107,12 +107,12 @@ class Gateway:
         return True
 
     def turn(self, now_ns: int, inquiries: Sequence[Inquiry], batch: Batch = NOTHING) -> None:
-        """One turn of the loop, behind `hurry`."""
+        """One turn of the loop, after `hurry`."""
         records, self._fresh = self._fresh, []
         self._hear(records, now_ns)
         self.tell([events.unread(text) for text in self._seam.take_notices()])
         self._steer(self.steering.take(batch, now_ns))
-        # A stop does not wait for those who asked before.
+        # A stop is handled before all other queries.
         for inquiry in sorted(inquiries, key=lambda one: one.name != "stop"):
             self._alone(inquiry, lambda one=inquiry: self._take(one, now_ns))
         self._settle(self._desk.tick(now_ns))
@@ -129,23 +129,23 @@ class Gateway:
     def _send_level(self) -> None:
         level = self._desk.level(self.steering.setpoints, self.steering.lease)
         if level and not self._seam.send(level) and self._presence.heard:
-            self.health.counters.level_dropped_count += 1
+            self.health.counters.gateway_state_dropped_count += 1
 
     def tell(self, said: Sequence[events.Happening]) -> None:
-        """Say what others than the core have to tell."""
+        """Publish events that do not come from the core."""
         if said:
             self._say(said, self._clock.utc_ns())
 
     @property
     def status(self) -> str:
-        """One human line for the supervisor."""
+        """One line for systemd's status."""
         record = self._newest if self._presence.heard else None
         return f"core {name_of(record.mode)}" if record else "no records from a core"
 
     def close(self) -> None:
-        """Answer whoever still waits."""
+        """Answer the queries that still wait."""
         for ticket in tuple(self._waiting):
-            answer = control.Answer(ticket, Outcome.PENDING, "the gateway ends")
+            answer = requests.Answer(ticket, Outcome.PENDING, "the gateway ends")
             self._settle([answer])
 
     # --- records ------------------------------------------------------------------------------
@@ -154,7 +154,7 @@ class Gateway:
         try:
             records = self._seam.records()
         except RingError as error:
-            # Said once: the file stays what it is until another core writes it.
+            # Logged once: the file stays as it is until another core writes it.
             if str(error) != self._ring_trouble:
                 self._ring_trouble = str(error)
                 self._log.error("%s", error)
@@ -175,7 +175,7 @@ class Gateway:
                 self._hear_one(record)
             if back:
                 self._say([events.CORE_BACK], self._clock.utc_ns())
-            # The newest record has all that became of stops and of the one request.
+            # The newest record holds the outcomes of all stops and of the one request.
             self._settle(self._desk.hear(self._boot_id, records[-1]))
             self._steer(self.steering.hear(records[-1], now_ns))
             self._say_drives(now_ns)
@@ -185,7 +185,7 @@ class Gateway:
         self._outlet.show_alive(self._presence.heard)
 
     def _meet(self, header: RingHeader) -> None:
-        """A core that we have not heard before."""
+        """Reset what belongs to the previous core: a record of a new core has arrived."""
         self._boot_id = header.core_boot_id
         self._newest = None
         self._steer(self.steering.meet(header.leg_names))
@@ -223,8 +223,9 @@ class Gateway:
 
     def _say_safety(self, now_ns: int) -> None:
         record = self._newest if self._presence.heard else None
-        said = (record.mode, record.verdict, self.steering.leases.holder) if record else ()
-        # Shares its second with `health`, which sets the next one after this.
+        holder = self.steering.leases.holder
+        said = (record.mode, record.stage, record.verdict, holder) if record else ()
+        # Published in the same turn as `health`, which sets the next due time after this.
         if said == self._safety_said and now_ns < self._second_due_ns:
             return
         self._safety_said = said
@@ -253,10 +254,10 @@ class Gateway:
     # --- requests -----------------------------------------------------------------------------
 
     def _alone(self, inquiry: Inquiry, act: Callable[[], None], *, answers: bool = True) -> None:
-        """Do something for one query: an exception in it is a bug of ours, and ends that query."""
+        """Run an action for one query; an exception in it is our bug and ends only that query."""
         try:
             act()
-        except Exception as bug:  # noqa: BLE001 - told, and the other queries are served on
+        except Exception as bug:  # noqa: BLE001 - reported; other queries are still served
             what = f"{type(bug).__name__}: {bug}"
             self._log.exception("control/%r has failed", inquiry.name)
             self._failed_count += 1
@@ -270,44 +271,44 @@ class Gateway:
                 self._alone(inquiry, lambda: self._reject(inquiry, reason), answers=False)
 
     def _take(self, inquiry: Inquiry, now_ns: int) -> None:
-        route = control.ROUTES.get(inquiry.name)
+        route = requests.ROUTES.get(inquiry.name)
         if route is None:
-            known = ", ".join(control.ROUTES)
+            known = ", ".join(requests.ROUTES)
             self._reject(inquiry, f"control/{printable(inquiry.name)} is none of: {known}")
             return
         self._ticket += 1
-        if route is control.Route.STOP:
-            # Before anything that could fail.
+        if route is requests.Route.STOP:
+            # Counted first, before anything that could fail.
             self._desk.stop(self._ticket, now_ns)
         try:
-            ask = control.read_ask(inquiry.name, inquiry.payload)
-        except control.BadPayloadError as error:
-            # A stop is a stop, whatever was sent along with it.
-            if route is not control.Route.STOP:
+            ask = requests.read_ask(inquiry.name, inquiry.payload)
+        except requests.BadPayloadError as error:
+            # A stop takes effect whatever its payload is.
+            if route is not requests.Route.STOP:
                 self._reject(inquiry, str(error))
                 return
             ask = wire.Ask()
         self._waiting[self._ticket] = Waiting(inquiry, ask.client)
         self._route(route, inquiry.name, ask, now_ns)
 
-    def _route(self, route: control.Route, name: str, ask: wire.Ask, now_ns: int) -> None:
+    def _route(self, route: requests.Route, name: str, ask: wire.Ask, now_ns: int) -> None:
         ticket = self._ticket
         match route:
-            case control.Route.STOP:
+            case requests.Route.STOP:
                 self._steer(self.steering.stop())
-            case control.Route.CORE:
+            case requests.Route.CORE:
                 answer = self._desk.ask(ticket, name, ask, now_ns)
                 if answer is None:
                     self._say([events.asked(name, ask.client)], self._clock.utc_ns())
                 else:
                     self._settle([answer])
-            case control.Route.LEASE:
+            case requests.Route.LEASE:
                 self._lease(ask, now_ns)
-            case control.Route.GATEWAY:
+            case requests.Route.GATEWAY:
                 self._waiting.pop(ticket).inquiry.answer(self._information(name))
 
     def _lease(self, ask: wire.Ask, now_ns: int) -> None:
-        """Give the lease or take it back; its number goes only to who asked."""
+        """Grant, renew or end the lease; its number is sent only to the client of the query."""
         inquiry, client = self._waiting.pop(self._ticket)
         mode = self._newest.mode if self._newest and self._presence.heard else None
         told = self.steering.decide(ask, mode, now_ns)
@@ -318,8 +319,8 @@ class Gateway:
             said = events.answered(inquiry.name, client, name_of(told.outcome), told.reason)
             self._steer([said])
 
-    def _settle(self, answers: Sequence[control.Answer]) -> None:
-        """Send answers, and say as events what became of requests."""
+    def _settle(self, answers: Sequence[requests.Answer]) -> None:
+        """Send answers, and publish the outcomes of requests as events."""
         for answer in answers:
             waiting = self._waiting.pop(answer.ticket, None)
             # A query that has failed does not wait any more.
@@ -329,7 +330,7 @@ class Gateway:
                     lambda answer=answer, waiting=waiting: self._answer(answer, waiting),
                 )
 
-    def _answer(self, answer: control.Answer, waiting: Waiting) -> None:
+    def _answer(self, answer: requests.Answer, waiting: Waiting) -> None:
         inquiry, outcome = waiting.inquiry, name_of(answer.outcome)
         inquiry.answer(self._reply(inquiry.name, answer.outcome, answer.reason))
         if not answer.by_core:
@@ -343,8 +344,8 @@ class Gateway:
     def _reply(self, name: str, outcome: Outcome, reason: str) -> wire.Reply:
         record = self._newest if self._presence.heard else None
         return wire.Reply(
-            # Names that strangers think of are not counted one by one.
-            **self._head(wire.CONTROL, name if name in control.ROUTES else ""),
+            # Unknown names share one counter, so that clients cannot create counters at will.
+            **self._head(wire.CONTROL, name if name in requests.ROUTES else ""),
             request=name,
             outcome=name_of(outcome),
             reason=reason,
@@ -393,5 +394,5 @@ class Gateway:
 
 
 def _next_due(due_ns: int, period_ns: int, now_ns: int) -> int:
-    """On the grid of `due_ns` as long as it is kept, else a period from now: no bursts."""
+    """The next due time, on the grid of `due_ns`; after a delay a period from now, so no bursts."""
     return due_ns + period_ns if due_ns + period_ns > now_ns else now_ns + period_ns

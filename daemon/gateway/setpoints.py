@@ -1,13 +1,14 @@
-"""Setpoints on their way in: kept as few as matter, decoded strictly, refused with a reason.
+"""Setpoints from clients: limited in number, decoded strictly, refused with a reason.
 
-A setpoint passes three gates:
+A setpoint passes three checks:
 
-    SetpointBox     in Zenoh's thread: keeps the newest few, counts the rest, wakes the loop seldom
+    SetpointBox     in Zenoh's thread: keeps the newest few, counts the rest, limits wake-ups
     SetpointDesk    in the loop: size, JSON, schema, leg, lease, order; the newest of each leg
-    the core        once more lease and order, then age, limits and mode (daemon/core/assist.py)
+    the core        again lease and order, then age, limits and mode (core/motion/assist.py)
 
-A flood costs a short callback for each message and nothing else. What carries the digits of the
-lease that is held is kept apart from what does not: strangers cannot crowd out the holder.
+A flood costs a short callback for each message and nothing else. Messages that contain the digits
+of the lease's number are kept apart from all others, so that other clients cannot displace the
+holder's.
 """
 
 import contextlib
@@ -21,24 +22,24 @@ from typing import Final, NamedTuple
 import msgspec
 
 from daemon import wire
-from daemon.decoding import Decoder, RefusedError
-from daemon.record import Setpoint
-from daemon.refusals import SetpointRefusal
+from daemon.ipc.decoding import Decoder, RefusedError
+from daemon.ipc.record import Setpoint
+from daemon.wire.refusals import SetpointRefusal
 
 SETPOINT_SIZE_MAX: Final = 1024
-"""Bytes of a payload."""
+"""Maximum size of a payload in bytes."""
 KEPT_COUNT: Final = 8
-"""Of the holder, from one turn of the loop to the next: two legs, and some to spare."""
+"""Messages of the holder that are kept between two turns: two legs, and some to spare."""
 STRANGERS_COUNT: Final = 4
-"""Of all others: enough to say what is wrong with them."""
+"""Messages of other clients that are kept between two turns, to report why they are refused."""
 WAKES_MAX: Final = 4
 REARM_NS: Final = 10_000_000
-"""So often and no oftener do setpoints wake the loop in this time."""
+"""Setpoints wake the loop at most WAKES_MAX times in this time."""
 
 _NOT_FINITE: Final = (b"NaN", b"Infinity")
-"""No JSON, but what common encoders make of such numbers."""
+"""Not JSON, but written by common encoders for numbers that are not finite."""
 _BEYOND: Final = ("<=", ">=", "out of range")
-"""In msgspec's words: a number of the right type beyond the range of the schema."""
+"""Parts of msgspec's error texts for a number of the right type beyond the range of the schema."""
 
 
 class Arrival(NamedTuple):
@@ -46,23 +47,23 @@ class Arrival(NamedTuple):
 
     leg: str
     payload: bytes
-    """No more of it than shows that it is too large."""
+    """Truncated to one byte more than allowed, if it is too large."""
 
 
 class Batch(NamedTuple):
-    """What has come since the turn before."""
+    """Messages that have arrived since the last turn."""
 
     arrivals: tuple[Arrival, ...] = ()
-    """Oldest first; those of the holder first."""
+    """The holder's first, then the others'; oldest first."""
     dropped_count: int = 0
-    """Nobody looked at so many."""
+    """Number of messages that were dropped unread."""
 
 
 NOTHING: Final = Batch()
 
 
 class SetpointBox:
-    """Between Zenoh's threads, which put, and the loop, which drains."""
+    """Buffer between Zenoh's threads, which put messages, and the loop, which drains them."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -74,15 +75,15 @@ class SetpointBox:
         self._fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
 
     def fileno(self) -> int:
-        """For poll(): readable when a setpoint of the holder should be looked at soon."""
+        """File descriptor for poll(): readable when a setpoint of the holder has arrived."""
         return self._fd
 
     def expect(self, lease: int) -> None:
-        """Tell which lease is held; 0: none."""
+        """Set the number of the lease that is held; 0: none."""
         self._digits = str(lease).encode() if lease else b""
 
     def put(self, leg: str, payload: bytes) -> None:
-        """Called in a thread of Zenoh."""
+        """Add a message; called in a thread of Zenoh."""
         digits = self._digits
         known = bool(digits) and digits in payload
         with self._lock:
@@ -95,7 +96,7 @@ class SetpointBox:
             os.eventfd_write(self._fd, 1)
 
     def drain(self, now_ns: int) -> Batch:
-        """All that was kept."""
+        """Return and remove all messages that were kept."""
         with contextlib.suppress(BlockingIOError):
             os.eventfd_read(self._fd)
         with self._lock:
@@ -108,7 +109,7 @@ class SetpointBox:
         return batch
 
     def close(self) -> None:
-        """Leave; no callback may run any more."""
+        """Close the file descriptor; no callback may run any more."""
         os.close(self._fd)
 
 
@@ -120,15 +121,15 @@ class SetpointDesk:
 
     @property
     def newest(self) -> tuple[Setpoint, ...]:
-        """Of each leg, for the level."""
+        """The newest setpoint of each leg, for the gateway state."""
         return tuple(self._newest.values())
 
     def forget(self) -> None:
-        """Another lease is held from now on, or none."""
+        """Drop all setpoints, because the lease has changed or ended."""
         self._newest.clear()
 
     def take(self, arrival: Arrival, legs: Collection[str], lease: int) -> SetpointRefusal:
-        """Take one message; says what is wrong with it, NONE if it goes to the core."""
+        """Check one message and keep its setpoint; returns NONE or the reason for refusal."""
         if len(arrival.payload) > SETPOINT_SIZE_MAX:
             return SetpointRefusal.TOO_LARGE
         read = _read(arrival.payload)

@@ -1,7 +1,7 @@
-"""Who steers and with what: the lease, the setpoints of its holder, and what is said of both.
+"""Lease and setpoints together, and the events about them.
 
-Joins `lease.py` and `setpoints.py`, and hears from the records what the core made of it. Each
-method returns what happened, for the events; the number of the lease is in none of them.
+Joins `lease.py` and `setpoints.py`, and reads from the records which setpoints the core accepted.
+Each method returns the events to publish; none of them contains the number of the lease.
 """
 
 from collections import deque
@@ -10,17 +10,17 @@ from typing import Final, NamedTuple
 
 from daemon import wire
 from daemon.gateway.events import Happening, Kind, Priority
-from daemon.gateway.lease import Ended, LeaseDesk, LeaseRefusedError
+from daemon.gateway.lease import Ended, LeaseManager, LeaseRefusedError
 from daemon.gateway.setpoints import Batch, SetpointDesk
-from daemon.record import CycleRecord, Mode, Outcome, Setpoint
-from daemon.refusals import REFUSAL_TEXT, SetpointRefusal
-from daemon.words import name_of
+from daemon.ipc.record import CycleRecord, Mode, Outcome, Setpoint
+from daemon.wire.fields import name_of
+from daemon.wire.refusals import REFUSAL_TEXT, SetpointRefusal
 
 STOPPED: Final = frozenset({Mode.STOPPING, Mode.FAULT})
-"""Modes in which nobody holds the lease."""
+"""Modes in which no lease can be held."""
 TOLD_MAX: Final = 10
 TOLD_WINDOW_NS: Final = 10_000_000_000
-"""At most so many refusals are told as events in this time; all are counted."""
+"""At most TOLD_MAX refusals are published as events in this time; all are counted."""
 
 
 class Decision(NamedTuple):
@@ -29,43 +29,43 @@ class Decision(NamedTuple):
     outcome: Outcome
     reason: str
     number: int | None = None
-    """For who asked, and nobody else."""
+    """Number of the lease; sent only to the client of the query."""
     duration_ms: int | None = None
     renewed: bool = False
-    """Nothing new: no event."""
+    """The lease was only renewed, which makes no event."""
 
 
 @dataclass(slots=True)
 class Steering:
     """The lease and its setpoints in the gateway."""
 
-    leases: LeaseDesk
+    leases: LeaseManager
     refused_count: dict[SetpointRefusal, int] = field(default_factory=dict[SetpointRefusal, int])
-    """By this gateway, since its start."""
+    """Setpoints refused by this gateway since its start, by reason."""
     _setpoints: SetpointDesk = field(default_factory=SetpointDesk)
     _legs: tuple[str, ...] = ()
     _before: CycleRecord | None = None
     _told: set[SetpointRefusal] = field(default_factory=set[SetpointRefusal])
-    """Under this lease, or since there is none."""
+    """Reasons published under this lease, or since there is none."""
     _told_ns: deque[int] = field(default_factory=lambda: deque(maxlen=TOLD_MAX))
 
     @property
     def lease(self) -> int:
-        """The number that is held; 0: none."""
+        """Number of the lease that is held; 0: none."""
         return self.leases.number
 
     @property
     def setpoints(self) -> tuple[Setpoint, ...]:
-        """The newest of each leg under the lease that is held."""
+        """The newest setpoint of each leg under the lease that is held."""
         return self._setpoints.newest
 
     def meet(self, legs: tuple[str, ...]) -> list[Happening]:
-        """Another core than before, or the first one."""
+        """End the lease, because the first core or a restarted one was found."""
         self._legs, self._before = legs, None
         return self._end("the core has restarted")
 
     def hear(self, record: CycleRecord, now_ns: int) -> list[Happening]:
-        """What the core says of setpoints and assist; renews the lease of who was heard by it."""
+        """Update from a record: renew the lease for accepted setpoints, report refusals."""
         before, self._before = self._before, record
         told = record.assist
         said: list[Happening] = []
@@ -80,7 +80,7 @@ class Steering:
         return said
 
     def take(self, batch: Batch, now_ns: int) -> list[Happening]:
-        """Look at what came on LEG/setpoint."""
+        """Check the messages received on LEG/setpoint."""
         said: list[Happening] = []
         if batch.dropped_count:
             said += self._refuse(SetpointRefusal.FLOOD, batch.dropped_count, now_ns)
@@ -91,11 +91,11 @@ class Steering:
         return said
 
     def decide(self, ask: wire.Ask, mode: Mode | None, now_ns: int) -> Decision:
-        """Give the lease, renew it or take it back, for a query to acquire or release.
+        """Grant, renew or end the lease for a query to acquire or release.
 
         Args:
             ask: `wire.AcquireAsk` or `wire.ReleaseAsk`.
-            mode: of the core; None: it is silent.
+            mode: of the core; None: no records arrive from it.
             now_ns: the time.
         """
         try:
@@ -125,11 +125,11 @@ class Steering:
         return Decision(Outcome.DONE, reason, number, duration_ms, renewed)
 
     def stop(self) -> list[Happening]:
-        """Somebody asked to stop."""
+        """End the lease because a client has requested a stop."""
         return self._end("somebody asked to stop")
 
     def tick(self, now_ns: int) -> list[Happening]:
-        """End a lease whose time is over."""
+        """End the lease if its time is over."""
         ended = self.leases.tick(now_ns)
         return self._say_ended(ended)
 

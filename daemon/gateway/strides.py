@@ -1,18 +1,18 @@
-"""A completed stride into its message: what of it may be shown."""
+"""The message of a completed stride; figures of an axis with too little coverage are null."""
 
 from typing import Any, Final
 
 from daemon import wire
 from daemon.gateway.translate import View, finite, status_names
-from daemon.record import AxisStrideRecord, StrideRecord
+from daemon.ipc.record import AxisStrideRecord, StrideRecord
 
 COVERAGE_MIN_RATIO: Final = 0.5
-"""An axis that was known for less of the stride has no figures: a part is not the whole."""
+"""Below this coverage of a stride an axis has no figures: a part does not stand for the whole."""
 UNITS: Final = {"hip": "nm", "slide": "n"}
 
 
 def stride(made: StrideRecord, view: View, seq: int) -> wire.Stride:
-    """LEG/stride."""
+    """The message LEG/stride."""
     both = all(axis.coverage_ratio >= COVERAGE_MIN_RATIO for axis in (made.hip, made.slide))
     return wire.Stride(
         core_boot_id=view.common["core_boot_id"],
@@ -56,6 +56,6 @@ def _axis(name: str, axis: AxisStrideRecord) -> dict[str, Any]:
 
 
 def _pair(key: str, figure: tuple[float, float] | None) -> dict[str, Any]:
-    """A figure and its standard deviation; null where there is none."""
+    """The fields of a figure and its standard deviation; null where there is none."""
     value, std = figure if figure is not None else (None, None)
     return {key: finite(value), f"{key}_std": finite(std)}

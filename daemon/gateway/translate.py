@@ -1,4 +1,4 @@
-"""Records into messages: what may be shown is decided here, and only here.
+"""Messages made from records: the rules of validity are applied here, and only here.
 
 Rules of validity, per axis of a leg:
 
@@ -6,9 +6,9 @@ Rules of validity, per axis of a leg:
     split_unobservable   pose, speed and net value are given; patient and friction are null
     bad                  everything of the axis is null
 
-Unreferenced, out of workspace, inconsistent and uncalibrated make both axes bad, whatever the
-record says of them. What is no finite number is null in any case. Raw measurements and the
-innovation are no estimates: they stay, so that somebody can see why an axis is bad.
+Unreferenced, out of workspace, inconsistent and uncalibrated make both axes bad, whatever validity
+the record holds. A number that is not finite is null in any case. Raw measurements and the
+innovation are not estimates: they are always given, to show why an axis is bad.
 """
 
 import math
@@ -17,8 +17,7 @@ from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 from daemon import wire
-from daemon.causes import CAUSE_TEXT
-from daemon.record import (
+from daemon.ipc.record import (
     STATE_COUNT,
     CycleRecord,
     DriveRecord,
@@ -26,7 +25,8 @@ from daemon.record import (
     StopCategory,
     Verdict,
 )
-from daemon.words import NMT_STATES, POWER_STATES, StatusBit, Validity, name_of
+from daemon.wire.causes import CAUSE_TEXT
+from daemon.wire.fields import NMT_STATES, POWER_STATES, StatusBit, Validity, name_of
 
 NEVER_SHOWN: Final = (
     StatusBit.UNREFERENCED
@@ -34,12 +34,12 @@ NEVER_SHOWN: Final = (
     | StatusBit.INCONSISTENT
     | StatusBit.UNCALIBRATED
 )
-"""Bits that make both axes bad."""
+"""Status bits that make both axes bad."""
 
 _NEVER_SHOWN_BITS: Final = int(NEVER_SHOWN)
 
 _VALIDITY: Final = {validity.value: validity for validity in Validity}
-"""Without the enum's own call, that takes ten times as long."""
+"""Lookup of Validity by value: ten times as fast as the enum's own call."""
 
 COVARIANCE_COUNT: Final = STATE_COUNT * (STATE_COUNT + 1) // 2
 
@@ -47,13 +47,13 @@ COVARIANCE_COUNT: Final = STATE_COUNT * (STATE_COUNT + 1) // 2
 _VELOCITY: Final = (2, 3)
 _PATIENT: Final = (6, 7)
 _FIRST_SPLIT_INDEX: Final = 4
-"""From here on a state needs friction and patient to be told apart."""
+"""From this index on a state is valid only if friction and patient can be separated."""
 
 Number = float | None
 
 
 class Stamp(NamedTuple):
-    """Where a message comes from: the head of all messages but for `seq`."""
+    """Origin of a message: the fields that all messages begin with, without `seq`."""
 
     core_boot_id: str | None = None
     cycle: int | None = None
@@ -61,7 +61,7 @@ class Stamp(NamedTuple):
 
 
 class View(NamedTuple):
-    """One leg in one record after the rules of validity: what its three messages are made from."""
+    """One leg of one record after the rules of validity; its three messages are made from it."""
 
     leg: LegRecord
     record: CycleRecord
@@ -73,11 +73,11 @@ class View(NamedTuple):
     net_std: tuple[Number, ...]
     validity: tuple[Validity, Validity]
     covariance: tuple[float, ...] | None
-    """Of all eight states, as the observer gave it."""
+    """Covariance of all eight states, as the observer gave it."""
 
 
 def stamp_of(core_boot_id: str, record: CycleRecord) -> Stamp:
-    """The stamp of everything that is made from this record."""
+    """The stamp of all messages made from this record."""
     return Stamp(core_boot_id, record.cycle, record.sync_utc_ns)
 
 
@@ -87,7 +87,7 @@ def head(stamp: Stamp, seq: int) -> dict[str, Any]:
 
 
 def finite(value: float | None) -> Number:
-    """The number, or None for what is none."""
+    """The number, or None if it is not finite."""
     return value if value is not None and math.isfinite(value) else None
 
 
@@ -117,7 +117,7 @@ def look(leg: LegRecord, record: CycleRecord, stamp: Stamp) -> View:
 
 
 def estimate(view: View, seq: int) -> wire.Estimate:
-    """LEG/estimate."""
+    """The message LEG/estimate."""
     leg, record, state, std = view.leg, view.record, view.state, view.std
     return wire.Estimate(
         **view.common,
@@ -153,7 +153,7 @@ def estimate(view: View, seq: int) -> wire.Estimate:
 
 
 def activity(view: View, seq: int) -> wire.Activity:
-    """LEG/activity."""
+    """The message LEG/activity."""
     hip, slide, both = _power(view, (0,)), _power(view, (1,)), _power(view, (0, 1))
     return wire.Activity(
         **view.common,
@@ -170,7 +170,7 @@ def activity(view: View, seq: int) -> wire.Activity:
 
 
 def friction(view: View, seq: int) -> wire.Friction:
-    """LEG/friction."""
+    """The message LEG/friction."""
     leg = view.leg
     return wire.Friction(
         **view.common,
@@ -186,7 +186,7 @@ def friction(view: View, seq: int) -> wire.Friction:
 def drive_state(
     drive: DriveRecord, stamp: Stamp, seq: int, emergencies: tuple[wire.Emergency, ...] = ()
 ) -> wire.DriveState:
-    """drives/NAME. Of a drive that was never heard nothing is known, least of all its inputs."""
+    """The message drives/NAME; inputs and statusword are null before the first statusword."""
     heard = power_state_name(drive.power_state) != "unknown"
     return wire.DriveState(
         **head(stamp, seq),
@@ -217,12 +217,12 @@ def drive_state(
 
 
 def power_state_name(power_state: int) -> str:
-    """CiA 402 state by its number in the record."""
+    """Name of a CiA 402 state by its number in the record."""
     return POWER_STATES[power_state] if 0 <= power_state < len(POWER_STATES) else POWER_STATES[0]
 
 
 def judgement(verdict: Verdict) -> wire.Judgement:
-    """The verdict with what a person needs to know."""
+    """The verdict with its text and remedy for the operator."""
     text = CAUSE_TEXT[verdict.cause]
     stops = verdict.category is not StopCategory.NONE
     return wire.Judgement(
@@ -244,7 +244,7 @@ def safety(
     seq: int,
     lease_holder: str | None = None,
 ) -> wire.Safety:
-    """`safety`; without a record, because the core is silent, nothing but `valid = false`."""
+    """The message `safety`; without a record all fields are null and `valid` is false."""
     if record is None:
         return wire.Safety(
             **head(stamp, seq),
@@ -252,9 +252,10 @@ def safety(
             mode=None,
             active=None,
             verdict=None,
+            stage=None,
             progress=None,
             lease_holder=None,
-            level_age_cycles=None,
+            gateway_age_cycles=None,
             stop_count=None,
             limits=None,
         )
@@ -264,9 +265,10 @@ def safety(
         mode=name_of(record.mode),
         active=record.mode.active,
         verdict=judgement(record.verdict),
+        stage=None if record.stage is None else name_of(record.stage),
         progress=record.progress,
         lease_holder=lease_holder,
-        level_age_cycles=record.level_age_cycles,
+        gateway_age_cycles=record.gateway_age_cycles,
         stop_count=record.stop_count,
         limits=limits,
     )
@@ -274,7 +276,7 @@ def safety(
 
 @lru_cache(maxsize=len(Validity) ** 2)
 def _shown(validity: tuple[Validity, Validity]) -> tuple[bool, ...]:
-    """Of each state, whether it may be shown."""
+    """The states that may be published, as a flag for each of the eight."""
     return tuple(
         validity[index % 2] is Validity.OK
         or (validity[index % 2] is Validity.SPLIT_UNOBSERVABLE and index < _FIRST_SPLIT_INDEX)
@@ -291,14 +293,14 @@ def _where(values: Sequence[Number], others: Sequence[float]) -> tuple[Number, .
 
 
 def _is_covariance(values: Sequence[float]) -> bool:
-    # One that is no number makes the sum none; finite ones might, too, if they were huge.
+    # A value that is not finite makes the sum not finite; huge finite values could overflow, too.
     return len(values) == COVARIANCE_COUNT and (
         math.isfinite(sum(values)) or all(map(math.isfinite, values))
     )
 
 
 def _validity(leg: LegRecord) -> tuple[Validity, Validity]:
-    """Validity of hip and slide after the bits that overrule it."""
+    """Validity of hip and slide; BAD for both if a status bit requires it."""
     if leg.status & _NEVER_SHOWN_BITS:
         return Validity.BAD, Validity.BAD
     return _VALIDITY[leg.validity[0]], _VALIDITY[leg.validity[1]]
@@ -320,13 +322,13 @@ def _common(
 
 @lru_cache(maxsize=256)
 def status_names(status: int) -> tuple[str, ...]:
-    """Few combinations occur, and 15 tests of an IntFlag take as long as all the rest."""
+    """Names of the status bits that are set. Cached: few combinations occur, and tests are slow."""
     return tuple(name_of(bit) for bit in StatusBit if bit & status)
 
 
 @lru_cache(maxsize=256)
 def _observable_rank(status: int) -> int:
-    """Proven equal to the rank of the observability matrix: observer/observability.py."""
+    """Rank of the observability matrix (equality proven: observer/filter/observability.py)."""
     resting = bool(status & StatusBit.STANDSTILL_HIP) + bool(status & StatusBit.STANDSTILL_SLIDE)
     return STATE_COUNT - resting
 
@@ -371,8 +373,7 @@ def _phase(leg: LegRecord) -> Number:
 def _power(view: View, axes: tuple[int, ...]) -> tuple[Number, Number]:
     """Patient's power over these axes in W, and its standard deviation to first order.
 
-    None is what cannot be told, or is no number: factors that are may have a product that is not.
-
+    None stands for a value that is unknown or not finite; a product of finite factors may overflow.
     P = sum of effort times speed, so its gradient is the speed with respect to the effort and the
     effort with respect to the speed; the variance is the gradient's quadratic form of covariance.
     """

@@ -1,6 +1,8 @@
-"""What is refused before anything moves: one judgement of a set of files, for every command.
+"""Checks before anything moves: rules over several files, sweeps of motion, and the report.
 
-`judgement.py` is asked by `gaitd check`, which shows its report, and by `gaitd core`, which starts
-with nothing that the report refuses. The rules and sweeps themselves are in `daemon/config`
-(`load.py` and `cross*.py`, `check*.py`, `workspace.py`, `runaway.py`) and `gateway/endpoints.py`.
+`load.py` reads all files of a configuration, or names the first fault. `judgement.py` is the one
+check of a set of files, for `gaitd check` and for every command that starts something. Rules over
+several files: `files.py`, `drives.py`, `homing.py`, `motion.py`, `assist.py`. Computed from the
+settings: `workspace.py`, `runaway.py`, `backstop.py`. The report of `gaitd check`: `report.py`,
+`axes.py`, `braking.py`, `runaway_report.py`.
 """

@@ -1,29 +1,29 @@
-"""The one function that judges a set of files, and the two ways in which its answer is used."""
+"""The check of a set of files, in one function, and the two ways in which its result is used."""
 
 from pathlib import Path
 from typing import NamedTuple
 
 from daemon.config.bundle import Settings
-from daemon.config.check import Report, examine, refuse
-from daemon.config.load import load
 from daemon.config.strict import ConfigError
-from daemon.gateway import endpoints
+from daemon.preflight.load import load
+from daemon.preflight.report import Report, examine, refuse
+from daemon.zenoh_io import endpoints
 
 
 class Judgement(NamedTuple):
-    """A set of files that can be reported on, refused or not."""
+    """A readable set of files: settings, report, and the refusal if there is one."""
 
     settings: Settings
     report: Report
     refusal: ConfigError | None
-    """What the report shows and nothing may start with."""
+    """Why the service may not start, although a report exists; None if it may."""
 
 
 def judge(path: Path) -> Judgement:
-    """Read a trainer file and all that it names, and judge all that needs no bus.
+    """Read a trainer file and all that it names, and check all that needs no bus.
 
     Raises:
-        ConfigError: the first thing that leaves nothing to report on.
+        ConfigError: the first fault without which no report can be made.
     """
     settings = load(path)
     endpoints.check(settings.file)
@@ -39,7 +39,7 @@ def accepted(path: Path) -> Settings:
     """The settings of a set of files that `gaitd check` accepts.
 
     Raises:
-        ConfigError: exactly what `gaitd check` refuses, in its words.
+        ConfigError: the same error as that of `gaitd check`.
     """
     judgement = judge(path)
     if judgement.refusal is not None:

@@ -1,8 +1,8 @@
-"""Copies of configurations with some keys changed: the text stays, comments too.
+"""Copies of configurations with some keys changed; text and comments are kept.
 
 A key is named by its place, `gait.announce_s`, or `leg.0.name` in the first of the `[[leg]]`
-tables. Its value must stand on the key's own line. That the file then says exactly what it said
-before, but for this key, is checked with a TOML reader: an edit is right or refused.
+tables. Its value must be on the key's own line. A TOML reader checks that the file differs in this
+key alone: an edit is either right or refused.
 """
 
 import copy
@@ -15,21 +15,21 @@ from typing import Any, Final
 
 Value = bool | int | float | str | Sequence[str]
 Edits = Mapping[str, Mapping[str, Value]]
-"""By file, relative to the folder of configurations: key and value."""
+"""Key and value by file, relative to the folder of configurations."""
 
 HEADING: Final = re.compile(r"^\[(\[)?\s*([\w.]+)\s*\]")
 ENTRY: Final = re.compile(r"^(\w+)\s*=")
 
 
 class EditError(Exception):
-    """The test's: a key that cannot be changed as it is named."""
+    """Test error: a key that cannot be changed as it is named."""
 
 
 def edit(folder: Path, edits: Edits) -> None:
     """Change files below `folder` in place.
 
     Raises:
-        EditError: a file or key that is not there, or whose value is longer than its line.
+        EditError: a file or key that does not exist, or whose value is longer than its line.
     """
     for name, values in edits.items():
         path = folder / name
@@ -65,7 +65,7 @@ def _edited(name: str, text: str, key: str, value: Value) -> str:
 
 
 def _line_of(lines: Sequence[str], key: str) -> int | None:
-    """Where the key stands, by the headings above it."""
+    """Return the line of the key, located by the headings above it."""
     table, seen = "", dict[str, int]()
     for number, line in enumerate(lines):
         if heading := HEADING.match(line):
@@ -79,7 +79,7 @@ def _line_of(lines: Sequence[str], key: str) -> int | None:
 
 
 def _put(tree: object, parts: Sequence[str], value: object) -> None:
-    """Give one place in a tree another value."""
+    """Set the value at one place in a tree."""
     table: Any = tree
     for part in parts[:-1]:
         table = table[int(part)] if isinstance(table, list) else table[part]

@@ -1,7 +1,7 @@
 """The pytest plugin: `virtual_trainer`, `virtual_trainers`, `vcan`, and the rigs.
 
-pytest finds it by itself where gaitd is installed. It imports nothing of ours, and starts nothing,
-until a test asks for one of its fixtures. docs/integrating.md shows their use.
+pytest finds it automatically where gaitd is installed. It imports nothing of the project, and
+starts nothing, until a test uses one of its fixtures. docs/integrating.md shows their use.
 """
 
 import contextlib
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from gaitd.testing.trainer import VirtualTrainer
 
 RIG_MARKERS: Final[Mapping[str, str]] = {"rig_vcan": "vcan", "rig_systemd": "systemd"}
-"""Marker of a test, and the rig that it needs."""
+"""Marker of a test, and the rig that the marker requires."""
 REQUIRED: Final = "required"
 NONE: Final = "none"
 MISSED: Final = (*(f"{marker}: " for marker in RIG_MARKERS), "vcan: ")
@@ -37,10 +37,10 @@ LACKS: Final = pytest.StashKey[dict[str, str | None]]()
 
 
 class VirtualTrainers:
-    """Makes virtual trainers for one test; each lives until the test is over."""
+    """Starts virtual trainers for one test; each lives until the test is over."""
 
     def __init__(self, ending: contextlib.ExitStack) -> None:
-        """Take what ends them."""
+        """Use the exit stack that ends the trainers."""
         self._ending = ending
 
     def __call__(
@@ -60,7 +60,7 @@ class VirtualTrainers:
 
 @pytest.fixture
 def virtual_trainers() -> Generator[VirtualTrainers]:
-    """A function that starts virtual trainers, each with a configuration of its own."""
+    """Provide a function that starts virtual trainers, each with its own configuration."""
     with contextlib.ExitStack() as ending:
         yield VirtualTrainers(ending)
 
@@ -69,7 +69,7 @@ def virtual_trainers() -> Generator[VirtualTrainers]:
 def virtual_trainer(
     request: pytest.FixtureRequest, virtual_trainers: VirtualTrainers
 ) -> "VirtualTrainer":
-    """A virtual trainer that is ready to be enabled; the marker of that name configures it."""
+    """Provide a virtual trainer that is ready to be enabled; its marker configures it."""
     marker = request.node.get_closest_marker("virtual_trainer")
     return virtual_trainers(*marker.args, **marker.kwargs) if marker else virtual_trainers()
 
@@ -78,7 +78,7 @@ def virtual_trainer(
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """What the processes of a virtual trainer have said stands in the report of a failure."""
+    """Add the output of a virtual trainer's processes to the report of a failure."""
     del item, call
     report = yield
     trainer = sys.modules.get("gaitd.testing.trainer")
@@ -95,7 +95,7 @@ def pytest_runtest_makereport(
 
 @pytest.fixture
 def vcan(request: pytest.FixtureRequest) -> Generator[str]:
-    """The name of a fresh SocketCAN interface of type vcan; skips where there can be none."""
+    """Provide the name of a fresh vcan interface; skips where there can be none."""
     from gaitd.testing.vcan import VcanError, fresh_vcan
 
     with contextlib.ExitStack() as ending:
@@ -109,18 +109,18 @@ def vcan(request: pytest.FixtureRequest) -> Generator[str]:
 
 @pytest.fixture(scope="session")
 def vcan_rig() -> "Rig":
-    """A world with SocketCAN."""
+    """Provide an environment with SocketCAN."""
     return _rig("vcan")
 
 
 @pytest.fixture(scope="session")
 def systemd_rig() -> "Rig":
-    """A world with systemd as PID 1."""
+    """Provide an environment with systemd as PID 1."""
     return _rig("systemd")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """One option of ours, with our name in it: it is in every run of pytest."""
+    """Add gaitd's option; its name has the prefix gaitd, because it is in every run of pytest."""
     parser.getgroup("gaitd").addoption(
         "--gaitd-rigs",
         dest="gaitd_rigs",
@@ -131,21 +131,21 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Say what our markers mean."""
+    """Register the markers."""
     for marker in MARKERS:
         config.addinivalue_line("markers", marker)
     config.stash[LACKS] = {}
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip a test whose rig is not there, or fail it where rigs are required."""
+    """Skip a test whose rig is not available, or fail it where rigs are required."""
     for marker in RIG_MARKERS:
         if item.get_closest_marker(marker) and (lack := _lack(item.config, marker)):
             _do_without(item.config, f"{marker}: {lack}")
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """One line for all the rigs that were missed, wherever their tests were to run."""
+    """Print one line for all missing rigs, whatever tests needed them."""
     reasons = [
         report.longrepr[2].removeprefix("Skipped: ")
         for report in terminalreporter.stats.get("skipped", [])

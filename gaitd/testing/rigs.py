@@ -1,9 +1,9 @@
-"""Rigs: small worlds that have what this machine may lack, each running one bash script.
+"""Rigs: environments with features that this machine may lack, each running one bash script.
 
-`vcan` is a network with SocketCAN: a namespace of this kernel where it has it, and otherwise a
+`vcan` is a network with SocketCAN: a namespace of this kernel if it has SocketCAN, otherwise a
 virtual machine with a Debian kernel. `systemd` is a container with systemd as PID 1. Inside, this
-machine's programs and the project are where they are here, read-only; one folder may be written.
-`make rigs` installs what they need; each says in one line what it lacks.
+machine's programs and the project have the same paths, read-only; one folder is writable.
+`make rigs` installs what they need; each reports in one line what it lacks.
 """
 
 import os
@@ -19,44 +19,44 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 PROGRAMS: Final = Path(sysconfig.get_path("scripts"))
-"""Of the virtual environment that we run in."""
+"""Programs of the virtual environment that this process runs in."""
 VNG: Final = PROGRAMS / "vng"
 """virtme-ng, which boots a kernel under QEMU with this file system as its root."""
 PATH: Final = f"{PROGRAMS}:/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 SOURCES: Final = Path(__file__).resolve().parents[2]
-"""The folder of our packages: the project, or site-packages."""
+"""The folder of the project's packages: the project, or site-packages."""
 
 
 class Finished(NamedTuple):
-    """What a script left."""
+    """The result of a script."""
 
     exit_code: int
     output: str
-    """Of the script, both streams; of the rig itself if the script never came to an end."""
+    """Output of the script, both streams; of the rig itself if the script did not complete."""
 
 
 class Rig(ABC):
-    """One kind of small world that runs a bash script."""
+    """A kind of environment that runs a bash script."""
 
     set_up: str = ""
-    """Bash lines that make a fresh one usable."""
+    """Bash lines that prepare a fresh environment."""
 
     @abstractmethod
     def lacks(self) -> str | None:
-        """What this machine lacks for it; None if nothing."""
+        """Return what this machine lacks for the rig; None if nothing."""
 
     @abstractmethod
     def command(self, script: Path, folder: Path, also: Sequence[Path] = ()) -> list[str]:
-        """The command that runs the script.
+        """Return the command that runs the script.
 
         Args:
-            script: to be run.
-            folder: which it may write to.
-            also: more folders like that.
+            script: the script.
+            folder: a writable folder.
+            also: more writable folders.
         """
 
     def run(self, script: str, folder: Path, timeout_s: float = 600) -> Finished:
-        """Run bash lines in `folder`, which is theirs to write to."""
+        """Run bash lines in `folder`, which is writable."""
         ran = subprocess.run(
             self.command(prepare(script, folder), folder),
             stdin=subprocess.DEVNULL,
@@ -71,7 +71,7 @@ class Rig(ABC):
 
 
 def prepare(script: str, folder: Path) -> Path:
-    """Write bash lines into `folder`, and around them what keeps their output and exit code."""
+    """Write bash lines into `folder`, wrapped so that their output and exit code are kept."""
     inner, outer = folder / "script", folder / "outer"
     inner.write_text(f"set -eu\nexport PATH={PATH}\n{script}\n")
     outer.write_text(
@@ -83,7 +83,7 @@ def prepare(script: str, folder: Path) -> Path:
 
 
 def finished(folder: Path, said_by_rig: str) -> Finished:
-    """What a prepared script has left in its folder."""
+    """Return the result of a prepared script from its folder."""
     if not (folder / "exit").exists():
         return Finished(-1, said_by_rig)
     return Finished(int((folder / "exit").read_text()), (folder / "log").read_text())
@@ -101,7 +101,7 @@ class SocketCan(Rig):
     )
 
     def native(self) -> bool:
-        """Whether this kernel has it."""
+        """True if this kernel has SocketCAN."""
         try:
             socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
         except OSError:
@@ -109,7 +109,7 @@ class SocketCan(Rig):
         return True
 
     def lacks(self) -> str | None:
-        """What this machine lacks for it; None if nothing."""
+        """Return what this machine lacks for the rig; None if nothing."""
         if self.native():
             return None if shutil.which("unshare") else "unshare is missing"
         if not VNG.exists():
@@ -119,7 +119,7 @@ class SocketCan(Rig):
         return None if self.kernel() else "no SocketCAN in this kernel, and none in /boot that has"
 
     def kernel(self) -> Path | None:
-        """The newest one in /boot that has a vcan."""
+        """The newest kernel in /boot that has a vcan."""
         for kernel in sorted(Path("/boot").glob("vmlinuz-*"), reverse=True):
             modules = Path("/lib/modules") / kernel.name.removeprefix("vmlinuz-")
             if any(modules.glob("kernel/drivers/net/can/vcan.ko*")):
@@ -144,7 +144,7 @@ class Systemd(Rig):
     """A container with systemd as PID 1: /usr is this machine's, /etc, /var and /run are fresh."""
 
     def lacks(self) -> str | None:
-        """What this machine lacks for it; None if nothing."""
+        """Return what this machine lacks for the rig; None if nothing."""
         if not shutil.which("systemd-nspawn", path=PATH):
             return "no systemd-nspawn"
         return None if os.geteuid() == 0 else "systemd-nspawn, but not root"
@@ -165,7 +165,7 @@ class Systemd(Rig):
 
 
 def _read_from(writable: Sequence[Path]) -> list[Path]:
-    """The folders that this Python reads from, none of them inside another one."""
+    """Return the folders that this Python reads from, without nested ones."""
     wanted = {SOURCES, Path(sys.prefix), Path(sys.base_prefix)}
     wanted |= {Path(name) for name in sys.path if Path(name).is_absolute() and Path(name).is_dir()}
     outer: list[Path] = []

@@ -1,12 +1,12 @@
-"""The service and the virtual drives as the processes that people run, and what is seen of them.
+"""The service and the virtual drives as separate processes, and access to their output.
 
-Time is simulated (`simtime`): a computer that stands still makes a test take longer, and changes
-nothing of what it sees. Who waits here lets time pass as fast as it can, and counts it in simulated
-seconds; otherwise it has the pace that was asked for, real time by default. While no core is in
-step, as when its process starts, time is never faster than the computer's.
+Time is simulated (`simtime`): a stall of the computer makes a test take longer, and changes no
+result. Waiting functions let time pass as fast as it can, and count simulated seconds; otherwise
+time has the requested pace, real time by default. While no core is in step, as when its process
+starts, time is never faster than the computer's.
 
 Every part is a process of its own (`gaitd sim`, `gaitd core`, `gaitd gateway`) with its output in
-a file. None outlives this process: it is ended by `end`, and killed by the kernel if we are.
+a file. None outlives this process: `end` ends it, and the kernel kills it if this process dies.
 """
 
 import contextlib
@@ -25,14 +25,14 @@ from typing import Any, Final, Self
 import can
 import msgspec
 
-from daemon.clock import AgeClock, MonotonicClock, PageClock
-from daemon.record import CycleRecord
-from daemon.seam import RING_NAME, RingError, RingReader
+from daemon.ipc.record import CycleRecord
+from daemon.ipc.transport import RING_NAME, RingError, RingReader
+from daemon.system.clock import AgeClock, MonotonicClock, PageClock
 from gaitd import remote
-from gaitd.children import free_ports, tied
 from gaitd.places import configs_folder
 from gaitd.remote import Target
 from gaitd.testing.edits import Edits, edit
+from gaitd_lab.processes import free_ports, tied
 from simtime.link import LinkLostError, SocketLink
 from simtime.wire import Role
 
@@ -41,13 +41,13 @@ SIMULATED, PYTHON_CAN = "simulated", "gaitd"
 POLL_S: Final = 0.02
 CYCLE_S: Final = 0.01
 STEP_S: Final = 0.05
-"""Of simulated time between two looks at the records; where a test holds it, a cycle."""
+"""Simulated time between two reads of the records; while a test holds time, a cycle."""
 IN_STEP_NS: Final = 100_000_000
-"""A newest record older than this: the core is not in step, or not yet."""
+"""If the newest record is older than this, the core is not in step, or not yet."""
 HANG_S: Final = 60.0
-"""Of the computer's time in which simulated time stands still: a process hangs."""
+"""If simulated time stands still for this much of the computer's time, a process hangs."""
 RUN_MAX_NS: Final = 1_000_000_000
-"""How far the virtual drives are asked to go at once: each time may take HANG_S."""
+"""Largest advance requested of the virtual drives at once: each may take HANG_S."""
 NS_PER_S: Final = 1_000_000_000
 REAL_TIME: Final = 1.0
 GAITD: Final = ("-m", "gaitd")
@@ -58,7 +58,7 @@ LOG_TAIL: Final = 4000
 
 
 class ServiceError(AssertionError):
-    """What was waited for did not come; with the last words of every process."""
+    """A wait has failed; the message contains the last output of every process."""
 
 
 class Service:
@@ -74,18 +74,18 @@ class Service:
         pace: float | str = REAL_TIME,
         wall_clock: bool = False,
     ) -> None:
-        """Write the configuration; nothing runs yet.
+        """Write the configuration; no process is started.
 
         Args:
-            folder: of this service alone; everything that it writes goes there.
+            folder: folder of this service alone; all its files go there.
             configs: a folder of configurations, copied; None: those that come with gaitd.
-            trainer_file: in that folder.
-            edits: keys with other values, by file; they win over ports and paths of our own.
-            pace: of simulated time while nothing is waited for: a multiple of real time, or `max`.
-            wall_clock: the simulated bus goes by the computer's clock, and nothing can be held.
+            trainer_file: name of the trainer file in that folder.
+            edits: keys with other values, by file; they override the ports and paths set here.
+            pace: pace of simulated time outside of waits: a multiple of real time, or `max`.
+            wall_clock: the simulated bus uses the computer's clock, and nothing can be held.
 
         Raises:
-            EditError: a key that is not there.
+            EditError: a key that does not exist.
         """
         self.folder = folder
         (self.zenoh_port,) = free_ports(1)
@@ -117,7 +117,7 @@ class Service:
 
     @property
     def clock(self) -> AgeClock:
-        """In which its records and its truth count: simulated, or the computer's on a real bus."""
+        """Clock of its records and its truth: simulated, or the computer's on a real bus."""
         bus = self._table["bus"]
         if self._clock is None:
             simulated = bus["interface"] == SIMULATED
@@ -126,12 +126,12 @@ class Service:
 
     @property
     def endpoint(self) -> str:
-        """Where a Zenoh client connects."""
+        """Address for Zenoh clients."""
         return self._table["zenoh"]["listen"][0]
 
     @property
     def trainer(self) -> str:
-        """TRAINER of its keys, which begin `gaitd/TRAINER/`."""
+        """TRAINER of its Zenoh keys, which begin `gaitd/TRAINER/`."""
         return self._table["zenoh"]["trainer"]
 
     # --- processes ------------------------------------------------------------------------------
@@ -147,14 +147,14 @@ class Service:
 
         Args:
             part: `sim`, `core` or `gateway`.
-            arguments: beside `--config`.
-            program: what runs `gaitd PART`, where it is not `gaitd` itself.
-            environment: what it finds there beside ours.
+            arguments: arguments besides `--config`.
+            program: program that runs `gaitd PART`, if it is not `gaitd` itself.
+            environment: additional environment variables.
         """
         words = (*program, part, "--config", str(self.config), *arguments)
         with (self.folder / f"{part}.log").open("ab") as log:
             self.parts[part] = subprocess.Popen(
-                # Killed with us, because a part that is stopped obeys nothing else.
+                # Killed with this process, because a stopped part obeys nothing else.
                 tied(*words, number=signal.SIGKILL),
                 stdin=subprocess.PIPE,
                 stdout=log,
@@ -183,24 +183,24 @@ class Service:
         self.wait(on_bus, DRIVES_READY_S)
 
     def start_all(self) -> Self:
-        """Start every part; what the service does next is waited for by nobody."""
+        """Start every part; does not wait for the service to be ready."""
         self.start_drives()
         self.start("core")
         self.start("gateway")
         return self
 
     def kill(self, part: str, number: int = signal.SIGKILL) -> None:
-        """Send a part a signal; SIGKILL is waited for."""
+        """Send a part a signal; for SIGKILL, wait until it has ended."""
         os.kill(self.parts[part].pid, number)
         if number == signal.SIGKILL:
             self.parts[part].wait()
 
     def runs(self, part: str) -> bool:
-        """Whether the part was started and has not ended."""
+        """Return whether the part was started and has not ended."""
         return part in self.parts and self.parts[part].poll() is None
 
     def end(self) -> None:
-        """End what runs, whatever state it is in."""
+        """End all running parts, in any state."""
         self._hand.close()
         for part in reversed(list(self.parts)):
             process = self.parts[part]
@@ -218,21 +218,21 @@ class Service:
                     process.stdin.close()
 
     def log(self, part: str) -> str:
-        """What a part has said on stdout and stderr, of all its runs."""
+        """Return a part's output on stdout and stderr, of all its runs."""
         return (self.folder / f"{part}.log").read_text(encoding="utf-8", errors="replace")
 
     def said(self) -> list[tuple[str, str]]:
-        """The last words of each part, by its name."""
+        """Return the last output of each part, by its name."""
         return [(part, self.log(part)[-LOG_TAIL:] or "(nothing)") for part in self.parts]
 
     def logs(self) -> str:
-        """The same as one text."""
+        """Return the same as one text."""
         return "\n".join(f"--- gaitd {part}\n{words}" for part, words in self.said())
 
-    # --- asking ---------------------------------------------------------------------------------
+    # --- requests -------------------------------------------------------------------------------
 
     def request(self, name: str, **payload: object) -> dict[str, Any]:
-        """Query control/NAME: the answer as it came, `unanswered` if there is none.
+        """Query control/NAME; return the answer, `unanswered` if there is none.
 
         Raises:
             ServiceError: time is held, so the core can decide nothing.
@@ -246,7 +246,7 @@ class Service:
         return msgspec.json.decode(answer.text)
 
     def inject(self, line: str) -> str:
-        """Tell the virtual drives, for example `silent right/hip 0.5`; what they answer."""
+        """Send the virtual drives a command, e.g. `silent right/hip 0.5`; return the answer."""
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as end:
             own = self.folder / f"tester{time.monotonic_ns()}"
             end.bind(str(own))
@@ -261,9 +261,9 @@ class Service:
 
     @contextlib.contextmanager
     def held(self) -> Generator[None]:
-        """Time stands still inside, but for `run`, `until` and what else waits for a record.
+        """Hold time inside the context, except for `run`, `until` and waits for a record.
 
-        Every process has computed what it had to when it begins, and a request is refused.
+        Every process has completed its computations at entry. A request is refused inside.
 
         Raises:
             ServiceError: time is not simulated, or the virtual drives do not answer.
@@ -280,9 +280,9 @@ class Service:
                 self._tried_command("go")
 
     def run(self, duration_s: float) -> None:
-        """Let exactly so much simulated time pass, as fast as it can; then all have computed.
+        """Let exactly this much simulated time pass, as fast as it can; then all have computed.
 
-        On a bus in real time it is waited.
+        On a bus in real time this is a sleep.
 
         Raises:
             ServiceError: the virtual drives do not answer.
@@ -298,10 +298,10 @@ class Service:
                 left_ns -= part_ns
 
     def at(self, delay_s: float, line: str) -> str:
-        """Tell the virtual drives `line` so many simulated seconds from now, exactly.
+        """Schedule the command `line` for exactly this many simulated seconds from now.
 
-        Inside `held` now is the instant at which time stands. What they do not understand they say
-        in their log, then.
+        Inside `held` now is the instant at which time is held. Errors of the command appear in the
+        log of the virtual drives.
 
         Raises:
             ServiceError: time is not simulated, or the virtual drives do not answer.
@@ -310,7 +310,7 @@ class Service:
 
     @contextlib.contextmanager
     def _fast(self) -> Generator[None]:
-        """Time passes as fast as it can inside, where it is simulated and there are drives."""
+        """Let time pass as fast as it can inside, where it is simulated and there are drives."""
         if self._is_fast or self._held_count or not self._tried_command("pace max"):
             yield
             return
@@ -322,7 +322,7 @@ class Service:
             self._tried_command(f"pace {self._pace}")
 
     def _pass(self, poll_s: float) -> None:
-        """Between two looks."""
+        """Let time pass between two reads."""
         if not self._held_count:
             time.sleep(poll_s)
             return
@@ -331,13 +331,13 @@ class Service:
             time.sleep(poll_s)
 
     def _counts(self) -> bool:
-        """Whether the core is in step."""
+        """Return whether the core is in step."""
         with contextlib.suppress(FileNotFoundError, RingError):
             return self.clock.now_ns() - self.newest().sync_mono_ns < IN_STEP_NS
         return False
 
     def _tried_command(self, line: str) -> bool:
-        """Whether there are virtual drives that can be told; nothing is held or paced without."""
+        """Send a command if time is simulated and the drives run; return whether it was sent."""
         if not self._is_simulated or not self.runs("sim"):
             return False
         with contextlib.suppress(LinkLostError):
@@ -357,28 +357,28 @@ class Service:
         self._hand.open()
         return self._hand.command(line)
 
-    # --- witnesses ------------------------------------------------------------------------------
+    # --- outputs --------------------------------------------------------------------------------
 
     @property
     def truth_path(self) -> Path:
-        """CSV of what really happens in the plant."""
+        """CSV file of the plant's true state."""
         return self.folder / "truth.csv"
 
     @property
     def control_path(self) -> Path:
-        """Socket of the virtual drives."""
+        """Command socket of the virtual drives."""
         return self.folder / "ctl"
 
     def wait(self, reached: Callable[[], object], within_s: float, poll_s: float = POLL_S) -> None:
-        """Look until it is reached.
+        """Poll until the condition is true.
 
         Args:
-            reached: looked at again and again.
-            within_s: in simulated time, where time is simulated.
-            poll_s: between two looks, of the computer's time; inside `held` of simulated time.
+            reached: the condition, polled.
+            within_s: time limit, simulated where time is simulated.
+            poll_s: poll interval, of the computer's time; inside `held` of simulated time.
 
         Raises:
-            ServiceError: it was not, within the time, or simulated time stands still.
+            ServiceError: the time limit has passed, or simulated time stands still.
         """
         looks_in_vain, seen_ns = 0, self.clock.now_ns()
         end_ns = seen_ns + round(within_s * NS_PER_S)
@@ -396,14 +396,14 @@ class Service:
         raise ServiceError(f"simulated time stood still for {HANG_S:g} s\n{self.logs()}")
 
     def _ring(self) -> RingReader:
-        """Of the core that began last."""
+        """Return the ring of the newest core."""
         path = self.config.parent / self._table["paths"]["runtime"] / RING_NAME
         if self._reader is None or self._reader.inode != path.stat().st_ino:
             self._reader, self._newest_seq = RingReader(path), 0
         return self._reader
 
     def _followed(self) -> tuple[RingReader, int]:
-        """The ring and its newest number: followed from there on, or looked for in all of it."""
+        """Return the ring and its newest number: followed from there, or read from its start."""
         ring = self._ring()
         if not self._newest_seq or ring.raw(self._newest_seq) is None:
             self._newest_seq = ring.newest_seq()
@@ -414,14 +414,14 @@ class Service:
         return ring, self._newest_seq
 
     def boot_id(self) -> str:
-        """Of the core that wrote the ring; empty where there is none yet."""
+        """Boot id of the core that wrote the ring; empty if there is none yet."""
         try:
             return self._ring().header.core_boot_id
         except FileNotFoundError:
             return ""
 
     def newest(self) -> CycleRecord:
-        """The record of the newest cycle.
+        """Return the record of the newest cycle.
 
         Raises:
             FileNotFoundError, RingError: there is none yet.
@@ -433,13 +433,13 @@ class Service:
         return record
 
     def records(self, after_seq: int = 0) -> list[CycleRecord]:
-        """Records of the cycles after one, as far back as the ring goes (30 s)."""
+        """Return the records of the cycles after one, as far back as the ring goes (30 s)."""
         return self._ring().since(after_seq)
 
     def until(self, reached: Callable[[CycleRecord], bool], within_s: float = 30) -> CycleRecord:
-        """Wait for a record and return it: the first, from the newest one on, that is as wanted.
+        """Wait for the first record, from the newest one on, that meets the condition; return it.
 
-        Inside `held` time stands in its cycle then; otherwise some cycles later.
+        Inside `held` time then stands in its cycle; otherwise some cycles later.
 
         Raises:
             ServiceError: none came within the time.
@@ -467,13 +467,13 @@ class Service:
         return found[0]
 
     def truth(self) -> list[dict[str, str]]:
-        """All rows of the plant's truth, by column."""
+        """Return all rows of the plant's truth, by column."""
         with self.truth_path.open(encoding="utf-8") as file:
             return [row for row in csv.DictReader(file) if row["programme"]]
 
     @contextlib.contextmanager
     def listener(self) -> Generator[can.BusABC]:
-        """A station of python-can on the same bus."""
+        """Return a python-can bus on the same channel."""
         bus = self._table["bus"]
         interface = PYTHON_CAN if bus["interface"] == SIMULATED else bus["interface"]
         with can.Bus(interface=interface, channel=bus["channel"]) as station:

@@ -5,8 +5,8 @@
         trainer.inject("silent right/hip 0.5")
         trainer.wait_for(Mode.FAULT)
 
-Nothing in the service knows that the drives are virtual. Time is simulated, so a computer that
-stalls stops nothing: a stop while a mode is asked for is an error at once, with its cause.
+The service does not know that the drives are virtual. Time is simulated, so a stall of the computer
+stops nothing: a stop while a mode is requested is an error at once, with its cause.
 """
 
 import contextlib
@@ -17,19 +17,19 @@ from collections.abc import Generator
 from pathlib import Path
 from typing import Any, Final, Self
 
-from daemon.record import CycleRecord, Mode
-from gaitd.children import memory_folder
+from daemon.ipc.record import CycleRecord, Mode
 from gaitd.testing.edits import Edits
 from gaitd.testing.service import REAL_TIME, Service, ServiceError
+from gaitd_lab.processes import memory_folder
 
 PATIENCE_S: Final = 90.0
 START_S: Final = 300.0
 """The first start on a machine compiles the observer, for a minute or so."""
 SETTLED: Final = frozenset({Mode.READY, Mode.FAULT, Mode.HOLD, Mode.GAIT})
 STANDSTILL: Final = (0.05, 0.03)
-"""rad/s and m/s, as limits.toml has it."""
+"""Speeds of a leg at rest, rad/s and m/s, as in limits.toml."""
 REST_CYCLES: Final = 30
-"""In a row: a leg that turns around stands still in one."""
+"""Consecutive records at rest: a leg at a reversal is at rest in one only."""
 HOLD: Final[dict[str, object]] = {"mode": "hold"}
 GAIT: Final[dict[str, object]] = {
     "mode": "gait",
@@ -38,11 +38,11 @@ GAIT: Final[dict[str, object]] = {
     "duration_s": 600.0,
 }
 RUNNING: Final["weakref.WeakSet[VirtualTrainer]"] = weakref.WeakSet()
-"""Those that have been started and not ended, for the report of a test that fails."""
+"""Running trainers, for the report of a failing test."""
 
 
 class VirtualTrainer(Service):
-    """Virtual drives, core and gateway, and what a test asks of them."""
+    """Virtual drives, core and gateway, and the requests of a test."""
 
     def __init__(
         self,
@@ -64,7 +64,7 @@ class VirtualTrainer(Service):
             wall_clock=wall_clock,
         )
         self._refusal: dict[str, Any] = {}
-        """The newest answer of a method of ours, where it was none of `done`."""
+        """The last answer to a request, if it was not `done`."""
 
     # --- from start to end --------------------------------------------------------------------
 
@@ -72,7 +72,7 @@ class VirtualTrainer(Service):
         """Start every part and wait until the service is ready to be enabled.
 
         Raises:
-            ServiceError: a part ended, or it was not ready in time; with what all have said.
+            ServiceError: a part ended, or it was not ready in time; with the parts' output.
         """
         RUNNING.add(self)
         super().start_all()
@@ -80,7 +80,7 @@ class VirtualTrainer(Service):
         return self
 
     def end(self) -> None:
-        """End what runs, whatever state it is in."""
+        """End all running parts, in any state."""
         super().end()
         RUNNING.discard(self)
 
@@ -94,18 +94,18 @@ class VirtualTrainer(Service):
                 code = self.parts[part].returncode if part in self.parts else "no start"
                 raise ServiceError(f"gaitd {part} ended with {code}\n{self.logs()}")
 
-    # --- what it does -------------------------------------------------------------------------
+    # --- requests -------------------------------------------------------------------------------
 
     @property
     def mode(self) -> Mode:
-        """Of the newest cycle."""
+        """Mode of the newest cycle."""
         return self.newest().mode
 
     def wait_for(self, mode: Mode, within_s: float = 30) -> CycleRecord:
-        """Wait until the core is in a mode; the first record that says so, or the newest.
+        """Wait until the core is in a mode; return the first record in that mode, or the newest.
 
         Raises:
-            ServiceError: it did not come within the time, or the core has ended.
+            ServiceError: the mode was not reached in time, or the core has ended.
         """
         newest = "there is no record"
 
@@ -121,22 +121,22 @@ class VirtualTrainer(Service):
             raise ServiceError(f"mode {mode.name} did not come: {newest}\n{error}") from error
 
     def enable(self) -> CycleRecord:
-        """Enable the drives: the leg is held where it is. A latched stop is reset first."""
+        """Enable the drives: the leg is held in place. A latched stop is reset first."""
         return self.bring(Mode.HOLD).newest()
 
     def gait(
         self, cadence_hz: float = 0.4, amplitude_ratio: float = 1.0, duration_s: float = 600.0
     ) -> CycleRecord:
-        """Enable if need be, and walk; returns when the announcement and the approach are over."""
+        """Enable if necessary, and start gait; returns after announcement and approach."""
         wanted = {"cadence_hz": cadence_hz, "amplitude_ratio": amplitude_ratio}
         return self.bring(Mode.GAIT, **wanted, duration_s=duration_s).newest()
 
     def disable(self) -> CycleRecord:
-        """Stop in an orderly way, without power at the end. A latched stop is reset."""
+        """Stop normally, without power at the end. A latched stop is reset."""
         return self.bring(Mode.READY).newest()
 
     def stop(self) -> CycleRecord:
-        """What anybody may ask at any time: stop now. It is latched until `reset`."""
+        """Request a stop, which any client may do at any time. It is latched until `reset`."""
         self.request("stop")
         return self.wait_for(Mode.FAULT)
 
@@ -146,11 +146,11 @@ class VirtualTrainer(Service):
         return self.wait_for(Mode.READY, PATIENCE_S)
 
     def patient(self, programme: str) -> None:
-        """Let the virtual patient begin one of plant.toml's programmes, for example `active`."""
+        """Start one of plant.toml's patient programmes, for example `active`."""
         self.tell(f"patient {programme}")
 
     def tell(self, line: str) -> str:
-        """As `inject`, but what the virtual drives do not understand is an error.
+        """As `inject`, but a command that the virtual drives refuse is an error.
 
         Raises:
             ValueError: with their answer.
@@ -161,14 +161,14 @@ class VirtualTrainer(Service):
         return answer
 
     def bring(self, mode: Mode, **wanted: object) -> Self:
-        """Into READY, HOLD or GAIT from wherever it is; a part that does not run is started.
+        """Reach READY, HOLD or GAIT from any state; a part that does not run is started.
 
         Args:
-            mode: where to.
-            wanted: more for the request: cadence_hz, amplitude_ratio, duration_s.
+            mode: the mode to reach.
+            wanted: arguments of the request: cadence_hz, amplitude_ratio, duration_s.
 
         Raises:
-            ServiceError: it refuses, or stops; with the cause.
+            ServiceError: a refusal or a stop; with the cause.
         """
         self._refusal = {}
         self._revive()
@@ -188,11 +188,11 @@ class VirtualTrainer(Service):
         return ServiceError(f"{words}; refused: {self._refusal}\n{self.logs()}")
 
     def walks(self, record: CycleRecord) -> bool:
-        """Whether this cycle is one of a gait under way."""
+        """Return whether the record belongs to a gait in progress."""
         return record.mode == Mode.GAIT and record.gait_phase >= 0
 
     def stands(self, record: CycleRecord) -> bool:
-        """Whether this cycle finds the leg held, and at rest."""
+        """Return whether the leg is held and at rest in the record."""
         return record.mode == Mode.HOLD and all(
             hip < STANDSTILL[0] and slide < STANDSTILL[1] for hip, slide in speeds_by_leg(record)
         )
@@ -214,7 +214,7 @@ class VirtualTrainer(Service):
             self.kill(part, signal.SIGCONT)
 
     def _is_heard(self) -> bool:
-        """Whether the gateway that runs now hears the core that runs now."""
+        """Return whether the running gateway receives the running core's records."""
         answer = self.request("status")
         valid = answer.get("safety", {}).get("valid", False)
         return valid and answer["core_boot_id"] == self.boot_id()
@@ -223,7 +223,7 @@ class VirtualTrainer(Service):
         return self.until(lambda record: record.mode in SETTLED, PATIENCE_S).mode
 
     def _ask_for(self, mode: Mode, wanted: dict[str, object]) -> None:
-        """What is asked, from wherever it is; what is refused at the end is noted."""
+        """Request a mode from any state; a final refusal is stored."""
         self.wait(self._is_heard, PATIENCE_S)
         if self._settled() == Mode.FAULT:
             self.wait(lambda: self._done("reset"), PATIENCE_S)
@@ -234,13 +234,13 @@ class VirtualTrainer(Service):
             self._must("disable")
             return
         if now == Mode.READY:
-            # After a reset the leg falls into its springs first; refused while it moves.
+            # After a reset the leg sinks into its springs; requests are refused while it moves.
             self.wait(lambda: self._done("enable") or self.mode == Mode.FAULT, PATIENCE_S)
         if self.mode not in {mode, Mode.FAULT}:
             self._must("mode", **(HOLD if mode == Mode.HOLD else {**GAIT, **wanted}))
 
     def _arrived(self, mode: Mode) -> CycleRecord:
-        """Wait until the mode is under way, or over."""
+        """Wait until the mode is in progress, or over."""
         rest_cycles = 0
 
         def arrived(record: CycleRecord) -> bool:
@@ -263,7 +263,7 @@ class VirtualTrainer(Service):
 
 
 def speeds_by_leg(record: CycleRecord) -> list[tuple[float, float]]:
-    """How fast the hip and the slide of each leg are, either way; rad/s and m/s."""
+    """Return the magnitude of each leg's hip and slide speeds; rad/s and m/s."""
     speeds = [abs(drive.velocity_si or 0.0) for drive in record.drives]
     return list(zip(speeds[::2], speeds[1::2], strict=True))
 
@@ -276,17 +276,17 @@ def virtual_trainer(
     trainer_file: str = "demo.toml",
     pace: float | str = REAL_TIME,
 ) -> Generator[VirtualTrainer]:
-    """A virtual trainer that is ready; nothing of it is left afterwards, whatever happens.
+    """Run a virtual trainer that is ready; it is removed completely at the end.
 
     Args:
         edits: keys of the configuration with other values, by file.
         configs: a folder of configurations; None: those that come with gaitd.
-        trainer_file: in that folder.
-        pace: of simulated time while nothing is waited for: a multiple of real time, or `max`.
+        trainer_file: name of the trainer file in that folder.
+        pace: pace of simulated time outside of waits: a multiple of real time, or `max`.
 
     Raises:
-        EditError: a key that is not there.
-        ServiceError: it did not start; with what its processes have said.
+        EditError: a key that does not exist.
+        ServiceError: it did not start; with the output of its processes.
     """
     with tempfile.TemporaryDirectory(prefix="gaitd-test-", dir=memory_folder()) as folder:
         trainer = VirtualTrainer(

@@ -1,4 +1,4 @@
-"""A fresh SocketCAN interface of type vcan, where the kernel and our rights allow it."""
+"""A fresh SocketCAN interface of type vcan, if the kernel and the user's rights allow it."""
 
 import contextlib
 import shutil
@@ -13,15 +13,15 @@ SEARCHED: Final = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 
 
 class VcanError(Exception):
-    """The machine's: why there can be no vcan here, in one line."""
+    """Machine error: the reason why there can be no vcan here, in one line."""
 
 
 @contextlib.contextmanager
 def fresh_vcan() -> Generator[str]:
-    """An interface that is up and that nobody else knows: its name, the first free of vcan0 on.
+    """Create an unused interface that is up; its name is the first free from vcan0.
 
     Raises:
-        VcanError: the kernel has none, or we may not add one.
+        VcanError: the kernel has none, or the user may not add one.
     """
     ip = _program()
     name = _add(ip)
@@ -64,6 +64,6 @@ def _run(ip: str, *words: str) -> None:
 
 
 def _try(ip: str, *words: str) -> str:
-    """What `ip` complains of; empty if nothing."""
+    """Run `ip`; return its error message, empty if there is none."""
     ran = subprocess.run([ip, *words], capture_output=True, text=True, check=False)
     return "" if ran.returncode == 0 else (ran.stderr or ran.stdout).strip() or "ip failed"

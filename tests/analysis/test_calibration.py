@@ -17,8 +17,8 @@ from analysis.calibration.session import Calibration, calibrate, middle_of
 from analysis.calibration.verdict import disturbance, something_else
 from analysis.recording import RecordingError, recording
 from analysis.replay import Source
-from observer.friction import FrictionParameters
-from observer.status import Status
+from observer.filter.status import Status
+from observer.mechanism.friction import FrictionParameters
 
 DURATION_S = 12.0
 WEAK_NM_PER_RAD = 16.0

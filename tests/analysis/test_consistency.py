@@ -11,8 +11,8 @@ from analysis.consistency_figure import draw
 from daemon.config.settings import Robot
 from daemon.config.strict import load_toml
 from observer.drift import NO_DRIFT
-from observer.leg_model import STEP_S
-from observer.status import Status
+from observer.filter.leg_model import STEP_S
+from observer.filter.status import Status
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from analysis.estimates import COLUMNS, write_csv
-from observer.batch import BatchEstimates
-from observer.states import STATE_NAMES
+from observer.filter.states import STATE_NAMES
+from observer.offline.batch import BatchEstimates
 
 
 def times(count: int = 4) -> np.ndarray:

@@ -12,7 +12,7 @@ from analysis.recording import RecordingError
 from analysis.replay import estimate, read, read_ring
 from daemon.config.settings import Robot
 from daemon.config.strict import load_toml
-from daemon.seam import RING_NAME, RingHeader, RingWriter
+from daemon.ipc.transport import RING_NAME, RingHeader, RingWriter
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 ROBOT = load_toml(CONFIGS / "robot.toml", Robot)
@@ -88,7 +88,7 @@ def test_a_second_replay_gives_the_same_bits(ring):
 def test_words_about_the_progress_change_no_bit(ring, monkeypatch):
     told: list[float] = []
     whole = estimate(read(ring), ROBOT)
-    monkeypatch.setattr("observer.batch.BLOCK_ROWS", 100)
+    monkeypatch.setattr("observer.offline.batch.BLOCK_ROWS", 100)
 
     parts = estimate(read(ring), ROBOT, told.append)
 
@@ -131,7 +131,7 @@ def test_a_file_that_is_no_ring_is_refused(tmp_path, content, said):
 
 def test_a_ring_in_which_the_observer_never_ran_is_refused(ring, tmp_path):
     shutil.copy(ring, tmp_path / "empty.ring")
-    from daemon.seam import RingReader
+    from daemon.ipc.transport import RingReader
 
     header = RingReader(ring).header
     RingWriter(tmp_path / "empty.ring", header).close()

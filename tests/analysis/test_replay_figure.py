@@ -4,7 +4,7 @@ import pytest
 from analysis.drawing import BUCKETS, extremes
 from analysis.recording import Recording
 from analysis.replay_figure import _with_gaps, draw
-from observer.batch import BatchEstimates
+from observer.offline.batch import BatchEstimates
 
 
 def made(time_s: np.ndarray) -> tuple[Recording, BatchEstimates]:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from analysis import stride_figure, stride_table
-from observer.leg_observer import setup_of
-from observer.smooth_batch import run_smoothed
+from observer.filter.leg_observer import setup_of
+from observer.offline.smooth_batch import run_smoothed
 from observer.strides import strides_of
 from tests.observer.trainer import (
     HIP,

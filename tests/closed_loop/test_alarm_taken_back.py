@@ -2,8 +2,8 @@
 
 import pytest
 
-from daemon.record import Cause, Mode
-from drives.bus import Frame
+from daemon.ipc.record import Cause, Mode
+from drives.canopen.bus import Frame
 
 EMCY = 0x080 + 5
 ALARM = bytes.fromhex("1023 01 0000000000")

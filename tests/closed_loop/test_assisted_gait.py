@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from controllers import Controller, constant
 
-from daemon.record import Cause, Mode
-from daemon.refusals import SetpointRefusal
+from daemon.ipc.record import Cause, Mode
+from daemon.wire.refusals import SetpointRefusal
 
 STIFFNESS_STEP = 0.01
 """1 per second."""

@@ -6,10 +6,10 @@ import msgspec
 import pytest
 from sessions import Session
 
-from daemon.core.loop_settings import ExitCode
-from daemon.record import Cause, Mode
-from drives.bus import Frame
-from gaitd.lockstep import Lockstep
+from daemon.core.runtime.loop_settings import ExitCode
+from daemon.ipc.record import Cause, Mode
+from drives.canopen.bus import Frame
+from gaitd_lab.lockstep import Lockstep
 
 
 def told(lockstep):

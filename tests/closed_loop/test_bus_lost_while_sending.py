@@ -2,7 +2,7 @@
 
 import pytest
 
-from daemon.record import Cause, Mode
+from daemon.ipc.record import Cause, Mode
 
 RPDO1_OF_HIP, RPDO2_OF_SLIDE = 0x205, 0x306
 

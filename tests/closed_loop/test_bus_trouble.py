@@ -3,8 +3,8 @@
 import pytest
 from sessions import Session
 
-from daemon.record import Cause, Mode, Outcome, RequestKind
-from drives.bus import Frame
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
+from drives.canopen.bus import Frame
 from drives.signals import PowerState
 
 MS = 1_000_000

@@ -18,21 +18,21 @@ from wire import (
     words_by_cycle,
 )
 
-from daemon.core import plans
-from daemon.core.safety import ENABLE_CYCLES
-from daemon.record import Cause, Mode, Outcome, RequestKind, StopCategory
+from daemon.core.motion import leg_plan
+from daemon.core.safety.checks import ENABLE_CYCLES
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
 
 INT16_MAX = 0x7FFF
 
 
 def guided_to(session, **change):
     """From now on every reference says this."""
-    honest = plans.reference_of
+    honest = leg_plan.reference_of
 
     def reference_of(core, leg):
         return honest(core, leg)._replace(**change)
 
-    return mock.patch.object(plans, "reference_of", reference_of)
+    return mock.patch.object(leg_plan, "reference_of", reference_of)
 
 
 @pytest.mark.parametrize("wild_nm", [1e4, -1e4, 1e300, -1e300])

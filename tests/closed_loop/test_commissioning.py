@@ -1,12 +1,13 @@
 """Proving the sign of each axis: in lock-step, with the virtual drives of the empty machine."""
 
 import struct
+from itertools import groupby
 
 import pytest
 from sessions import CONFIGS, Session, changed_configs
 
-from daemon.core.axis_notes import Notes
-from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind
+from daemon.core.modes.persistent_state import PersistentState
+from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Stage
 from drives.signals import PowerState
 
 HIP, SLIDE = "right/hip", "right/slide"
@@ -74,6 +75,16 @@ def test_nothing_can_be_enabled_before_every_sign_is_proven(session):
         assert asked(session, axis, witnessed=True).outcome == Outcome.DONE
 
     assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.DONE
+
+
+def test_a_sign_test_is_prepared_with_its_bring_up_played_and_ended(warm_tested):
+    session, _ = warm_tested
+
+    stages = [stage for stage, _ in groupby(one.stage for one in session.lockstep.records)]
+
+    prepared_and_ready = [Stage.PREPARING, None]
+    sign_test = [Stage.PREPARING, Stage.PLAYING, Stage.ENDING, None]
+    assert stages[:6] == [*prepared_and_ready, *sign_test]
 
 
 def test_an_axis_that_moves_with_its_torque_and_was_watched_is_proven_and_says_so(warm_tested):
@@ -202,7 +213,7 @@ def test_a_proof_is_of_one_drive_and_one_transmission(proof, tmp_path, change):
 
 
 def test_notes_that_cannot_be_read_prove_nothing(configs):
-    session = Session(configs, Notes(damaged=True)).until_ready()
+    session = Session(configs, PersistentState(damaged=True)).until_ready()
 
     refused = session.lockstep.request(RequestKind.ENABLE)
 

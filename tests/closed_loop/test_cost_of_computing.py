@@ -3,8 +3,8 @@
 import msgspec
 from sessions import Session, elsewhere
 
-from daemon.record import CycleRecord, Mode
-from sim_drives.conductor import computing_cost
+from daemon.ipc.record import CycleRecord, Mode
+from sim_drives.time.conductor import computing_cost
 
 WALK_S = 2.0
 

@@ -2,7 +2,7 @@
 
 from sessions import Session
 
-from daemon.record import Cause, Mode, Outcome, RequestKind
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
 from drives.signals import PowerState
 
 FAULT_RESET = 0x80

@@ -3,7 +3,7 @@
 import pytest
 from sessions import Session, elmo_drives
 
-from daemon.record import Mode, Outcome, RequestKind
+from daemon.ipc.record import Mode, Outcome, RequestKind
 from drives.signals import PowerState
 
 

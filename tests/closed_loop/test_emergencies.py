@@ -2,8 +2,8 @@
 
 import pytest
 
-from daemon.record import Cause, Mode, Outcome, RequestKind, StopCategory
-from drives.bus import Frame
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
+from drives.canopen.bus import Frame
 
 SYNC = 0x080
 OVERLOADED = 0xFF01

@@ -3,8 +3,8 @@
 import pytest
 from wire import SYNC, change_what_drives_hear
 
-from daemon.core.stopping import Step
-from daemon.record import Cause, Mode
+from daemon.core.safety.stop_sequence import Step
+from daemon.ipc.record import Cause, Mode
 from sim_drives.frame import Frame
 
 HIP = 5

@@ -6,7 +6,7 @@ import pytest
 from sessions import reaches_rest_in_fault
 from stopping_faults import FAULTS, LOST, MISMEASURED, MISWIRED, STOP_NOTHING_ALONE
 
-from daemon.record import Cause, Mode, Outcome, RequestKind, StopCategory
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
 from drives.signals import PowerState
 from sim_drives.frame import Frame
 
@@ -219,6 +219,6 @@ def test_a_drive_that_somebody_else_enables_is_told_and_latched(warm_ready):
     warm_ready.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)
 
     record = warm_ready.lockstep.record
-    assert record.verdict.cause == Cause.DRIVE_ENABLED_UNASKED
+    assert record.verdict.cause == Cause.UNEXPECTED_ENABLE
     assert record.verdict.drive == "right/hip"
     assert warm_ready.lockstep.request(RequestKind.ENABLE).outcome == Outcome.REFUSED

@@ -6,8 +6,8 @@ import pytest
 from sessions import POSITION_GUIDANCE, Session, generic_drives
 from wire import rpdo1
 
-from drives.bus import Frame
-from drives.nmt import SYNC_FRAME, heartbeat_frame
+from drives.canopen.bus import Frame
+from drives.canopen.nmt import SYNC_FRAME, heartbeat_frame
 from drives.signals import DriveCommand, OperationMode, PowerRequest, PowerState
 
 PERIOD_NS = 10_000_000

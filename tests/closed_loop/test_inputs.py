@@ -10,7 +10,7 @@ from sessions import (
 )
 from wire import change_what_drives_say
 
-from daemon.record import Cause, Mode, ModeRequest, RequestKind
+from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind, Stage
 from drives.signals import PowerState
 
 HAND_SWITCH_BIT, STO_BIT = 16, 17
@@ -144,7 +144,7 @@ def test_a_joint_that_stands_on_its_limit_switch_may_be_enabled_and_moves_away(t
     begun_rad = session.lockstep.record.legs[0].measured[0]
     gait = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=20.0)
     session.lockstep.request(RequestKind.MODE, gait)
-    session.lockstep.run_until(lambda record: "playing" in record.progress, within_s=20)
+    session.lockstep.run_until(lambda record: record.stage is Stage.PLAYING, within_s=20)
     away_rad = session.lockstep.record.legs[0].measured[0]
 
     stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=10)

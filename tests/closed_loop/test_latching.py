@@ -3,15 +3,15 @@
 import pytest
 from sessions import Session, changed_configs
 
-from daemon.core import daily
-from daemon.core.axis_notes import UNREADABLE, Notes
-from daemon.core.notebook import Notebook
-from daemon.notes_file import NAME
-from daemon.record import Cause, Mode, Outcome, RequestKind, StopCategory
-from gaitd.lockstep import Lockstep
+from daemon.core.modes.persistent_state import UNREADABLE, PersistentState
+from daemon.core.runtime.state_file import StateFile
+from daemon.core.steps import daily_test
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
+from daemon.ipc.state_file import NAME
+from gaitd_lab.lockstep import Lockstep
 
 
-def notes_of(session: Session) -> Notes:
+def notes_of(session: Session) -> PersistentState:
     return session.lockstep.notebook.notes
 
 
@@ -154,14 +154,14 @@ def test_a_run_that_ends_while_drives_are_enabled_is_one_that_nobody_knows(
 
 def test_after_a_power_cut_the_older_page_is_not_clean_either(session, tmp_path):
     """The disk has what was written before the stop; the stop never got there."""
-    Notebook(tmp_path).write(notes_of(session))
+    StateFile(tmp_path).write(notes_of(session))
     page = (tmp_path / NAME).read_bytes()
     session.lockstep.gateway.stop()
     session.lockstep.run(1.0)
-    Notebook(tmp_path).write(notes_of(session))
+    StateFile(tmp_path).write(notes_of(session))
     (tmp_path / NAME).write_bytes(page)
 
-    again = up(Session(notes=Notebook(tmp_path).notes).lockstep)
+    again = up(Session(notes=StateFile(tmp_path).notes).lockstep)
 
     assert again.record.mode == Mode.FAULT
     assert again.record.verdict.cause == Cause.LAST_END_UNKNOWN
@@ -170,10 +170,10 @@ def test_after_a_power_cut_the_older_page_is_not_clean_either(session, tmp_path)
 @pytest.mark.parametrize("kept", [0, 1, 100])
 def test_a_page_that_the_power_cut_tore_is_latched_until_a_reset(session, tmp_path, kept):
     stopped(session, "stop")
-    Notebook(tmp_path).write(notes_of(session))
+    StateFile(tmp_path).write(notes_of(session))
     page = (tmp_path / NAME).read_bytes()
     (tmp_path / NAME).write_bytes(page[:kept] + b"\0" * (len(page) - kept))
-    notes = Notebook(tmp_path).notes
+    notes = StateFile(tmp_path).notes
     assert notes == UNREADABLE
 
     again = Session(changed_configs(tmp_path), notes)
@@ -192,7 +192,7 @@ def test_a_cause_of_another_version_is_latched_all_the_same(session):
     assert latched is not None
     text = latched.__class__(latched.category, "METEORITE", utc_ns=latched.utc_ns)
 
-    again = up(Session(notes=Notes(latched=text)).lockstep)
+    again = up(Session(notes=PersistentState(latched=text)).lockstep)
 
     assert again.record.mode == Mode.FAULT
     assert again.record.verdict.cause == Cause.LAST_END_UNKNOWN
@@ -214,7 +214,7 @@ def test_an_end_of_the_service_while_it_stops_makes_nobody_forget_why(session):
 def test_nothing_is_written_while_the_drives_are_enabled_but_the_stop_that_ends_it(
     session, monkeypatch
 ):
-    monkeypatch.setattr(daily, "NOTE_NS", 1_000_000_000)
+    monkeypatch.setattr(daily_test, "NOTE_NS", 1_000_000_000)
     modes_written = []
     write = session.lockstep.notebook.write
 

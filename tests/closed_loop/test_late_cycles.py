@@ -7,7 +7,7 @@ from supervised import watched
 from wire import rpdo1
 
 from daemon.core import cycle
-from daemon.record import Mode
+from daemon.ipc.record import Mode
 
 MS = 1_000_000
 QUICK_STOP = 0x02

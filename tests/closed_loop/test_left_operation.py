@@ -14,8 +14,8 @@ from wire import (
     rpdo1,
 )
 
-from daemon.record import Cause, Mode, Outcome, RequestKind
-from drives.cia402 import decode_statusword
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
+from drives.cia402.power_state import decode_statusword
 from drives.signals import PowerState
 from sim_drives.frame import Frame
 

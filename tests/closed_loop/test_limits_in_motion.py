@@ -11,9 +11,10 @@ from sessions import (
 )
 from stopping_faults import FAULTS
 
-from daemon.core import cycle, watching
-from daemon.record import Cause, Mode
-from observer.status import Status, Validity
+from daemon.core import cycle
+from daemon.core.steps import monitors
+from daemon.ipc.record import Cause, Mode
+from observer.filter.status import Status, Validity
 
 DRIVES = ("right/hip", "right/slide")
 
@@ -206,5 +207,5 @@ def test_only_a_spasm_and_a_bad_estimate_are_the_observers_own(warm_gait, monkey
     session.machine.command("patient spasm")
     session.lockstep.run(1.2)
 
-    assert watching.stride_drift(session.lockstep.core.legs[0], session.lockstep.core.axes[0]) != 0
+    assert monitors.stride_drift(session.lockstep.core.legs[0], session.lockstep.core.axes[0]) != 0
     assert session.lockstep.record.verdict.cause not in OBSERVERS_OWN

@@ -7,7 +7,7 @@ so only what their frames say may count.
 import pytest
 from sessions import elsewhere
 
-from daemon.record import Cause, Mode, Outcome, RequestKind
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
 from drives.signals import PowerState
 from sim_drives.frame import Frame as WorldFrame
 

@@ -13,10 +13,10 @@ from collections.abc import Callable
 import pytest
 from sessions import Session
 
-from daemon.core import realtime
-from daemon.core.energy import STRIDE_MAX_CYCLES
-from daemon.record import Mode, RequestKind
-from drives import busload
+from daemon.core.runtime import realtime
+from daemon.core.safety.energy import STRIDE_MAX_CYCLES
+from daemon.ipc.record import Mode, RequestKind
+from drives.canopen import bus_load
 
 CYCLES = 500
 """Of a stretch."""
@@ -92,7 +92,7 @@ def warm_mode(request):
 
 def test_cycles_keep_nothing_and_leave_nothing_that_only_a_collector_can_free(warm_mode):
     quiet = Quiet(warm_mode)
-    busload.fill_tables()  # as the core's warm-up does
+    bus_load.fill_tables()  # as the core's warm-up does
     quiet.turn(max(100, WARM_CYCLES - len(warm_mode.lockstep.records)))
 
     def turn_and_tidy():
@@ -127,11 +127,11 @@ def test_where_the_collector_runs_by_itself_nothing_is_done(monkeypatch):
 
 
 def test_no_byte_of_a_frame_is_worked_out_for_the_first_time_in_service():
-    busload.fill_tables()
-    before = busload._stuff.cache_info().currsize
+    bus_load.fill_tables()
+    before = bus_load._stuff.cache_info().currsize
 
     for byte in range(256):
         for other in range(0, 256, 5):
-            busload.frame_bits_exact(0x185, bytes((byte, other, byte ^ other)))
+            bus_load.frame_bits_exact(0x185, bytes((byte, other, byte ^ other)))
 
-    assert busload._stuff.cache_info().currsize <= before + 8  # headers
+    assert bus_load._stuff.cache_info().currsize <= before + 8  # headers

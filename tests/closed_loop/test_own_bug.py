@@ -5,8 +5,8 @@ from unittest import mock
 from wire import rpdo1
 
 from daemon.core import cycle
-from daemon.core.loop import BLIND_STOP_CYCLES
-from daemon.core.loop_settings import ExitCode
+from daemon.core.runtime.loop import BLIND_STOP_CYCLES
+from daemon.core.runtime.loop_settings import ExitCode
 
 ENABLE = 0x0F
 QUICK_STOP = 0x02

@@ -18,9 +18,9 @@ from wire import (
     target_torques,
 )
 
-from daemon.record import Cause, Mode, ModeRequest, RequestKind
+from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
+from drives.cia402.units import position_si
 from drives.signals import OperationMode, PowerState
-from drives.units import position_si
 
 CSP = OperationMode.CYCLIC_SYNC_POSITION
 CST = OperationMode.CYCLIC_SYNC_TORQUE

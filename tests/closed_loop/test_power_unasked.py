@@ -11,10 +11,10 @@ import pytest
 from sessions import Session, generic_drives
 from wire import SYNC, change_what_drives_hear, change_what_drives_say
 
-from daemon.core.stopping import Step
-from daemon.record import Cause, Mode, Outcome, RequestKind, StopCategory
+from daemon.core.safety.stop_sequence import Step
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
 from drives.signals import PowerState
-from gaitd.lockstep import Lockstep
+from gaitd_lab.lockstep import Lockstep
 from sim_drives.frame import Frame
 
 HIP = 5
@@ -90,7 +90,7 @@ def test_a_drive_that_another_master_enables_is_stopped_though_it_hears_no_contr
     records = session.lockstep.records[since:]
     shown = next(n for n, one in enumerate(records) if one.drives[0].power_state == 5)
     verdict = records[shown].verdict
-    assert (verdict.cause, verdict.drive) == (Cause.DRIVE_ENABLED_UNASKED, "right/hip")
+    assert (verdict.cause, verdict.drive) == (Cause.UNEXPECTED_ENABLE, "right/hip")
     assert verdict.category == StopCategory.S0
     assert steps(session) == [Step.NMT_STOP, Step.DISABLE]
     assert session.lockstep.record.mode == Mode.FAULT
@@ -158,7 +158,7 @@ def test_a_drive_that_a_disable_does_not_switch_off_is_stopped(warm_hold):
     show(session, 0x27)
     session.lockstep.run(0.3)
 
-    assert session.lockstep.record.verdict.cause == Cause.DRIVE_ENABLED_UNASKED
+    assert session.lockstep.record.verdict.cause == Cause.UNEXPECTED_ENABLE
     assert steps(session)[0] > Step.DISABLE
 
 
@@ -200,5 +200,5 @@ def test_a_drive_that_is_enabled_while_the_service_still_starts_is_stopped_in_it
         lambda record: record.drives[0].power_state != PowerState.UNKNOWN, within_s=5
     )
 
-    assert first.verdict.cause == Cause.DRIVE_ENABLED_UNASKED
+    assert first.verdict.cause == Cause.UNEXPECTED_ENABLE
     assert first.mode == Mode.STOPPING

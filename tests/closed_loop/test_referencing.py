@@ -7,9 +7,9 @@ from itertools import pairwise
 import pytest
 from sessions import Session, changed_configs
 
-from daemon.core.axis_notes import AxisNote, Notes
-from daemon.core.preparing import finds_home
-from daemon.record import Cause, Mode, Outcome, RequestKind
+from daemon.core.modes.persistent_state import AxisNote, PersistentState
+from daemon.core.steps.commissioning import finds_home
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
 from drives.signals import OperationMode, PowerState
 from sim_drives.frame import Frame
 
@@ -174,7 +174,9 @@ def test_an_axis_without_a_homing_in_its_file_is_refused(tmp_path):
 
 
 def left_at(hip_rad, slide_m):
-    return Notes(axes={HIP: AxisNote(position_si=hip_rad), SLIDE: AxisNote(position_si=slide_m)})
+    return PersistentState(
+        axes={HIP: AxisNote(position_si=hip_rad), SLIDE: AxisNote(position_si=slide_m)}
+    )
 
 
 def test_an_absolute_encoder_is_believed_where_the_axis_was_left(tmp_path):
@@ -196,7 +198,9 @@ def test_an_absolute_encoder_that_disagrees_with_the_stored_pose_is_not_believed
     assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
 
 
-@pytest.mark.parametrize("notes", [Notes(), Notes(damaged=True)], ids=["none", "damaged"])
+@pytest.mark.parametrize(
+    "notes", [PersistentState(), PersistentState(damaged=True)], ids=["none", "damaged"]
+)
 def test_without_a_stored_pose_the_trainer_file_decides_and_a_damaged_one_is_none(tmp_path, notes):
     session = Session(changed_configs(tmp_path, *STRICT), notes).until_ready()
 
@@ -206,8 +210,11 @@ def test_without_a_stored_pose_the_trainer_file_decides_and_a_damaged_one_is_non
 def test_a_damaged_pose_is_not_believed_where_a_missing_one_would_be(tmp_path):
     lenient = changed_configs(tmp_path, *STRICT[:2])
 
-    assert referenced(Session(lenient, Notes()).until_ready()) == [True, True]
-    assert referenced(Session(lenient, Notes(damaged=True)).until_ready()) == [False, False]
+    assert referenced(Session(lenient, PersistentState()).until_ready()) == [True, True]
+    assert referenced(Session(lenient, PersistentState(damaged=True)).until_ready()) == [
+        False,
+        False,
+    ]
 
 
 def test_the_pose_is_stored_at_an_orderly_stop_and_followed_while_nothing_is_driven(warm_hold):
@@ -269,7 +276,7 @@ def test_an_encoder_that_jumps_at_rest_is_not_believed_and_its_pose_not_stored(t
 
 def test_of_a_damaged_file_nothing_is_believed_until_it_is_found_anew(tmp_path):
     lenient = changed_configs(tmp_path, *EMPTY, *STRICT[:2])
-    session = Session(lenient, Notes(damaged=True)).until_ready()
+    session = Session(lenient, PersistentState(damaged=True)).until_ready()
     home(session, HIP)
     found_rad, truth = session.lockstep.record.drives[0].position_si, session.truth.rows[-1]
     assert found_rad == pytest.approx(truth.hip_angle_rad, abs=3e-4)

@@ -7,9 +7,18 @@ from pathlib import Path
 import pytest
 from sessions import Session, changed_configs, position_guidance
 
-from daemon.record import Cause, CycleRecord, Mode, ModeRequest, Outcome, RequestKind, StopCategory
+from daemon.ipc.record import (
+    Cause,
+    CycleRecord,
+    Mode,
+    ModeRequest,
+    Outcome,
+    RequestKind,
+    Stage,
+    StopCategory,
+)
 
-RELEASE = ModeRequest(Mode.RELEASE)
+RELEASE = ModeRequest(Mode.HAND_GUIDING)
 HOLD = ModeRequest(Mode.HOLD)
 BEFORE = "[[patient.programme]]                  # pushes against a leg that is held still"
 PROGRAMME = """[[patient.programme]]
@@ -63,7 +72,7 @@ def warm_held(request, guidance):
 def released(session: Session) -> Session:
     answer = session.lockstep.request(RequestKind.MODE, RELEASE)
     assert answer.outcome == Outcome.DONE, answer.reason
-    session.lockstep.run_until(lambda record: "by hand" in record.progress, within_s=2)
+    session.lockstep.run_until(lambda record: record.stage is Stage.PLAYING, within_s=2)
     return session
 
 
@@ -87,7 +96,7 @@ def test_the_leg_can_be_moved_to_the_end_where_one_gets_out_and_stays_there(warm
     later = where(session)
 
     assert session.lockstep.record.verdict.cause == Cause.NONE
-    assert session.lockstep.record.mode == Mode.RELEASE
+    assert session.lockstep.record.mode == Mode.HAND_GUIDING
     assert abs(there[0] - begun[0]) > (0.38 if hip_nm else 0.0)
     assert abs(there[1] - begun[1]) > (0.34 if slide_n else 0.0)
     assert (there[0] - begun[0]) * hip_nm >= 0
@@ -116,7 +125,7 @@ def test_somebody_who_tears_at_the_leg_stops_it_by_the_speed_of_hand_guiding(war
 
     verdict = session.lockstep.record.verdict
     assert verdict.cause == Cause.VELOCITY_LIMIT
-    assert verdict.limit == session.settings.limits.slide.release_speed_max_m_per_s
+    assert verdict.limit == session.settings.limits.slide.hand_guiding_speed_max_m_per_s
     assert verdict.value < session.settings.limits.slide.velocity_max_m_per_s
 
 
@@ -188,7 +197,7 @@ def test_after_a_stop_the_way_out_is_reset_enable_release(warm_led, line):
     session.machine.command("patient foot_in")
     session.lockstep.run(4.0)
 
-    assert session.lockstep.record.mode == Mode.RELEASE
+    assert session.lockstep.record.mode == Mode.HAND_GUIDING
     assert where(session)[1] < begun[1] - 0.1
 
 
@@ -204,7 +213,7 @@ def pushes(records: list[CycleRecord]) -> list[tuple[float, float]]:
     return [
         (record.drives[0].target_effort_si, record.drives[1].target_effort_si)
         for record in records
-        if record.mode == Mode.RELEASE
+        if record.mode == Mode.HAND_GUIDING
     ]
 
 

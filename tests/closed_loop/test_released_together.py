@@ -4,8 +4,8 @@ import pytest
 from sessions import Session, generic_drives
 from wire import NODES
 
-from daemon.record import Mode, Outcome, RequestKind
-from gaitd.lockstep import Lockstep
+from daemon.ipc.record import Mode, Outcome, RequestKind
+from gaitd_lab.lockstep import Lockstep
 
 MS = 1_000_000
 CYCLE_MS = 10

@@ -5,10 +5,10 @@ from functools import partial
 import pytest
 from sessions import Session, changed_configs, elsewhere
 
-from daemon.core.modes import TRANSITIONS, event_of
-from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind
-from gaitd.lockstep import Lockstep
+from daemon.core.modes.table import TRANSITIONS, event_of
+from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
 from gaitd.mode_tables import ASKS
+from gaitd_lab.lockstep import Lockstep
 
 EMPTY = (
     ("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
@@ -22,7 +22,7 @@ INCREMENTAL = (
 BY_REQUEST = {
     Mode.GAIT: ModeRequest(Mode.GAIT, 0.25, 1.0, 600.0),
     Mode.EXCITE: ModeRequest(Mode.EXCITE, duration_s=10.0, scenario="open_loop"),
-    Mode.RELEASE: ModeRequest(Mode.RELEASE),
+    Mode.HAND_GUIDING: ModeRequest(Mode.HAND_GUIDING),
     Mode.SELF_TEST: ModeRequest(Mode.SELF_TEST),
 }
 MODES = [mode for mode in Mode if mode not in {Mode.TORQUE, Mode.BRINGING_UP}]

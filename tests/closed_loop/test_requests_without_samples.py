@@ -3,7 +3,7 @@
 import pytest
 from wire import ENABLE_OPERATION, NODES, change_what_drives_say, rpdo1
 
-from daemon.record import Cause, Mode, Outcome, RequestKind
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
 
 
 def lose_samples(session, axis=None):

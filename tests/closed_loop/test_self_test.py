@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from sessions import Session, changed_configs, elsewhere, position_guidance, two_legs
 
-from daemon.core.axis_notes import Notes
-from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind, RequestResult
+from daemon.core.modes.persistent_state import PersistentState
+from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, RequestResult
 
 DAILY = ("demo.toml", 'required = "never"', 'required = "daily"')
 SELF_TEST = ModeRequest(Mode.SELF_TEST)
@@ -161,7 +161,7 @@ def test_it_moves_one_axis_after_the_other_by_no_more_than_configured(warm_teste
 
 
 def test_hand_guiding_does_not_wait_for_a_self_test(warm_seen):
-    assert ask(warm_seen, ModeRequest(Mode.RELEASE)).outcome == Outcome.DONE
+    assert ask(warm_seen, ModeRequest(Mode.HAND_GUIDING)).outcome == Outcome.DONE
 
 
 @pytest.mark.parametrize(
@@ -245,14 +245,14 @@ def test_both_legs_are_tested_one_after_the_other(tmp_path):
 # --- for how long -----------------------------------------------------------------------------
 
 
-def disabled(session: Session) -> Notes:
+def disabled(session: Session) -> PersistentState:
     session.lockstep.request(RequestKind.DISABLE)
     session.lockstep.run(0.1)
     return session.lockstep.notebook.notes
 
 
 @pytest.fixture(scope="module")
-def passed(daily, warm_tested) -> tuple[Path, Notes]:
+def passed(daily, warm_tested) -> tuple[Path, PersistentState]:
     session, _ = warm_tested
     return daily, elsewhere(session, disabled)
 

@@ -2,17 +2,18 @@
 
 import hashlib
 from dataclasses import replace
+from itertools import groupby
 
 import msgspec
 import numpy as np
 import pytest
 from sessions import Session, empty_machine, two_legs
 
-from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind
+from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Stage
 from drives.errors import BringUpRefused
 from drives.signals import PowerState
-from gaitd.lockstep import Lockstep
-from observer.status import Status
+from gaitd_lab.lockstep import Lockstep
+from observer.filter.status import Status
 
 ENABLING = 0b1000
 """Bit 3 of the controlword: enable operation."""
@@ -59,6 +60,9 @@ def test_gait_is_announced_and_ends_in_hold_after_its_duration(warm_hold):
     told = [event for record in warm_hold.lockstep.records for event in record.events]
     for words in ("gait approaching", "gait playing", "gait ending", "exercise over"):
         assert any(words in event for event in told)
+    stages = [stage for stage, _ in groupby(one.stage for one in warm_hold.lockstep.records)]
+    gait_stages = [Stage.ANNOUNCING, Stage.APPROACHING, Stage.PLAYING, Stage.ENDING]
+    assert stages[-6:] == [None, *gait_stages, None]
     assert ended.verdict.cause == Cause.NONE
 
 

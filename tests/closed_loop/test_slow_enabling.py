@@ -3,7 +3,7 @@
 import pytest
 from sessions import Session, changed_configs
 
-from daemon.record import Cause, Mode, Outcome, RequestKind
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
 
 HIP = "drives/hip_epos4.toml"
 MAY = (HIP, "node_id = 5\n", "node_id = 5\nenable_max_ms = 1000\n")

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from sessions import Session, changed_configs
 
-from daemon.record import Cause, StopCategory
+from daemon.ipc.record import Cause, StopCategory
 
 CHOSEN = 'temperature_limit = "S2"'
 

@@ -13,7 +13,7 @@ from wire import (
     words_by_cycle,
 )
 
-from daemon.record import Cause, Mode, Outcome, RequestKind, StopCategory
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
 from drives.signals import PowerState
 
 QS, OFF = QUICK_STOP_WORD, DISABLE_VOLTAGE_WORD

@@ -1,6 +1,6 @@
 """An axis never holds alone: when one has to be taken further, the other leaves its hold too."""
 
-from daemon.record import Cause, StopCategory
+from daemon.ipc.record import Cause, StopCategory
 from drives.signals import PowerState
 
 

@@ -7,8 +7,8 @@ import msgspec
 import pytest
 from sessions import Session
 
-from daemon.record import Cause, Mode, RequestKind
-from gaitd.lockstep import Lockstep
+from daemon.ipc.record import Cause, Mode, RequestKind
+from gaitd_lab.lockstep import Lockstep
 from sim_drives.frame import Frame as WorldFrame
 
 MS = 1_000_000

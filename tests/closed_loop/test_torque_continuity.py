@@ -4,14 +4,14 @@ import itertools
 
 import pytest
 
-from daemon.record import Mode, ModeRequest, Outcome, RequestKind
+from daemon.ipc.record import Mode, ModeRequest, Outcome, RequestKind
 
 HOLD = ModeRequest(Mode.HOLD)
 STEPS = (
     HOLD,
     ModeRequest(Mode.EXCITE, duration_s=20.0, scenario="open_loop"),
     HOLD,
-    ModeRequest(Mode.RELEASE),
+    ModeRequest(Mode.HAND_GUIDING),
     HOLD,
     ModeRequest(Mode.SELF_TEST),
 )

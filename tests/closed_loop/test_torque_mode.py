@@ -9,8 +9,8 @@ from controllers import Controller, constant, towards
 from sessions import Session, two_legs
 from wire import QUICK_STOP_WORD, target_torques, words_by_cycle
 
-from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Setpoint
-from daemon.refusals import SetpointRefusal
+from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Setpoint
+from daemon.wire.refusals import SetpointRefusal
 
 TORQUE = ModeRequest(Mode.TORQUE)
 FADE_CYCLES = 20

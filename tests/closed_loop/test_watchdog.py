@@ -11,10 +11,10 @@ from sessions import Session
 from supervised import watched
 
 from daemon.core import cycle
-from daemon.core.loop_settings import ExitCode
-from daemon.core.supervision import PROGRESS_CYCLES
-from daemon.record import Cause, Mode
-from drives.bus import Frame
+from daemon.core.runtime.loop_settings import ExitCode
+from daemon.core.runtime.systemd import PROGRESS_CYCLES
+from daemon.ipc.record import Cause, Mode
+from drives.canopen.bus import Frame
 from drives.signals import PowerState
 
 CYCLE_MS = 10.0

@@ -5,8 +5,8 @@ import pytest
 from msgspec.structs import replace
 from records import HEADER
 
-from daemon.record import TEXT_BYTES_MAX, Mode, ModeRequest, Outcome, RequestKind
-from daemon.seam import RingWriter
+from daemon.ipc.record import TEXT_BYTES_MAX, Mode, ModeRequest, Outcome, RequestKind
+from daemon.ipc.transport import RingWriter
 
 LONG = ("x" * 1800, "\N{GRINNING FACE}" * 1800, "\x00\x1b[2J" * 450)
 

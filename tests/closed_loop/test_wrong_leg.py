@@ -3,7 +3,7 @@
 import pytest
 from sessions import Session, changed_configs
 
-from daemon.record import Cause, Mode, ModeRequest, Outcome, RequestKind
+from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
 from drives.signals import PowerState
 
 GAIT = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=10.0)

@@ -4,7 +4,7 @@ import pytest
 from drive_bench import Bench
 from outside_master import PatientNode, added, eds_of, on_a_bus
 
-from sim_drives.realtime import now_ns
+from sim_drives.time.wall_clock import now_ns
 
 PLAIN = {"personality": "generic", "eds": "drives/generic402.eds"}
 PAST_BOOT_NS = 500_000_000

@@ -14,16 +14,16 @@ from durand.scheduler import get_scheduler, set_scheduler
 from durand_slave import DurandWorld
 from memory_bus import MS
 
-from drives.bringup import bring_up
-from drives.bus import Frame
-from drives.configurator import Configurator
-from drives.drive import Drive, DriveGroup
+from drives.bringup.bringup import bring_up
+from drives.bringup.configurator import Configurator
+from drives.bringup.plan import plan
+from drives.canopen.bus import Frame
+from drives.canopen.nmt import SYNC_FRAME, NmtCommand, nmt_frame
+from drives.cia402.drive import Drive, DriveGroup
+from drives.cia402.pdo import layouts
 from drives.errors import SdoAborted
-from drives.nmt import SYNC_FRAME, NmtCommand, nmt_frame
-from drives.pdo import layouts
-from drives.plan import plan
 from drives.signals import DriveCommand, OperationMode, PowerRequest, PowerState
-from gaitd.lockstep import WorldBus, WorldClock
+from gaitd_lab.lockstep import WorldBus, WorldClock
 
 
 @pytest.fixture

@@ -1,7 +1,8 @@
 """EDS and DCF files: of others by our two importers, and ours by others.
 
-The master reads them with `drives.eds`, the virtual drives with `sim_drives.dictionary`. The files
-in `eds/` are not ours (`eds/LICENSES.md`); what they must hold was looked up in them by hand.
+The master reads them with `drives.service.eds`, the virtual drives with
+`sim_drives.canopen.dictionary`. The files in `eds/` are not ours (`eds/LICENSES.md`); what they
+must hold was looked up in them by hand.
 """
 
 import configparser
@@ -18,9 +19,9 @@ from durand.network import NetworkABC
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drives.eds import load_eds
 from drives.errors import DescriptionError
-from sim_drives.dictionary import read_eds
+from drives.service.eds import load_eds
+from sim_drives.canopen.dictionary import read_eds
 
 # canopen 2.4.1 says that [DeviceInfo] is missing by a method of logging that is deprecated
 pytestmark = pytest.mark.filterwarnings("ignore:The 'warn' method is deprecated")

@@ -12,7 +12,7 @@ from explained import explained
 from sessions import Session, changed_configs
 from wiretap import Wiretap
 
-from daemon.record import Mode, ModeRequest, Outcome, RequestKind
+from daemon.ipc.record import Mode, ModeRequest, Outcome, RequestKind
 from drives.signals import PowerState
 
 FOLDER = Path(__file__).parents[1] / "traces" / "sessions"

@@ -15,11 +15,11 @@ import pytest
 from babbler import Babbler, heartbeat, network, process_data
 from sessions import CONFIGS, Session, elmo_drives, generic_drives
 
-from daemon.config.axes import drive_limits
-from daemon.record import Mode, RequestKind
-from drives.bus import Frame
+from daemon.config.drive_plan import drive_limits
+from daemon.ipc.record import Mode, RequestKind
+from drives.canopen.bus import Frame
+from drives.cia402.units import axis_scaling, expected_base, permille_to_effort
 from drives.errors import BringUpRefused
-from drives.units import axis_scaling, expected_base, permille_to_effort
 from sim_drives.frame import Frame as WorldFrame
 
 ENABLE_BIT = 0x08

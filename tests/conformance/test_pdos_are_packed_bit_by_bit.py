@@ -9,9 +9,9 @@ from drive_files import FOLDER, drive, table
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drives.bus import Frame
-from drives.drive import Drive, DriveGroup
-from drives.pdo import layouts
+from drives.canopen.bus import Frame
+from drives.cia402.drive import Drive, DriveGroup
+from drives.cia402.pdo import layouts
 from drives.signals import DriveCommand, OperationMode, PowerRequest
 
 AXES = sorted(path.stem for path in FOLDER.glob("*.toml") if "profile" in table(path.name))

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from third_model import ARROWS, STANDING, STATUS, WORDS, Model, command_of, state_of, statusword
 
-from drives.cia402 import Sent, decode_statusword, next_word
+from drives.cia402.power_state import Sent, decode_statusword, next_word
 from drives.signals import PowerRequest
 
 

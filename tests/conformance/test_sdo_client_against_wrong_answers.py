@@ -1,6 +1,7 @@
 """The master's SDO client against servers that answer anything: named errors, and never a lie.
 
-The answers are built here from CiA 301 7.2.4.3, bit by bit; the client is `drives.configurator`.
+The answers are built here from CiA 301 7.2.4.3, bit by bit; the client is
+`drives.bringup.configurator`.
 """
 
 import struct
@@ -11,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from memory_bus import MS, ManualClock, MemoryBus
 
-from drives.bus import Frame
-from drives.configurator import Configurator
+from drives.bringup.configurator import Configurator
+from drives.canopen.bus import Frame
 from drives.errors import SdoAborted, SdoGarbled, SdoTimeout
 
 NODE = 5

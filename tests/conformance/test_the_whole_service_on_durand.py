@@ -10,12 +10,12 @@ from durand.scheduler import get_scheduler, set_scheduler
 from durand_slave import DurandWorld
 from sessions import generic_drives
 
-from daemon.config.load import load
-from daemon.record import Cause, Mode, Outcome, RequestKind
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
+from daemon.preflight.load import load
+from drives.cia402.units import axis_scaling, expected_base, position_to_counts
 from drives.errors import BringUpRefused
 from drives.signals import PowerState
-from drives.units import axis_scaling, expected_base, position_to_counts
-from gaitd.lockstep import Lockstep
+from gaitd_lab.lockstep import Lockstep
 
 MID_POSE = (0.244, 0.5905)
 """rad, m: where the springs carry the leg, as plant.toml begins."""

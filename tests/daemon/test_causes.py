@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from daemon.causes import CAUSE_TEXT, CHOSEN_CATEGORY, FIXED_CATEGORY, Blame
-from daemon.record import Cause
+from daemon.ipc.record import Cause
+from daemon.wire.causes import CAUSE_TEXT, CHOSEN_CATEGORY, FIXED_CATEGORY, Blame
 from gaitd.__main__ import COMMANDS
 
 STOPS = [cause for cause in Cause if cause != Cause.NONE]

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from daemon.refusals import REFUSAL_TEXT
-from daemon.words import name_of
+from daemon.wire.fields import name_of
+from daemon.wire.refusals import REFUSAL_TEXT
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "control_by_others.md"
 

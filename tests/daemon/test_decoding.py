@@ -19,25 +19,34 @@ from records import HEADER, cut_out, record
 from analysis.recording import COLUMNS, RecordingError, read_csv
 from analysis.replay import read_ring
 from analysis.stop_recording import about, read_stop
-from daemon import seam, wire
+from daemon import wire
 from daemon.config.settings import Robot
 from daemon.config.strict import ConfigError, load_toml
-from daemon.core import latching
-from daemon.core.axis_notes import AxisNote, LatchedNote, Notes
-from daemon.core.notebook import Notebook
-from daemon.decoding import Decoder, RefusedError
-from daemon.gateway.control import ASKS, BadPayloadError, read_ask
-from daemon.gateway.request_chain import Place, check, sealed
-from daemon.gateway.request_file import end_of
-from daemon.gateway.request_log import _said
+from daemon.core.modes.persistent_state import AxisNote, LatchedNote, PersistentState
+from daemon.core.runtime.state_file import StateFile
+from daemon.core.steps import latching
+from daemon.gateway.requests import ASKS, BadPayloadError, read_ask
 from daemon.gateway.setpoints import Arrival, SetpointDesk
-from daemon.gateway.trail import Trail
-from daemon.kept_ring import kept_file, trimmed
-from daemon.notes_file import NAME
-from daemon.record import CycleRecord, Level, ModeRequest, Request, RequestKind, Setpoint, Verdict
-from daemon.refusals import SetpointRefusal
-from daemon.seam import CoreSeam, GatewaySeam, RingError, RingReader
-from drives.axis_file import AxisFile
+from daemon.ipc import transport
+from daemon.ipc.decoding import Decoder, RefusedError
+from daemon.ipc.record import (
+    CycleRecord,
+    GatewayState,
+    ModeRequest,
+    Request,
+    RequestKind,
+    Setpoint,
+    Verdict,
+)
+from daemon.ipc.ring_clip import kept_file, trimmed
+from daemon.ipc.state_file import NAME
+from daemon.ipc.transport import CoreSeam, GatewaySeam, RingError, RingReader
+from daemon.recorder.audit_chain import Place, check, sealed
+from daemon.recorder.audit_file import end_of
+from daemon.recorder.audit_log import _said
+from daemon.recorder.ring_follower import RingFollower
+from daemon.wire.refusals import SetpointRefusal
+from drives.cia402.axis_file import AxisFile
 
 PROJECT = Path(__file__).parents[2]
 CONFIGS = PROJECT / "configs"
@@ -46,7 +55,7 @@ FILE_COUNT = 60
 """Of what is a file: each is written and read."""
 
 LEVEL = msgspec.msgpack.encode(
-    Level(
+    GatewayState(
         "boot",
         7,
         6,
@@ -62,7 +71,7 @@ SETPOINT = (
 )
 QUERY = b'{"client": "display", "for_cycle": 12, "mode": "gait", "cadence_hz": 0.25}'
 NOTES = msgspec.json.encode(
-    Notes(
+    PersistentState(
         axes={"right/hip": AxisNote(0.3, 1_700_000_000_000_000_000)},
         latched=LatchedNote(
             "S1", "EMERGENCY", "right/hip", 1.0, 2.0, "x", 1_700_000_000_000_000_000
@@ -167,7 +176,9 @@ def test_any_datagram_is_a_level_or_counted_and_told_more_and_more_rarely(tmp_pa
 def ring_of(path: Path, count: int = 40) -> bytes:
     robot = msgspec.to_builtins(load_toml(CONFIGS / "robot.toml", Robot))
     header = msgspec.structs.replace(HEADER, robot=robot)
-    kept = seam.Kept("emergency", "right/hip", "", 20, 1_700_000_000_000_000_000, 1, count, True)
+    kept = transport.Kept(
+        "emergency", "right/hip", "", 20, 1_700_000_000_000_000_000, 1, count, True
+    )
     with contextlib.closing(cut_out(map(record, range(1, count + 1)))) as cutting:
         pieces = trimmed(msgspec.structs.replace(header, kept=kept), cutting)
         path.write_bytes(b"".join(pieces))
@@ -180,14 +191,16 @@ def look(path: Path) -> None:
     with contextlib.suppress(RecordingError):
         read_ring(path)
     with contextlib.suppress(RingError), contextlib.closing(RingReader(path)) as ring:
-        trail = Trail.of(ring, live=False)
+        trail = RingFollower.of(ring, live=False)
         assert len(list(trail.advance(100))) <= ring.slot_count
         for stop in filter(None, (trail.end(),)):
             assert isinstance(stop.utc_ns, int)
         assert len(ring.since(0)) + ring.damaged_count <= ring.slot_count
 
 
-@pytest.mark.parametrize("from_byte", [0, seam.HEADER_SIZE], ids=["anywhere", "in its records"])
+@pytest.mark.parametrize(
+    "from_byte", [0, transport.HEADER_SIZE], ids=["anywhere", "in its records"]
+)
 def test_any_ring_is_read_as_far_as_it_can_be_or_refused(tmp_path, from_byte):
     good = ring_of(tmp_path / "good.ring")
     path = tmp_path / "some.ring"
@@ -215,7 +228,7 @@ def test_damaged_records_are_left_out_of_a_replay_and_counted(tmp_path):
     slot_size = int.from_bytes(good[8:12], "little")
     image = bytearray(good)
     for slot, at_byte in ((7, 12), (9, 8), (21, 40)):
-        begin = seam.HEADER_SIZE + slot * slot_size + at_byte
+        begin = transport.HEADER_SIZE + slot * slot_size + at_byte
         image[begin : begin + 20] = b"\xff" * 20
     path.write_bytes(image)
 
@@ -229,11 +242,11 @@ def test_damaged_records_are_left_out_of_a_replay_and_counted(tmp_path):
 
 
 def test_any_state_file_is_believed_whole_or_latched_as_unreadable(tmp_path):
-    core = SimpleNamespace(notes=Notes(), verdict=Verdict(), causes_told=set(), events=[])
+    core = SimpleNamespace(notes=PersistentState(), verdict=Verdict(), causes_told=set(), events=[])
     huge = NOTES.replace(b"1700000000000000000", b"1" + b"0" * 30)
     for data in (huge, *NASTY, *shaken(NOTES, FILE_COUNT)):
         (tmp_path / NAME).write_bytes(data)
-        notebook = Notebook(tmp_path)
+        notebook = StateFile(tmp_path)
         core.notes, core.events = notebook.notes, []
         assert latching.take_over(core) == (core.notes.latched is not None)
         notebook.write(core.notes)

@@ -7,12 +7,12 @@ import sys
 import pytest
 
 from daemon.config.strict import ConfigError
-from daemon.holding import hold
+from daemon.system.lock import hold
 
 HOLDER = """
 import sys
 from pathlib import Path
-from daemon.holding import hold
+from daemon.system.lock import hold
 with hold(Path("trainer.toml"), "paths.runtime", Path(sys.argv[1]), "core"):
     print("holds", flush=True)
     sys.stdin.readline()

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from journald import Journald, parsed
 
-from daemon.journal import LENGTH_MAX, Journal, encoded, is_journal
+from daemon.system.journal import LENGTH_MAX, Journal, encoded, is_journal
 
 NAMES = st.from_regex(r"[A-Z][A-Z0-9_]{0,30}", fullmatch=True)
 VALUES = st.text(st.characters(exclude_categories=["Cs"]), max_size=200)

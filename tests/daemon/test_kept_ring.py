@@ -10,12 +10,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from records import HEADER, cut_out, record
 
-from daemon import seam
-from daemon.gateway import blackbox
-from daemon.gateway.blackbox import Window
-from daemon.gateway.trail import Stop, Trail
-from daemon.kept_ring import Cutting, kept_file, kept_files, name_of, trimmed
-from daemon.seam import ASIDE_NAME, RING_NAME, Kept, RingError, RingReader, RingWriter
+from daemon.ipc import transport
+from daemon.ipc.ring_clip import ClipWriter, kept_file, kept_files, name_of, trimmed
+from daemon.ipc.transport import ASIDE_NAME, RING_NAME, Kept, RingError, RingReader, RingWriter
+from daemon.recorder import black_box
+from daemon.recorder.black_box import Window
+from daemon.recorder.ring_follower import RingFollower, Stop
 
 KEPT = Kept("hand_switch_open", "right/hip", "", 5, 1_795_261_054_847_122_612, 1, 9, True)
 
@@ -25,7 +25,7 @@ def ring(tmp_path_factory):
     """A ring that has gone round once and a half, with some records that were never written."""
     path = tmp_path_factory.mktemp("ring") / RING_NAME
     writer = RingWriter(path, HEADER)
-    for seq in range(1, seam.SLOT_COUNT * 3 // 2):
+    for seq in range(1, transport.SLOT_COUNT * 3 // 2):
         if seq % 97:
             writer.write(record(seq))
     writer.close()
@@ -46,7 +46,7 @@ def read(path):
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(
-    first=st.integers(1, seam.SLOT_COUNT * 2),
+    first=st.integers(1, transport.SLOT_COUNT * 2),
     count=st.integers(1, 400),
     piece=st.integers(1, 150),
 )
@@ -56,7 +56,7 @@ def test_a_window_keeps_exactly_those_of_its_records_that_the_ring_has(
     last = first + count - 1
     there = [one for one in map(ring.read, range(first, last + 1)) if one is not None]
     stop = Stop("cause", "", "", first, 0)
-    window = Window(Trail.of(ring), stop, first, last, due_ns=0)
+    window = Window(RingFollower.of(ring), stop, first, last, due_ns=0)
 
     while not window.copy(piece):
         pass
@@ -73,8 +73,14 @@ def test_a_window_keeps_exactly_those_of_its_records_that_the_ring_has(
 
 
 def test_a_window_of_thousands_of_records_is_not_thousands_of_objects(ring):
-    stop = Stop("cause", "", "", seam.SLOT_COUNT, 0)
-    window = Window(Trail.of(ring), stop, seam.SLOT_COUNT - 1000, seam.SLOT_COUNT + 400, due_ns=0)
+    stop = Stop("cause", "", "", transport.SLOT_COUNT, 0)
+    window = Window(
+        RingFollower.of(ring),
+        stop,
+        transport.SLOT_COUNT - 1000,
+        transport.SLOT_COUNT + 400,
+        due_ns=0,
+    )
     window.copy(1)
     before = sys.getallocatedblocks()
 
@@ -86,14 +92,16 @@ def test_a_window_of_thousands_of_records_is_not_thousands_of_objects(ring):
 
 def test_a_window_longer_than_its_ring_asks_for_no_more_memory_than_the_ring_has(ring, monkeypatch):
     asked: list[int] = []
-    monkeypatch.setattr(blackbox, "Cutting", lambda room: asked.append(room) or Cutting(room))
+    monkeypatch.setattr(
+        black_box, "ClipWriter", lambda room: asked.append(room) or ClipWriter(room)
+    )
     newest = ring.newest_seq()
-    window = Window(Trail.of(ring), Stop("cause", "", "", newest, 0), 1, 10**12, due_ns=0)
+    window = Window(RingFollower.of(ring), Stop("cause", "", "", newest, 0), 1, 10**12, due_ns=0)
 
     while not window.copy(1000):
         pass
 
-    assert asked == [seam.SLOT_COUNT * seam.SLOT_SIZE]
+    assert asked == [transport.SLOT_COUNT * transport.SLOT_SIZE]
     assert window.copied.last_seq == newest
 
 
@@ -111,7 +119,7 @@ def test_a_header_of_a_service_before_the_black_box_is_read(tmp_path):
     old = msgspec.to_builtins(HEADER)
     del old["kept"]
 
-    assert msgspec.convert(old, seam.RingHeader).kept is None
+    assert msgspec.convert(old, transport.RingHeader).kept is None
 
 
 def test_files_are_listed_by_time_and_one_that_is_damaged_is_named(tmp_path):

@@ -10,26 +10,27 @@ import pytest
 from msgspec import inspect
 from records import HEADER, drive, leg, record
 
-from daemon import seam, wire
-from daemon.assist_record import AssistRecord, LegAssistRecord
-from daemon.core.recording import EVENT_LENGTH_MAX, EVENTS_MAX
-from daemon.gateway.control import ASKS
-from daemon.record import (
+from daemon import wire
+from daemon.core.cycle_record import EVENT_LENGTH_MAX, EVENTS_MAX
+from daemon.gateway.requests import ASKS
+from daemon.ipc import transport
+from daemon.ipc.assist_record import AssistRecord, LegAssistRecord
+from daemon.ipc.record import (
     TEXT_BYTES_MAX,
     AxisStrideRecord,
     Cause,
     EmergencyRecord,
-    Level,
+    GatewayState,
     Outcome,
     RequestResult,
     StopCategory,
     StrideRecord,
     Verdict,
 )
-from daemon.refusals import SetpointRefusal
-from daemon.seam import CoreSeam, GatewaySeam, RingError, RingReader, RingWriter
-from drives.emcy import NEWS_COUNT
-from drives.emcy_codes import CodeMeaning, Reaction, meaning
+from daemon.ipc.transport import CoreSeam, GatewaySeam, RingError, RingReader, RingWriter
+from daemon.wire.refusals import SetpointRefusal
+from drives.canopen.emcy import NEWS_COUNT
+from drives.canopen.emcy_codes import CodeMeaning, Reaction, meaning
 
 
 @dataclass
@@ -65,7 +66,7 @@ def test_a_record_survives_the_ring_bit_for_bit(ends):
 
 
 def test_a_level_reaches_the_core_and_rubbish_is_counted(ends, tmp_path):
-    level = Level("boot", seq=1, for_cycle=7, stop_count=0)
+    level = GatewayState("boot", seq=1, for_cycle=7, stop_count=0)
 
     ends.gateway.send(level)
     ends.gateway._datagrams.send(b"rubbish")
@@ -75,17 +76,17 @@ def test_a_level_reaches_the_core_and_rubbish_is_counted(ends, tmp_path):
 
 
 def test_the_ring_keeps_the_newest_records_and_knows_what_is_gone(tmp_path):
-    path = tmp_path / seam.RING_NAME
+    path = tmp_path / transport.RING_NAME
     writer = RingWriter(path, HEADER)
-    for seq in range(1, seam.SLOT_COUNT + 11):
+    for seq in range(1, transport.SLOT_COUNT + 11):
         writer.write(record(seq))
     writer.close()
 
     reader = RingReader(path)
 
-    assert reader.newest_seq() == seam.SLOT_COUNT + 10
+    assert reader.newest_seq() == transport.SLOT_COUNT + 10
     assert reader.read(10) is None
-    assert [one.seq for one in reader.since(0)] == list(range(11, seam.SLOT_COUNT + 11))
+    assert [one.seq for one in reader.since(0)] == list(range(11, transport.SLOT_COUNT + 11))
 
 
 def test_the_group_may_send_to_the_core_but_not_shorten_what_it_has_mapped(tmp_path):
@@ -98,38 +99,38 @@ def test_the_group_may_send_to_the_core_but_not_shorten_what_it_has_mapped(tmp_p
     modes = {path.name: path.stat().st_mode & 0o777 for path in tmp_path.iterdir()}
     core.close()
 
-    assert modes == {seam.CORE_SOCKET_NAME: 0o660, seam.RING_NAME: 0o640}
+    assert modes == {transport.CORE_SOCKET_NAME: 0o660, transport.RING_NAME: 0o640}
 
 
 def test_a_slot_that_is_being_written_is_not_read(tmp_path):
-    path = tmp_path / seam.RING_NAME
+    path = tmp_path / transport.RING_NAME
     writer = RingWriter(path, HEADER)
     writer.write(record(1))
     writer.write(record(2))
     with path.open("r+b") as file:
-        file.seek(seam.HEADER_SIZE + 2 * seam.SLOT_SIZE)
+        file.seek(transport.HEADER_SIZE + 2 * transport.SLOT_SIZE)
         file.write(struct.pack("<Q", 0))
 
     assert [one.seq for one in RingReader(path).since(0)] == [1]
 
 
 def test_the_ring_has_all_its_room_before_the_first_record(tmp_path):
-    writer = RingWriter(tmp_path / seam.RING_NAME, HEADER)
-    found = (tmp_path / seam.RING_NAME).stat()
+    writer = RingWriter(tmp_path / transport.RING_NAME, HEADER)
+    found = (tmp_path / transport.RING_NAME).stat()
     writer.close()
 
     assert found.st_blocks * 512 >= found.st_size
-    assert found.st_size == seam.HEADER_SIZE + seam.SLOT_COUNT * seam.SLOT_SIZE
+    assert found.st_size == transport.HEADER_SIZE + transport.SLOT_COUNT * transport.SLOT_SIZE
 
 
 def test_a_ring_that_finds_no_room_leaves_nothing(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(seam.os, "posix_fallocate", full)
+    monkeypatch.setattr(transport.os, "posix_fallocate", full)
 
     with pytest.raises(OSError, match="No space left"):
-        RingWriter(tmp_path / seam.RING_NAME, HEADER)
+        RingWriter(tmp_path / transport.RING_NAME, HEADER)
     assert not list(tmp_path.iterdir())
 
 
@@ -138,7 +139,7 @@ def test_the_ring_outlives_its_writer(tmp_path):
     core.publish(record(1))
     core.close()
 
-    assert RingReader(tmp_path / seam.RING_NAME).since(0)[0].seq == 1
+    assert RingReader(tmp_path / transport.RING_NAME).since(0)[0].seq == 1
 
 
 def test_the_gateway_follows_a_core_that_starts_anew_and_reads_it_from_its_beginning(
@@ -178,7 +179,7 @@ def test_a_core_without_a_gateway_writes_on(tmp_path):
         core.publish(record(seq))
     core.close()
 
-    assert RingReader(tmp_path / seam.RING_NAME).newest_seq() == 49
+    assert RingReader(tmp_path / transport.RING_NAME).newest_seq() == 49
 
 
 @pytest.mark.parametrize(
@@ -186,8 +187,11 @@ def test_a_core_without_a_gateway_writes_on(tmp_path):
     [
         (b"", "is empty"),
         (b"short", "too few"),
-        (b"NOTARING" + bytes(seam.HEADER_SIZE), "begins with"),
-        (struct.pack("<8sIII", seam.MAGIC, 4096, 3000, 4) + bytes(seam.HEADER_SIZE), "shorter"),
+        (b"NOTARING" + bytes(transport.HEADER_SIZE), "begins with"),
+        (
+            struct.pack("<8sIII", transport.MAGIC, 4096, 3000, 4) + bytes(transport.HEADER_SIZE),
+            "shorter",
+        ),
     ],
 )
 def test_a_file_that_is_no_ring_is_refused_by_name(tmp_path, content, words):
@@ -246,12 +250,12 @@ def test_the_largest_record_of_two_legs_fits_its_slot(tmp_path):
         drives=tuple(drives),
         legs=tuple(msgspec.structs.replace(leg(name), stride=stride) for name in ("right", "left")),
     )
-    writer = RingWriter(tmp_path / seam.RING_NAME, HEADER)
+    writer = RingWriter(tmp_path / transport.RING_NAME, HEADER)
 
     writer.write(largest)
 
     writer.close()
-    read = RingReader(tmp_path / seam.RING_NAME).read(10**6)
+    read = RingReader(tmp_path / transport.RING_NAME).read(10**6)
     assert msgspec.msgpack.encode(read) == msgspec.msgpack.encode(largest)
 
 
@@ -297,7 +301,7 @@ def integers_and_texts(kind, place=""):
             yield place, kind
 
 
-@pytest.mark.parametrize("kind", [Level, wire.SetpointMessage, wire.Ask, *ASKS.values()])
+@pytest.mark.parametrize("kind", [GatewayState, wire.SetpointMessage, wire.Ask, *ASKS.values()])
 def test_what_somebody_else_may_write_has_a_bound(kind):
     found_in_it = list(integers_and_texts(inspect.type_info(kind)))
 
@@ -317,7 +321,7 @@ class Endless:
     """A socket whose sender never rests."""
 
     def recv(self, _size):
-        return msgspec.msgpack.encode(Level("boot", 1, 1, 0))
+        return msgspec.msgpack.encode(GatewayState("boot", 1, 1, 0))
 
     def close(self):
         """Nothing to let go of."""
@@ -330,6 +334,6 @@ def test_who_sends_without_end_does_not_hold_the_cycle_and_is_told(tmp_path):
 
     levels = core.levels()
 
-    assert len(levels) == seam.DRAIN_COUNT_MAX
+    assert len(levels) == transport.DRAIN_COUNT_MAX
     assert core.take_notices() == ["more datagrams for the core than a cycle reads, 1 so far"]
     core.close()

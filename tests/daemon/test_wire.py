@@ -8,10 +8,10 @@ import pytest
 
 from daemon import wire
 from daemon.gateway.translate import COVARIANCE_COUNT
-from daemon.record import STATE_COUNT
-from daemon.words import NMT_STATES, POWER_STATES, StatusBit, Validity
+from daemon.ipc.record import STATE_COUNT
+from daemon.wire.fields import NMT_STATES, POWER_STATES, StatusBit, Validity
 from drives.signals import NmtState, PowerState
-from observer import status
+from observer.filter import status
 
 HEAD = {"seq": 7, "core_boot_id": "b", "cycle": 41, "sample_time_ns": 1_760_000_000_410_000_000}
 
@@ -20,7 +20,7 @@ HEAD = {"seq": 7, "core_boot_id": "b", "cycle": 41, "sample_time_ns": 1_760_000_
 def test_the_schema_of_a_message_has_its_object_at_the_root_and_explains_every_field(name):
     schema = wire.schema(wire.MESSAGES[name])
 
-    assert schema["$id"] == f"gaitd.{name}.v1"
+    assert schema["$id"] == f"gaitd.{name}.v2"
     assert schema["type"] == "object"
     assert schema["description"]
     assert all(field.get("description") for field in schema["properties"].values())
@@ -175,5 +175,5 @@ def test_a_setpoint_that_is_not_exactly_one_is_refused(text):
 
 def test_keys_and_encodings_are_those_of_the_design():
     assert wire.key("trainer", "right", "activity") == "gaitd/trainer/right/activity"
-    assert wire.encoding(wire.Activity) == "application/json;gaitd.activity.v1"
-    assert wire.encoding(wire.DriveState) == "application/json;gaitd.drives.v1"
+    assert wire.encoding(wire.Activity) == "application/json;gaitd.activity.v2"
+    assert wire.encoding(wire.DriveState) == "application/json;gaitd.drives.v2"

@@ -11,18 +11,14 @@ import pytest
 from rogue import NODES, Rogue
 from sessions import Session, changed_configs, elmo_drives, elsewhere, generic_drives
 
-from daemon.config.axes import drive_limits
 from daemon.config.bundle import Settings
-from daemon.config.check_runaway import (
-    axis_runaway,
-    refuse_runaways,
-    runaway_meanings,
-)
-from daemon.config.load import load
+from daemon.config.drive_plan import drive_limits
 from daemon.config.robot import friction_parameters, leg_parameters
-from daemon.config.runaway import Run, run_away
 from daemon.config.strict import ConfigError
-from daemon.config.workspace import Motion
+from daemon.preflight.load import load
+from daemon.preflight.runaway import Run, run_away
+from daemon.preflight.runaway_report import axis_runaway, refuse_runaways, runaway_meanings
+from daemon.preflight.workspace import Motion
 
 LIFE_MS = 700
 """Detection, ramp and rest. A leg without power then drifts into its springs: no torque of a dead

@@ -7,7 +7,7 @@ import pytest
 from bringup_bench import START, Bench, refused, silent
 from memory_bus import MS
 
-from drives.bus import Frame
+from drives.canopen.bus import Frame
 from drives.errors import BootFailure
 
 LELY = {

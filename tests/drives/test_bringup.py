@@ -6,13 +6,13 @@ from bringup_bench import RESET_COMMUNICATION, START, Bench, refused, silent
 from drive_files import CYCLE, HIP_LIMITS, drive
 from memory_bus import MS
 
-from drives.bringup import bring_up
-from drives.bus import Frame
-from drives.bus_state import BusCondition
-from drives.emcy_codes import Reaction
+from drives.bringup.bringup import bring_up
+from drives.bringup.plan import plan
+from drives.canopen.bus import Frame
+from drives.canopen.bus_state import BusCondition
+from drives.canopen.emcy_codes import Reaction
+from drives.canopen.nmt import SyncProducer
 from drives.errors import BringUpRefused, BusError, DrivePowered, DriveSilent
-from drives.nmt import SyncProducer
-from drives.plan import plan
 from drives.signals import PowerState
 
 # --- what goes well -------------------------------------------------------------------------------

@@ -4,9 +4,9 @@ import can
 import pytest
 from memory_bus import MS, ManualClock
 
-from daemon.clock import MonotonicClock
-from drives.bus import CanBus, Frame, SteadySocketcan
-from drives.bus_state import BusCondition, BusMonitor
+from daemon.system.clock import MonotonicClock
+from drives.canopen.bus import CanBus, Frame, SteadySocketcan
+from drives.canopen.bus_state import BusCondition, BusMonitor
 from drives.errors import BusError
 
 RPDO = Frame(0x205, bytes(7))

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from drives.cia402 import (
+from drives.cia402.power_state import (
     STATUS_FOLLOWS,
     STATUS_WARNING,
     TRANSITIONS,

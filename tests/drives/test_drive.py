@@ -3,9 +3,9 @@ import struct
 import pytest
 from drive_files import drive
 
-from drives.bus import Frame
-from drives.bus_state import BusCondition
-from drives.drive import Drive, DriveGroup
+from drives.canopen.bus import Frame
+from drives.canopen.bus_state import BusCondition
+from drives.cia402.drive import Drive, DriveGroup
 from drives.signals import (
     DriveCommand,
     Input,

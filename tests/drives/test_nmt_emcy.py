@@ -4,9 +4,9 @@ import canopen
 import pytest
 from canopen.emcy import EmcyError
 
-from drives.emcy import EmergencyLog, decode_emergency, is_alarm
-from drives.emcy_codes import EmergencyTable, Reaction, meaning
-from drives.nmt import HeartbeatWatch, NmtCommand, heartbeat_frame, nmt_frame
+from drives.canopen.emcy import EmergencyLog, decode_emergency, is_alarm
+from drives.canopen.emcy_codes import EmergencyTable, Reaction, meaning
+from drives.canopen.nmt import HeartbeatWatch, NmtCommand, heartbeat_frame, nmt_frame
 from drives.signals import NmtState
 
 MS = 1_000_000

@@ -3,14 +3,14 @@
 import pytest
 from drive_files import PROFILES, drive_of
 
-from drives.errors import DescriptionError
-from drives.option_codes import (
+from drives.cia402.option_codes import (
     WrittenObject,
     check_written,
     holds_after_quick_stop,
     in_words,
     without_torque,
 )
+from drives.errors import DescriptionError
 
 
 def setting(index, value, legal=tuple(range(-1, 9))):

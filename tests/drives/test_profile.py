@@ -18,12 +18,12 @@ from drive_files import (
     table,
 )
 
-from drives import eds
-from drives.emcy_codes import EmergencyTable, meaning
+from drives.bringup.plan import plan
+from drives.bringup.steps import StepKind
+from drives.canopen.emcy_codes import EmergencyTable, meaning
+from drives.cia402.pdo import layouts
 from drives.errors import DescriptionError
-from drives.pdo import layouts
-from drives.plan import plan
-from drives.steps import StepKind
+from drives.service import eds
 
 NAMES = [name for name in AXES if (FOLDER / table(f"{name}.toml")["eds"]).is_file()]
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from memory_bus import MS, ManualClock, MemoryBus
 
-from drives.bus import Frame
-from drives.configurator import SDO_TIMEOUT_NS, SDO_TRANSFER_NS, Configurator
+from drives.bringup.configurator import SDO_TIMEOUT_NS, SDO_TRANSFER_NS, Configurator
+from drives.canopen.bus import Frame
 from drives.errors import DrivesError, SdoAborted, SdoGarbled, SdoTimeout
 
 NODE = 5

@@ -1,6 +1,6 @@
 """Golden numbers: what one drive's raw value is at the motor, by hand, from the rule that is cited.
 
-Rules and their sources stand in the profiles (`provenance`) and in `drives/torque.py`.
+Rules and their sources stand in the profiles (`provenance`) and in `drives/cia402/torque.py`.
 """
 
 import math
@@ -9,8 +9,7 @@ import msgspec
 import pytest
 from drive_files import HIP_LIMITS, PROFILES, axis_for, drive_of, join, table
 
-from drives.errors import DescriptionError
-from drives.torque import (
+from drives.cia402.torque import (
     DriveBase,
     RatedTorqueUnit,
     TorqueBase,
@@ -20,7 +19,8 @@ from drives.torque import (
     check_bases,
     count_nm,
 )
-from drives.units import axis_scaling, base_from_raw, permille_to_effort, raw_limits
+from drives.cia402.units import axis_scaling, base_from_raw, permille_to_effort, raw_limits
+from drives.errors import DescriptionError
 
 HIP_K_T = 0.055736  # N m/A, of the hip's motor
 HIP_RATED_A = 5.0

@@ -7,14 +7,14 @@ from candump import read_trace
 from drive_files import CYCLE, HIP_LIMITS, TRACES, drive
 from memory_bus import ManualClock
 
-from drives import objects
-from drives.configurator import Configurator
-from drives.drive import Drive, DriveGroup
+from drives.bringup import objects
+from drives.bringup.configurator import Configurator
+from drives.bringup.plan import plan
+from drives.bringup.steps import StepKind
+from drives.canopen.nmt import SYNC_FRAME
+from drives.cia402.drive import Drive, DriveGroup
 from drives.errors import BringUpRefused
-from drives.nmt import SYNC_FRAME
-from drives.plan import plan
 from drives.signals import DriveCommand, OperationMode, PowerRequest, PowerState
-from drives.steps import StepKind
 
 HIP = plan(drive("hip_epos4"), HIP_LIMITS, CYCLE)
 

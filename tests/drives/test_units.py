@@ -17,10 +17,8 @@ from drive_files import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drives.errors import CommandNotFinite
-from drives.signals import DriveFeedback, Input, NmtState, PowerState
-from drives.torque import count_nm
-from drives.units import (
+from drives.cia402.torque import count_nm
+from drives.cia402.units import (
     DriveBase,
     axis_scaling,
     base_from_raw,
@@ -32,6 +30,8 @@ from drives.units import (
     raw_limits,
     to_joint,
 )
+from drives.errors import CommandNotFinite
+from drives.signals import DriveFeedback, Input, NmtState, PowerState
 
 WIDE = "wide"
 """A target in the upper half of 32 bits, as of Technosoft's iPOS with 20 A peak."""

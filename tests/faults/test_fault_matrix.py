@@ -5,17 +5,17 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from daemon.record import Cause, Mode
-from gaitd.fault_matrix import page
-from gaitd.fault_matrix.cell import Cell, Found
-from gaitd.fault_matrix.emergencies import EMERGENCIES
-from gaitd.fault_matrix.exceptions import EXCEPTIONS
-from gaitd.fault_matrix.expected import ROWS
-from gaitd.fault_matrix.faults import FAULTS
-from gaitd.fault_matrix.judgement import broken
-from gaitd.fault_matrix.modes import COLUMNS, LEFT_OUT, Group
-from gaitd.fault_matrix.run import cells, parts, play_part, run
-from gaitd.fault_matrix.watch import AXES
+from daemon.ipc.record import Cause, Mode
+from gaitd_lab.fault_matrix import page
+from gaitd_lab.fault_matrix.cell import Cell, Found
+from gaitd_lab.fault_matrix.emergencies import EMERGENCIES
+from gaitd_lab.fault_matrix.exceptions import EXCEPTIONS
+from gaitd_lab.fault_matrix.expected import ROWS
+from gaitd_lab.fault_matrix.faults import FAULTS
+from gaitd_lab.fault_matrix.judgement import broken
+from gaitd_lab.fault_matrix.modes import COLUMNS, LEFT_OUT, Group
+from gaitd_lab.fault_matrix.run import cells, parts, play_part, run
+from gaitd_lab.fault_matrix.watch import AXES
 from sim_drives.settings import FaultKind
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -96,7 +96,7 @@ def test_every_mode_has_its_column_or_is_named_as_left_out():
 
 def test_every_fault_of_the_virtual_drives_has_a_row_or_its_test_elsewhere():
     text = "".join(
-        (PROJECT / f"gaitd/fault_matrix/{name}.py").read_text()
+        (PROJECT / f"gaitd_lab/fault_matrix/{name}.py").read_text()
         for name in ("faults", "emergencies", "kinds")
     )
 

@@ -4,7 +4,7 @@ import pytest
 from sessions import CONFIGS
 
 from analysis.trial import Trial
-from gaitd.trials import Situation, Trials
+from gaitd_lab.trials import Situation, Trials
 
 
 @pytest.fixture(scope="session")

@@ -12,8 +12,8 @@ from analysis.ablation_figures import three_digits
 from analysis.ablation_page import write_page
 from analysis.ablation_questions import QUESTIONS, WRONG
 from daemon.config.robot import leg_parameters, observer_tuning
-from gaitd.ablation_trials import Planned
-from observer.leg_model import integrator_named
+from gaitd_lab.ablation_trials import Planned
+from observer.filter.leg_model import integrator_named
 
 ACTIVE = "paper, 0.5 Hz, active"
 
@@ -141,7 +141,7 @@ def test_the_command_prints_a_table_for_each_question_and_writes_the_page(
     walk, tmp_path, monkeypatch
 ):
     plan = [Planned(ACTIVE, lambda _: walk)]
-    monkeypatch.setattr("gaitd.ablation_trials.planned", lambda _, *, quick: plan)
+    monkeypatch.setattr("gaitd_lab.ablation_trials.planned", lambda _, *, quick: plan)
 
     ran = gaitd("ablation", "--quick", "--output", tmp_path)
 

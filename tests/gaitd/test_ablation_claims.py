@@ -19,9 +19,9 @@ from analysis.ablation_figures import answered
 from analysis.ablation_page import figure_name, write_page
 from analysis.ablation_questions import QUESTIONS, REST, WRONG
 from analysis.trial import Trial
-from gaitd.ablation_trials import planned, record
-from gaitd.trials import Situation, Trials
-from sim_drives.plant_settings import FrictionLaw
+from gaitd_lab.ablation_trials import planned, record
+from gaitd_lab.trials import Situation, Trials
+from sim_drives.plant.settings import FrictionLaw
 
 pytestmark = pytest.mark.thorough
 

@@ -5,8 +5,8 @@ import pytest
 from command_line import gaitd
 from sessions import CONFIGS, changed_configs
 
-from daemon.config.load import load
 from daemon.config.strict import ConfigError
+from daemon.preflight.load import load
 from tests.observer.trainer import PATIENT, encoded, gait, simulate
 
 

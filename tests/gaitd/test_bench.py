@@ -12,7 +12,7 @@ from sessions import CONFIGS, Session
 from daemon.config.settings import Robot
 from daemon.config.strict import load_toml
 from daemon.core import cycle
-from gaitd.benchmark import (
+from gaitd_lab.benchmark import (
     bare_put,
     cycle_parts,
     lateness,
@@ -21,8 +21,8 @@ from gaitd.benchmark import (
     tables,
     whole_service,
 )
-from gaitd.benchmark.cycle_parts import PARTS, WHOLE
-from gaitd.demonstration.script import ActError
+from gaitd_lab.benchmark.cycle_parts import PARTS, WHOLE
+from gaitd_lab.demonstration.script import ActError
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from gaitd.benchmark import bus_times, peer_table, peers, tables
-from gaitd.benchmark.bus_times import Heard, Reaction
+from gaitd_lab.benchmark import bus_times, peer_table, peers, tables
+from gaitd_lab.benchmark.bus_times import Heard, Reaction
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 ENABLED = b"\x37\x12"

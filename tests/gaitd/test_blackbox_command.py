@@ -11,12 +11,12 @@ from records import HEADER, cut_out, record
 
 from analysis.recording import read_csv
 from analysis.replay import read
-from daemon.gateway.request_chain import Place, sealed
-from daemon.gateway.request_file import NAME
-from daemon.gateway.shelf import Shelf
-from daemon.kept_ring import FOLDER
-from daemon.record import Cause, Mode, StopCategory, Verdict
-from daemon.seam import Kept
+from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
+from daemon.ipc.ring_clip import FOLDER
+from daemon.ipc.transport import Kept
+from daemon.recorder.audit_chain import Place, sealed
+from daemon.recorder.audit_file import NAME
+from daemon.recorder.clip_store import ClipStore
 
 OPEN = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN, "right/hip", detail="let go")
 ROBOT = Path(__file__).parents[2] / "configs" / "robot.toml"
@@ -41,7 +41,7 @@ def state(tmp_path):
     kept = Kept(
         "hand_switch_open", "right/hip", "let go", 201, at_ns, 1, 300, True, ("sto_active",)
     )
-    Shelf(tmp_path / FOLDER).keep(header, kept, cut_out(records()))
+    ClipStore(tmp_path / FOLDER).keep(header, kept, cut_out(records()))
     place = Place()
     with (tmp_path / NAME).open("wb") as file:
         for name in ("enable", "stop"):

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitd.demonstration.feed import HEARD, TRUE, Track, TruthTail
-from gaitd.demonstration.judgement import Row, Span, judge, pairs, within
-from gaitd.demonstration.picture import Results, draw
-from gaitd.demonstration.script import ActError, Kind
-from gaitd.demonstration.stage import Troupe, write_configs
 from gaitd.places import configs_folder
-from sim_drives.truth import TruthRow
+from gaitd_lab.demonstration.feed import HEARD, TRUE, Track, TruthTail
+from gaitd_lab.demonstration.judgement import Row, Span, judge, pairs, within
+from gaitd_lab.demonstration.picture import Results, draw
+from gaitd_lab.demonstration.script import ActError, Kind
+from gaitd_lab.demonstration.stage import ManagedProcess, write_configs
+from sim_drives.plant.truth import TruthRow
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 CYCLE_NS = 10_000_000
@@ -126,8 +126,8 @@ def test_the_truth_is_followed_by_whole_lines(tmp_path):
 
 @pytest.mark.parametrize("empty", [False, True])
 def test_an_act_has_a_configuration_of_its_own_that_checks_out(tmp_path, empty):
-    from daemon.config.load import load
-    from gaitd.virtual_machine import load_plant
+    from daemon.preflight.load import load
+    from gaitd_lab.virtual_machine import load_plant
 
     trainer, endpoint = write_configs(CONFIGS, tmp_path / "configs", empty=empty)
 
@@ -141,9 +141,9 @@ def test_an_act_has_a_configuration_of_its_own_that_checks_out(tmp_path, empty):
 
 
 def test_the_springs_of_the_empty_machine_carry_it_where_it_starts(tmp_path):
-    from daemon.config.load import load
     from daemon.config.robot import leg_parameters
-    from observer.mechanism import gravity
+    from daemon.preflight.load import load
+    from observer.mechanism.mechanism import gravity
 
     trainer, _ = write_configs(CONFIGS, tmp_path / "configs", empty=True)
     start = tomllib.loads((tmp_path / "configs" / "plant.toml").read_text())["start"]
@@ -155,7 +155,7 @@ def test_the_springs_of_the_empty_machine_carry_it_where_it_starts(tmp_path):
 
 
 def test_a_process_that_dies_is_reported_with_its_last_words(tmp_path):
-    troupe = Troupe("the dancer", ["dance"], tmp_path / "log")
+    troupe = ManagedProcess("the dancer", ["dance"], tmp_path / "log")
     troupe._process.wait(30)
 
     with pytest.raises(ActError, match=r"(?s)the dancer ended with 2.*dance"):
@@ -165,9 +165,10 @@ def test_a_process_that_dies_is_reported_with_its_last_words(tmp_path):
 def test_a_process_ends_when_the_one_that_started_it_is_killed(tmp_path):
     script = (
         "import sys, time; from pathlib import Path\n"
-        "from gaitd.demonstration.stage import Troupe\n"
+        "from gaitd_lab.demonstration.stage import ManagedProcess\n"
         f"config = {str(CONFIGS / 'demo.toml')!r}\n"
-        f"one = Troupe('sim', ['sim', '--config', config], Path({str(tmp_path)!r}) / 'log')\n"
+        f"log = Path({str(tmp_path)!r}) / 'log'\n"
+        "one = ManagedProcess('sim', ['sim', '--config', config], log)\n"
         "print(one.pid, flush=True); time.sleep(60)"
     )
     parent = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)

@@ -1,6 +1,6 @@
 import pytest
 
-from gaitd.demonstration.script import (
+from gaitd_lab.demonstration.script import (
     PAPER_S,
     ActError,
     Ask,

@@ -8,13 +8,13 @@ from rich.console import Console
 from rich.text import Text
 
 from daemon import wire
-from daemon.clock import MonotonicClock
-from gaitd.demonstration.curves import Chart, Curve
-from gaitd.demonstration.feed import HEARD, TRUE, Audience, Track
-from gaitd.demonstration.report import line
-from gaitd.demonstration.script import Kind, Scene
-from gaitd.demonstration.view import Moment, picture
+from daemon.system.clock import MonotonicClock
 from gaitd.remote import Target
+from gaitd_lab.demonstration.curves import Chart, Curve
+from gaitd_lab.demonstration.feed import HEARD, TRUE, Audience, Track
+from gaitd_lab.demonstration.report import line
+from gaitd_lab.demonstration.script import Kind, Scene
+from gaitd_lab.demonstration.view import Moment, picture
 
 NOW_NS = 20_000_000_000
 
@@ -57,8 +57,8 @@ def health() -> wire.Health:
         tx_dropped_count=0,
         record_missed_count=0,
         record_skipped_count=0,
-        level_dropped_count=0,
-        inquiry_dropped_count=0,
+        gateway_state_dropped_count=0,
+        request_dropped_count=0,
         not_kept_count=0,
         gateway_wake_max_us=300.0,
         gateway_estimate_p50_us=200.0,

@@ -14,11 +14,15 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from memory_bus import MS, ManualClock, MemoryBus, scripted
 
-from drives.bringup import bring_up
-from drives.bus import Frame
-from drives.comparison import expectations, in_hex, with_plan, with_values
-from drives.configurator import Configurator
-from drives.dump import (
+from drives.bringup.bringup import bring_up
+from drives.bringup.configurator import Configurator
+from drives.bringup.plan import plan
+from drives.bringup.steps import StepKind
+from drives.canopen.bus import Frame
+from drives.canopen.sniffer import BusSniffer
+from drives.errors import BringUpRefused, DescriptionError, DriveSilent, SdoTimeout
+from drives.service.compare import expectations, in_hex, with_plan, with_values
+from drives.service.dump import (
     PAUSE_NS,
     Entry,
     decoded,
@@ -31,9 +35,9 @@ from drives.dump import (
     variable_at,
     write_dcf,
 )
-from drives.eds import load_eds
-from drives.errors import BringUpRefused, DescriptionError, DriveSilent, SdoTimeout
-from drives.keeping import (
+from drives.service.eds import load_eds
+from drives.service.object_words import ObjectWords
+from drives.service.parameters import (
     SDO_TIMEOUT_NS,
     Keeping,
     KeepingRefusedError,
@@ -42,11 +46,7 @@ from drives.keeping import (
     keep,
     reset_node,
 )
-from drives.object_words import ObjectWords
-from drives.plan import plan
-from drives.steps import StepKind
-from drives.witness import Witness
-from gaitd.lockstep import WorldBus, WorldClock
+from gaitd_lab.lockstep import WorldBus, WorldClock
 
 KINDS = ("epos4", "generic")
 LIMITS = {"hip": HIP_LIMITS, "slide": SLIDE_LIMITS}
@@ -386,7 +386,7 @@ def test_a_fresh_drive_holds_its_eds_s_defaults_but_for_the_motor():
 
 
 def witness_of(*frames):
-    witness = Witness()
+    witness = BusSniffer()
     for frame in frames:
         witness.take(frame, 0)
     return witness

@@ -15,10 +15,10 @@ from analysis.experiment_table import rows
 from analysis.recording import Recording
 from analysis.replay import Source, estimate, setup_for
 from daemon.config.strict import ConfigError
-from daemon.seam import RING_NAME, RingHeader, RingWriter
-from gaitd.excitation import NotPlayedError, Stage
-from observer.status import Validity
-from sim_drives.plant_settings import FrictionLaw
+from daemon.ipc.transport import RING_NAME, RingHeader, RingWriter
+from gaitd_lab.excitation import NotPlayedError, Stage
+from observer.filter.status import Validity
+from sim_drives.plant.settings import FrictionLaw
 
 TOLERANCE_MS = (1.0, 2.0)
 

@@ -3,7 +3,7 @@
 import pytest
 from sessions import Session
 
-from drives.bus import Frame
+from drives.canopen.bus import Frame
 from drives.errors import BusError
 
 MS = 1_000_000

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from command_line import gaitd
 
-from daemon.core.modes import TRANSITIONS
-from daemon.record import Cause, Mode
+from daemon.core.modes.table import TRANSITIONS
+from daemon.ipc.record import Cause, Mode
 from gaitd.mode_tables import ASKS, WELL, diagram, document
 
 PROJECT = Path(__file__).parents[2]

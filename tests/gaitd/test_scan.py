@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from memory_bus import MS, ManualClock, MemoryBus, scripted
 
-from drives.bus import Frame
+from drives.canopen.bus import Frame
 from drives.errors import BusError
-from drives.inventory import FindingKind, take_stock
-from drives.scanning import PAUSE_FRAMES, survey
-from drives.stations import Expected, ProfileFile, fitting_profile
-from drives.vendors import VENDORS, vendor_name
-from gaitd.lockstep import WorldBus, WorldClock
+from drives.service.inventory import FindingKind, take_stock
+from drives.service.scan import PAUSE_FRAMES, survey
+from drives.service.stations import Expected, ProfileFile, fitting_profile
+from drives.service.vendors import VENDORS, vendor_name
+from gaitd_lab.lockstep import WorldBus, WorldClock
 
 DRIVES = (drive("hip_epos4"), drive("slide_epos4"))
 PROFILES = (ProfileFile("epos4", "maxon", "EPOS4"), ProfileFile("generic", "any", "CiA 402"))

@@ -7,18 +7,18 @@ from drive_files import CYCLE, HIP_LIMITS
 from msgspec.structs import replace
 from sessions import Session, changed_configs
 
-from daemon.record import BusRecord, Mode, ModeRequest, RequestKind
-from drives.bus import Frame
-from drives.configurator import Configurator
-from drives.dump import read_objects, readable
-from drives.eds import load_eds
-from drives.inventory import FindingKind, take_stock
-from drives.keeping import Keeping, KeepingRefusedError, check_bus, check_drive
-from drives.plan import plan
-from drives.scanning import survey
-from drives.stations import Expected
-from drives.witness import Witness, WitnessedBus
-from gaitd.lockstep import WorldClock
+from daemon.ipc.record import BusRecord, Mode, ModeRequest, RequestKind
+from drives.bringup.configurator import Configurator
+from drives.bringup.plan import plan
+from drives.canopen.bus import Frame
+from drives.canopen.sniffer import BusSniffer, WitnessedBus
+from drives.service.dump import read_objects, readable
+from drives.service.eds import load_eds
+from drives.service.inventory import FindingKind, take_stock
+from drives.service.parameters import Keeping, KeepingRefusedError, check_bus, check_drive
+from drives.service.scan import survey
+from drives.service.stations import Expected
+from gaitd_lab.lockstep import WorldClock
 from sim_drives.frame import Frame as WorldFrame
 
 MBIT = 1_000_000
@@ -153,7 +153,7 @@ def test_a_dump_of_a_walking_drive_changes_no_record(warm_walking, alone):
 def test_nothing_is_stored_or_restored_beside_a_service_or_in_a_drive_that_has_power():
     session = Session().enabled()
     station = SecondStation(session.lockstep)
-    witness = Witness()
+    witness = BusSniffer()
     with closing(WitnessedBus(station, station.clock, witness)) as bus:
         bus.receive_until(station.clock.now_ns() + 1, station.clock)
         session.lockstep.run(0.1)

@@ -11,14 +11,14 @@ from drive_files import FOLDER, drive
 from durand import CANBusNetwork, MinimalNode
 from durand.scheduler import SyncScheduler, get_scheduler, set_scheduler
 
-from daemon.clock import MonotonicClock
-from drives.bus import CanBus
-from drives.configurator import Configurator
-from drives.dump import read_objects, readable
-from drives.eds import load_eds
-from drives.inventory import FindingKind, take_stock
-from drives.scanning import survey
-from drives.stations import Expected
+from daemon.system.clock import MonotonicClock
+from drives.bringup.configurator import Configurator
+from drives.canopen.bus import CanBus
+from drives.service.dump import read_objects, readable
+from drives.service.eds import load_eds
+from drives.service.inventory import FindingKind, take_stock
+from drives.service.scan import survey
+from drives.service.stations import Expected
 
 pytestmark = pytest.mark.realtime
 

@@ -5,11 +5,11 @@ import pytest
 from typer.testing import CliRunner
 
 from daemon import wire
-from daemon.causes import CAUSE_TEXT
-from daemon.cycle_timing import CycleTiming
 from daemon.gateway import translate
 from daemon.gateway.translate import Stamp
-from daemon.record import Cause, CycleRecord, Mode, RequestResult, StopCategory, Verdict
+from daemon.ipc.cycle_timing import CycleTiming
+from daemon.ipc.record import Cause, CycleRecord, Mode, RequestResult, StopCategory, Verdict
+from daemon.wire.causes import CAUSE_TEXT
 from gaitd import self_test
 from gaitd.__main__ import build
 from gaitd.remote import EXIT_REFUSED, Answer
@@ -56,7 +56,7 @@ def record(mode, verdict):
         events=(),
         request=RequestResult(),
         progress="",
-        level_age_cycles=1,
+        gateway_age_cycles=1,
         stop_count=0,
         gait_phase=-1.0,
         drives=(),

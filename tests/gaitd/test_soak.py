@@ -4,12 +4,12 @@ import pytest
 from msgspec.structs import replace
 from records import record as any_record
 
-from daemon.record import Cause, CycleRecord, Mode, StopCategory, Verdict
-from gaitd.soaking import memory
-from gaitd.soaking.happenings import SOURCES, Chances, Doer, Happening
-from gaitd.soaking.operator import Operator, Situation
-from gaitd.soaking.witness import Judged, Witness
-from sim_drives.faults import parse_command
+from daemon.ipc.record import Cause, CycleRecord, Mode, StopCategory, Verdict
+from gaitd_lab.soak import memory
+from gaitd_lab.soak.happenings import SOURCES, Actor, Chances, Happening
+from gaitd_lab.soak.operator import Operator, Situation
+from gaitd_lab.soak.witness import Judged, Witness
+from sim_drives.faults.script import parse_command
 
 DRIVES = ("right/hip", "right/slide")
 EMERGENCY = Verdict(StopCategory.S1, Cause.EMERGENCY, "right/hip")
@@ -59,13 +59,13 @@ def test_every_trouble_of_the_table_is_drawn_and_the_virtual_drives_know_its_wor
 
     assert {one.name for one in found} == set(SOURCES)
     for one in found:
-        if one.doer is Doer.DRIVE:
+        if one.doer is Actor.DRIVE:
             for line in one.words.splitlines():
                 assert parse_command(line).drive == one.drive
 
 
 def test_no_process_is_killed_once_memory_is_told():
-    assert not [one for one in drawn(1, 2000, deaths=False) if one.doer is Doer.KILL]
+    assert not [one for one in drawn(1, 2000, deaths=False) if one.doer is Actor.KILL]
 
 
 def test_a_stop_is_expected_if_the_matrix_names_its_cause_for_what_went_wrong():

@@ -13,10 +13,10 @@ import pytest
 from records import record as any_record
 from sessions import CONFIGS
 
-from daemon.assist_record import AssistRecord, LegAssistRecord
-from daemon.record import (
+from daemon.ipc.assist_record import AssistRecord, LegAssistRecord
+from daemon.ipc.record import (
     Cause,
-    Level,
+    GatewayState,
     Mode,
     ModeRequest,
     Outcome,
@@ -26,22 +26,18 @@ from daemon.record import (
     Setpoint,
     StopCategory,
 )
-from gaitd.random_hour.asker import Asker
-from gaitd.random_hour.assisted import AssistBounds, AssistWatch
-from gaitd.random_hour.chances import Chances, Kind
-from gaitd.random_hour.controller import RandomController, Wrong
-from gaitd.random_hour.invariants import (
-    NS_PER_S,
-    PATIENCE_S,
-    Watch,
-)
-from gaitd.random_hour.report import page, rerun, summary, told
-from gaitd.random_hour.series import Played, session, sessions
-from gaitd.random_hour.stops import StopWatch
-from gaitd.random_hour.tally import Broken, Tally
-from gaitd.random_hour.variants import variant_of
-from gaitd.random_hour.watched import AxisRules, WatchedDrive
-from sim_drives.power_state import PowerState
+from gaitd_lab.fuzz.asker import Asker
+from gaitd_lab.fuzz.assisted import AssistBounds, AssistWatch
+from gaitd_lab.fuzz.chances import Chances, Kind
+from gaitd_lab.fuzz.controller import RandomController, Wrong
+from gaitd_lab.fuzz.invariants import NS_PER_S, PATIENCE_S, Watch
+from gaitd_lab.fuzz.report import page, rerun, summary, told
+from gaitd_lab.fuzz.series import Played, session, sessions
+from gaitd_lab.fuzz.stops import StopWatch
+from gaitd_lab.fuzz.tally import Broken, Tally
+from gaitd_lab.fuzz.variants import variant_of
+from gaitd_lab.fuzz.watched import AxisRules, WatchedDrive
+from sim_drives.cia402.power_state import PowerState
 from sim_drives.settings import FaultKind
 
 MS = 1_000_000
@@ -78,7 +74,7 @@ def test_sessions_take_turns_with_makes_and_guidance_and_fill_the_time(monkeypat
     def unplayed(configs, seed, duration_s):
         return Played(seed, variant_of(seed).name, Tally(simulated_s=duration_s))
 
-    monkeypatch.setattr("gaitd.random_hour.series.session", unplayed)
+    monkeypatch.setattr("gaitd_lab.fuzz.series.session", unplayed)
 
     played = list(sessions(CONFIGS, 7, 5.0, 2.0))
 
@@ -178,7 +174,7 @@ class Bench:
         """The gateway forwards a setpoint for the newest cycle."""
         good = Setpoint(lease=1, seq=self.seq, for_cycle=self.seq, hip_assist_nm=5.0, leg="right")
         setpoint = msgspec.structs.replace(good, **changed)
-        self.watch.tells(Level("boot", self.seq, self.seq, 0, Request(), (setpoint,), lease))
+        self.watch.tells(GatewayState("boot", self.seq, self.seq, 0, Request(), (setpoint,), lease))
 
     def assisted(self, count: int, mode=Mode.GAIT, **changed: float) -> None:
         """Cycles with assist in force, and a setpoint before each."""
@@ -486,7 +482,7 @@ def test_a_stop_and_a_request_in_the_same_cycle_allow_nothing(bench):
 
 
 def test_a_gateway_that_outlives_a_core_repeats_itself_until_it_hears_the_next_one():
-    told: list[Level] = []
+    told: list[GatewayState] = []
     asker = Asker(told.append)
     asker.expect("first")
     asker.publish(any_record(1))

@@ -16,7 +16,7 @@ from analysis.trial import (
     with_late_efforts,
     with_ripple,
 )
-from gaitd.trials import Situation, TrialError, Trials, balanced
+from gaitd_lab.trials import Situation, TrialError, Trials, balanced
 
 CONFIG = CONFIGS / "demo.toml"
 ENCODER_NOISE = np.array([5e-5, 2e-5])

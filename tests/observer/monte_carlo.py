@@ -2,16 +2,11 @@
 
 import numpy as np
 
+from observer.filter.leg_filter import OUT_COVARIANCE, OUT_INNOVATION, OUT_NIS, OUT_SIZE, advance
+from observer.filter.leg_memory import MEMORY_SIZE, POINTS_SIZE, SCRATCH_SIZE, START_STD
+from observer.filter.leg_model import LANES, LegModel, runge_kutta
+from observer.filter.leg_observer import setup_of
 from observer.jit import kernel
-from observer.leg_filter import OUT_COVARIANCE, OUT_INNOVATION, OUT_NIS, OUT_SIZE, advance
-from observer.leg_memory import (
-    MEMORY_SIZE,
-    POINTS_SIZE,
-    SCRATCH_SIZE,
-    START_STD,
-)
-from observer.leg_model import LANES, LegModel, runge_kutta
-from observer.leg_observer import setup_of
 from tests.observer.trainer import HIP, MID_POSE, PROTOTYPE, SLIDE_FRICTION, TUNING
 
 MODEL = LegModel(PROTOTYPE, HIP, SLIDE_FRICTION, 1.0)

@@ -9,10 +9,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from observer import batch
-from observer.leg_model import Integrator
-from observer.leg_observer import setup_of
-from observer.status import Status, Validity
+from observer.filter.leg_model import Integrator
+from observer.filter.leg_observer import setup_of
+from observer.filter.status import Status, Validity
+from observer.offline import batch
 from tests.observer.trainer import (
     HIP,
     MID_POSE,

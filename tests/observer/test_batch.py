@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numba.core.runtime import _nrt_python, rtsys
 
-from observer import batch
-from observer.leg_observer import LegObserver
-from observer.states import STATE_COUNT
-from observer.status import Status, Validity
+from observer.filter.leg_observer import LegObserver
+from observer.filter.states import STATE_COUNT
+from observer.filter.status import Status, Validity
+from observer.offline import batch
 from tests.observer.trainer import HIP, PATIENT, SLIDE_FRICTION, TUNING, encoded, gait, simulate
 
 OBSERVER = LegObserver(PATIENT, HIP, SLIDE_FRICTION, TUNING)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks import c_anchor, filterpy_peer, observer_step
-from observer import batch
-from observer.leg_model import Integrator
-from observer.leg_observer import setup_of
+from observer.filter.leg_model import Integrator
+from observer.filter.leg_observer import setup_of
+from observer.offline import batch
 from tests.observer.trainer import HIP, PATIENT, SLIDE_FRICTION, TUNING, encoded, gait, simulate
 
 DT = 0.01

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from observer import cdkf
+from observer.filter import cdkf
 from observer.jit import kernel
 
 STEPS = 300

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from observer import batch
 from observer.drift import (
     CERTAIN_EDGES,
     Drift,
@@ -14,8 +13,9 @@ from observer.drift import (
     friction_error,
     noted,
 )
-from observer.leg_observer import setup_of
-from observer.status import Validity
+from observer.filter.leg_observer import setup_of
+from observer.filter.status import Validity
+from observer.offline import batch
 from tests.observer.trainer import (
     HIP,
     PATIENT,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from observer.elementary import cos_sin, expm1_of_negative, tanh
+from observer.mechanism.elementary import cos_sin, expm1_of_negative, tanh
 
 RANDOM = np.random.default_rng(11)
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from observer.friction import (
+from observer.mechanism.friction import (
     FrictionParameters,
     friction_after,
     friction_rate,

@@ -83,7 +83,7 @@ def test_what_did_not_change_is_loaded_and_a_model_in_another_file_is_new_after_
 
 def test_an_edit_of_the_observer_is_seen_by_kernels_of_other_packages(copy):
     use = (
-        "from observer.parameters import GRAVITY\n"
+        "from observer.mechanism.parameters import GRAVITY\n"
         "import elsewhere.caller\n"
         "from observer.jit import source_key\n"
         "from pathlib import Path\n"
@@ -91,7 +91,7 @@ def test_an_edit_of_the_observer_is_seen_by_kernels_of_other_packages(copy):
     )
     copy.write("elsewhere", 2.0)
     before = copy.run(use).split()
-    parameters = copy.folder / "observer" / "parameters.py"
+    parameters = copy.folder / "observer" / "mechanism" / "parameters.py"
     parameters.write_text(
         parameters.read_text().replace("GRAVITY: Final = 9.81", "GRAVITY: Final = 1.62")
     )
@@ -105,15 +105,15 @@ def test_an_edit_of_the_observer_is_seen_by_kernels_of_other_packages(copy):
 def test_an_edit_of_the_observers_own_model_is_used(copy):
     """On the moon a leg weighs less, without anybody clearing a cache."""
     weigh = (
-        "from observer.mechanism import gravity\n"
+        "from observer.mechanism.mechanism import gravity\n"
         "import numpy as np\n"
-        "from observer.parameters import *\n"
+        "from observer.mechanism.parameters import *\n"
         "leg = leg_parameters(Geometry(0.44, 0.44, 0.25, 1.05, 0.61, -0.70, 1.05),"
         " (Link(8.0, 0.4, 0.0, 0.2),) * 3, Slide(4.0, 6.0), 0.3, Springs(), Dampers())\n"
         "print(*gravity(leg, np.array([0.2, 0.5])))"
     )
     earth = [float(x) for x in copy.run(weigh).split()]
-    parameters = copy.folder / "observer" / "parameters.py"
+    parameters = copy.folder / "observer" / "mechanism" / "parameters.py"
     parameters.write_text(
         parameters.read_text().replace("GRAVITY: Final = 9.81", "GRAVITY: Final = 1.62")
     )

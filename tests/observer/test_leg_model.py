@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from observer.jit import kernel
-from observer.leg_model import (
+from observer.filter.leg_model import (
     LANES,
     Integrator,
     LegModel,
@@ -16,7 +15,8 @@ from observer.leg_model import (
     substeps_for,
     substeps_needed,
 )
-from observer.mechanism import gravity, smallest_inertia
+from observer.jit import kernel
+from observer.mechanism.mechanism import gravity, smallest_inertia
 from tests.observer.trainer import HIP, PATIENT, PROTOTYPE, SLIDE_FRICTION
 
 FULL = LegModel(PATIENT, HIP, SLIDE_FRICTION, 1.0)

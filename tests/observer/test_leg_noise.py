@@ -6,10 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from observer import batch, leg_memory
-from observer.friction import static_friction_of
-from observer.leg_filter import OUT_SIZE, advance
-from observer.leg_memory import (
+from observer.filter import leg_memory
+from observer.filter.leg_filter import OUT_SIZE, advance
+from observer.filter.leg_memory import (
     BEGAN,
     EVENT,
     MEMORY_SIZE,
@@ -20,8 +19,10 @@ from observer.leg_memory import (
     Arrays,
     N,
 )
-from observer.leg_observer import LegObserver, TuningError, setup_of
-from observer.status import Status, Validity
+from observer.filter.leg_observer import LegObserver, TuningError, setup_of
+from observer.filter.status import Status, Validity
+from observer.mechanism.friction import static_friction_of
+from observer.offline import batch
 from tests.observer.trainer import (
     HIP,
     MID_POSE,

@@ -7,21 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from observer.leg_memory import MEMORY_SIZE
-from observer.leg_model import Integrator
-from observer.leg_observer import LegObserver, PoseError, TuningError
-from observer.mechanism import WorkspaceError, gravity, singularity_ratio
-from observer.states import (
-    FRICTION,
-    POSITION,
-    STATE_COUNT,
-    STATE_NAMES,
-    VELOCITY,
-)
-from observer.states import (
-    PATIENT as PATIENT_STATES,
-)
-from observer.status import (
+from observer.filter.leg_memory import MEMORY_SIZE
+from observer.filter.leg_model import Integrator
+from observer.filter.leg_observer import LegObserver, PoseError, TuningError
+from observer.filter.states import FRICTION, POSITION, STATE_COUNT, STATE_NAMES, VELOCITY
+from observer.filter.states import PATIENT as PATIENT_STATES
+from observer.filter.status import (
     GATED_MAX_IN_A_ROW,
     HOLD_AFTER_CYCLES,
     PREDICTED_MAX_CYCLES,
@@ -29,6 +20,7 @@ from observer.status import (
     Status,
     Validity,
 )
+from observer.mechanism.mechanism import WorkspaceError, gravity, singularity_ratio
 from tests.observer.trainer import (
     HIP,
     MID_POSE,

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from observer.jit import kernel
-from observer.mechanism import (
+from observer.mechanism.mechanism import (
     Dampers,
     Link,
     Slide,

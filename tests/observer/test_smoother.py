@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from observer import batch, cdkf
-from observer.batch import Columns
-from observer.leg_memory import (
+from observer.filter import cdkf
+from observer.filter.leg_memory import (
     BEGAN,
     EVENT,
     MEMORY_SIZE,
@@ -20,10 +19,12 @@ from observer.leg_memory import (
     N,
     arrays_in,
 )
-from observer.leg_model import LANES
-from observer.leg_observer import LegObserver, setup_of
-from observer.leg_smoother import LegSmoother
-from observer.smooth_batch import run_smoothed
+from observer.filter.leg_model import LANES
+from observer.filter.leg_observer import LegObserver, setup_of
+from observer.filter.leg_smoother import LegSmoother
+from observer.offline import batch
+from observer.offline.batch import Columns
+from observer.offline.smooth_batch import run_smoothed
 from observer.smoother import (
     LAG,
     NOTE_COUNT,
@@ -289,7 +290,7 @@ def test_live_and_offline_give_the_same_bits():
 def test_a_repeat_gives_the_same_bits_whatever_the_blocks(monkeypatch):
     recorded = encoded(walking())
     whole = run_smoothed(SETUP, recorded)
-    monkeypatch.setattr("observer.smooth_batch.BLOCK_ROWS", 77)
+    monkeypatch.setattr("observer.offline.smooth_batch.BLOCK_ROWS", 77)
     told: list[float] = []
 
     parts = run_smoothed(SETUP, recorded, told.append)

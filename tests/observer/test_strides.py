@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from observer.baseline import TooFewError, baseline_of
-from observer.batch import BatchEstimates, Columns
-from observer.leg_observer import setup_of
-from observer.smooth_batch import run_smoothed
+from observer.filter.leg_observer import setup_of
+from observer.filter.status import Status, Validity
+from observer.offline.batch import BatchEstimates, Columns
+from observer.offline.smooth_batch import run_smoothed
 from observer.smoother import SMOOTH_COVARIANCE, SMOOTH_NOTES, SMOOTH_SIZE
-from observer.status import Status, Validity
 from observer.strides import (
     DURATION_MIN_S,
     SWING_RAD,

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from observer import batch
-from observer.batch import Columns
-from observer.leg_observer import setup_of
-from observer.mechanism import gravity
-from observer.status import Status, Validity
+from observer.filter.leg_observer import setup_of
+from observer.filter.status import Status, Validity
+from observer.mechanism.mechanism import gravity
+from observer.offline import batch
+from observer.offline.batch import Columns
 from tests.observer.trainer import (
     EXOSKELETON,
     GEOMETRY,

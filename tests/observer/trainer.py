@@ -10,12 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.batch import Columns
-from observer.friction import FrictionParameters, friction_after
+from observer.filter.leg_model import Integrator
+from observer.filter.leg_observer import ObserverTuning
 from observer.jit import kernel
-from observer.leg_model import Integrator
-from observer.leg_observer import ObserverTuning
-from observer.mechanism import (
+from observer.mechanism.friction import FrictionParameters, friction_after
+from observer.mechanism.mechanism import (
     Dampers,
     Geometry,
     LegParameters,
@@ -28,6 +27,7 @@ from observer.mechanism import (
     slide_position_for_knee,
     with_patient,
 )
+from observer.offline.batch import Columns
 
 RECLINE = math.radians(60.0)
 GEOMETRY = Geometry(0.4361, 0.43788, 0.25, RECLINE, 0.612102355, -0.699807621, RECLINE)

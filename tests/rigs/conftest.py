@@ -21,8 +21,8 @@ from candump import candump_line
 from sessions import Session
 from wiretap import Wiretap
 
-from daemon.record import CycleRecord
-from drives.bus import Frame
+from daemon.ipc.record import CycleRecord
+from drives.canopen.bus import Frame
 
 SUPPORT = Path(__file__).parents[1] / "support"
 CACHE = Path.home() / ".cache" / "gaitd" / "numba-generic"

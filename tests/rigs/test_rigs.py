@@ -15,7 +15,7 @@ def test_a_frame_crosses_a_real_socketcan_interface(vcan_world):
 @pytest.mark.timeout(300)
 def test_systemd_is_the_first_process_and_runs_our_python(systemd_rig, tmp_path):
     finished = systemd_rig.run(
-        f"cat /proc/1/comm; systemctl --version; {sys.executable} -c 'import daemon.record'",
+        f"cat /proc/1/comm; systemctl --version; {sys.executable} -c 'import daemon.ipc.record'",
         tmp_path,
     )
 

@@ -10,8 +10,8 @@ from statistics import median
 import pytest
 from wire import QUICK_STOP_WORD, cycles, rpdo1
 
-from daemon.record import Cause, Mode
-from drives.bus_state import BusCondition
+from daemon.ipc.record import Cause, Mode
+from drives.canopen.bus_state import BusCondition
 
 pytestmark = [pytest.mark.rig_vcan, pytest.mark.timeout(3000)]
 

@@ -7,8 +7,8 @@ test_usb_adapters.py, and what each single error frame does in test_service_on_v
 
 import pytest
 
-from daemon.record import Cause, Mode
-from drives.bus_state import BusCondition
+from daemon.ipc.record import Cause, Mode
+from drives.canopen.bus_state import BusCondition
 
 pytestmark = [pytest.mark.rig_vcan, pytest.mark.timeout(3000)]
 

@@ -9,7 +9,7 @@ import pytest
 from processes import CONFIGS
 
 from daemon.config.trainer import load_trainer
-from daemon.kept_ring import FOLDER
+from daemon.ipc.ring_clip import FOLDER
 
 SYSTEMD = Path(__file__).parents[2] / "systemd"
 TRAINER = CONFIGS / "trainer.toml"

@@ -30,8 +30,8 @@ from usb_adapters import (
     wired,
 )
 
-from daemon.record import Cause, Mode
-from drives.bus_state import BusCondition
+from daemon.ipc.record import Cause, Mode
+from drives.canopen.bus_state import BusCondition
 
 OURS = {0x000, 0x080, 0x701, *(base + node for base in (0x200, 0x300, 0x600) for node in (5, 6))}
 on_the_rig = [pytest.mark.rig_vcan, pytest.mark.timeout(3000)]

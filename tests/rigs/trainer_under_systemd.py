@@ -20,8 +20,8 @@ from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import TypeVar
 
-from daemon.record import CycleRecord, Mode
-from daemon.seam import RING_NAME, RingError, RingReader
+from daemon.ipc.record import CycleRecord, Mode
+from daemon.ipc.transport import RING_NAME, RingError, RingReader
 from gaitd import remote
 from gaitd.remote import Target
 

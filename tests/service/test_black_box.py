@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from processes import Service
 
-from daemon.kept_ring import FOLDER, kept_files
-from daemon.record import Cause, Mode
-from daemon.seam import ASIDE_NAME, RING_NAME
+from daemon.ipc.record import Cause, Mode
+from daemon.ipc.ring_clip import FOLDER, kept_files
+from daemon.ipc.transport import ASIDE_NAME, RING_NAME
 
 
 @pytest.fixture

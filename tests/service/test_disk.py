@@ -16,8 +16,8 @@ from long_service import PATIENCE_S, LongService
 from processes import GAITD, Service
 from witnesses import Watch
 
-from daemon.record import Cause, Mode
-from gaitd.children import memory_folder
+from daemon.ipc.record import Cause, Mode
+from gaitd_lab.processes import memory_folder
 
 CONFIGURATION_ERROR = 2
 FULL = Path("/dev/full")

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import pytest
 from long_service import LongService
 
-from daemon.record import Cause, Mode
-from daemon.refusals import SetpointRefusal
+from daemon.ipc.record import Cause, Mode
+from daemon.wire.refusals import SetpointRefusal
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "control_by_others.md"
 

@@ -11,7 +11,7 @@ import pytest
 from long_service import ALTERED_CORE, PATIENCE_S
 from witnesses import CONTROLWORDS, Watch
 
-from daemon.record import Cause, Mode, Verdict
+from daemon.ipc.record import Cause, Mode, Verdict
 from drives.signals import PowerState
 
 STEPS_S = (3600, -7200, 3600)
@@ -85,7 +85,7 @@ def test_utc_that_steps_an_hour_forth_and_back_is_recorded_and_changes_nothing_e
     assert {record.mode for record in records} == {Mode.GAIT}
     for before, after in pairs:
         assert after.dt_s == pytest.approx((after.sync_mono_ns - before.sync_mono_ns) * 1e-9)
-    assert max(record.level_age_cycles for record in records) < 30
+    assert max(record.gateway_age_cycles for record in records) < 30
     fault_table.add(
         "UTC of the core steps by an hour, forth and back",
         "walking",

@@ -13,9 +13,9 @@ import pytest
 from babbler import KINDS, controller_error, is_command
 from processes import Service
 
-from daemon.record import Mode
-from drives.bus import Frame
-from gaitd.children import memory_folder
+from daemon.ipc.record import Mode
+from drives.canopen.bus import Frame
+from gaitd_lab.processes import memory_folder
 
 PERIOD_S = 0.01
 BURST_MAX = 9

@@ -8,9 +8,9 @@ import pytest
 from processes import Service
 from sessions import changed_configs
 
-from daemon.notes_file import NAME
-from daemon.record import Mode
-from gaitd.children import memory_folder
+from daemon.ipc.record import Mode
+from daemon.ipc.state_file import NAME
+from gaitd_lab.processes import memory_folder
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 from long_service import PATIENCE_S
 from witnesses import Watch
 
-from daemon.record import Cause, Mode
+from daemon.ipc.record import Cause, Mode
 from drives.signals import PowerState
 
 SILENT_CYCLES = 3

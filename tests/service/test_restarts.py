@@ -11,8 +11,8 @@ from long_service import PATIENCE_S, WAITING_GATEWAY
 from processes import Service
 from witnesses import Watch
 
-from daemon.record import Cause, Mode
-from daemon.seam import RING_NAME, RingReader
+from daemon.ipc.record import Cause, Mode
+from daemon.ipc.transport import RING_NAME, RingReader
 
 CONFIGURATION_ERROR = 2
 SILENCE_CYCLES = 30
@@ -69,7 +69,7 @@ def test_a_gateway_that_is_back_within_300_ms_is_not_noticed_and_its_commands_co
     replace_gateway(walking, tmp_path)
     cycles_later(walking)
     records = seen.records_since()
-    silence_cycles = max(record.level_age_cycles for record in records)
+    silence_cycles = max(record.gateway_age_cycles for record in records)
     stop_count = records[-1].stop_count
 
     assert AWAY_CYCLES <= silence_cycles <= SILENCE_CYCLES
@@ -107,7 +107,7 @@ def test_a_second_process_beside_the_first_is_refused_by_name_and_disturbs_nobod
     assert f"{part}.lock" in said
     assert "Traceback" not in said
     assert {record.verdict.cause for record in records} == {Cause.NONE}
-    assert max(record.level_age_cycles for record in records) <= SILENCE_CYCLES
+    assert max(record.gateway_age_cycles for record in records) <= SILENCE_CYCLES
     assert records[-1].bus.foreign_master_count == refusals
     assert not seen.since(NMT, *SDO_REQUESTS)
     assert walking.request("status")["safety"]["valid"]
@@ -230,7 +230,7 @@ def test_a_runtime_directory_that_disappears_stops_the_machine_and_kills_nobody(
         "runtime directory taken away",
         "walking",
         "core: age of the gateway's word; gateway: no records",
-        f"{stopped.level_age_cycles} cycles: S2",
+        f"{stopped.gateway_age_cycles} cycles: S2",
         seen.moved(),
         stopped.verdict.cause.name,
         "fault, held",

@@ -13,7 +13,7 @@ from fault_table import FaultTable
 from long_service import PATIENCE_S
 from witnesses import MASTER_HEARTBEAT, SYNC, Watch
 
-from daemon.record import Cause, Mode, StopCategory, Verdict
+from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
 from drives.signals import PowerState
 
 NODES = (5, 6)
@@ -194,7 +194,7 @@ def test_a_gateway_that_hangs_or_ends_makes_the_core_hold_and_its_return_enables
     else:
         assert gateway.wait(10) == (0 if number == signal.SIGTERM else -number)
         service.start("gateway")
-    service.wait(lambda: service.newest().level_age_cycles < GATEWAY_SILENCE_CYCLES, PATIENCE_S)
+    service.wait(lambda: service.newest().gateway_age_cycles < GATEWAY_SILENCE_CYCLES, PATIENCE_S)
     cycles_later(service)
     seen.read_bus()
 
@@ -202,8 +202,8 @@ def test_a_gateway_that_hangs_or_ends_makes_the_core_hold_and_its_return_enables
     index = records.index(stopped)
     assert stopped.verdict.cause == Cause.GATEWAY_SILENT
     assert stopped.verdict.category == StopCategory.S2
-    assert stopped.level_age_cycles > GATEWAY_SILENCE_CYCLES
-    assert all(r.level_age_cycles <= GATEWAY_SILENCE_CYCLES for r in records[:index])
+    assert stopped.gateway_age_cycles > GATEWAY_SILENCE_CYCLES
+    assert all(r.gateway_age_cycles <= GATEWAY_SILENCE_CYCLES for r in records[:index])
     newest = service.newest()
     assert newest.mode == Mode.FAULT
     assert {drive.power_state for drive in newest.drives} == {PowerState.OPERATION_ENABLED}
@@ -214,7 +214,7 @@ def test_a_gateway_that_hangs_or_ends_makes_the_core_hold_and_its_return_enables
         f"gateway {number.name}",
         WHILE[mode],
         "core: age of the gateway's word",
-        f"{stopped.level_age_cycles} cycles ({ms_since(seen, stopped.sync_mono_ns)}): S2",
+        f"{stopped.gateway_age_cycles} cycles ({ms_since(seen, stopped.sync_mono_ns)}): S2",
         seen.moved(),
         stopped.verdict.cause.name,
         f"{newest.mode.name.lower()}, held",

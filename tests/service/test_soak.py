@@ -24,6 +24,7 @@ def soak(page, *words):
     return json.loads(ran.stdout), ran.returncode, page.read_text()
 
 
+@pytest.mark.thorough
 @pytest.mark.timeout(320)
 def test_a_soak_walks_goes_wrong_and_walks_again_and_every_stop_is_explained(tmp_path):
     page = tmp_path / "page.md"

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 from long_service import PATIENCE_S, LongService
 
-from daemon.core.loop import NOTHING_RELOADED
-from daemon.record import Cause, Mode
+from daemon.core.runtime.loop import NOTHING_RELOADED
+from daemon.ipc.record import Cause, Mode
 from drives.signals import PowerState
-from gaitd.children import memory_folder
+from gaitd_lab.processes import memory_folder
 
 pytestmark = pytest.mark.realtime
 

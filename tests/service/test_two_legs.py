@@ -3,7 +3,7 @@
 import pytest
 from long_service import PATIENCE_S, long_lived
 
-from daemon.record import Mode
+from daemon.ipc.record import Mode
 
 pytestmark = pytest.mark.thorough
 

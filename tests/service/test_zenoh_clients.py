@@ -20,7 +20,7 @@ from long_service import PATIENCE_S
 from processes import Service
 from witnesses import Watch
 
-from daemon.record import Cause, Mode
+from daemon.ipc.record import Cause, Mode
 from gaitd.remote import client_settings
 
 CONFIGURATION_ERROR = 2
@@ -132,7 +132,7 @@ def undisturbed(service, disturb):
 
 
 def told(fault_table, fault, records, what, noticed="nobody"):
-    oldest = max(record.level_age_cycles for record in records)
+    oldest = max(record.gateway_age_cycles for record in records)
     reaction = f"{what}; the gateway's word is {oldest} cycles old at most"
     fault_table.add(fault, "walking", noticed, reaction, None, "none", "gait")
 

@@ -7,8 +7,8 @@ import pytest
 from drive_bench import Bench
 from trainers import QUIET, trainer
 
-from sim_drives.fault_rules import RULES
-from sim_drives.faults import FaultCommandError, help_text, parse_command
+from sim_drives.faults.rules import RULES
+from sim_drives.faults.script import FaultCommandError, help_text, parse_command
 from sim_drives.settings import FaultKind, FaultSettings
 
 

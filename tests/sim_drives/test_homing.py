@@ -6,7 +6,7 @@ import pytest
 from drive_bench import Bench
 from trainers import QUIET, trainer
 
-from sim_drives.actuation import AxisFlag
+from sim_drives.plant.actuation import AxisFlag
 
 COUNTS_PER_RAD = 1024 * 100 / (2 * math.pi)
 NOT_STARTED, SEARCHING, ATTAINED, DONE = 0x0400, 0x0000, 0x1000, 0x1400

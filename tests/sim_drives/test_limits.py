@@ -7,8 +7,8 @@ import pytest
 from drive_bench import Bench
 from trainers import QUIET, order, torque, trainer
 
-from sim_drives.actuation import Actuation, AxisFlag
-from sim_drives.plant import HIP, SLIDE
+from sim_drives.plant.actuation import Actuation, AxisFlag
+from sim_drives.plant.plant import HIP, SLIDE
 
 COUNTS_PER_RAD = 1024 * 100 / (2 * math.pi)
 MS = 1_000_000

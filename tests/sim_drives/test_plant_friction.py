@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from trainers import FRICTIONS, LEG, MS, run, torque, trainer
 
-from observer.friction import static_friction_of
-from observer.mechanism import gravity, mass_matrix
-from sim_drives.plant import HIP, SLIDE
-from sim_drives.plant_settings import FrictionLaw
-from sim_drives.stick_slip import (
+from observer.mechanism.friction import static_friction_of
+from observer.mechanism.mechanism import gravity, mass_matrix
+from sim_drives.plant.plant import HIP, SLIDE
+from sim_drives.plant.settings import FrictionLaw
+from sim_drives.plant.stick_slip import (
     JOINT,
     LAW_CODES,
     Bristles,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from trainers import EFFORT_PER_A, LEG, MS, QUIET, SECOND, order, run, torque, trainer
 
-from observer.mechanism import gravity, singularity_ratio
-from sim_drives.actuation import Actuation, AxisFlag
-from sim_drives.plant import COASTING, HIP, SLIDE, PlantError
+from observer.mechanism.mechanism import gravity, singularity_ratio
+from sim_drives.plant.actuation import Actuation, AxisFlag
+from sim_drives.plant.plant import COASTING, HIP, SLIDE, PlantError
 
 AXES = (HIP, SLIDE)
 

@@ -19,10 +19,10 @@ from trainers import (
     trainer,
 )
 
-from observer.friction import FrictionParameters
-from observer.mechanism import gravity, kinetic_energy, potential_energy
-from sim_drives.actuation import Actuation, AxisFlag
-from sim_drives.plant import COASTING, HIP, SLIDE
+from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.mechanism import gravity, kinetic_energy, potential_energy
+from sim_drives.plant.actuation import Actuation, AxisFlag
+from sim_drives.plant.plant import COASTING, HIP, SLIDE
 
 NEARLY_NO_FRICTION = tuple(
     FrictionParameters(*f)._replace(stribeck=1e-6, coulomb=1e-7, viscous=0.0) for f in FRICTIONS

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from trainers import LEG, MS, order, programme, run, torque, trainer
 
-from observer.mechanism import gravity
-from sim_drives.actuation import Actuation
-from sim_drives.patient import envelope, follow_stride, resting_stride, swing_weight
-from sim_drives.plant import HIP, SLIDE, UnknownProgrammeError
+from observer.mechanism.mechanism import gravity
+from sim_drives.plant.actuation import Actuation
+from sim_drives.plant.patient import envelope, follow_stride, resting_stride, swing_weight
+from sim_drives.plant.plant import HIP, SLIDE, UnknownProgrammeError
 
 STEP_S = 0.00025
 

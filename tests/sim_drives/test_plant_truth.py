@@ -5,7 +5,7 @@ import csv
 import pytest
 from trainers import MS, programme, run, torque, trainer
 
-from sim_drives.truth import TruthLog, TruthRow
+from sim_drives.plant.truth import TruthLog, TruthRow
 
 RECORDING = ("time_s", "hip_angle_rad", "slide_position_m", "hip_torque_nm", "slide_force_n")
 

@@ -5,8 +5,8 @@ from drive_bench import Bench
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim_drives.actuation import Actuation, AxisFlag
-from sim_drives.power_state import TRANSITIONS, Command, PowerState, command_of
+from sim_drives.cia402.power_state import TRANSITIONS, Command, PowerState, command_of
+from sim_drives.plant.actuation import Actuation, AxisFlag
 
 SOD, RTSO, SO, OE, QSA, FRA, FAULT, NRTSO = 0x40, 0x21, 0x23, 0x27, 0x07, 0x0F, 0x08, 0x00
 DISABLE, QUICK, SHUTDOWN, SWITCH_ON, ENABLE = range(5)

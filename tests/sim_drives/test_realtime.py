@@ -12,10 +12,10 @@ import can
 import pytest
 from drive_bench import Bench
 
-from sim_drives.bus_server import bus_server
 from sim_drives.control import control_socket
 from sim_drives.frame import Frame, TimedFrame
-from sim_drives.realtime import STEADY_NS, Arrivals, RealTime, ServedBus, now_ns, open_bus
+from sim_drives.time.bus_server import bus_server
+from sim_drives.time.wall_clock import STEADY_NS, Arrivals, RealTime, ServedBus, now_ns, open_bus
 from simtime.page import PageWriter, page_path
 
 PATIENCE_S = 30.0

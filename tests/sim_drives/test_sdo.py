@@ -4,7 +4,7 @@ import struct
 
 import pytest
 
-from sim_drives.aborts import AbortCode
+from sim_drives.canopen.aborts import AbortCode
 
 
 def segments(bench, index, sub):

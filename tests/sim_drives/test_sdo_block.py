@@ -8,7 +8,7 @@ from drive_bench import Bench
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim_drives.sdo_block import crc
+from sim_drives.canopen.sdo_block import crc
 
 MEMORY = 0x2010
 TEN_KB = random.Random(1).randbytes(10_000)

@@ -9,9 +9,9 @@ import struct
 import pytest
 from drive_bench import CONFIGS, HIP, SLIDE, Bench, settings
 
-from sim_drives.dictionary import ObjectDictionary, read_eds
-from sim_drives.personality import commissioned
-from sim_drives.scaling import Scaling, effort_per_a
+from sim_drives.canopen.dictionary import ObjectDictionary, read_eds
+from sim_drives.cia402.personality import commissioned
+from sim_drives.cia402.scaling import Scaling, effort_per_a
 
 GENERIC = {"personality": "generic", "eds": "drives/generic402.eds"}
 HIP_KT, SLIDE_KT = 0.055736, 0.107746

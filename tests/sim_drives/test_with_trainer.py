@@ -7,7 +7,7 @@ import pytest
 from drive_bench import CONFIGS, Bench
 
 from daemon.config.trainer import load_trainer
-from gaitd.virtual_machine import virtual_machine
+from gaitd_lab.virtual_machine import virtual_machine
 
 HIP_SI_PER_COUNT = 2 * math.pi / 102_400
 SLIDE_SI_PER_COUNT = 0.025 / 512

@@ -5,10 +5,10 @@ import struct
 import pytest
 from drive_bench import CONFIGS, HIP, MS, SLIDE, Bench, FakePlant, settings
 
-from sim_drives.dictionary import read_eds
+from sim_drives.canopen.dictionary import read_eds
+from sim_drives.canopen.timers import NEVER, Timers
 from sim_drives.frame import Frame
 from sim_drives.one_leg import Leg
-from sim_drives.timers import NEVER, Timers
 from sim_drives.world import World
 
 

@@ -5,9 +5,9 @@ import os
 import pytest
 from records import record
 
-from daemon import in_step
-from daemon.in_step import InStepSeam
-from daemon.record import Level
+from daemon.core.runtime import in_step
+from daemon.core.runtime.in_step import InStepSeam
+from daemon.ipc.record import GatewayState
 from simtime.processes import IN_A_DEBUGGER, STOPPED
 
 BREAKPOINT_LOOKS = 40
@@ -37,7 +37,7 @@ class Seam:
 
 
 def level(cycle):
-    return Level("boot", 1, cycle, 0)
+    return GatewayState("boot", 1, cycle, 0)
 
 
 @pytest.mark.parametrize(

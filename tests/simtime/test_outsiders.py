@@ -13,9 +13,9 @@ from drive_files import FOLDER
 from processes import Service
 
 from daemon.config.trainer import load_trainer
-from gaitd.virtual_machine import virtual_machine
-from sim_drives.faults import FaultCommandError
-from sim_drives.truth import TruthLog
+from gaitd_lab.virtual_machine import virtual_machine
+from sim_drives.faults.script import FaultCommandError
+from sim_drives.plant.truth import TruthLog
 
 NODE = 6
 VENDOR, PRODUCT, REVISION, SERIAL = 0xFB, 0x61500000, 0x01700000, 4711

@@ -14,8 +14,8 @@ import pytest
 from command_line import gaitd
 from processes import Service
 
-from daemon.clock import PageClock
-from daemon.record import Mode
+from daemon.ipc.record import Mode
+from daemon.system.clock import PageClock
 from simtime.processes import IN_A_DEBUGGER, process_state
 
 PATIENCE_S = 60

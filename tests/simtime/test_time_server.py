@@ -13,12 +13,12 @@ from pathlib import Path
 import can
 import pytest
 
-from sim_drives import time_server
-from sim_drives.bus_server import bus_server
-from sim_drives.conductor import COST_MAX_NS, COST_MIN_NS
-from sim_drives.faults import FaultCommandError
+from sim_drives.faults.script import FaultCommandError
 from sim_drives.frame import TimedFrame
-from sim_drives.time_server import AHEAD_MAX_NS, PACE_MAX, TimeServer
+from sim_drives.time import server as time_server
+from sim_drives.time.bus_server import bus_server
+from sim_drives.time.conductor import COST_MAX_NS, COST_MIN_NS
+from sim_drives.time.server import AHEAD_MAX_NS, PACE_MAX, TimeServer
 from simtime import wire
 from simtime.frame import Frame
 from simtime.link import LinkLostError, SocketLink

@@ -10,12 +10,12 @@ simulated bus and the making of the record are replaced; everything else is the 
 import sys
 import threading
 
-from daemon.core import recording
+from daemon.core import cycle_record
 from gaitd.__main__ import main
 from simtime.link import SocketLink
 
 step_ns = 0
-record = recording.record
+record = cycle_record.record
 utc_ns, take = SocketLink.utc_ns, SocketLink.take
 
 
@@ -30,7 +30,7 @@ def obey() -> None:
         if word == "utc":
             step_ns += int(float(seconds) * 1e9)
         elif word == "memory":
-            recording.record = no_memory
+            cycle_record.record = no_memory
 
 
 SocketLink.utc_ns = lambda self: utc_ns(self) + step_ns

@@ -10,8 +10,8 @@ import random
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
-from drives.bus import Frame
-from gaitd.lockstep import WorldBus
+from drives.canopen.bus import Frame
+from gaitd_lab.lockstep import WorldBus
 from sim_drives.frame import Frame as WorldFrame
 from sim_drives.frame import TimedFrame
 from sim_drives.world import World

@@ -8,7 +8,7 @@ import can
 from drive_bench import Bench
 from sessions import changed_configs
 
-from sim_drives.realtime import RealTime, now_ns
+from sim_drives.time.wall_clock import RealTime, now_ns
 
 HALF_A_SECOND_NS = 500_000_000
 """Past boot-up and self-test."""

@@ -7,10 +7,10 @@ import pytest
 from drive_files import CYCLE, HIP_LIMITS, SLIDE_LIMITS, drive
 from memory_bus import ManualClock, MemoryBus, scripted
 
-from drives.bringup import DriveReport, Progress, bring_up
-from drives.configurator import Configurator
+from drives.bringup.bringup import DriveReport, Progress, bring_up
+from drives.bringup.configurator import Configurator
+from drives.bringup.plan import plan
 from drives.errors import BringUpRefused, DriveSilent
-from drives.plan import plan
 
 START = b"\x01"
 RESET_COMMUNICATION = b"\x82"

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from drives.bus import Frame
+from drives.canopen.bus import Frame
 
 LINE = re.compile(r"\((\d+\.\d{6})\) \w+ ([0-9A-F]{3})#((?:[0-9A-F]{2})*) ([TR])")
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from daemon.record import CycleRecord, Mode, Setpoint
-from gaitd.lockstep_gateway import Gateway
+from daemon.ipc.record import CycleRecord, Mode, Setpoint
+from gaitd_lab.lockstep_gateway import Gateway
 
 NEUTRAL = (0.0, 0.0, 1.0)
 Law = Callable[[CycleRecord], tuple[float, float, float]]

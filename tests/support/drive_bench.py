@@ -9,10 +9,10 @@ from typing import Any
 
 import msgspec
 
-from sim_drives.actuation import Actuation, AxisActuation, AxisFlag, AxisSample
-from sim_drives.dictionary import Entry, read_eds
+from sim_drives.canopen.dictionary import Entry, read_eds
 from sim_drives.frame import Frame, TimedFrame
 from sim_drives.one_leg import Leg
+from sim_drives.plant.actuation import Actuation, AxisActuation, AxisFlag, AxisSample
 from sim_drives.settings import DriveSettings, FaultSettings
 from sim_drives.world import World
 

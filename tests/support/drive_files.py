@@ -7,10 +7,10 @@ from typing import Any
 
 import msgspec
 
-from drives.axis_file import AxisFile
-from drives.plan import CycleSettings
-from drives.profile import DriveDescription, DriveProfile, describe
-from drives.units import DriveLimits
+from drives.bringup.plan import CycleSettings
+from drives.cia402.axis_file import AxisFile
+from drives.cia402.profile import DriveDescription, DriveProfile, describe
+from drives.cia402.units import DriveLimits
 
 FOLDER = Path(__file__).resolve().parents[2] / "configs" / "drives"
 TRACES = Path(__file__).resolve().parents[1] / "traces"

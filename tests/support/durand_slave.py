@@ -18,7 +18,7 @@ from durand.scheduler import VirtualScheduler
 from memory_bus import scripted
 from third_model import Model, statusword
 
-from drives.profile import DriveDescription
+from drives.cia402.profile import DriveDescription
 from sim_drives.frame import Frame, TimedFrame
 
 NEVER_NS = 1 << 62
@@ -118,7 +118,7 @@ class DurandDrive:
 
 
 class DurandWorld:
-    """What `gaitd.lockstep.WorldBus` needs of a world, with durand's nodes in it."""
+    """What `gaitd_lab.lockstep.WorldBus` needs of a world, with durand's nodes in it."""
 
     def __init__(self, descriptions: list[DriveDescription]) -> None:
         self.now_ns = 0

@@ -10,10 +10,10 @@ from analysis.replay import Source
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
 from daemon.config.strict import load_toml
-from observer.friction import FrictionParameters, friction_after
 from observer.jit import kernel
-from observer.linkage import bounded_acceleration
-from observer.mechanism import gravity
+from observer.mechanism.friction import FrictionParameters, friction_after
+from observer.mechanism.linkage import bounded_acceleration
+from observer.mechanism.mechanism import gravity
 
 ROBOT_FILE = Path(__file__).parents[2] / "configs" / "robot_empty.toml"
 MIDDLE = np.array([0.2440, 0.5905])

@@ -28,7 +28,7 @@ from typing import Any
 import msgspec
 from processes import Service
 
-from daemon.config.load import load
+from daemon.preflight.load import load
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PATIENCE_S = 600
@@ -159,14 +159,14 @@ class Report:
 
 def warm() -> None:
     """Import and compile what the parts of the service use."""
-    from daemon.core.axis_notes import Notes
-    from daemon.core.build import build
-    from daemon.core.warm import warm_up
+    from daemon.core.modes.persistent_state import PersistentState
+    from daemon.core.runtime.build import build
+    from daemon.core.runtime.warm_up import warm_up
     from daemon.preflight.judgement import accepted
-    from gaitd.virtual_machine import virtual_machine
+    from gaitd_lab.virtual_machine import virtual_machine
 
     settings = accepted(CONFIGS / TEMPLATE)
-    warm_up(build(settings, "warm", Notes()))
+    warm_up(build(settings, "warm", PersistentState()))
     virtual_machine(settings.file).world.advance_to(20_000_000)
 
 
@@ -175,9 +175,13 @@ def _import_all() -> None:
 
     for name in ("sim", "core", "gateway", "status", "remote"):
         importlib.import_module(f"gaitd.{name}")
-    for name in ("can.interfaces.socketcan", "daemon.gateway.process", "daemon.core.process"):
+    for name in (
+        "can.interfaces.socketcan",
+        "daemon.gateway.process",
+        "daemon.core.runtime.process",
+    ):
         importlib.import_module(name)
-    importlib.import_module("sim_drives.realtime")
+    importlib.import_module("sim_drives.time.wall_clock")
 
 
 def main() -> None:

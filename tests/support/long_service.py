@@ -11,9 +11,9 @@ from typing import Self
 
 from processes import CONFIGS, Service, its_bus
 
-from daemon.record import CycleRecord, Mode
-from gaitd.children import memory_folder
+from daemon.ipc.record import CycleRecord, Mode
 from gaitd.testing.trainer import PATIENCE_S, VirtualTrainer, speeds_by_leg
+from gaitd_lab.processes import memory_folder
 
 __all__ = ["ALTERED_CORE", "PATIENCE_S", "WAITING_GATEWAY", "LongService", "long_lived"]
 

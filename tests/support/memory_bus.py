@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 
-from drives.bus import Clock, Frame
+from drives.canopen.bus import Clock, Frame
 
 MS = 1_000_000
 WIDTHS = {1: 8, 2: 8, 5: 8, 3: 16, 6: 16, 4: 32, 7: 32, 9: 0}

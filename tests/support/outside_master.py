@@ -12,7 +12,7 @@ import canopen
 from canopen.profiles.p402 import BaseNode402
 from drive_bench import CONFIGS, Bench
 
-from sim_drives.realtime import RealTime
+from sim_drives.time.wall_clock import RealTime
 
 PATIENCE_S = 30.0
 """How long an outside master waits for an answer: a busy machine is no fault of the drives."""
@@ -42,7 +42,7 @@ class Station:
         self._thread.start()
 
     def command(self, line: str) -> None:
-        """A fault as in `sim_drives.faults`, obeyed by the world's own thread before we go on."""
+        """A fault as in `sim_drives.faults.script`, done when this returns."""
         self._commands.put(line)
         self._commands.join()
 

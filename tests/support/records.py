@@ -4,10 +4,10 @@ from collections.abc import Iterable
 
 import msgspec
 
-from daemon.cycle_timing import CycleTiming
-from daemon.kept_ring import Cutting
-from daemon.record import CycleRecord, DriveRecord, LegRecord, Mode, RequestResult, Verdict
-from daemon.seam import SLOT_COUNT, SLOT_SIZE, RingHeader
+from daemon.ipc.cycle_timing import CycleTiming
+from daemon.ipc.record import CycleRecord, DriveRecord, LegRecord, Mode, RequestResult, Verdict
+from daemon.ipc.ring_clip import ClipWriter
+from daemon.ipc.transport import SLOT_COUNT, SLOT_SIZE, RingHeader
 
 HEADER = RingHeader(
     core_boot_id="boot",
@@ -82,7 +82,7 @@ def record(seq: int) -> CycleRecord:
         events=(),
         request=RequestResult(),
         progress="",
-        level_age_cycles=1,
+        gateway_age_cycles=1,
         stop_count=0,
         gait_phase=0.5,
         drives=(drive("right/hip"), drive("right/slide")),
@@ -93,9 +93,9 @@ def record(seq: int) -> CycleRecord:
     )
 
 
-def cut_out(records: Iterable[CycleRecord]) -> Cutting:
+def cut_out(records: Iterable[CycleRecord]) -> ClipWriter:
     """Records as the black box takes them out of a ring."""
-    cutting = Cutting(SLOT_COUNT * SLOT_SIZE)
+    cutting = ClipWriter(SLOT_COUNT * SLOT_SIZE)
     for one in records:
         cutting.add(one.seq, msgspec.msgpack.encode(one))
     return cutting

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from sessions import Session
 
 from sim_drives.frame import Frame, TimedFrame
-from sim_drives.truth import Truth
+from sim_drives.plant.truth import Truth
 
 MS = 1_000_000
 CYCLE_MS = 10

@@ -17,8 +17,8 @@ from typing import Any
 from inside import Inside, Report
 from usb_adapters import Wire
 
-from daemon.record import CycleRecord, Mode
-from drives.bus_state import BusCondition
+from daemon.ipc.record import CycleRecord, Mode
+from drives.canopen.bus_state import BusCondition
 
 MEMORY = Path("/run/gaitd-tests")
 GAIT = {"mode": "gait", "cadence_hz": 0.5, "amplitude_ratio": 1.0, "duration_s": 600.0}

@@ -10,13 +10,21 @@ from typing import Any
 import numpy as np
 
 from analysis.accuracy import Score, score
-from daemon.config.load import load
-from daemon.core.axis_notes import Notes
-from daemon.record import CycleRecord, Mode, ModeRequest, Outcome, RequestKind, RequestResult
-from gaitd.lockstep import Lockstep
-from gaitd.virtual_machine import virtual_machine
+from daemon.core.modes.persistent_state import PersistentState
+from daemon.ipc.record import (
+    CycleRecord,
+    Mode,
+    ModeRequest,
+    Outcome,
+    RequestKind,
+    RequestResult,
+    Stage,
+)
+from daemon.preflight.load import load
+from gaitd_lab.lockstep import Lockstep
+from gaitd_lab.virtual_machine import virtual_machine
 from sim_drives.build import Machine
-from sim_drives.truth import TruthLog
+from sim_drives.plant.truth import TruthLog
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 AXES = ("hip", "slide")
@@ -25,7 +33,7 @@ AXES = ("hip", "slide")
 class Session:
     """One machine and one service, from power-on."""
 
-    def __init__(self, configs: Path = CONFIGS, notes: Notes | None = None) -> None:
+    def __init__(self, configs: Path = CONFIGS, notes: PersistentState | None = None) -> None:
         self.settings = load(configs / "demo.toml")
         self.truth = TruthLog(None)
         self.machine: Machine = virtual_machine(self.settings.file, truth={"right": self.truth})
@@ -75,7 +83,7 @@ class Session:
         wanted = ModeRequest(Mode.EXCITE, duration_s=duration_s, scenario=scenario)
         answer = self.lockstep.request(RequestKind.MODE, wanted)
         assert answer.outcome == Outcome.DONE, answer.reason
-        self.lockstep.run_until(lambda record: "playing" in record.progress, within_s=30)
+        self.lockstep.run_until(lambda record: record.stage is Stage.PLAYING, within_s=30)
         return self
 
     def scores(self, duration_s: float) -> dict[str, Score]:

@@ -2,12 +2,12 @@
 
 import math
 
-from daemon.causes import CHOSEN_CATEGORY
-from daemon.core.effort_watch import EffortWatch
-from daemon.core.joints import Joint
-from daemon.core.limits import AxisLimits, Categories, Thresholds
-from daemon.core.safety import NO_VERDICT, judge
-from daemon.core.situation import AxisSituation, LegSituation, ServiceSituation
+from daemon.core.safety.checks import NO_VERDICT, judge
+from daemon.core.safety.effort_monitor import EffortWatch
+from daemon.core.safety.inputs import AxisInputs, LegInputs, ServiceInputs
+from daemon.core.safety.limits import AxisLimits, Categories, Thresholds
+from daemon.core.steps.joints import Joint
+from daemon.wire.causes import CHOSEN_CATEGORY
 from drives.signals import (
     DriveFeedback,
     Input,
@@ -21,14 +21,14 @@ LIMITS = AxisLimits(
     position_max_si=0.7,
     soft_margin_si=0.05,
     velocity_max_si=3.0,
-    release_speed_max_si=1.0,
+    hand_guiding_speed_max_si=1.0,
     effort_max_si=60.0,
     effort_rate_max_si_per_s=600.0,
     power_max_w=80.0,
     stride_energy_max_j=60.0,
     effort_deviation_max_si=5.0,
     load_deviation_max_si=8.0,
-    opposed_effort_min_si=20.0,
+    sign_mismatch_effort_min_si=20.0,
     soft_damping_si=40.0,
     spasm_rise_si=10.0,
     tracking_max_si=0.2,
@@ -52,22 +52,22 @@ THRESHOLDS = Thresholds(
     singularity_stop_ratio=0.15,
     singularity_soft_ratio=0.3,
     deviation_cycles=3,
-    opposed_cycles=3,
+    sign_mismatch_cycles=3,
     energy_window_cycles=400,
     spasm_patience_cycles=30,
     mode_switch_cycles=5,
 )
 CATEGORIES = Categories({cause.name.lower(): "S1" for cause in CHOSEN_CATEGORY})
-WELL = ServiceSituation(
+WELL = ServiceInputs(
     stop_requested=False,
     shutdown_requested=False,
-    level_age_cycles=1,
+    gateway_age_cycles=1,
     overruns_in_a_row=0,
     bus_off=False,
     bus_error="",
     tx_dropped_in_a_row=0,
 )
-LEG = LegSituation("right", singularity_ratio=0.8, stopping_ratio=0.75, observer_bad_cycles=0)
+LEG = LegInputs("right", singularity_ratio=0.8, stopping_ratio=0.75, observer_bad_cycles=0)
 FEEDBACK = DriveFeedback(
     node_id=5,
     nmt_state=NmtState.OPERATIONAL,
@@ -100,7 +100,7 @@ JOINT = Joint(
     sample_ns=1_000_000_000,
     counts=100,
 )
-AXIS = AxisSituation(
+AXIS = AxisInputs(
     name="right/hip",
     feedback=FEEDBACK,
     joint=JOINT,

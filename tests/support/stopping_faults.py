@@ -1,6 +1,6 @@
 """What goes wrong with a virtual drive while it walks, and the causes that name it."""
 
-from daemon.record import Cause
+from daemon.ipc.record import Cause
 
 LOST = {Cause.DRIVE_SILENT, Cause.HEARTBEAT_LOST, Cause.DRIVE_REBOOTED}
 STUCK = {Cause.ENCODER_FROZEN, Cause.TRACKING_LIMIT, Cause.OBSERVER_INVALID}

@@ -10,11 +10,11 @@ import msgspec
 
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
-from observer.friction import FrictionParameters
-from observer.mechanism import LegParameters
-from sim_drives.actuation import Actuation, AxisActuation
-from sim_drives.plant import COASTING, HIP, SLIDE, Trainer
-from sim_drives.plant_settings import PlantTables
+from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.mechanism import LegParameters
+from sim_drives.plant.actuation import Actuation, AxisActuation
+from sim_drives.plant.plant import COASTING, HIP, SLIDE, Trainer
+from sim_drives.plant.settings import PlantTables
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 MS = 1_000_000

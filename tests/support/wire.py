@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from sessions import Session
 
-from drives.bus import Frame
+from drives.canopen.bus import Frame
 from sim_drives.frame import Frame as WorldFrame
 from sim_drives.frame import TimedFrame
 

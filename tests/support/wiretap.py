@@ -2,7 +2,7 @@
 
 from candump import TraceLine
 
-from drives.bus import Frame
+from drives.canopen.bus import Frame
 from sim_drives.frame import Frame as WorldFrame
 from sim_drives.frame import TimedFrame
 from sim_drives.world import World

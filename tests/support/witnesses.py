@@ -16,7 +16,7 @@ from typing import NamedTuple
 import can
 from processes import Service
 
-from daemon.record import CycleRecord
+from daemon.ipc.record import CycleRecord
 from drives.signals import PowerState
 
 SYNC, MASTER_HEARTBEAT = 0x080, 0x701

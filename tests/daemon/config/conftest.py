@@ -4,13 +4,13 @@ import pickle
 
 import pytest
 
-from daemon.config import check_runaway, workspace
+from daemon.preflight import runaway_report, workspace
 
 PURE = (
     (workspace, "sweep_ramps"),
     (workspace, "sweep_coasting"),
     (workspace, "drift"),
-    (check_runaway, "worst_runaways"),
+    (runaway_report, "worst_runaways"),
 )
 known = {}
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from config_files import CONFIGS, Change, changed, copied
 
-from daemon.config.check import examine, refuse
-from daemon.config.check_braking import braking_meanings, refuse_braking
-from daemon.config.cross_motion import decelerations
-from daemon.config.load import ConfigError, load
 from daemon.config.robot import leg_parameters
-from daemon.config.workspace import gait_motions
-from observer.mechanism import acceleration
+from daemon.preflight.braking import braking_meanings, refuse_braking
+from daemon.preflight.load import ConfigError, load
+from daemon.preflight.motion import decelerations
+from daemon.preflight.report import examine, refuse
+from daemon.preflight.workspace import gait_motions
+from observer.mechanism.mechanism import acceleration
 
 HIP = Change("limits.toml", "rad_per_s2 = 14.8", "rad_per_s2 = 200.0")
 SLIDE = Change("limits.toml", "m_per_s2 = 15.4", "m_per_s2 = 20.0")

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import pytest
 from config_files import CONFIGS, Change, changed, copied
 
-from daemon.config.load import ConfigError, load
+from daemon.preflight.load import ConfigError, load
 from gaitd.__main__ import main
 
 
@@ -62,6 +62,15 @@ ONE_FILE = [
         "hip.torque_max",
         "62.0",
         "unknown key. Did you mean `torque_max_nm`?",
+    ),
+    broken(
+        "a table by its older name",
+        "demo.toml",
+        "[hand_guiding]",
+        "[release]",
+        "release",
+        "{hip_damping_nm_s_per_rad, slide_damping_n_s_per_m, hip_slo…",
+        "unknown key. Did you mean `hand_guiding`?",
     ),
     broken(
         "a key too many",
@@ -872,7 +881,7 @@ def started(monkeypatch) -> list[object]:
 
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
     monkeypatch.setenv("JOURNAL_STREAM", "")
-    monkeypatch.setattr("daemon.core.process.run_core", run_core)
+    monkeypatch.setattr("daemon.core.runtime.process.run_core", run_core)
     return settings
 
 

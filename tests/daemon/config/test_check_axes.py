@@ -6,8 +6,8 @@ import pytest
 from command_line import gaitd
 from config_files import CONFIGS, Change, changed, copied
 
-from daemon.config.check import examine, refuse
-from daemon.config.load import ConfigError, load
+from daemon.preflight.load import ConfigError, load
+from daemon.preflight.report import examine, refuse
 from gaitd.check import sections
 
 GENERIC = (

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from config_files import CONFIGS, Change, changed, copied
 
-from daemon.causes import CHOSEN_CATEGORY
-from daemon.config.axes import cycle_settings, drive_limits, effort_per_motor_nm
-from daemon.config.cross_motion import mean_pose
+from daemon.config.drive_plan import cycle_settings, drive_limits, effort_per_motor_nm
 from daemon.config.limit_settings import Limits
-from daemon.config.load import ConfigError, load
 from daemon.config.robot import friction_parameters, leg_links, leg_parameters, observer_tuning
 from daemon.config.settings import Robot, Trainer
 from daemon.config.strict import load_toml
 from daemon.config.trainer import load_trainer
-from observer.leg_model import Integrator
-from observer.leg_observer import DEFAULT_TUNING, LegObserver
-from observer.mechanism import acceleration, gravity, mass_matrix
+from daemon.preflight.load import ConfigError, load
+from daemon.preflight.motion import mean_pose
+from daemon.wire.causes import CHOSEN_CATEGORY
+from observer.filter.leg_model import Integrator
+from observer.filter.leg_observer import DEFAULT_TUNING, LegObserver
+from observer.mechanism.mechanism import acceleration, gravity, mass_matrix
 
 SHIPPED = ("demo", "vcan", "trainer")
 GENERIC = (

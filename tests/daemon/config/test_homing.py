@@ -3,8 +3,8 @@
 import pytest
 from config_files import Change, changed, copied
 
-from daemon.config.cross_homing import refuse_homing
-from daemon.config.load import ConfigError, load
+from daemon.preflight.homing import refuse_homing
+from daemon.preflight.load import ConfigError, load
 
 EMPTY = Change("demo.toml", '"robot.toml"', '"robot_empty.toml"')
 HIP = "drives/hip_epos4.toml"

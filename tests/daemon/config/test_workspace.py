@@ -10,12 +10,12 @@ from config_files import CONFIGS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.config.cross_motion import decelerations, limit_box
-from daemon.config.load import load
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
 from daemon.config.strict import load_toml
-from daemon.config.workspace import (
+from daemon.preflight.load import load
+from daemon.preflight.motion import decelerations, limit_box
+from daemon.preflight.workspace import (
     COAST_STEP_S,
     REACTION_S,
     Box,
@@ -28,7 +28,7 @@ from daemon.config.workspace import (
     ramp_path,
     sweep_coasting,
 )
-from observer.mechanism import WorkspaceError, singularity_ratio
+from observer.mechanism.mechanism import WorkspaceError, singularity_ratio
 
 DEMO = load(CONFIGS / "demo.toml")
 LEG = leg_parameters(DEMO.robot)

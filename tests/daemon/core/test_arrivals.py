@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.core.arrivals import (
+from daemon.core.runtime.arrivals import (
     KNOWN_WITHIN_NS,
     ROUNDING_NS,
     ClockPair,
@@ -14,7 +14,7 @@ from daemon.core.arrivals import (
     read_clocks,
     sort_out,
 )
-from drives.bus import Frame
+from drives.canopen.bus import Frame
 
 MS, HOUR_NS = 1_000_000, 3_600_000_000_000
 AHEAD_NS = 1_767_225_600 * 1_000_000_000

@@ -8,23 +8,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from situations import LIMITS
 
-from daemon.core.assist import (
+from daemon.core.modes.table import TRANSITIONS, Event, GuardInputs, refusal
+from daemon.core.motion.assist import (
     ASSISTED,
     AssistRules,
-    Desk,
     LegAssist,
+    SetpointContext,
     advance,
     is_in_force,
     is_neutral,
     judge,
 )
-from daemon.core.modes import TRANSITIONS, Circumstances, Event, refusal
-from daemon.record import Mode, ModeRequest, RequestKind, Setpoint
-from daemon.refusals import REFUSAL_TEXT, SetpointRefusal
+from daemon.ipc.record import Mode, ModeRequest, RequestKind, Setpoint
+from daemon.wire.refusals import REFUSAL_TEXT, SetpointRefusal
 
 BOTH = (LIMITS, LIMITS)
 RULES = AssistRules(age_max_cycles=10, start_cycles=50, fade_cycles=20, stiffness_step_ratio=0.01)
-DESK = Desk(lease=7, cycle=100, mode=Mode.TORQUE, by_position=False)
+DESK = SetpointContext(lease=7, cycle=100, mode=Mode.TORQUE, by_position=False)
 REST = (0.0, 0.0)
 DT_S = 0.01
 
@@ -65,7 +65,7 @@ def test_a_setpoint_of_the_holder_that_is_new_and_small_counts():
         ({}, {"mode": Mode.HOLD}, SetpointRefusal.NONE),
         ({"hip_assist_nm": 0.1}, {"mode": Mode.HOLD}, SetpointRefusal.WRONG_MODE),
         ({"slide_assist_n": 0.1}, {"mode": Mode.EXCITE}, SetpointRefusal.WRONG_MODE),
-        ({"stiffness_ratio": 0.9}, {"mode": Mode.RELEASE}, SetpointRefusal.WRONG_MODE),
+        ({"stiffness_ratio": 0.9}, {"mode": Mode.HAND_GUIDING}, SetpointRefusal.WRONG_MODE),
         ({"stiffness_ratio": 0.9}, {"mode": Mode.GAIT}, SetpointRefusal.NONE),
     ],
 )
@@ -85,7 +85,7 @@ def test_what_is_wrong_with_a_setpoint_is_named(changes, desk, refusal):
     ],
 )
 def test_mode_torque_is_given_in_hold_under_a_lease_with_drives_that_go_by_torque(changes, said):
-    well = Circumstances(
+    well = GuardInputs(
         mode=Mode.HOLD,
         gateway_alive=True,
         at_rest=True,

@@ -7,14 +7,14 @@ import pytest
 from sessions import CONFIGS
 from situations import FEEDBACK, JOINT
 
-from daemon.config.load import load
-from daemon.core import assisting, conduct, guidance, plans
-from daemon.core.axis_notes import Notes
-from daemon.core.build import build
-from daemon.core.inbox import NO_ORDERS, Orders
+from daemon.core.inputs import NO_ORDERS, CommandInputs
+from daemon.core.modes.persistent_state import PersistentState
+from daemon.core.motion import leg_plan
+from daemon.core.runtime.build import build
+from daemon.core.safety.stop_sequence import Step
 from daemon.core.state import Core
-from daemon.core.stopping import Step
-from daemon.record import (
+from daemon.core.steps import controllers, impedance, supervisor
+from daemon.ipc.record import (
     Cause,
     Mode,
     Outcome,
@@ -24,6 +24,7 @@ from daemon.record import (
     StopCategory,
     Verdict,
 )
+from daemon.preflight.load import load
 from drives.signals import PowerRequest, PowerState
 
 SETTINGS = load(CONFIGS / "demo.toml")
@@ -39,28 +40,28 @@ class Bench:
     """A core that holds its leg; its drives show what a test says."""
 
     def __init__(self) -> None:
-        self.core: Core = build(SETTINGS, "test", Notes()).core
+        self.core: Core = build(SETTINGS, "test", PersistentState()).core
         self.core.mode, self.core.load_checked = Mode.HOLD, True
         self.cycle, self._request_id = 100, 0
         self.show(PowerState.OPERATION_ENABLED)
         for axis in self.core.axes:
             axis.referenced = axis.reached_enabled = True
         for leg in self.core.legs:
-            leg.plan = plans.hold_at(leg, plans.measured(leg), (0.0, 0.0))
+            leg.plan = leg_plan.hold_at(leg, leg_plan.measured(leg), (0.0, 0.0))
 
     def show(self, state: PowerState, velocity_si: float = 0.0) -> None:
         for axis in self.core.axes:
             axis.feedback = replace(FEEDBACK, node_id=axis.node_id, power_state=state)
             axis.joint = AT_REST._replace(velocity_si=velocity_si)
 
-    def turn(self, *found: Verdict, orders: Orders = NO_ORDERS) -> None:
+    def turn(self, *found: Verdict, orders: CommandInputs = NO_ORDERS) -> None:
         self.cycle += 1
         self.core.level_cycle = self.cycle
-        conduct.change_mode(self.core, found, orders, self.cycle, 0)
+        supervisor.change_mode(self.core, found, orders, self.cycle, 0)
 
     def ask(self, kind: RequestKind) -> Outcome:
         self._request_id += 1
-        self.turn(orders=Orders(request=Request(self._request_id, kind, self.cycle)))
+        self.turn(orders=CommandInputs(request=Request(self._request_id, kind, self.cycle)))
         return self.core.result.outcome
 
     def until_stopped(self) -> Mode:
@@ -140,7 +141,7 @@ def test_a_stop_that_holds_under_power_is_judged_and_taken_further(bench, step):
 
     bench.turn(JUMPED)
 
-    assert conduct.driving(bench.core)
+    assert supervisor.driving(bench.core)
     assert bench.core.verdict == JUMPED
     assert bench.steps() == [Step.DISABLE, Step.QUICK_STOP]
 
@@ -150,9 +151,9 @@ def test_power_off_is_one_step_and_never_a_milder_one(bench):
     bench.turn(OPENED)
     slide.stop = slide.stop._replace(step=Step.NMT_STOP)
 
-    conduct.power_off(bench.core, 200)
+    supervisor.power_off(bench.core, 200)
     first = hip.stop, slide.stop
-    conduct.power_off(bench.core, 201)
+    supervisor.power_off(bench.core, 201)
 
     assert (hip.stop, slide.stop) == first
     assert (hip.stop.step, hip.stop.since_cycle) == (Step.DISABLE, 200)
@@ -170,7 +171,7 @@ def test_a_command_that_is_not_finite_is_a_quick_stop_without_torque(bench, numb
     leg = bench.core.legs[0]
     leg.reference = leg.reference._replace(feedforward=(number, 0.0))
 
-    commands = guidance.command(bench.core, bench.cycle)
+    commands = impedance.command(bench.core, bench.cycle)
 
     assert bench.core.verdict.cause == Cause.COMMAND_NOT_FINITE
     assert [one.power for one in commands] == [PowerRequest.QUICK_STOP] * 2
@@ -189,13 +190,13 @@ def test_assist_in_force_is_not_taken_over_by_the_next_holder_of_the_lease(bench
     core.lease = NEXT_LEASE
     core.setpoints = (Setpoint(lease=NEXT_LEASE, seq=1, for_cycle=99, leg="right"),)
 
-    assisting.hear(core, 100)
+    controllers.hear(core, 100)
 
     assert leg.assist.accepted is None
     assert core.setpoint_accepted_count == 0
 
     leg.assist = replace(leg.assist, effort_si=(0.0, 0.0))
-    assisting.hear(core, 101)
+    controllers.hear(core, 101)
 
     assert leg.assist.accepted == core.setpoints[0]
 
@@ -206,6 +207,6 @@ def test_where_nothing_is_in_force_the_next_holder_is_heard_at_once(bench):
     leg.assist = replace(leg.assist, lease=FIRST_LEASE)
     core.setpoints = (Setpoint(lease=NEXT_LEASE, seq=1, for_cycle=99, leg="right"),)
 
-    assisting.hear(core, 100)
+    controllers.hear(core, 100)
 
     assert leg.assist.accepted == core.setpoints[0]

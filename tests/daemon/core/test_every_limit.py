@@ -10,8 +10,7 @@ from dataclasses import replace
 import pytest
 from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
 
-from daemon.core.effort_watch import EffortWatch
-from daemon.core.safety import (
+from daemon.core.safety.checks import (
     EFFORT_MARGIN_RATIO,
     ENABLE_CYCLES,
     FREEZE_DECELERATION_RATIO,
@@ -20,7 +19,8 @@ from daemon.core.safety import (
     OBSERVER_BAD_MAX_CYCLES,
     TX_DROPPED_MAX,
 )
-from daemon.record import Cause
+from daemon.core.safety.effort_monitor import EffortWatch
+from daemon.ipc.record import Cause
 from drives.signals import Input, PowerState
 
 STANDING = replace(AXIS, joint=JOINT._replace(velocity_si=0.0, effort_si=0.0))
@@ -69,7 +69,7 @@ def held(sign):
 
 
 def opposed(cycles):
-    return replace(AXIS, watch=EffortWatch(opposed_si=25.0, opposed_cycles=cycles))
+    return replace(AXIS, watch=EffortWatch(sign_mismatch_si=25.0, sign_mismatch_cycles=cycles))
 
 
 def unmet(cycles):
@@ -103,13 +103,13 @@ ONE = 1
 
 TABLE = [
     # cause, what is made of a value, the last value that is well, which way is worse, by how much
-    (Cause.GATEWAY_SILENT, service("level_age_cycles"), T.gateway_silence_cycles, UP, ONE),
+    (Cause.GATEWAY_SILENT, service("gateway_age_cycles"), T.gateway_silence_cycles, UP, ONE),
     (Cause.CYCLE_OVERRUN, service("overruns_in_a_row"), T.overruns_in_a_row - 1, UP, ONE),
     (Cause.TRANSMIT_QUEUE_FULL, service("tx_dropped_in_a_row"), TX_DROPPED_MAX - 1, UP, ONE),
     (Cause.DRIVE_SILENT, feedback("sample_age_cycles"), T.sample_age_max_cycles, UP, ONE),
     (Cause.HEARTBEAT_LOST, feedback("heartbeat_age_ns"), T.heartbeat_timeout_ns, UP, ONE),
     (Cause.DRIVE_LEFT_ENABLED, starting, ENABLE_CYCLES, UP, ONE),
-    (Cause.DRIVE_ENABLED_UNASKED, axis("unasked_cycles"), ENABLE_CYCLES, UP, ONE),
+    (Cause.UNEXPECTED_ENABLE, axis("unasked_cycles"), ENABLE_CYCLES, UP, ONE),
     (Cause.MODE_NOT_SHOWN, unready(mode_display=8), T.mode_switch_cycles, UP, ONE),
     (Cause.NOT_FOLLOWING, unready(following=False), T.mode_switch_cycles, UP, ONE),
     (Cause.ENCODER_JUMP, joint(step_si=1), REACH_SI, UP, None),
@@ -117,7 +117,7 @@ TABLE = [
     (Cause.ENCODER_FROZEN, speed_lost, FREEZE_SI, UP, None),
     (Cause.ENCODER_FROZEN, held(1), PUSH_SI, UP, None),
     (Cause.ENCODER_FROZEN, held(-1), PUSH_SI, UP, None),
-    (Cause.SIGN_WRONG, opposed, T.opposed_cycles - 1, UP, ONE),
+    (Cause.SIGN_WRONG, opposed, T.sign_mismatch_cycles - 1, UP, ONE),
     (Cause.EFFORT_DEVIATION, unmet, T.deviation_cycles - 1, UP, ONE),
     (Cause.EFFORT_DEVIATION, axis("stride_drift_si"), L.load_deviation_max_si, UP, None),
     (Cause.EFFORT_DEVIATION, axis("stride_drift_si", -1), L.load_deviation_max_si, UP, None),
@@ -169,7 +169,7 @@ JUDGED_ELSEWHERE = {
 
 def cause_of(situation):
     given = {"service": WELL, "axis": AXIS, "leg": LEG}
-    given[type(situation).__name__.removesuffix("Situation").lower()] = situation
+    given[type(situation).__name__.removesuffix("Inputs").lower()] = situation
     found = harshest(
         given["service"], [given["axis"]], [given["leg"]], THRESHOLDS, CATEGORIES, driving=True
     )

@@ -2,8 +2,8 @@
 
 import pytest
 
-from daemon.core.grid import longest_part
-from daemon.cycle_timing import CyclePart, CycleTiming
+from daemon.core.runtime.grid import longest_part
+from daemon.ipc.cycle_timing import CyclePart, CycleTiming
 
 WINDOW_NS = 4_000_000
 

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from daemon.core.inbox import hear
-from daemon.record import Level, Outcome, Request, RequestKind, RequestResult, Setpoint
+from daemon.core.inputs import hear
+from daemon.ipc.record import GatewayState, Outcome, Request, RequestKind, RequestResult, Setpoint
 
 CYCLE = 1000
 ENABLE = Request(8, RequestKind.ENABLE, CYCLE - 1)
@@ -28,7 +28,7 @@ def core():
 
 def level(seq, **changes):
     told = {"core_boot_id": "ours", "for_cycle": CYCLE - 1, "stop_count": 2, **changes}
-    return Level(seq=seq, **told)
+    return GatewayState(seq=seq, **told)
 
 
 def test_a_stop_in_any_datagram_of_a_burst_is_heard(core):

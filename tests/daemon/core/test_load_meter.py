@@ -3,9 +3,9 @@
 import pytest
 from sessions import Session
 
-from daemon.core.load_meter import EXACT_MAX, LoadMeter
-from drives.bus import Frame
-from drives.busload import frame_bits, frame_bits_exact
+from daemon.core.runtime.bus_load import EXACT_MAX, LoadMeter
+from drives.canopen.bus import Frame
+from drives.canopen.bus_load import frame_bits, frame_bits_exact
 
 S = 1_000_000_000
 ALTERNATING = Frame(0x555, b"\x55" * 8)

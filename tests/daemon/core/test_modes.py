@@ -4,17 +4,17 @@ from dataclasses import replace
 
 import pytest
 
-from daemon.core.modes import (
+from daemon.core.modes.table import (
     TRANSITIONS,
-    Circumstances,
     Event,
+    GuardInputs,
     IllegalTransitionError,
     next_mode,
     refusal,
 )
-from daemon.record import Mode, ModeRequest, RequestKind
+from daemon.ipc.record import Mode, ModeRequest, RequestKind
 
-ALL_WELL = Circumstances(
+ALL_WELL = GuardInputs(
     mode=Mode.READY,
     gateway_alive=True,
     at_rest=True,

@@ -5,10 +5,10 @@ from dataclasses import FrozenInstanceError, replace
 import msgspec
 import pytest
 
-from daemon.core.modes import TRANSITIONS, Circumstances, Event, event_of, refusal
-from daemon.record import Mode, ModeRequest, RequestKind
+from daemon.core.modes.table import TRANSITIONS, Event, GuardInputs, event_of, refusal
+from daemon.ipc.record import Mode, ModeRequest, RequestKind
 
-ALL_WELL = Circumstances(
+ALL_WELL = GuardInputs(
     mode=Mode.READY,
     gateway_alive=True,
     at_rest=True,
@@ -38,7 +38,7 @@ EXERCISES = {
     Mode.GAIT: Event.TO_GAIT,
     Mode.TORQUE: Event.TO_TORQUE,
     Mode.EXCITE: Event.TO_EXCITE,
-    Mode.RELEASE: Event.TO_RELEASE,
+    Mode.HAND_GUIDING: Event.TO_HAND_GUIDING,
     Mode.SELF_TEST: Event.TO_SELF_TEST,
 }
 PREPARATIONS = {Mode.REFERENCE: Event.TO_REFERENCE, Mode.COMMISSION: Event.TO_COMMISSION}

@@ -2,29 +2,29 @@
 
 import pytest
 
-from daemon.core.axis_notes import (
+from daemon.core.modes.persistent_state import (
     UNREADABLE,
     AxisNote,
     LatchedNote,
-    Notes,
+    PersistentState,
     SignProof,
     with_pose,
     with_proof,
 )
-from daemon.core.notebook import Notebook
-from daemon.notes_file import NAME, SIZE
+from daemon.core.runtime.state_file import StateFile
+from daemon.ipc.state_file import NAME, SIZE
 
 PROOF = SignProof(5, 305_000_005, 1, 100.0, None, 1024, 0.036, -0.036, 1)
-NOTES = Notes(axes={"right/hip": AxisNote(0.25, 7, PROOF)})
+NOTES = PersistentState(axes={"right/hip": AxisNote(0.25, 7, PROOF)})
 
 
 def test_what_is_written_is_found_by_the_next_start(tmp_path):
-    notebook = Notebook(tmp_path)
-    assert notebook.notes == Notes()
+    notebook = StateFile(tmp_path)
+    assert notebook.notes == PersistentState()
     notebook.write(NOTES)
     notebook.close()
 
-    assert Notebook(tmp_path).notes == NOTES
+    assert StateFile(tmp_path).notes == NOTES
 
 
 @pytest.mark.parametrize("before", [None, b"", b"{}"])
@@ -32,7 +32,7 @@ def test_the_file_has_all_its_room_before_the_first_note(tmp_path, before):
     if before is not None:
         (tmp_path / NAME).write_bytes(before)
 
-    Notebook(tmp_path)
+    StateFile(tmp_path)
 
     found = (tmp_path / NAME).stat()
     assert found.st_size == SIZE
@@ -40,18 +40,18 @@ def test_the_file_has_all_its_room_before_the_first_note(tmp_path, before):
 
 
 def test_what_is_written_survives_a_process_that_never_closes_it(tmp_path):
-    Notebook(tmp_path).write(NOTES)
+    StateFile(tmp_path).write(NOTES)
 
-    assert Notebook(tmp_path).notes == NOTES
+    assert StateFile(tmp_path).notes == NOTES
 
 
 def test_a_shorter_note_leaves_nothing_of_a_longer_one(tmp_path):
-    notebook = Notebook(tmp_path)
+    notebook = StateFile(tmp_path)
     notebook.write(NOTES)
-    notebook.write(Notes())
+    notebook.write(PersistentState())
     notebook.close()
 
-    assert Notebook(tmp_path).notes == Notes()
+    assert StateFile(tmp_path).notes == PersistentState()
     assert (tmp_path / NAME).stat().st_size == SIZE
 
 
@@ -63,7 +63,7 @@ def test_a_shorter_note_leaves_nothing_of_a_longer_one(tmp_path):
 def test_a_file_that_cannot_be_read_is_damaged_and_not_missing(tmp_path, text):
     (tmp_path / NAME).write_bytes(text)
 
-    notes = Notebook(tmp_path).notes
+    notes = StateFile(tmp_path).notes
 
     assert notes.damaged
     assert notes.latched is not None
@@ -73,13 +73,13 @@ def test_a_file_that_cannot_be_read_is_damaged_and_not_missing(tmp_path, text):
 def test_a_file_that_a_crash_left_empty_is_no_clean_one(tmp_path, size):
     (tmp_path / NAME).write_bytes(b"\0" * size)
 
-    assert Notebook(tmp_path).notes == UNREADABLE
+    assert StateFile(tmp_path).notes == UNREADABLE
 
 
 def test_a_new_file_can_be_read_before_anything_has_happened(tmp_path):
-    Notebook(tmp_path)
+    StateFile(tmp_path)
 
-    assert Notebook(tmp_path).notes == Notes()
+    assert StateFile(tmp_path).notes == PersistentState()
 
 
 def test_a_file_of_before_stops_were_noted_is_still_read(tmp_path):
@@ -88,9 +88,9 @@ def test_a_file_of_before_stops_were_noted_is_still_read(tmp_path):
     old += b'"format":"gaitd.axes.v1","damaged":false}'
     (tmp_path / NAME).write_bytes(old.ljust(SIZE - 1) + b"\n")
 
-    notes = Notebook(tmp_path).notes
+    notes = StateFile(tmp_path).notes
 
-    assert notes == Notes(axes={"right/hip": AxisNote(0.25, 7)})
+    assert notes == PersistentState(axes={"right/hip": AxisNote(0.25, 7)})
     assert notes.latched is None
 
 
@@ -99,21 +99,21 @@ def test_the_longest_notes_of_two_legs_fit_the_page(tmp_path):
     axes |= {f"left/axis{number}": AxisNote(-0.123456789012345, 10**18, PROOF) for number in (1, 2)}
     long = LatchedNote("S1", "LAST_END_UNKNOWN", "right/slide", -1e-300, 1e-300, "d" * 120, 10**18)
 
-    notes = Notes(axes=axes, latched=long)
-    Notebook(tmp_path).write(notes)
+    notes = PersistentState(axes=axes, latched=long)
+    StateFile(tmp_path).write(notes)
 
-    assert Notebook(tmp_path).notes == notes
+    assert StateFile(tmp_path).notes == notes
 
 
 def test_a_pose_that_has_not_changed_is_no_news():
-    notes = with_pose(Notes(), "right/hip", 0.25, 1)
+    notes = with_pose(PersistentState(), "right/hip", 0.25, 1)
 
     assert with_pose(notes, "right/hip", 0.25005, 2) is notes
     assert with_pose(notes, "right/hip", 0.2502, 2).of("right/hip").noted_utc_ns == 2
 
 
 def test_a_pose_and_a_proof_do_not_disturb_each_other_or_another_axis():
-    notes = with_proof(with_pose(Notes(), "right/hip", 0.25, 1), "right/hip", PROOF)
+    notes = with_proof(with_pose(PersistentState(), "right/hip", 0.25, 1), "right/hip", PROOF)
     notes = with_pose(notes, "right/slide", 0.5, 1)
     notes = with_pose(notes, "right/hip", 0.3, 2)
 

@@ -5,18 +5,20 @@ from itertools import pairwise
 
 import pytest
 
-from daemon.core.preparation import (
+from daemon.core.motion.single_axis import (
     HOMING_BEGIN_CYCLES,
     OVER,
+    STAGE_OF,
     Homing,
     HomingRules,
+    PreparationStep,
     PushRules,
     Seen,
     SignTest,
-    Stage,
     advance,
     begin,
 )
+from daemon.ipc.record import Stage
 from drives.signals import HomingState
 
 RULES = PushRules(effort_max_si=12.0, effort_rate_si_per_s=6.0, motion_si=0.035)
@@ -29,7 +31,7 @@ def homing(*states, timeout_cycles=1000):
     run = begin(Homing("right/hip", 0, HomingRules(30.0, 0.3, timeout_cycles)))
     for state in states:
         run = advance(run, RESTS._replace(homing=state))
-        if run.stage in OVER:
+        if run.step in OVER:
             break
     return run
 
@@ -40,34 +42,34 @@ S = HomingState
 def test_a_homing_is_done_when_home_is_attained_and_reached():
     run = homing(S.NOT_STARTED, S.NOT_STARTED, S.IN_PROGRESS, S.IN_PROGRESS, S.ATTAINED, S.DONE)
 
-    assert run.stage is Stage.DONE
+    assert run.step is PreparationStep.DONE
 
 
 def test_a_home_that_was_already_shown_is_not_believed_until_the_drive_has_homed_again():
     stale = [S.DONE] * (HOMING_BEGIN_CYCLES + 2)
 
-    assert homing(*stale).stage is Stage.FAILED
-    assert homing(S.DONE, S.DONE, S.IN_PROGRESS, S.DONE).stage is Stage.DONE
+    assert homing(*stale).step is PreparationStep.FAILED
+    assert homing(S.DONE, S.DONE, S.IN_PROGRESS, S.DONE).step is PreparationStep.DONE
 
 
 @pytest.mark.parametrize("error", [S.FAILED, S.FAILED_MOVING])
 def test_a_homing_error_of_the_drive_fails(error):
     run = homing(S.NOT_STARTED, S.IN_PROGRESS, error)
 
-    assert run.stage is Stage.FAILED
+    assert run.step is PreparationStep.FAILED
     assert "homing error" in run.why
 
 
 def test_a_drive_that_does_not_begin_or_gives_up_fails():
-    assert homing(*[S.NOT_STARTED] * 40).stage is Stage.FAILED
+    assert homing(*[S.NOT_STARTED] * 40).step is PreparationStep.FAILED
     gave_up = [S.NOT_STARTED, *[S.IN_PROGRESS] * 30, S.NOT_STARTED]
-    assert homing(*gave_up).stage is Stage.FAILED
+    assert homing(*gave_up).step is PreparationStep.FAILED
 
 
 def test_a_homing_that_takes_too_long_fails():
     run = homing(S.NOT_STARTED, *[S.IN_PROGRESS] * 60, timeout_cycles=50)
 
-    assert run.stage is Stage.FAILED
+    assert run.step is PreparationStep.FAILED
     assert "in time" in run.why
 
 
@@ -76,7 +78,7 @@ def test_nothing_begins_before_the_axis_is_enabled_in_its_mode():
 
     waiting = advance(run, RESTS._replace(ready=False, homing=S.DONE))
 
-    assert waiting.stage is Stage.ENABLING
+    assert waiting.step is PreparationStep.ENABLING
     assert not waiting.searching
 
 
@@ -90,7 +92,7 @@ def played(mobility_si_per_n, breakaway_si=7.0):
         seen = RESTS._replace(position_si=position_si, at_rest=step_si == 0.0)
         test = advance(test, seen)
         efforts.append(test.effort_si)
-        if test.stage in OVER:
+        if test.step in OVER:
             return test, efforts
     raise AssertionError(f"never over: {test}")
 
@@ -98,7 +100,7 @@ def played(mobility_si_per_n, breakaway_si=7.0):
 def test_an_axis_that_follows_its_torque_passes():
     test, efforts = played(0.01)
 
-    assert test.stage is Stage.DONE
+    assert test.step is PreparationStep.DONE
     assert test.moved_forth_si >= 0.035 >= -0.035 >= test.moved_back_si
     assert max(map(abs, efforts)) <= RULES.effort_max_si
 
@@ -106,7 +108,7 @@ def test_an_axis_that_follows_its_torque_passes():
 def test_an_axis_that_moves_against_its_torque_fails_after_a_little_motion():
     test, efforts = played(-0.01)
 
-    assert test.stage is Stage.FAILED
+    assert test.step is PreparationStep.FAILED
     assert "against its torque" in test.why
     assert max(map(abs, efforts)) < 9.0
 
@@ -114,7 +116,7 @@ def test_an_axis_that_moves_against_its_torque_fails_after_a_little_motion():
 def test_an_axis_that_does_not_move_fails_at_its_bound():
     test, efforts = played(0.0)
 
-    assert test.stage is Stage.FAILED
+    assert test.step is PreparationStep.FAILED
     assert "do not move it" in test.why
     assert max(map(abs, efforts)) == RULES.effort_max_si
 
@@ -134,25 +136,30 @@ def test_an_axis_at_its_end_stop_that_moves_the_other_way_passes():
         if test.effort_si < -8.0:
             position_si -= 0.01
         test = advance(test, RESTS._replace(position_si=position_si))
-        if test.stage in OVER:
+        if test.step in OVER:
             break
 
-    assert test.stage is Stage.DONE
+    assert test.step is PreparationStep.DONE
 
 
 def test_an_axis_that_never_rests_fails():
-    test = replace(begin(SignTest("right/hip", 0, RULES, 0.01)), stage=Stage.RESTING)
+    test = replace(begin(SignTest("right/hip", 0, RULES, 0.01)), step=PreparationStep.RESTING)
     for _ in range(LIMIT_CYCLES):
         test = advance(test, RESTS._replace(at_rest=False))
-        if test.stage in OVER:
+        if test.step in OVER:
             break
 
-    assert test.stage is Stage.FAILED
+    assert test.step is PreparationStep.FAILED
     assert "rest" in test.why
 
 
 def test_a_home_that_was_attained_at_another_time_is_not_believed_either():
     stale = [S.ATTAINED, S.ATTAINED, *[S.DONE] * (HOMING_BEGIN_CYCLES + 2)]
 
-    assert homing(*stale).stage is Stage.FAILED
-    assert homing(S.ATTAINED, S.IN_PROGRESS, S.ATTAINED, S.DONE).stage is Stage.DONE
+    assert homing(*stale).step is PreparationStep.FAILED
+    assert homing(S.ATTAINED, S.IN_PROGRESS, S.ATTAINED, S.DONE).step is PreparationStep.DONE
+
+
+def test_every_step_of_a_preparation_is_a_stage_that_a_program_can_read():
+    assert set(STAGE_OF) == set(PreparationStep)
+    assert {STAGE_OF[step] for step in OVER} == {Stage.OVER}

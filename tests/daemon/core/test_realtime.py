@@ -10,7 +10,7 @@ import pytest
 ASKS = """
 import gc, json, mmap, os, sys
 from pathlib import Path
-from daemon.core import realtime
+from daemon.core.runtime import realtime
 refused = realtime.prepare({priority}, {processors})
 untouched = mmap.mmap(-1, {room_kb} << 10)
 print(json.dumps({{

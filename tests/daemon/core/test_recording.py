@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.record import TEXT_BYTES_MAX, clipped
+from daemon.ipc.record import TEXT_BYTES_MAX, clipped
 
 
 @given(text=st.text(st.characters(), max_size=900), most=st.integers(0, TEXT_BYTES_MAX))

@@ -11,14 +11,15 @@ from hypothesis import strategies as st
 from daemon.config.robot import leg_parameters
 from daemon.config.settings import Robot, Sinusoid, Trainer
 from daemon.config.strict import load_toml
-from daemon.core import reference
-from daemon.core.reference import ExcitePlay, GaitPlay, Hold, Stage
-from observer.mechanism import closes, singularity_ratio
+from daemon.core.motion import trajectory
+from daemon.core.motion.trajectory import ExcitePlay, GaitPlay, Hold
+from daemon.ipc.record import Stage
+from observer.mechanism.mechanism import closes, singularity_ratio
 
 LEG = leg_parameters(load_toml(CONFIGS / "robot.toml", Robot))
 GAIT = load_toml(CONFIGS / "demo.toml", Trainer).gait
-SHAPE = reference.gait_shape(GAIT)
-MEAN = reference.gait_angles(SHAPE, 0.0, 0.0)
+SHAPE = trajectory.gait_shape(GAIT)
+MEAN = trajectory.gait_angles(SHAPE, 0.0, 0.0)
 DT_S = 0.01
 
 
@@ -26,7 +27,7 @@ def gait_play(*, cadence_hz=0.5, duration_s=10.0, start=(0.1, 0.45)):
     return GaitPlay(
         leg=LEG,
         shape=SHAPE,
-        motion=reference.approach(LEG, GAIT, start, MEAN),
+        motion=trajectory.approach(LEG, GAIT, start, MEAN),
         start=start,
         announce_s=GAIT.announce_s,
         cadence_hz=cadence_hz,
@@ -41,8 +42,8 @@ def story(play):
     """All (play, reference) from the announcement to the end."""
     told = []
     while play.stage != Stage.OVER:
-        told.append((play, reference.gait_reference(play, DT_S)))
-        play = reference.advance_gait(play, DT_S)
+        told.append((play, trajectory.gait_reference(play, DT_S)))
+        play = trajectory.advance_gait(play, DT_S)
     return told
 
 
@@ -51,19 +52,19 @@ def test_a_gait_is_announced_approached_played_and_ended_in_that_order():
 
     order = list(dict.fromkeys(stages))
 
-    assert order == [Stage.ANNOUNCE, Stage.APPROACH, Stage.PLAY, Stage.END]
-    assert stages.count(Stage.ANNOUNCE) == pytest.approx(GAIT.announce_s / DT_S, abs=1)
-    assert stages.count(Stage.PLAY) == pytest.approx(10.0 / DT_S, abs=1)
+    assert order == [Stage.ANNOUNCING, Stage.APPROACHING, Stage.PLAYING, Stage.ENDING]
+    assert stages.count(Stage.ANNOUNCING) == pytest.approx(GAIT.announce_s / DT_S, abs=1)
+    assert stages.count(Stage.PLAYING) == pytest.approx(10.0 / DT_S, abs=1)
 
 
 def test_nothing_moves_while_a_gait_is_announced():
-    announced = [ref for play, ref in story(gait_play()) if play.stage == Stage.ANNOUNCE]
+    announced = [ref for play, ref in story(gait_play()) if play.stage == Stage.ANNOUNCING]
 
     assert {ref.position for ref in announced} == {(0.1, 0.45)}
 
 
 def test_the_approach_keeps_to_its_speed_limits():
-    approach = [ref for play, ref in story(gait_play()) if play.stage == Stage.APPROACH]
+    approach = [ref for play, ref in story(gait_play()) if play.stage == Stage.APPROACHING]
 
     assert max(abs(ref.velocity[0]) for ref in approach) <= GAIT.approach_hip_rad_per_s * 1.001
     # Straight in hip and knee angle, not in slide position: a little faster on its way.
@@ -91,8 +92,8 @@ def test_the_velocity_is_the_derivative_of_the_position():
 
 
 def test_amplitude_and_cadence_rise_over_two_strides():
-    playing = [play for play, _ in story(gait_play(cadence_hz=0.5)) if play.stage == Stage.PLAY]
-    hips = np.array([ref.position[0] for p, ref in story(gait_play()) if p.stage == Stage.PLAY])
+    playing = [play for play, _ in story(gait_play(cadence_hz=0.5)) if play.stage == Stage.PLAYING]
+    hips = np.array([ref.position[0] for p, ref in story(gait_play()) if p.stage == Stage.PLAYING])
     strides = np.array([play.strides for play in playing])
     mean, full = SHAPE.hip_mean_rad, math.radians(15.0)
 
@@ -103,7 +104,7 @@ def test_amplitude_and_cadence_rise_over_two_strides():
 def test_the_end_of_a_gait_is_its_mean_pose():
     _, last = story(gait_play())[-1]
 
-    assert last.position == pytest.approx(reference.joints_of_angles(LEG, MEAN), abs=2e-3)
+    assert last.position == pytest.approx(trajectory.joints_of_angles(LEG, MEAN), abs=2e-3)
 
 
 @given(phase=st.floats(-3.0, 3.0), amplitude_ratio=st.floats(0.0, 1.0))
@@ -116,7 +117,7 @@ def test_gait_angles_are_the_fourier_series_of_the_file(phase, amplitude_ratio):
         )
         return math.radians(mean_deg + amplitude_ratio * sum(waves))
 
-    hip, knee = reference.gait_angles(SHAPE, phase, amplitude_ratio)
+    hip, knee = trajectory.gait_angles(SHAPE, phase, amplitude_ratio)
 
     assert hip == pytest.approx(series(GAIT.hip_mean_deg, GAIT.hip_harmonics_deg), abs=1e-12)
     assert knee == pytest.approx(series(GAIT.knee_mean_deg, GAIT.knee_harmonics_deg), abs=1e-12)
@@ -125,15 +126,15 @@ def test_gait_angles_are_the_fourier_series_of_the_file(phase, amplitude_ratio):
 def test_the_second_leg_walks_half_a_stride_later():
     first = gait_play()
     for _ in range(1500):
-        first = reference.advance_gait(first, DT_S)
+        first = trajectory.advance_gait(first, DT_S)
 
-    second = reference.replace(first, phase_offset_strides=0.5)
+    second = trajectory.replace(first, phase_offset_strides=0.5)
 
-    assert (reference.gait_phase(second) - reference.gait_phase(first)) % 1 == pytest.approx(0.5)
+    assert (trajectory.gait_phase(second) - trajectory.gait_phase(first)) % 1 == pytest.approx(0.5)
 
 
 def test_without_a_stride_there_is_no_phase():
-    assert reference.gait_phase(gait_play()) == -1.0
+    assert trajectory.gait_phase(gait_play()) == -1.0
 
 
 HIPS = st.floats(min_value=math.radians(-15), max_value=math.radians(38))
@@ -144,27 +145,29 @@ SLIDES = st.floats(min_value=0.05, max_value=0.9)
 @given(HIPS, SLIDES)
 def test_a_way_that_is_called_clear_is_reachable_everywhere(hip, slide):
     assume(closes(LEG, hip, slide))
-    motion = reference.approach(LEG, GAIT, (hip, slide), MEAN)
-    assume(reference.way_is_clear(LEG, motion, 0.15))
-    play = GaitPlay(LEG, SHAPE, motion, (hip, slide), 0.0, 0.25, 1.0, 1.0, 2, 0.0, Stage.APPROACH)
+    motion = trajectory.approach(LEG, GAIT, (hip, slide), MEAN)
+    assume(trajectory.way_is_clear(LEG, motion, 0.15))
+    play = GaitPlay(
+        LEG, SHAPE, motion, (hip, slide), 0.0, 0.25, 1.0, 1.0, 2, 0.0, Stage.APPROACHING
+    )
 
     for part in np.linspace(0.01, 1, 17):
-        at = reference.replace(play, elapsed_s=part * motion.duration_s)
-        q = reference.gait_reference(at, DT_S).position
+        at = trajectory.replace(play, elapsed_s=part * motion.duration_s)
+        q = trajectory.gait_reference(at, DT_S).position
         assert singularity_ratio(LEG, np.array(q)) > 0.1
 
 
 def test_from_every_pose_of_the_gait_the_way_to_mid_pose_is_clear():
     for phase in np.linspace(0, 1, 50):
-        start = reference.joints_of_angles(LEG, reference.gait_angles(SHAPE, phase, 1.0))
-        assert reference.way_is_clear(LEG, reference.approach(LEG, GAIT, start, MEAN), 0.3)
+        start = trajectory.joints_of_angles(LEG, trajectory.gait_angles(SHAPE, phase, 1.0))
+        assert trajectory.way_is_clear(LEG, trajectory.approach(LEG, GAIT, start, MEAN), 0.3)
 
 
 def test_a_way_through_poses_that_cannot_be_reached_is_not_clear():
-    start = reference.joints_of_angles(LEG, MEAN)
-    far = reference.Approach(reference.angles_of_joints(LEG, start), (-0.25, 1.0), 1.0)
+    start = trajectory.joints_of_angles(LEG, MEAN)
+    far = trajectory.Approach(trajectory.angles_of_joints(LEG, start), (-0.25, 1.0), 1.0)
 
-    assert not reference.way_is_clear(LEG, far, 0.15)
+    assert not trajectory.way_is_clear(LEG, far, 0.15)
 
 
 @settings(derandomize=True)
@@ -173,8 +176,8 @@ def test_a_hold_brakes_with_its_deceleration_and_then_stays(v_hip, v_slide):
     hold = Hold((0.2, 0.5), (v_hip, v_slide), (10.0, 20.0))
     refs = []
     for _ in range(60):
-        refs.append(reference.hold_reference(hold))
-        hold = reference.advance_hold(hold, DT_S)
+        refs.append(trajectory.hold_reference(hold))
+        hold = trajectory.advance_hold(hold, DT_S)
     velocities = np.array([ref.velocity for ref in refs])
 
     assert np.all(np.abs(np.diff(velocities, axis=0)) <= np.array([0.1, 0.2]) + 1e-12)
@@ -183,13 +186,13 @@ def test_a_hold_brakes_with_its_deceleration_and_then_stays(v_hip, v_slide):
 
 
 def excite_play(**change):
-    angles = reference.gait_angles(SHAPE, 0.0, 0.0)
-    middle = reference.joints_of_angles(LEG, angles)
+    angles = trajectory.gait_angles(SHAPE, 0.0, 0.0)
+    middle = trajectory.joints_of_angles(LEG, angles)
     play = ExcitePlay(
         leg=LEG,
-        motion=reference.approach(LEG, GAIT, (0.1, 0.45), angles),
+        motion=trajectory.approach(LEG, GAIT, (0.1, 0.45), angles),
         middle=middle,
-        middle_load=reference.load_at(LEG, middle),
+        middle_load=trajectory.load_at(LEG, middle),
         window=(0.5, 0.4),
         torque=(
             Sinusoid(
@@ -206,23 +209,23 @@ def excite_play(**change):
         ),
         duration_s=5.0,
     )
-    return reference.replace(play, **change)
+    return trajectory.replace(play, **change)
 
 
 def test_an_excitation_goes_to_mid_pose_and_settles_before_it_begins():
     play = excite_play()
-    while play.stage == Stage.APPROACH:
-        ref = reference.excite_reference(play, (0.1, 0.45))
+    while play.stage == Stage.APPROACHING:
+        ref = trajectory.excite_reference(play, (0.1, 0.45))
         assert ref.guided
-        play = reference.advance_excite(play, DT_S, play.middle)
+        play = trajectory.advance_excite(play, DT_S, play.middle)
 
     assert ref.position == pytest.approx(play.middle)
 
 
 def test_an_excitation_is_torque_alone_about_the_load_of_mid_pose():
-    play = excite_play(stage=Stage.PLAY, elapsed_s=2.2)
+    play = excite_play(stage=Stage.PLAYING, elapsed_s=2.2)
 
-    ref = reference.excite_reference(play, (0.3, 0.6))
+    ref = trajectory.excite_reference(play, (0.3, 0.6))
 
     assert not ref.guided
     assert ref.load == play.middle_load
@@ -231,26 +234,26 @@ def test_an_excitation_is_torque_alone_about_the_load_of_mid_pose():
 
 
 def test_an_artificial_disturbance_begins_and_ends_with_its_times():
-    at = lambda t: reference.artificial_disturbance(excite_play(stage=Stage.PLAY, elapsed_s=t))  # noqa: E731
+    at = lambda t: trajectory.artificial_disturbance(excite_play(stage=Stage.PLAYING, elapsed_s=t))  # noqa: E731
 
     assert at(0.99) == (0.0, 0.0)
     assert at(1.5)[0] == pytest.approx(4 * math.sin(2 * math.pi * 0.35 * 0.5))
     assert at(9.0) == (0.0, 0.0)
-    assert reference.artificial_disturbance(excite_play(elapsed_s=1.5)) == (0.0, 0.0)
+    assert trajectory.artificial_disturbance(excite_play(elapsed_s=1.5)) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(("axis", "distance"), [(0, 0.51), (0, -0.51), (1, 0.41), (1, -0.41)])
 def test_an_excitation_is_over_when_an_axis_leaves_its_window(axis, distance):
-    play = excite_play(stage=Stage.PLAY)
+    play = excite_play(stage=Stage.PLAYING)
     inside, outside = list(play.middle), list(play.middle)
     inside[axis] += 0.97 * distance
     outside[axis] += distance
 
-    assert reference.advance_excite(play, DT_S, tuple(inside)).stage == Stage.PLAY
-    assert reference.advance_excite(play, DT_S, tuple(outside)).stage == Stage.OVER
+    assert trajectory.advance_excite(play, DT_S, tuple(inside)).stage == Stage.PLAYING
+    assert trajectory.advance_excite(play, DT_S, tuple(outside)).stage == Stage.OVER
 
 
 def test_an_excitation_is_over_when_its_time_is():
-    play = excite_play(stage=Stage.PLAY, elapsed_s=4.995)
+    play = excite_play(stage=Stage.PLAYING, elapsed_s=4.995)
 
-    assert reference.advance_excite(play, DT_S, play.middle).stage == Stage.OVER
+    assert trajectory.advance_excite(play, DT_S, play.middle).stage == Stage.OVER

@@ -9,10 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
 
-from daemon.core.bounds import bound, bound_position
-from daemon.core.effort_watch import EffortWatch
-from daemon.core.limits import Categories
-from daemon.core.safety import (
+from daemon.core.safety.bounds import bound, bound_position
+from daemon.core.safety.checks import (
     EFFORT_MARGIN_RATIO,
     ENABLE_CYCLES,
     FREEZE_DECELERATION_RATIO,
@@ -24,7 +22,9 @@ from daemon.core.safety import (
     judge,
     worse,
 )
-from daemon.record import Cause, StopCategory, Verdict
+from daemon.core.safety.effort_monitor import EffortWatch
+from daemon.core.safety.limits import Categories
+from daemon.ipc.record import Cause, StopCategory, Verdict
 from drives.signals import Emergency, Input, NmtState, PowerState
 
 EMERGENCY = Emergency(5, 0x8611, 0x21, b"\0" * 5, "following error", 0)
@@ -52,7 +52,7 @@ def test_nothing_wrong_gives_no_verdict():
     [
         (Cause.STOP_REQUESTED, {"stop_requested": True}, {"stop_requested": False}),
         (Cause.SHUTDOWN, {"shutdown_requested": True}, {"shutdown_requested": False}),
-        (Cause.GATEWAY_SILENT, {"level_age_cycles": 31}, {"level_age_cycles": 30}),
+        (Cause.GATEWAY_SILENT, {"gateway_age_cycles": 31}, {"gateway_age_cycles": 30}),
         (Cause.CYCLE_OVERRUN, {"overruns_in_a_row": 3}, {"overruns_in_a_row": 2}),
         (Cause.BUS_OFF, {"bus_off": True}, {"bus_off": False}),
         (Cause.BUS_DOWN, {"bus_error": "gone"}, {"bus_error": ""}),

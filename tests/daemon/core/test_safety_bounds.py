@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from situations import LIMITS
 
-from daemon.core.bounds import bound, bound_assist
+from daemon.core.safety.bounds import bound, bound_assist
 
 DT_S = 0.01
 STEP_SI = LIMITS.assist_rate_max_si_per_s * DT_S

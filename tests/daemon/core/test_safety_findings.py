@@ -7,12 +7,12 @@ import msgspec
 import pytest
 from situations import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
 
-from daemon.causes import CHOSEN_CATEGORY
-from daemon.core.bounds import bound, bound_assist, bound_position
-from daemon.core.effort_watch import EffortWatch
-from daemon.core.limits import Categories
-from daemon.core.safety import NO_VERDICT
-from daemon.record import Cause, StopCategory
+from daemon.core.safety.bounds import bound, bound_assist, bound_position
+from daemon.core.safety.checks import NO_VERDICT
+from daemon.core.safety.effort_monitor import EffortWatch
+from daemon.core.safety.limits import Categories
+from daemon.ipc.record import Cause, StopCategory
+from daemon.wire.causes import CHOSEN_CATEGORY
 from drives.signals import Emergency, Input, NmtState, OperationMode, PowerState
 
 EMERGENCY = Emergency(5, 0x8611, 0x21, b"\0" * 5, "following error", 0)
@@ -44,7 +44,7 @@ def moved(axis=AXIS, **change):
     [
         ({"stop_requested": True}, (Cause.STOP_REQUESTED, 0, 0, "")),
         ({"shutdown_requested": True}, (Cause.SHUTDOWN, 0, 0, "")),
-        ({"level_age_cycles": 31}, (Cause.GATEWAY_SILENT, 31, 30, "cycles since the gateway's")),
+        ({"gateway_age_cycles": 31}, (Cause.GATEWAY_SILENT, 31, 30, "cycles since the gateway's")),
         ({"overruns_in_a_row": 4}, (Cause.CYCLE_OVERRUN, 4, 3, "grid points missed in a row")),
         ({"bus_error": "can0: gone"}, (Cause.BUS_DOWN, 0, 0, "can0: gone")),
         ({"bus_off": True}, (Cause.BUS_OFF, 0, 0, "the controller reports bus-off")),
@@ -145,7 +145,7 @@ def test_the_rest_is_told_too():
     hip = "right/hip"
     assert told(axes=[tracking]) == (Cause.TRACKING_LIMIT, hip, 0.25, 0.2, "")
     assert told(axes=[unreferenced]) == (Cause.UNREFERENCED, hip, 0.0, 1.0, "")
-    assert told(axes=[unasked]) == (Cause.DRIVE_ENABLED_UNASKED, hip, 26.0, 25.0, "cycles")
+    assert told(axes=[unasked]) == (Cause.UNEXPECTED_ENABLE, hip, 26.0, 25.0, "cycles")
     assert told(axes=[mode]) == (
         *(Cause.MODE_NOT_SHOWN, hip),
         *(float(OperationMode.CYCLIC_SYNC_POSITION), float(OperationMode.CYCLIC_SYNC_TORQUE)),
@@ -223,9 +223,9 @@ def test_a_homing_that_meets_its_stop_loses_its_speed_at_once():
 
 @pytest.mark.parametrize(("cycles", "cause"), [(2, Cause.NONE), (3, Cause.SIGN_WRONG)])
 def test_effort_one_way_and_motion_the_other_counts_from_its_cycles_on(cycles, cause):
-    against = replace(AXIS, watch=EffortWatch(opposed_si=25.5, opposed_cycles=cycles))
+    against = replace(AXIS, watch=EffortWatch(sign_mismatch_si=25.5, sign_mismatch_cycles=cycles))
 
-    assert THRESHOLDS.opposed_cycles == 3
+    assert THRESHOLDS.sign_mismatch_cycles == 3
     assert verdict_of(axes=[against]).cause == cause
 
 
@@ -353,7 +353,7 @@ def test_frames_that_cannot_be_sent_count_from_the_third_cycle_on_also_at_rest()
     [
         {"stop_requested": True},
         {"shutdown_requested": True},
-        {"level_age_cycles": 99},
+        {"gateway_age_cycles": 99},
         {"overruns_in_a_row": 99},
     ],
 )
@@ -415,7 +415,7 @@ def test_a_drive_is_taken_for_enabled_by_others_after_a_quarter_of_a_second():
     by_others = replace(AXIS, unasked_cycles=26)
 
     assert verdict_of(axes=[asked_lately]) == NO_VERDICT
-    assert verdict_of(axes=[by_others]).cause == Cause.DRIVE_ENABLED_UNASKED
+    assert verdict_of(axes=[by_others]).cause == Cause.UNEXPECTED_ENABLE
 
 
 def test_before_the_first_sample_neither_inputs_nor_joint_are_judged():
@@ -506,7 +506,7 @@ def test_power_that_appears_stops_at_once_and_power_that_does_not_go_soon(
     assert verdict_of(axes=[within], driving=driving) == NO_VERDICT
     found = told(axes=[beyond], driving=driving)
     assert found == (
-        Cause.DRIVE_ENABLED_UNASKED,
+        Cause.UNEXPECTED_ENABLE,
         AXIS.name,
         float(patience + 1),
         float(patience),
@@ -521,7 +521,7 @@ def test_a_fault_reaction_that_nobody_asked_for_may_last_as_long_as_its_profile_
         within = replace(reacting, seen_off=seen_off, unasked_cycles=reacting.reaction_cycles)
         beyond = replace(within, unasked_cycles=reacting.reaction_cycles + 1)
         assert verdict_of(axes=[within]).cause == Cause.DRIVE_FAULT
-        assert verdict_of(axes=[beyond]).cause == Cause.DRIVE_ENABLED_UNASKED
+        assert verdict_of(axes=[beyond]).cause == Cause.UNEXPECTED_ENABLE
 
 
 def test_nobody_expects_power_who_did_not_ask():
@@ -712,9 +712,9 @@ def test_a_verdict_that_nobody_made_is_none():
             (Cause.EFFORT_DEVIATION, 9.5, LIMITS.effort_deviation_max_si, "measured without power"),
         ),
         (
-            replace(AXIS, watch=EffortWatch(opposed_si=25.5, opposed_cycles=99)),
+            replace(AXIS, watch=EffortWatch(sign_mismatch_si=25.5, sign_mismatch_cycles=99)),
             (
-                *(Cause.SIGN_WRONG, 25.5, LIMITS.opposed_effort_min_si),
+                *(Cause.SIGN_WRONG, 25.5, LIMITS.sign_mismatch_effort_min_si),
                 "effort one way, motion the other",
             ),
         ),

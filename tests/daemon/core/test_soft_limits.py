@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from sessions import CONFIGS
 from situations import THRESHOLDS
 
-from daemon.config.load import load
 from daemon.config.robot import friction_parameters, leg_parameters
-from daemon.core.limits import hip_limits, slide_limits
-from daemon.core.soft_limits import SoftZone, slowed, zone_at
-from daemon.core.stopping_path import gradient, slide_range
-from observer.mechanism import singularity_ratio
+from daemon.core.safety.limits import hip_limits, slide_limits
+from daemon.core.safety.soft_limits import SoftZone, slowed, zone_at
+from daemon.core.safety.stopping_path import gradient, slide_range
+from daemon.preflight.load import load
+from observer.mechanism.mechanism import singularity_ratio
 
 SETTINGS = load(CONFIGS / "demo.toml")
 LEG = leg_parameters(SETTINGS.robot)

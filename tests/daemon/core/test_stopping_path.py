@@ -8,9 +8,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from sessions import CONFIGS
 
-from daemon.config.load import load
 from daemon.config.robot import leg_parameters
-from daemon.core.stopping_path import (
+from daemon.core.safety.stopping_path import (
     POINTS,
     REACTION_S,
     cosine,
@@ -20,7 +19,8 @@ from daemon.core.stopping_path import (
     ratio_of,
     slide_range,
 )
-from observer.mechanism import singularity_ratio
+from daemon.preflight.load import load
+from observer.mechanism.mechanism import singularity_ratio
 
 LEG = leg_parameters(load(CONFIGS / "demo.toml").robot)
 RAMPS = (15.0, 20.0)

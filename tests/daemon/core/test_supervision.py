@@ -2,8 +2,8 @@
 
 import pytest
 
-from daemon.core.supervision import status_line
-from daemon.record import Cause, Mode, StopCategory, Verdict
+from daemon.core.runtime.systemd import status_line
+from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
 
 SILENT = Verdict(StopCategory.S1, Cause.DRIVE_SILENT, "right/hip", detail="no\nanswer")
 STOPPED = Verdict(StopCategory.S2, Cause.STOP_REQUESTED)

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from sessions import CONFIGS
 from situations import FEEDBACK, JOINT
 
-from daemon.config.load import load
-from daemon.core import targets
-from daemon.core.axis_notes import Notes
-from daemon.core.build import build
+from daemon.core.modes.persistent_state import PersistentState
+from daemon.core.runtime.build import build
+from daemon.core.steps import targets
+from daemon.preflight.load import load
 from drives.signals import OperationMode, PowerState
 
 CSP, CST = OperationMode.CYCLIC_SYNC_POSITION, OperationMode.CYCLIC_SYNC_TORQUE
@@ -24,7 +24,7 @@ AT_REST = JOINT._replace(position_si=0.2, velocity_si=0.0, effort_si=6.0)
 
 def axis_that(shows=CST, sent=CST, state=PowerState.OPERATION_ENABLED, following=True):
     """The hip, enabled and at rest at 0.2 rad with 6 N·m, its last targets as that."""
-    axis = build(SETTINGS, "test", Notes()).core.axes[0]
+    axis = build(SETTINGS, "test", PersistentState()).core.axes[0]
     axis.joint = AT_REST
     axis.feedback = replace(FEEDBACK, mode_display=shows, power_state=state, following=following)
     axis.mode_sent = sent

@@ -9,15 +9,21 @@ from hypothesis import strategies as st
 from sessions import CONFIGS
 from situations import LIMITS
 
-from daemon.config.load import load
 from daemon.config.robot import friction_parameters, leg_parameters
-from daemon.core.balance import ROW, Balance, follow
-from daemon.core.effort_watch import SENT_COUNT, SETTLE_CYCLES, EffortWatch, look, note_sent
-from daemon.core.energy import STRIDE_MAX_CYCLES, StrideSum, stride_cycles
-from daemon.core.joints import Joint
-from daemon.core.spasm import STILL_CYCLES, SpasmRules, SpasmWatch, softened
-from observer.friction import static_friction_of
-from observer.mechanism import coriolis, damping, gravity, mass_matrix
+from daemon.core.safety.effort_monitor import (
+    SENT_COUNT,
+    SETTLE_CYCLES,
+    EffortWatch,
+    look,
+    note_sent,
+)
+from daemon.core.safety.energy import STRIDE_MAX_CYCLES, StrideSum, stride_cycles
+from daemon.core.safety.inverse_dynamics import ROW, Balance, follow
+from daemon.core.safety.spasm import STILL_CYCLES, SpasmRules, SpasmWatch, softened
+from daemon.core.steps.joints import Joint
+from daemon.preflight.load import load
+from observer.mechanism.friction import static_friction_of
+from observer.mechanism.mechanism import coriolis, damping, gravity, mass_matrix
 
 ROBOT = load(CONFIGS / "demo.toml").robot
 LEG, FRICTIONS = leg_parameters(ROBOT), friction_parameters(ROBOT)
@@ -163,7 +169,7 @@ def opposing(push, motion, row=ROW):
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_effort_one_way_and_motion_the_other_is_counted_and_less_than_the_limit_is_not(sign):
-    limit = LIMITS.opposed_effort_min_si
+    limit = LIMITS.sign_mismatch_effort_min_si
 
     for push, motion, counted in (
         (limit + 1, -limit - 1, True),
@@ -172,20 +178,20 @@ def test_effort_one_way_and_motion_the_other_is_counted_and_less_than_the_limit_
         (limit + 1, limit + 1, False),
     ):
         watch = looked(EffortWatch(), balance=opposing(sign * push, sign * motion), cycles=3)
-        assert (watch.opposed_cycles == 3) == counted
+        assert (watch.sign_mismatch_cycles == 3) == counted
 
 
 @pytest.mark.parametrize("change", [{"powered": False}, {"free": False}, {"placed": False}])
 def test_a_joint_without_power_or_place_or_at_its_end_stop_says_nothing_of_signs(change):
     watch = looked(EffortWatch(), balance=opposing(90.0, -90.0), cycles=3, **change)
 
-    assert watch.opposed_cycles == 0
+    assert watch.sign_mismatch_cycles == 0
 
 
 def test_a_balance_that_is_not_of_this_cycle_says_nothing_of_signs():
     watch = looked(EffortWatch(), balance=opposing(90.0, -90.0, row=ROW - 1), cycles=3)
 
-    assert watch.opposed_cycles == 0
+    assert watch.sign_mismatch_cycles == 0
 
 
 def test_what_a_joint_held_is_remembered_from_when_it_began_to_stand():

@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from daemon.core.window import Window
-from drives.bus import Frame
+from daemon.core.runtime.sync_window import Window
+from drives.canopen.bus import Frame
 
 MS = 1_000_000
 AHEAD_NS = 1_767_225_600 * 1_000_000_000

@@ -15,25 +15,25 @@ import zenoh
 from processes import CONFIGS
 
 from daemon import wire
-from daemon.clock import MonotonicClock
 from daemon.config.settings import Lease
 from daemon.config.trainer import load_trainer
-from daemon.cycle_timing import CycleTiming
 from daemon.gateway.process import serve
 from daemon.gateway.reload import Reload
 from daemon.gateway.service import Gateway
-from daemon.record import (
+from daemon.ipc.cycle_timing import CycleTiming
+from daemon.ipc.record import (
     CycleRecord,
     DriveRecord,
+    GatewayState,
     LegRecord,
-    Level,
     Mode,
     Outcome,
     Request,
     RequestResult,
     Verdict,
 )
-from daemon.seam import CoreSeam, GatewaySeam, RingHeader
+from daemon.ipc.transport import CoreSeam, GatewaySeam, RingHeader
+from daemon.system.clock import MonotonicClock
 
 MS = 1_000_000
 NAN = float("nan")
@@ -103,7 +103,7 @@ def record(seq: int = 1, **changes: Any) -> CycleRecord:
         events=(),
         request=RequestResult(),
         progress="hold",
-        level_age_cycles=1,
+        gateway_age_cycles=1,
         stop_count=0,
         gait_phase=-1.0,
         drives=(drive(), drive(name="right/slide")),
@@ -216,7 +216,7 @@ class Bench:
         self.core = CoreSeam(runtime, header())
         self.seam = GatewaySeam(runtime)
         self.gateway = self.new_gateway()
-        self.levels: list[Level] = []
+        self.levels: list[GatewayState] = []
         self.seq = 0
 
     def new_gateway(self) -> Gateway:
@@ -278,7 +278,7 @@ class FakeCore:
         self.changes: dict[str, Any] = {}
         self.answers: dict[str, RequestResult] = {}
         self.requests: list[Request] = []
-        self.levels: list[Level] = []
+        self.levels: list[GatewayState] = []
         self._seam = CoreSeam(runtime, header(core_boot_id))
         self._stop_count: int | None = None
         self._result = RequestResult()

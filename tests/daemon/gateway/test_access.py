@@ -12,9 +12,9 @@ import pytest
 import zenoh
 from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 
-from daemon.gateway.access import ANY_KEY, RIGHTS, Flow, Message, Role, access_control
-from daemon.gateway.control import ROUTES
-from daemon.record import Outcome
+from daemon.gateway.requests import ROUTES
+from daemon.ipc.record import Outcome
+from daemon.zenoh_io.access import ANY_KEY, RIGHTS, Flow, Message, Role, access_control
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "security.md"
 BASE = "gaitd/trainer"

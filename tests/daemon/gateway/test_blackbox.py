@@ -9,13 +9,13 @@ import msgspec
 import pytest
 from records import HEADER
 
-from daemon.gateway.blackbox import AFTER_NS, BEFORE_NS, BlackBox
-from daemon.gateway.disk import Disk
-from daemon.gateway.shelf import Shelf, surplus
-from daemon.gateway.trail import Glance, glance_of
-from daemon.kept_ring import FOLDER, KeptFile, kept_files
-from daemon.record import Cause, Mode, StopCategory, Verdict
-from daemon.seam import ASIDE_NAME, CoreSeam, GatewaySeam, Kept, RingReader
+from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
+from daemon.ipc.ring_clip import FOLDER, KeptFile, kept_files
+from daemon.ipc.transport import ASIDE_NAME, CoreSeam, GatewaySeam, Kept, RingReader
+from daemon.recorder.black_box import AFTER_NS, BEFORE_NS, BlackBox
+from daemon.recorder.clip_store import ClipStore, surplus
+from daemon.recorder.disk import Disk
+from daemon.recorder.ring_follower import RecordHeader, glance_of
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS
@@ -26,7 +26,7 @@ BEFORE, AFTER = BEFORE_NS // PERIOD_NS, AFTER_NS // PERIOD_NS
 @dataclass
 class Heard:
     cores: list[tuple[str, bool]] = field(default_factory=list)
-    glances: list[Glance] = field(default_factory=list)
+    glances: list[RecordHeader] = field(default_factory=list)
 
     def core(self, boot_id, heard):
         self.cores.append((boot_id, heard))
@@ -57,7 +57,7 @@ class Room:
 
     def start_gateway(self):
         self.seam = GatewaySeam(self.runtime)
-        self.box = BlackBox(self.runtime, Shelf(self.folder), self.disk, self.heard)
+        self.box = BlackBox(self.runtime, ClipStore(self.folder), self.disk, self.heard)
 
     def write(self, count, **changes):
         """Records, with a turn of the gateway after each if there is one."""
@@ -341,10 +341,10 @@ def test_a_glance_reads_the_first_fields_of_a_record(make_record):
 
     seen = glance_of(msgspec.msgpack.encode(made))
 
-    for name in Glance.__struct_fields__:
+    for name in RecordHeader.__struct_fields__:
         assert getattr(seen, name) == getattr(made, name)
-    assert type(made).__struct_fields__[: len(Glance.__struct_fields__)] == (
-        Glance.__struct_fields__
+    assert type(made).__struct_fields__[: len(RecordHeader.__struct_fields__)] == (
+        RecordHeader.__struct_fields__
     )
 
 
@@ -383,7 +383,7 @@ def test_a_folder_that_cannot_be_used_is_a_trouble_and_no_error(tmp_path):
     (folder / "1.ring").touch()
 
     with mock.patch.object(type(folder), "is_file", side_effect=PermissionError(13, "no access")):
-        shelf = Shelf(folder)
+        shelf = ClipStore(folder)
 
     assert str(folder) in shelf.trouble
     assert not shelf.covers("boot-a", 1)

@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import wire
-from daemon.gateway.control import KINDS, PATIENCE_NS, STOP_PATIENCE_NS, Desk
-from daemon.record import Mode, Outcome, RequestKind, RequestResult, Setpoint
+from daemon.gateway.requests import KINDS, PATIENCE_NS, STOP_PATIENCE_NS, RequestQueue
+from daemon.ipc.record import Mode, Outcome, RequestKind, RequestResult, Setpoint
 
 SECOND = 1_000_000_000
 ASK = wire.Ask()
@@ -14,7 +14,7 @@ ASK = wire.Ask()
 
 @pytest.fixture
 def desk(make_record):
-    made = Desk()
+    made = RequestQueue()
     assert made.hear("boot-a", make_record(100)) == []
     return made
 
@@ -70,7 +70,7 @@ def test_nothing_is_asked_of_a_core_that_fell_silent(desk):
 
 
 def test_request_ids_go_on_from_those_the_core_has_seen(make_record):
-    desk = Desk()
+    desk = RequestQueue()
     desk.hear("boot-a", make_record(100, request=RequestResult(41, Outcome.DONE)))
 
     desk.ask(1, "reset", ASK, 0)
@@ -102,7 +102,7 @@ def test_a_stop_that_nobody_confirms_is_answered_in_half_a_second_and_stays_in_t
 
 
 def test_a_new_gateway_says_nothing_before_it_knows_the_count_of_the_core(make_record):
-    desk = Desk()
+    desk = RequestQueue()
     assert desk.level() is None
 
     desk.hear("boot-a", make_record(100, stop_count=5))
@@ -111,7 +111,7 @@ def test_a_new_gateway_says_nothing_before_it_knows_the_count_of_the_core(make_r
 
 
 def test_a_stop_asked_of_a_new_gateway_is_an_increase_for_the_core(make_record):
-    desk = Desk()
+    desk = RequestQueue()
     desk.stop(1, 0)
     assert desk.level().stop_count == 1
 
@@ -157,7 +157,7 @@ STEPS = st.lists(
 @settings(derandomize=True, max_examples=200, deadline=None)
 @given(steps=STEPS)
 def test_every_query_gets_one_answer_and_the_stop_count_never_falls(make_record, steps):
-    desk, now_ns, boot = Desk(), 0, 0
+    desk, now_ns, boot = RequestQueue(), 0, 0
     asked: list[int] = []
     answered: list[int] = []
     counts: list[int] = []

@@ -10,18 +10,18 @@ import pytest
 from msgspec.structs import replace
 from records import HEADER, cut_out, record
 
-from daemon import seam
-from daemon.gateway import control
-from daemon.gateway.keeper import Keeper
-from daemon.gateway.shelf import Shelf
-from daemon.kept_ring import FOLDER, kept_file, kept_files, trimmed
-from daemon.record import RequestKind
+from daemon.gateway import requests
+from daemon.ipc import transport
+from daemon.ipc.record import RequestKind
+from daemon.ipc.ring_clip import FOLDER, kept_file, kept_files, trimmed
+from daemon.recorder.clip_store import ClipStore
+from daemon.recorder.recorder import DiskRecorder
 
 
 def spoil(bench, seq, data=b"\xff" * 40):
     """Bytes in the middle of a record of the core's ring."""
-    with (bench.runtime / seam.RING_NAME).open("r+b") as file:
-        file.seek(seam.HEADER_SIZE + seq % seam.SLOT_COUNT * seam.SLOT_SIZE + 12)
+    with (bench.runtime / transport.RING_NAME).open("r+b") as file:
+        file.seek(transport.HEADER_SIZE + seq % transport.SLOT_COUNT * transport.SLOT_SIZE + 12)
         file.write(data)
 
 
@@ -45,8 +45,8 @@ def test_a_record_that_cannot_be_read_is_left_out_counted_and_told(bench):
 def test_a_slot_whose_number_is_lost_does_not_hold_up_the_records_after_it(bench):
     bench.cycle()
     bench.write()
-    with (bench.runtime / seam.RING_NAME).open("r+b") as file:
-        file.seek(seam.HEADER_SIZE + 2 * seam.SLOT_SIZE)
+    with (bench.runtime / transport.RING_NAME).open("r+b") as file:
+        file.seek(transport.HEADER_SIZE + 2 * transport.SLOT_SIZE)
         file.write(bytes(8))
     bench.write()
 
@@ -95,7 +95,7 @@ def test_a_bug_in_one_query_fails_that_query_alone_and_is_told(
     bench.cycle()
     with monkeypatch.context() as patch, caplog.at_level(logging.ERROR):
         if where == "read_ask":
-            patch.setattr(control, "read_ask", broken)
+            patch.setattr(requests, "read_ask", broken)
         else:
             patch.setattr(asked, "answer", broken)
         bench.cycle(asked)
@@ -138,7 +138,7 @@ def kept_rings(tmp_path):
     folder = tmp_path / "state" / FOLDER
     folder.mkdir(parents=True)
     for number in (1, 2, 3):
-        kept = seam.Kept("emergency", "", "", 5, number * 10**18, 1, 5, False)
+        kept = transport.Kept("emergency", "", "", 5, number * 10**18, 1, 5, False)
         header = replace(HEADER, kept=kept, core_boot_id=f"boot-{number}")
         with contextlib.closing(cut_out(map(record, range(1, 6)))) as cutting:
             (folder / f"{number}.ring").write_bytes(b"".join(trimmed(header, cutting)))
@@ -147,7 +147,7 @@ def kept_rings(tmp_path):
 
 def turn(tmp_path):
     """A gateway's keeper from start to end; what it told."""
-    keeper = Keeper(tmp_path / "state", tmp_path, Clock(), "0.1.0")
+    keeper = DiskRecorder(tmp_path / "state", tmp_path, Clock(), "0.1.0")
     told = [one.text for one in keeper.turn(None, Clock.ns)]
     keeper.close()
     return told
@@ -173,8 +173,8 @@ def test_one_damaged_byte_in_a_kept_ring_costs_that_ring_and_the_gateway_starts(
     files = kept_files(kept_rings)
     assert [file.path.name for file in files] == names
     assert [file.core_boot_id for file in (files[0], files[2])] == ["boot-1", "boot-3"]
-    assert Shelf(kept_rings).covers("boot-1", 3)
-    assert Shelf(kept_rings).covers("boot-3", 3)
+    assert ClipStore(kept_rings).covers("boot-1", 3)
+    assert ClipStore(kept_rings).covers("boot-3", 3)
 
 
 def test_a_damaged_ring_that_cannot_be_set_aside_is_told_at_each_start(kept_rings, tmp_path):
@@ -188,7 +188,7 @@ def test_a_damaged_ring_that_cannot_be_set_aside_is_told_at_each_start(kept_ring
 
 
 def test_the_ring_that_a_core_left_and_nobody_can_read_is_told(tmp_path):
-    (tmp_path / seam.ASIDE_NAME).write_bytes(b"\xff" * 20_000)
+    (tmp_path / transport.ASIDE_NAME).write_bytes(b"\xff" * 20_000)
 
     (told,) = turn(tmp_path)
 

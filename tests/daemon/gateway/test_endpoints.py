@@ -2,7 +2,7 @@
 
 import pytest
 
-from daemon.gateway.endpoints import is_local, refused, to_connect
+from daemon.zenoh_io.endpoints import is_local, refused, to_connect
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,9 @@ import msgspec
 import pytest
 
 from daemon import wire
-from daemon.causes import CAUSE_TEXT
 from daemon.gateway.events import Kind, Priority, happenings
-from daemon.record import Cause, EmergencyRecord, Mode, StopCategory, Verdict
+from daemon.ipc.record import Cause, EmergencyRecord, Mode, StopCategory, Verdict
+from daemon.wire.causes import CAUSE_TEXT
 
 
 def said(before, now):

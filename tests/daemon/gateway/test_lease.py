@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon.config.settings import Lease
-from daemon.gateway.lease import NUMBER_BITS, LeaseDesk, LeaseRefusedError, draw_number
+from daemon.gateway.lease import NUMBER_BITS, LeaseManager, LeaseRefusedError, draw_number
 
 MS = 1_000_000
 RULES = Lease(duration_ms=500, duration_max_ms=2000)
@@ -13,7 +13,7 @@ RULES = Lease(duration_ms=500, duration_max_ms=2000)
 
 @pytest.fixture
 def desk():
-    return LeaseDesk(RULES)
+    return LeaseManager(RULES)
 
 
 def test_who_asks_first_holds_it_for_the_configured_time(desk):
@@ -96,7 +96,7 @@ def test_it_can_be_ended_whatever_the_holder_thinks(desk):
 
 def test_numbers_are_drawn_from_all_that_fit_and_are_never_given_twice():
     script = iter([5, 5, 5, 6, 5, 6, 7])
-    desk = LeaseDesk(RULES, draw=lambda: next(script))
+    desk = LeaseManager(RULES, draw=lambda: next(script))
     given_numbers = []
     for _ in range(3):
         given_numbers.append(desk.acquire("pusher", None, None, 0).number)
@@ -122,7 +122,7 @@ STEPS = st.lists(
 @settings(derandomize=True, max_examples=200, deadline=None)
 @given(steps=STEPS)
 def test_there_is_never_more_than_one_holder_and_none_without_a_time(steps):
-    desk, now_ns = LeaseDesk(RULES), 0
+    desk, now_ns = LeaseManager(RULES), 0
     numbers: dict[str, int] = {}
     for step, client, ms in steps:
         now_ns += ms * MS

@@ -8,7 +8,7 @@ from journald import Journald
 
 from daemon import wire
 from daemon.gateway import log
-from daemon.journal import Journal
+from daemon.system.journal import Journal
 
 EVENT = wire.Event(
     seq=1,

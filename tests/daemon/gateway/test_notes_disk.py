@@ -6,24 +6,24 @@ from unittest import mock
 
 import pytest
 
-from daemon.core.axis_notes import LatchedNote, Notes
-from daemon.core.notebook import Notebook
-from daemon.gateway.notes_disk import NotesDisk
-from daemon.notes_file import NAME
+from daemon.core.modes.persistent_state import LatchedNote, PersistentState
+from daemon.core.runtime.state_file import StateFile
+from daemon.ipc.state_file import NAME
+from daemon.recorder.state_file_sync import NotesDisk
 
 
 @pytest.fixture
 def disk(tmp_path):
     """Never by itself: the thread is ended, looks are asked for."""
-    Notebook(tmp_path).write(Notes())
+    StateFile(tmp_path).write(PersistentState())
     disk = NotesDisk(tmp_path / NAME)
     disk.close()
     return disk
 
 
 def test_what_the_core_wrote_through_its_mapping_is_synced_once(disk, tmp_path):
-    notebook = Notebook(tmp_path)
-    notebook.write(Notes(latched=LatchedNote("S2", "STOP_REQUESTED")))
+    notebook = StateFile(tmp_path)
+    notebook.write(PersistentState(latched=LatchedNote("S2", "STOP_REQUESTED")))
 
     with mock.patch.object(os, "fsync") as fsync:
         assert disk.look()
@@ -33,7 +33,7 @@ def test_what_the_core_wrote_through_its_mapping_is_synced_once(disk, tmp_path):
 
 
 def test_a_sync_that_failed_is_tried_again(disk, tmp_path):
-    Notebook(tmp_path).write(Notes(latched=LatchedNote("S2", "STOP_REQUESTED")))
+    StateFile(tmp_path).write(PersistentState(latched=LatchedNote("S2", "STOP_REQUESTED")))
 
     broken = mock.patch.object(os, "fsync", side_effect=OSError(5, "input/output error"))
     with broken, pytest.raises(OSError, match="input/output"):
@@ -43,7 +43,7 @@ def test_a_sync_that_failed_is_tried_again(disk, tmp_path):
 
 def test_a_file_that_is_not_there_yet_is_waited_for_and_the_end_brings_it_to_the_disk(tmp_path):
     disk = NotesDisk(tmp_path / NAME)
-    Notebook(tmp_path).write(Notes(latched=LatchedNote("S2", "STOP_REQUESTED")))
+    StateFile(tmp_path).write(PersistentState(latched=LatchedNote("S2", "STOP_REQUESTED")))
 
     disk.close()
 
@@ -51,7 +51,7 @@ def test_a_file_that_is_not_there_yet_is_waited_for_and_the_end_brings_it_to_the
 
 
 def test_a_disk_that_fails_is_said_once(disk, tmp_path, caplog):
-    Notebook(tmp_path).write(Notes(latched=LatchedNote("S2", "STOP_REQUESTED")))
+    StateFile(tmp_path).write(PersistentState(latched=LatchedNote("S2", "STOP_REQUESTED")))
 
     with mock.patch.object(os, "fsync", side_effect=OSError(5, "input/output error")):
         failing = NotesDisk(tmp_path / NAME)

@@ -11,7 +11,7 @@ import pytest
 import zenoh
 from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 
-from daemon.record import Cause, Outcome, StopCategory, Verdict
+from daemon.ipc.record import Cause, Outcome, StopCategory, Verdict
 
 pytestmark = pytest.mark.realtime
 
@@ -64,7 +64,7 @@ def test_a_plain_subscriber_receives_activity_and_friction_of_every_cycle(endpoi
         assert set(steps) == {1}
         # By cycle and not by the clock: a busy machine's cycles come late.
         assert {b["cycle"] - a["cycle"] for a, b in itertools.pairwise(messages)} == {1}
-        assert {encoding for _, encoding in received} == {f"application/json;gaitd.{name}.v1"}
+        assert {encoding for _, encoding in received} == {f"application/json;gaitd.{name}.v2"}
         assert {message["core_boot_id"] for message in messages} == {"boot-a"}
     assert result["got"]["activity"][0][0]["hip_patient_nm"] == 8.0
     assert result["got"]["friction"][0][0]["slide_friction_n"] == 20.0

@@ -9,10 +9,10 @@ import pytest
 
 from daemon.config.strict import ConfigError
 from daemon.config.trainer import load_trainer
-from daemon.gateway import endpoints
 from daemon.gateway.events import Priority
-from daemon.gateway.lease import LeaseDesk
+from daemon.gateway.lease import LeaseManager
 from daemon.gateway.reload import Reload
+from daemon.zenoh_io import endpoints
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 
@@ -25,7 +25,7 @@ class Running:
         shutil.copytree(CONFIGS, self.configs)
         self.path = self.configs / "demo.toml"
         file = self.read(self.path)
-        self.desk = LeaseDesk(file.trainer.lease)
+        self.desk = LeaseManager(file.trainer.lease)
         self.reload = Reload(file, self.read)
         self.hashes = {
             str(path): hashlib.sha256(path.read_bytes()).hexdigest()

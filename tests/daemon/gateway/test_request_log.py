@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import wire
-from daemon.gateway.disk import Disk
-from daemon.gateway.request_chain import BEGINNING, Place, check, fields_of, sealed
-from daemon.gateway.request_file import LINES_WAITING_MAX, NAME, RequestFile, files_of, lines_of
-from daemon.gateway.request_log import LINES_PER_MINUTE, RequestLog
-from daemon.gateway.trail import glance_of
-from daemon.record import Cause, Mode, StopCategory, Verdict
+from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
+from daemon.recorder.audit_chain import BEGINNING, Place, check, fields_of, sealed
+from daemon.recorder.audit_file import LINES_WAITING_MAX, NAME, RequestFile, files_of, lines_of
+from daemon.recorder.audit_log import LINES_PER_MINUTE, RequestLog
+from daemon.recorder.disk import Disk
+from daemon.recorder.ring_follower import glance_of
 
 MS = 1_000_000
 UTC_NS = 1_760_000_000_123_456_789

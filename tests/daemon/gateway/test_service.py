@@ -4,11 +4,11 @@ import math
 
 import msgspec
 
-from daemon.cycle_timing import CycleTiming
-from daemon.gateway.alive import SILENCE_NS
 from daemon.gateway.health import HealthWindow
+from daemon.gateway.presence import SILENCE_NS
 from daemon.gateway.translate import Stamp
-from daemon.record import (
+from daemon.ipc.cycle_timing import CycleTiming
+from daemon.ipc.record import (
     BusRecord,
     Cause,
     EmergencyRecord,
@@ -16,6 +16,7 @@ from daemon.record import (
     Outcome,
     RequestKind,
     RequestResult,
+    Stage,
     StopCategory,
     Verdict,
 )
@@ -108,6 +109,14 @@ def test_safety_is_said_at_once_when_it_changes_and_once_a_second(bench):
     for _ in range(100):
         bench.cycle(verdict=Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN), mode=Mode.STOPPING)
     assert len(bench.outlet.on("safety")) == 3
+
+
+def test_a_new_stage_of_an_exercise_is_said_at_once_and_by_its_name(bench):
+    bench.cycle(mode=Mode.GAIT, stage=Stage.ANNOUNCING)
+    bench.cycle(mode=Mode.GAIT, stage=Stage.APPROACHING)
+    bench.cycle(mode=Mode.HOLD)
+
+    assert [said.stage for said in bench.outlet.on("safety")] == ["announcing", "approaching", None]
 
 
 def test_a_silent_core_is_alive_no_more_and_safety_says_not_valid(bench):

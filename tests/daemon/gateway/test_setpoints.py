@@ -8,10 +8,9 @@ import threading
 import msgspec
 import pytest
 
-from daemon.assist_record import AssistRecord
 from daemon.config.settings import Lease
 from daemon.gateway.events import Priority
-from daemon.gateway.lease import LeaseDesk
+from daemon.gateway.lease import LeaseManager
 from daemon.gateway.setpoints import (
     KEPT_COUNT,
     REARM_NS,
@@ -24,8 +23,9 @@ from daemon.gateway.setpoints import (
     SetpointDesk,
 )
 from daemon.gateway.steering import TOLD_MAX, Steering
-from daemon.record import Mode
-from daemon.refusals import SetpointRefusal
+from daemon.ipc.assist_record import AssistRecord
+from daemon.ipc.record import Mode
+from daemon.wire.refusals import SetpointRefusal
 
 LEGS = ("right", "left")
 LEASE = 123_456_789
@@ -186,7 +186,9 @@ def test_many_threads_lose_no_count(box):
 @pytest.fixture
 def steering(make_record):
     numbers = itertools.count(1001)
-    made = Steering(LeaseDesk(Lease(duration_ms=500, duration_max_ms=500), lambda: next(numbers)))
+    made = Steering(
+        LeaseManager(Lease(duration_ms=500, duration_max_ms=500), lambda: next(numbers))
+    )
     made.meet(LEGS)
     made.hear(make_record(1), 0)
     return made

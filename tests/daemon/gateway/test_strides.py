@@ -4,8 +4,8 @@ import msgspec
 import pytest
 
 from daemon import wire
-from daemon.record import AxisStrideRecord, StrideRecord
-from daemon.words import StatusBit
+from daemon.ipc.record import AxisStrideRecord, StrideRecord
+from daemon.wire.fields import StatusBit
 
 
 def axis(**changes) -> AxisStrideRecord:
@@ -97,7 +97,7 @@ def test_a_number_that_is_none_is_null(said):
 
 
 def test_the_schema_of_a_stride_is_given(bench):
-    assert "gaitd.stride.v1" in wire.schemas()
+    assert "gaitd.stride.v2" in wire.schemas()
     described = wire.schema(wire.Stride)["properties"]
     assert all(
         "description" in described[name] or name in {"mode", "status", "status_bits"}

@@ -6,11 +6,11 @@ import socket
 import pytest
 from processes import CONFIGS
 
-from daemon.clock import MonotonicClock
 from daemon.config.trainer import load_trainer
 from daemon.gateway.process import serve
 from daemon.gateway.reload import Reload
-from gaitd.children import free_ports
+from daemon.system.clock import MonotonicClock
+from gaitd_lab.processes import free_ports
 
 TURNS = 40
 """Of at most 20 ms: longer than the half second between two words."""

@@ -7,14 +7,14 @@ import pytest
 from msgspec.structs import replace
 from records import HEADER, record
 
-from daemon.gateway.blackbox import AFTER_NS
-from daemon.gateway.disk import Disk, Trouble
-from daemon.gateway.keeper import Keeper
-from daemon.gateway.notes_disk import NotesDisk
-from daemon.gateway.request_file import RequestFile, numbered
-from daemon.kept_ring import FOLDER, kept_files
-from daemon.record import Cause, StopCategory, Verdict
-from daemon.seam import CoreSeam, GatewaySeam
+from daemon.ipc.record import Cause, StopCategory, Verdict
+from daemon.ipc.ring_clip import FOLDER, kept_files
+from daemon.ipc.transport import CoreSeam, GatewaySeam
+from daemon.recorder.audit_file import RequestFile, numbered
+from daemon.recorder.black_box import AFTER_NS
+from daemon.recorder.disk import Disk, Trouble
+from daemon.recorder.recorder import DiskRecorder
+from daemon.recorder.state_file_sync import NotesDisk
 
 MS = 1_000_000
 OPEN = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN, "right/hip")
@@ -75,7 +75,7 @@ class Clock:
 
 def test_a_stop_is_kept_after_the_request_log_has_failed_as_nobody_thought_of(tmp_path):
     clock, state = Clock(), tmp_path / "state"
-    keeper = Keeper(state, tmp_path, clock, "0.1.0")
+    keeper = DiskRecorder(state, tmp_path, clock, "0.1.0")
     core, seam = CoreSeam(tmp_path, HEADER), GatewaySeam(tmp_path)
     told = []
 
@@ -106,7 +106,7 @@ def test_the_notes_are_looked_at_again_after_what_nobody_thought_of(tmp_path, ca
     path.write_bytes(b"page")
     fails = [MemoryError("no room")] * 3
     with (
-        mock.patch("daemon.gateway.notes_disk.PERIOD_S", 0.005),
+        mock.patch("daemon.recorder.state_file_sync.PERIOD_S", 0.005),
         mock.patch.object(os, "read", side_effect=[*fails, b"page", *[b"page"] * 10_000]),
     ):
         disk = NotesDisk(path)

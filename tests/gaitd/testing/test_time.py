@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from daemon.record import Cause, Mode
+from daemon.ipc.record import Cause, Mode
 from gaitd.testing.service import ServiceError
 from gaitd.testing.trainer import virtual_trainer
 

@@ -1,0 +1,216 @@
+"""Build the record of one cycle from the core's state; nothing here affects control."""
+
+from collections.abc import Callable
+
+from msgspec.structs import replace
+
+from daemon.core.motion.assist import wanted_si
+from daemon.core.motion.trajectory import GaitPlay, gait_phase
+from daemon.core.state import Axis, Core, Leg
+from daemon.core.steps import supervisor
+from daemon.core.steps.smoothing import stride_record
+from daemon.core.tick import Tick
+from daemon.ipc.assist_record import AssistRecord, LegAssistRecord
+from daemon.ipc.record import (
+    STATE_COUNT,
+    CycleRecord,
+    DriveRecord,
+    EmergencyRecord,
+    LegRecord,
+    clipped,
+)
+from drives.canopen.emcy import is_alarm
+from drives.signals import Emergency, Input, NmtState, PowerState
+from observer.drift import Drift, correlation, friction_error
+from observer.filter.status import Status, Validity
+
+NAN = float("nan")
+NS_PER_MS = 1_000_000
+EVENTS_MAX = 8
+EVENT_LENGTH_MAX = 160
+"""Maximum length of an event in bytes.
+
+A record has a slot of fixed size; events beyond `EVENTS_MAX` are put into the next record.
+"""
+
+
+def record(core: Core, tick: Tick) -> CycleRecord:
+    """Build the record of this cycle; recorded events are removed from the core's list."""
+    core.seq += 1
+    events = tuple(clipped(event, EVENT_LENGTH_MAX) for event in core.events[:EVENTS_MAX])
+    core.events = core.events[EVENTS_MAX:]
+    age_max = core.config.thresholds.sample_age_max_cycles
+    return CycleRecord(
+        seq=core.seq,
+        cycle=tick.cycle,
+        sync_mono_ns=tick.sync_ns,
+        sync_utc_ns=tick.sync_utc_ns,
+        dt_s=tick.dt_s,
+        mode=core.mode,
+        verdict=replace(core.verdict, detail=clipped(core.verdict.detail)),
+        events=events,
+        request=replace(core.result, reason=clipped(core.result.reason)),
+        progress=clipped(supervisor.progress(core)),
+        gateway_age_cycles=tick.cycle - core.level_cycle,
+        stop_count=core.stop_count or 0,
+        gait_phase=_phase(core.legs[0]),
+        drives=tuple(_drive(axis, age_max) for axis in core.axes),
+        legs=tuple(_leg(core, tick, leg) for leg in core.legs),
+        timing=tick.timing,
+        bus_load_ratio=tick.bus_load_ratio,
+        tx_dropped_count=tick.tx_dropped_count,
+        bus=tick.bus,
+        assist=_assist(core),
+        stage=supervisor.stage(core),
+    )
+
+
+def _assist(core: Core) -> AssistRecord:
+    return AssistRecord(
+        legs=tuple(_leg_assist(leg) for leg in core.legs),
+        accepted_count=core.setpoint_accepted_count,
+        refused_count=tuple(core.setpoint_refused_count),
+        lapse_count=core.lapse_count,
+        lapse_reason=core.lapse_reason,
+    )
+
+
+def _leg_assist(leg: Leg) -> LegAssistRecord:
+    newest = leg.assist.accepted
+    return LegAssistRecord(
+        seq=leg.assist.seq,
+        wanted=(0.0, 0.0) if newest is None else wanted_si(newest),
+        assist=leg.assist_si,
+        stiffness_ratio=leg.stiffness_ratio * leg.spasm_ratio,
+    )
+
+
+def _phase(leg: Leg) -> float:
+    return gait_phase(leg.plan) if isinstance(leg.plan, GaitPlay) else -1.0
+
+
+def _drive(axis: Axis, age_max_cycles: int) -> DriveRecord:
+    """The record of one drive; values of a sample that is too old are left out."""
+    feedback, joint = axis.feedback, axis.joint
+    if feedback is None:
+        return _unseen(axis.name)
+    emergency = feedback.emergency
+    known = joint.known and feedback.sample_age_cycles <= age_max_cycles
+    return DriveRecord(
+        name=axis.name,
+        nmt_state=feedback.nmt_state,
+        power_state=feedback.power_state,
+        statusword=feedback.statusword,
+        mode_display=feedback.mode_display,
+        fresh=joint.fresh,
+        sample_age_cycles=feedback.sample_age_cycles,
+        late_count=feedback.late_count,
+        heartbeat_age_ms=feedback.heartbeat_age_ns / NS_PER_MS,
+        position_si=joint.position_si if known else None,
+        velocity_si=joint.velocity_si if known else None,
+        effort_si=joint.effort_si if known else None,
+        target_effort_si=axis.effort_sent_si,
+        referenced=axis.referenced,
+        hand_switch_closed=Input.HAND_SWITCH_CLOSED in feedback.inputs,
+        sto_released=Input.STO_RELEASED in feedback.inputs,
+        temperature_degc=feedback.temperature_degc,
+        emergency_code=emergency.code if emergency else 0,
+        emergency_text=emergency.text if emergency else "",
+        emergency_count=feedback.emergency_count,
+        protocol_error_count=feedback.protocol_error_count,
+        sign_proven=axis.sign_proven,
+        emergencies=tuple(_emergency(one, repeated) for one, repeated in feedback.news),
+    )
+
+
+def _emergency(emergency: Emergency, repeated: bool) -> EmergencyRecord:
+    return EmergencyRecord(
+        code=emergency.code,
+        error_register=emergency.error_register,
+        vendor_bytes=emergency.vendor_bytes.hex(),
+        text=emergency.text,
+        reaction=emergency.reaction.value,
+        alarm=is_alarm(emergency),
+        loses_reference=emergency.loses_reference,
+        repeated=repeated,
+    )
+
+
+def _unseen(name: str) -> DriveRecord:
+    """The record of a drive without any sample since bring-up, or without a bring-up."""
+    return DriveRecord(
+        name=name,
+        nmt_state=NmtState.UNKNOWN,
+        power_state=PowerState.UNKNOWN,
+        statusword=0,
+        mode_display=0,
+        fresh=False,
+        sample_age_cycles=0,
+        late_count=0,
+        heartbeat_age_ms=0.0,
+        position_si=None,
+        velocity_si=None,
+        effort_si=None,
+        target_effort_si=0.0,
+        referenced=False,
+        hand_switch_closed=False,
+        sto_released=False,
+        temperature_degc=None,
+        emergency_code=0,
+        emergency_text="",
+        emergency_count=0,
+        protocol_error_count=0,
+    )
+
+
+def _leg(core: Core, tick: Tick, leg: Leg) -> LegRecord:
+    estimate = leg.estimate
+    reference = leg.reference.position if leg.reference else leg.measured
+    if estimate is None:
+        unknown = (NAN,) * STATE_COUNT
+        return LegRecord(
+            name=leg.name,
+            state=unknown,
+            std=unknown,
+            covariance=(NAN,) * (STATE_COUNT * (STATE_COUNT + 1) // 2),
+            innovation=(NAN, NAN),
+            nis=NAN,
+            net=(NAN, NAN),
+            net_std=(NAN, NAN),
+            validity=(Validity.BAD, Validity.BAD),
+            status=Status.UNREFERENCED if not _referenced(leg) else Status.WARM_UP,
+            measured=leg.measured,
+            effort_used=leg.effort_used,
+            reference=reference,
+            gait_phase=_phase(leg),
+        )
+    return LegRecord(
+        name=leg.name,
+        state=estimate.state,
+        std=estimate.std,
+        covariance=estimate.covariance,
+        innovation=estimate.innovation,
+        nis=estimate.nis,
+        net=estimate.net,
+        net_std=estimate.net_std,
+        validity=estimate.validity,
+        status=estimate.status,
+        measured=leg.measured,
+        effort_used=leg.effort_used,
+        reference=reference,
+        artificial=leg.artificial,
+        mean_nis=estimate.mean_nis,
+        drift_correlation=_of_both(leg, correlation),
+        friction_error=_of_both(leg, friction_error),
+        stride=stride_record(leg, tick.sync_ns, core.config.period_ns),
+        gait_phase=_phase(leg),
+    )
+
+
+def _of_both(leg: Leg, figure: Callable[[Drift], float]) -> tuple[float, float]:
+    hip, slide = leg.axes
+    return figure(hip.drift), figure(slide.drift)
+
+
+def _referenced(leg: Leg) -> bool:
+    return all(axis.referenced for axis in leg.axes)

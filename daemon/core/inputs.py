@@ -1,0 +1,59 @@
+"""Gateway states received in a cycle are reduced to a stop, a request and setpoints.
+
+Rules:
+1. Every received gateway state can stop: a stop count above the known one is a stop.
+2. All other fields are used only from a gateway state that is addressed to this core
+   (`core_boot_id`), has a higher `seq` than all before, and refers to a cycle that has started.
+   A datagram that is received twice therefore has no effect the second time.
+3. The age of a gateway state is counted from the cycle it refers to, not from its arrival.
+4. A request is new if its id is higher than the id of every earlier request.
+5. The known stop count is also lowered by a newer gateway state, so that the next stop of a
+   gateway that counts lower has an effect. An older gateway state, or one for another core, can
+   only raise it.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from daemon.core.state import Core
+from daemon.ipc.record import GatewayState, Request
+
+
+class CommandInputs(NamedTuple):
+    """The stop and the new request that this cycle received."""
+
+    stop: bool = False
+    request: Request | None = None
+    """New in this cycle and not checked yet."""
+
+
+NO_ORDERS = CommandInputs()
+
+
+def hear(core: Core, levels: Sequence[GatewayState], cycle: int) -> CommandInputs:
+    """Read all waiting gateway states, oldest first, and update the core's command inputs."""
+    stop = False
+    newest: GatewayState | None = None
+    for level in levels:
+        # The first gateway state only initialises the count: nothing is moving yet.
+        known = core.stop_count
+        more = known is None or level.stop_count > known
+        stop = stop or (more and known is not None)
+        newer = (
+            level.core_boot_id == core.boot_id
+            and level.seq > core.level_seq
+            and level.for_cycle <= cycle
+        )
+        if more or newer:
+            core.stop_count = level.stop_count
+        if newer:
+            core.level_seq, newest = level.seq, level
+    if newest is None:
+        return CommandInputs(stop)
+    core.level_cycle = max(core.level_cycle, newest.for_cycle)
+    core.setpoints, core.lease = newest.setpoints, newest.lease
+    return CommandInputs(stop, newest.request if _is_new(core, newest.request) else None)
+
+
+def _is_new(core: Core, request: Request) -> bool:
+    return request.id > core.result.id

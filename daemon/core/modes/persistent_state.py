@@ -1,0 +1,195 @@
+"""Persistent state: last pose of each axis, proven signs, daily test, and a latched stop.
+
+Pure: `state_file.py` reads and writes the file. Rules:
+
+1.  The pose is stored while no drive is enabled: at rest, referenced, with a sample of this cycle.
+    The stored pose is that of the last orderly stop, or where the leg was moved by hand afterwards.
+2.  An absolute encoder is accepted if it agrees with that pose, within the tolerance of the
+    trainer file. Without a stored pose a setting of the trainer file decides.
+3.  An unreadable file is not treated as a missing file: no encoder is accepted then.
+4.  A proof of a sign is valid for one drive and one transmission: another serial number, node,
+    gear or sign makes it void.
+5.  A stop that was latched when the core ended is latched in the next one (`latching.py`). If the
+    file cannot be read, LAST_END_UNKNOWN is latched.
+"""
+
+from typing import Final, NamedTuple
+
+import msgspec
+from msgspec.structs import replace
+
+from daemon.ipc.decoding import Count
+
+FORMAT: Final = "gaitd.axes.v1"
+POSE_STEP_SI: Final = 1e-4
+"""Smallest change of a stored pose, rad or m; smaller ones are encoder noise."""
+
+
+class Wiring(NamedTuple):
+    """The drive settings of an axis for which a sign proof is valid."""
+
+    node_id: int
+    sign: int
+    gear_ratio: float
+    lead_m: float | None
+    counts_per_rev: int
+
+
+class SignProof(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Proof of an axis's sign: encoder and operator have confirmed the direction of motion."""
+
+    node_id: Count
+    serial_number: Count
+    sign: int
+    gear_ratio: float
+    lead_m: float | None
+    counts_per_rev: Count
+    moved_forth_si: float
+    moved_back_si: float
+    utc_ns: Count
+
+
+class AxisNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Persistent state of one axis; SI units at the joint."""
+
+    position_si: float | None = None
+    noted_utc_ns: Count = 0
+    proof: SignProof | None = None
+
+
+class InputsNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Times at which the inputs of one drive were last seen in each state, UTC; 0: never."""
+
+    hand_switch_open_utc_ns: Count = 0
+    hand_switch_closed_utc_ns: Count = 0
+    sto_active_utc_ns: Count = 0
+    sto_released_utc_ns: Count = 0
+    serial_number: Count = 0
+    """Serial number of the drive; 0: it has none."""
+
+
+class AxisTestNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Findings of a self-test for one axis; SI units at the joint."""
+
+    friction_si: float
+    friction_ratio: float
+    load_error_si: float
+    moved_si: float
+    serial_number: Count = 0
+    """Serial number of the drive; 0: it has none."""
+
+
+class SelfTestNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Result of the newest self-test of the whole machine."""
+
+    utc_ns: Count
+    passed: bool
+    leg_digest: str
+    axes: dict[str, AxisTestNote] = {}
+
+
+class LatchedNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A verdict that only a reset removes; category and cause by name."""
+
+    category: str
+    cause: str
+    drive: str = ""
+    value: float | None = None
+    """None: there is no value, or it is not finite."""
+    limit: float | None = None
+    detail: str = ""
+    utc_ns: Count = 0
+    """Time at which the verdict was first stored."""
+
+
+class PersistentState(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The whole persistent state, as stored in the state file; axes by name."""
+
+    axes: dict[str, AxisNote] = {}
+    format: str = FORMAT
+    damaged: bool = False
+    """The file existed and could not be read: missing entries are lost, not new."""
+    latched: LatchedNote | None = None
+    inputs: dict[str, InputsNote] = {}
+    self_test: SelfTestNote | None = None
+    utc_newest_ns: Count = 0
+    """Latest UTC time read: a clock that shows an earlier time was set back."""
+
+    def of(self, name: str) -> AxisNote:
+        """The stored state of one axis; an empty note if there is none."""
+        return self.axes.get(name, AxisNote())
+
+    def noted(self, name: str, note: AxisNote) -> "PersistentState":
+        """A copy with another note for one axis."""
+        return replace(self, axes={**self.axes, name: note})
+
+
+UNREADABLE: Final = PersistentState(
+    damaged=True,
+    latched=LatchedNote("S1", "LAST_END_UNKNOWN", detail="the notes of that run cannot be read"),
+)
+"""State after an unreadable file: a stop may have been latched, so LAST_END_UNKNOWN is."""
+
+
+class PoseRules(NamedTuple):
+    """Settings of [reference] in the trainer file, for one axis."""
+
+    tolerance_si: float
+    believed_without_pose: bool
+
+
+def disagreement(notes: PersistentState, name: str, position_si: float, rules: PoseRules) -> str:
+    """The reason why an absolute encoder is not accepted; empty if it is (rules 2 and 3)."""
+    stored_si = notes.of(name).position_si
+    if stored_si is None and notes.damaged:
+        return "the stored pose cannot be read"
+    if stored_si is None:
+        return "" if rules.believed_without_pose else "no pose has been stored yet"
+    if abs(position_si - stored_si) <= rules.tolerance_si:
+        return ""
+    return f"its encoder says {position_si:.4g}, it was left at {stored_si:.4g}"
+
+
+def proven(notes: PersistentState, name: str, wiring: Wiring, serial_number: int) -> bool:
+    """True if the sign of this axis is proven for its present drive and wiring (rule 4)."""
+    proof = notes.of(name).proof
+    if proof is None:
+        return False
+    now = (*wiring, serial_number)
+    return now == (
+        proof.node_id,
+        proof.sign,
+        proof.gear_ratio,
+        proof.lead_m,
+        proof.counts_per_rev,
+        proof.serial_number,
+    )
+
+
+def prove(
+    wiring: Wiring, serial_number: int, moved_si: tuple[float, float], utc_ns: int
+) -> SignProof:
+    """The sign proof of an axis that moved forth and back in the direction of its torque."""
+    return SignProof(
+        **wiring._asdict(),
+        serial_number=serial_number,
+        moved_forth_si=moved_si[0],
+        moved_back_si=moved_si[1],
+        utc_ns=utc_ns,
+    )
+
+
+def with_pose(
+    notes: PersistentState, name: str, position_si: float, utc_ns: int
+) -> PersistentState:
+    """A copy with the present pose of an axis; the same object if the axis has not moved."""
+    note = notes.of(name)
+    stored_si = note.position_si
+    if stored_si is not None and abs(stored_si - position_si) <= POSE_STEP_SI:
+        return notes
+    return notes.noted(name, replace(note, position_si=position_si, noted_utc_ns=utc_ns))
+
+
+def with_proof(notes: PersistentState, name: str, proof: SignProof) -> PersistentState:
+    """A copy with the proof of an axis's sign."""
+    return notes.noted(name, replace(notes.of(name), proof=proof))

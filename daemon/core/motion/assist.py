@@ -1,0 +1,210 @@
+"""Assist of a controller for one leg: which setpoints are accepted, and the assist in force.
+
+Rules:
+1. A setpoint is accepted if it belongs to the lease of the newest gateway state, is newer than the
+   last accepted one, refers to a recent cycle, is finite and inside its limits, and if the mode
+   takes assist. Any other setpoint is refused with a reason, once, and changes nothing.
+2. Modes without assist accept a neutral setpoint, which has no effect: so a controller can show
+   that it is alive before its mode begins.
+3. Assist in force follows the setpoint within limit, rate and power (`bounds.bound_assist`).
+4. Without an accepted and fresh setpoint, in a mode with assist, assist fades to zero within
+   `stop.assist_fade_ms` from any value, and stiffness returns to full in the same time. The leg is
+   then braked from where it is (`leg_plan.hold_from`): it is not pulled back to a reference.
+5. Assist lapses when the setpoint in force has lost its lease or is stale; mode TORQUE lapses also
+   when no first setpoint is received. The age is counted in cycles of the core, from `for_cycle`.
+
+Pairs are hip and slide: N·m and N.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from daemon.core.safety import bounds
+from daemon.core.safety.limits import AxisLimits
+from daemon.ipc.record import Mode, Setpoint
+from daemon.wire.refusals import SetpointRefusal
+
+Pair = tuple[float, float]
+
+ASSISTED = frozenset({Mode.TORQUE, Mode.GAIT})
+"""Modes that take assist."""
+FULL_STIFFNESS = 1.0
+
+
+class AssistRules(NamedTuple):
+    """Settings of [assist] and [stop] in limits.toml."""
+
+    age_max_cycles: int
+    start_cycles: int
+    """Time for which mode TORQUE waits for its first setpoint."""
+    fade_cycles: int
+    stiffness_step_ratio: float
+    """Largest change of the stiffness share per cycle."""
+
+
+class SetpointContext(NamedTuple):
+    """State of the core in this cycle against which a setpoint is checked."""
+
+    lease: int
+    """The lease held according to the newest gateway state; 0: none."""
+    cycle: int
+    mode: Mode
+    by_position: bool
+    """Guidance is by the drives' own position loops."""
+
+
+@dataclass(frozen=True, slots=True)
+class LegAssist:
+    """The newest setpoint of a controller for one leg, and the assist in force."""
+
+    lease: int = 0
+    """The lease that `seq` and `accepted` belong to."""
+    seq: int = -1
+    """`seq` of the newest accepted setpoint."""
+    judged: tuple[int, int, int] | None = None
+    """Lease, seq and for_cycle of the newest checked setpoint.
+
+    Every gateway state repeats the setpoint; it is checked once.
+    """
+    accepted: Setpoint | None = None
+    """The newest accepted setpoint, followed as long as it is fresh."""
+    effort_si: Pair = (0.0, 0.0)
+    """Assist in force."""
+    fade_si: Pair | None = None
+    """Decrease of assist per cycle while it fades; None while it does not fade."""
+    stiffness_ratio: float = FULL_STIFFNESS
+    """Stiffness share in force."""
+
+
+def judge(
+    setpoint: Setpoint,
+    last_seq: int,
+    limits: tuple[AxisLimits, AxisLimits],
+    desk: SetpointContext,
+    rules: AssistRules,
+) -> SetpointRefusal:
+    """Check a setpoint; NONE if it is accepted, else the reason to refuse it.
+
+    Args:
+        setpoint: as the gateway forwards it.
+        last_seq: `seq` of the last accepted one of this leg and lease; -1: there is none.
+        limits: limits of hip and slide.
+        desk: state of the core in this cycle.
+        rules: settings of limits.toml.
+    """
+    return _by_sender(setpoint, last_seq, desk, rules) or _by_content(setpoint, limits, desk)
+
+
+def _by_sender(
+    setpoint: Setpoint, last_seq: int, desk: SetpointContext, rules: AssistRules
+) -> SetpointRefusal:
+    if desk.lease == 0:
+        return SetpointRefusal.UNLEASED
+    if setpoint.lease != desk.lease:
+        return SetpointRefusal.WRONG_LEASE
+    if setpoint.seq == last_seq:
+        return SetpointRefusal.REPEATED
+    if setpoint.seq < last_seq:
+        return SetpointRefusal.REORDERED
+    if setpoint.for_cycle > desk.cycle:
+        return SetpointRefusal.AHEAD
+    return SetpointRefusal.NONE if is_fresh(setpoint, desk.cycle, rules) else SetpointRefusal.STALE
+
+
+def _by_content(
+    setpoint: Setpoint, limits: tuple[AxisLimits, AxisLimits], desk: SetpointContext
+) -> SetpointRefusal:
+    wanted = wanted_si(setpoint)
+    if not all(map(math.isfinite, (*wanted, setpoint.stiffness_ratio))):
+        return SetpointRefusal.NON_FINITE
+    inside = all(abs(one) <= of.assist_max_si for one, of in zip(wanted, limits, strict=True))
+    if not inside or not 0.0 <= setpoint.stiffness_ratio <= FULL_STIFFNESS:
+        return SetpointRefusal.OUT_OF_RANGE
+    if desk.by_position:
+        return SetpointRefusal.GUIDANCE_IS_POSITION
+    if desk.mode not in ASSISTED and not is_neutral(setpoint):
+        return SetpointRefusal.WRONG_MODE
+    return SetpointRefusal.NONE
+
+
+def is_fresh(setpoint: Setpoint, cycle: int, rules: AssistRules) -> bool:
+    """True if the setpoint refers to a recent enough cycle."""
+    return cycle - setpoint.for_cycle <= rules.age_max_cycles
+
+
+def is_neutral(setpoint: Setpoint) -> bool:
+    """True if the setpoint has no effect: no assist, full stiffness."""
+    return wanted_si(setpoint) == (0.0, 0.0) and setpoint.stiffness_ratio == FULL_STIFFNESS
+
+
+def wanted_si(setpoint: Setpoint) -> Pair:
+    """The assist of a setpoint for hip and slide: N·m, N."""
+    return setpoint.hip_assist_nm, setpoint.slide_assist_n
+
+
+def is_in_force(assist: LegAssist) -> bool:
+    """True if a controller adds assist or reduces stiffness; False while assist only fades."""
+    asked = assist.accepted is not None and not is_neutral(assist.accepted)
+    left = assist.effort_si != (0.0, 0.0) or assist.stiffness_ratio != FULL_STIFFNESS
+    return asked or (left and assist.fade_si is None)
+
+
+def advance(
+    assist: LegAssist,
+    wanted: Setpoint | None,
+    limits: tuple[AxisLimits, AxisLimits],
+    velocity_si: Pair,
+    rules: AssistRules,
+    dt_s: float,
+) -> LegAssist | None:
+    """Advance the assist in force by one cycle.
+
+    Args:
+        assist: assist of the previous cycle.
+        wanted: the accepted and fresh setpoint in a mode with assist; None: fade.
+        limits: limits of hip and slide.
+        velocity_si: joint speeds from raw encoders: rad/s, m/s.
+        rules: settings of limits.toml.
+        dt_s: nominal time between two commands.
+
+    Returns:
+        The assist in force now; None if a number is not finite: then the machine stops.
+    """
+    if wanted is None:
+        return _faded(assist, rules)
+    stiffness_ratio = _towards(
+        assist.stiffness_ratio, wanted.stiffness_ratio, rules.stiffness_step_ratio
+    )
+    asked = zip(wanted_si(wanted), assist.effort_si, limits, velocity_si, strict=True)
+    hip_si, slide_si = (
+        bounds.bound_assist(aim_si, last_si, of, speed_si, dt_s)
+        for aim_si, last_si, of, speed_si in asked
+    )
+    if hip_si is None or slide_si is None:
+        return None
+    return replace(
+        assist, effort_si=(hip_si, slide_si), fade_si=None, stiffness_ratio=stiffness_ratio
+    )
+
+
+def _faded(assist: LegAssist, rules: AssistRules) -> LegAssist:
+    """Assist after one cycle of the fade, which ends at zero within `fade_cycles`."""
+    hip_si, slide_si = assist.effort_si
+    fade_si = assist.fade_si or (abs(hip_si) / rules.fade_cycles, abs(slide_si) / rules.fade_cycles)
+    effort_si = (_shrunk(hip_si, fade_si[0]), _shrunk(slide_si, fade_si[1]))
+    stiffness_ratio = _towards(assist.stiffness_ratio, FULL_STIFFNESS, 1 / rules.fade_cycles)
+    return replace(assist, effort_si=effort_si, fade_si=fade_si, stiffness_ratio=stiffness_ratio)
+
+
+def _shrunk(effort_si: float, step_si: float) -> float:
+    # A remainder from rounding after the last step is set to zero.
+    left_si = abs(effort_si) - step_si
+    return math.copysign(left_si, effort_si) if left_si > NEGLIGIBLE_RATIO * step_si else 0.0
+
+
+NEGLIGIBLE_RATIO = 1e-6
+
+
+def _towards(value: float, aim: float, step: float) -> float:
+    return min(max(aim, value - step), value + step)

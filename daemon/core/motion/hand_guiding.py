@@ -1,0 +1,152 @@
+"""Hand guiding, mode HAND_GUIDING: the leg can be moved by hand, to get a patient out.
+
+There is no stiffness: the drives carry g(q) at the present pose and damp the motion. Damping is
+small up to the speed at which a hand leads a leg, and larger beyond it. In the margins before the
+ends of the range the larger damping begins at lower speeds, and a spring leads back in, as it does
+before the stretched pose. None of these efforts steps. Friction holds a leg that is let go. Above
+the speed limit of this mode the machine stops, and also when the hand switch opens, as in any mode.
+Hand guiding begins once the drives are in torque mode and ends after its time: then the leg is held
+where it is.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from daemon.config.settings import HandGuiding
+from daemon.core.motion.trajectory import Pair, Reference
+from daemon.core.safety.limits import AxisLimits
+from daemon.ipc.record import Stage
+from observer.mechanism.mechanism import LegParameters, singularity_ratio
+
+STRETCHED_MARGIN_RATIO: Final = 2.0
+"""Start of the margin before the stretched pose, as a multiple of the ratio that stops."""
+GRADIENT_STEP: Final = 1e-3
+"""Step of the numerical gradient, rad or m."""
+
+
+class Guiding(NamedTuple):
+    """Damping and spring of one axis: N·m, rad/s or N, m/s."""
+
+    damping_si: float
+    slow_si_per_s: float
+    damping_beyond_si: float
+    edge_si: float
+    """Spring effort at a hard limit that leads back in."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReleasePlay:
+    """The hand-guiding plan of one leg."""
+
+    start: Pair
+    """Pose held until the drives are in torque mode."""
+    leg: LegParameters
+    guiding: tuple[Guiding, Guiding]
+    stretched_stop_ratio: float
+    """|sin| of the angle between shank and shoe that stops the machine."""
+    duration_s: float
+    stage: Stage = Stage.PREPARING
+    elapsed_s: float = 0.0
+
+
+def guiding_of(rules: HandGuiding) -> tuple[Guiding, Guiding]:
+    """Settings of [hand_guiding] in the trainer file, for hip and slide."""
+    return (
+        Guiding(
+            rules.hip_damping_nm_s_per_rad,
+            rules.hip_slow_rad_per_s,
+            rules.hip_damping_beyond_nm_s_per_rad,
+            rules.hip_edge_nm,
+        ),
+        Guiding(
+            rules.slide_damping_n_s_per_m,
+            rules.slide_slow_m_per_s,
+            rules.slide_damping_beyond_n_s_per_m,
+            rules.slide_edge_n,
+        ),
+    )
+
+
+def advance_release(play: ReleasePlay, dt_s: float, *, ready: bool) -> ReleasePlay:
+    """Advance the plan by one cycle; `ready`: both drives are in torque mode."""
+    play = replace(play, elapsed_s=play.elapsed_s + dt_s)
+    if play.elapsed_s >= play.duration_s:
+        return replace(play, stage=Stage.OVER, elapsed_s=0.0)
+    if play.stage == Stage.PREPARING and ready:
+        return replace(play, stage=Stage.PLAYING, elapsed_s=0.0)
+    return play
+
+
+def release_reference(
+    play: ReleasePlay, position: Pair, velocity: Pair, limits: tuple[AxisLimits, AxisLimits]
+) -> Reference:
+    """Reference of hand guiding: the start pose at first, then damping and springs only.
+
+    Args:
+        play: the plan.
+        position: from the raw encoders, rad and m.
+        velocity: from encoder differences, rad/s and m/s.
+        limits: limits of both axes.
+    """
+    if play.stage == Stage.PREPARING:
+        return Reference(play.start, (0.0, 0.0), (0.0, 0.0), guided=True)
+    hip, slide = (
+        slowing(*axis) + leading_in(axis[0], axis[1], axis[3])
+        for axis in zip(play.guiding, position, velocity, limits, strict=True)
+    )
+    bent_nm, bent_n = bending(play, position)
+    return Reference(position, (0.0, 0.0), (hip + bent_nm, slide + bent_n), guided=False)
+
+
+def slowing(guiding: Guiding, position_si: float, velocity_si: float, limits: AxisLimits) -> float:
+    """Damping effort of one axis against its motion, N·m or N; 0 at rest."""
+    slow_si = guiding.slow_si_per_s * (1 - _depth(position_si, velocity_si, limits))
+    beyond_si = max(abs(velocity_si) - slow_si, 0.0)
+    against_si = guiding.damping_si * abs(velocity_si) + guiding.damping_beyond_si * beyond_si
+    return -math.copysign(against_si, velocity_si)
+
+
+def _depth(position_si: float, velocity_si: float, limits: AxisLimits) -> float:
+    """Depth in the margin ahead of the motion: 0 before it, 1 at the hard limit."""
+    room_si = (
+        limits.position_max_si - position_si
+        if velocity_si > 0
+        else position_si - limits.position_min_si
+    )
+    return min(max(1 - room_si / limits.soft_margin_si, 0.0), 1.0)
+
+
+def leading_in(guiding: Guiding, position_si: float, limits: AxisLimits) -> float:
+    """Spring effort in the soft margins of one axis, N·m or N; 0 outside of them."""
+    below_si = max(limits.position_min_si + limits.soft_margin_si - position_si, 0.0)
+    above_si = max(position_si - limits.position_max_si + limits.soft_margin_si, 0.0)
+    return guiding.edge_si * (below_si - above_si) / limits.soft_margin_si
+
+
+def bending(play: ReleasePlay, position: Pair) -> Pair:
+    """Efforts away from the stretched pose, along the gradient of its distance; N·m, N."""
+    stop_ratio = play.stretched_stop_ratio
+    width = stop_ratio * (STRETCHED_MARGIN_RATIO - 1)
+    depth = (stop_ratio + width - _stretched(play.leg, position)) / width
+    if depth <= 0:
+        return 0.0, 0.0
+    slope = (
+        _slope(play.leg, position, (GRADIENT_STEP, 0.0)),
+        _slope(play.leg, position, (0.0, GRADIENT_STEP)),
+    )
+    edges = play.guiding[0].edge_si, play.guiding[1].edge_si
+    scale = min(edge_si / abs(one) for edge_si, one in zip(edges, slope, strict=True) if one != 0.0)
+    return depth * scale * slope[0], depth * scale * slope[1]
+
+
+def _slope(leg: LegParameters, position: Pair, step: Pair) -> float:
+    ahead = _stretched(leg, (position[0] + step[0], position[1] + step[1]))
+    behind = _stretched(leg, (position[0] - step[0], position[1] - step[1]))
+    return (ahead - behind) / (2 * GRADIENT_STEP)
+
+
+def _stretched(leg: LegParameters, position: Pair) -> float:
+    return float(singularity_ratio(leg, np.array(position)))

@@ -1,0 +1,274 @@
+"""Build a core and its bring-up plans from the configuration: the only file that imports both."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import msgspec
+
+from daemon.config.bundle import LegDrives, Settings
+from daemon.config.drive_plan import cycle_settings, drive_limits
+from daemon.config.limit_settings import Limits
+from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
+from daemon.config.settings import Commissioning, Reference, Trainer
+from daemon.core.modes.persistent_state import PersistentState, PoseRules, Wiring
+from daemon.core.motion.assist import AssistRules
+from daemon.core.motion.single_axis import OVER, Homing, HomingRules, Preparation, PushRules
+from daemon.core.motion.trajectory import gait_shape
+from daemon.core.safety.limits import AxisLimits, Categories, Thresholds, hip_limits, slide_limits
+from daemon.core.safety.spasm import SpasmRules, SpasmWatch
+from daemon.core.safety.stop_sequence import StopRules
+from daemon.core.state import Axis, Core, CoreConfig, Leg
+from daemon.ipc.transport import RingHeader
+from drives.bringup.plan import CycleSettings, DrivePlan, homing_plan, lonely_plan, plan
+from drives.cia402.profile import DriveDescription
+from drives.cia402.units import axis_scaling, expected_base
+from observer.filter.leg_observer import LegObserver
+from observer.filter.leg_smoother import LegSmoother
+from observer.strides import StrideCounter
+
+NS_PER_MS = 1_000_000
+HOMING_SPEED_RATIO = 3.0
+"""Speed limit of a homing, as a multiple of its search speed."""
+LEG_DIGEST_LENGTH = 16
+"""Number of hexadecimal digits that distinguish two robot files."""
+SECOND_LEG_PHASE = 0.5
+"""Phase of the second leg relative to the first, in strides."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plans:
+    """Bring-up plans of the drives: usual ones, and special ones for homing and sign test."""
+
+    usual: tuple[DrivePlan, ...]
+    homing: Mapping[str, DrivePlan]
+    """Plan of the homed axis, by its name."""
+    commissioning: Mapping[str, DrivePlan]
+    """Plan of the axis whose sign is tested, by its name."""
+
+    def of(self, preparation: Preparation | None) -> tuple[DrivePlan, ...]:
+        """The plans of all drives for the next homing or sign test, or the usual ones."""
+        if preparation is None or preparation.step in OVER:
+            return self.usual
+        table = self.homing if isinstance(preparation, Homing) else self.commissioning
+        special = table[preparation.axis]
+        return tuple(
+            special if one.description.name == preparation.axis else one for one in self.usual
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Built:
+    """A core before bring-up, with the plans for its bring-up."""
+
+    core: Core
+    plans: Plans
+    cycle: CycleSettings
+
+
+def build(settings: Settings, boot_id: str, notes: PersistentState) -> Built:
+    """Build a core from the configuration and the persistent state of its last run."""
+    friction = friction_parameters(settings.robot)
+    limits = settings.limits
+    by_axis = (
+        hip_limits(limits, friction[0].stribeck),
+        slide_limits(limits, friction[1].stribeck),
+    )
+    legs = tuple(
+        _leg(settings, leg, by_axis, index * SECOND_LEG_PHASE)
+        for index, leg in enumerate(settings.legs)
+    )
+    patient_configured = settings.robot.patient is not None
+    leg_digest = settings.hashes[str(settings.file.robot)][:LEG_DIGEST_LENGTH]
+    config = _core_config(settings.trainer, limits, patient_configured, leg_digest)
+    cycle = cycle_settings(settings.trainer.cycle)
+    return Built(
+        Core(boot_id=boot_id, config=config, legs=legs, notes=notes), _plans(settings, cycle), cycle
+    )
+
+
+def _plans(settings: Settings, cycle: CycleSettings) -> Plans:
+    by_axis = drive_limits(settings.limits)
+    pushes = _pushes(settings.trainer.commissioning)
+    limits = {
+        drive.name: bounds
+        for leg in settings.legs
+        for drive, bounds in zip((leg.hip, leg.slide), by_axis, strict=True)
+    }
+    pushed = {
+        drive.name: push
+        for leg in settings.legs
+        for drive, push in zip((leg.hip, leg.slide), pushes, strict=True)
+    }
+    drives = settings.drives
+    return Plans(
+        usual=tuple(plan(drive, limits[drive.name], cycle) for drive in drives),
+        homing={
+            drive.name: homing_plan(drive, limits[drive.name], cycle)
+            for drive in drives
+            if drive.axis.homing is not None
+        },
+        commissioning={
+            drive.name: lonely_plan(
+                drive, limits[drive.name], cycle, pushed[drive.name].effort_max_si
+            )
+            for drive in drives
+        },
+    )
+
+
+def _pushes(commissioning: Commissioning) -> tuple[PushRules, PushRules]:
+    return (
+        PushRules(
+            commissioning.hip_torque_max_nm,
+            commissioning.hip_torque_rate_nm_per_s,
+            math.radians(commissioning.hip_motion_deg),
+        ),
+        PushRules(
+            commissioning.slide_force_max_n,
+            commissioning.slide_force_rate_n_per_s,
+            commissioning.slide_motion_m,
+        ),
+    )
+
+
+def _poses(reference: Reference) -> tuple[PoseRules, PoseRules]:
+    believed = reference.without_stored_pose == "believe"
+    return (
+        PoseRules(math.radians(reference.pose_tolerance_deg), believed),
+        PoseRules(reference.pose_tolerance_m, believed),
+    )
+
+
+def ring_header(settings: Settings, boot_id: str, start_utc_ns: int, version: str) -> RingHeader:
+    """The header of the ring: identity, configuration and names for readers of the records."""
+    return RingHeader(
+        core_boot_id=boot_id,
+        start_utc_ns=start_utc_ns,
+        period_ns=settings.trainer.cycle.period_ms * NS_PER_MS,
+        trainer=settings.trainer.zenoh.trainer,
+        drive_names=tuple(drive.name for drive in settings.drives),
+        leg_names=tuple(leg.name for leg in settings.legs),
+        config_hashes=dict(settings.hashes),
+        version=version,
+        robot=msgspec.to_builtins(settings.robot),
+        limits=msgspec.to_builtins(settings.limits),
+    )
+
+
+def _core_config(
+    trainer: Trainer, limits: Limits, patient_configured: bool, leg_digest: str
+) -> CoreConfig:
+    period_ms = trainer.cycle.period_ms
+    communication, stop = limits.communication, limits.stop
+    return CoreConfig(
+        period_ns=period_ms * NS_PER_MS,
+        thresholds=Thresholds(
+            sample_age_max_cycles=communication.sample_age_max_cycles,
+            heartbeat_timeout_ns=communication.heartbeat_timeout_ms * NS_PER_MS,
+            gateway_silence_cycles=communication.gateway_silence_ms // period_ms,
+            overruns_in_a_row=communication.overruns_in_a_row,
+            encoder_frozen_cycles=communication.encoder_frozen_cycles,
+            encoder_jump_ratio=communication.encoder_jump_ratio,
+            singularity_stop_ratio=limits.singularity.stop_ratio,
+            singularity_soft_ratio=limits.singularity.soft_ratio,
+            deviation_cycles=limits.watch.deviation_cycles,
+            sign_mismatch_cycles=limits.watch.sign_mismatch_cycles,
+            energy_window_cycles=limits.watch.energy_window_ms // period_ms,
+            spasm_patience_cycles=limits.spasm.patience_ms // period_ms,
+            mode_switch_cycles=communication.mode_switch_cycles,
+        ),
+        categories=Categories(limits.stop_category),
+        stop_rules=StopRules(
+            obey_cycles=stop.obey_cycles,
+            standstill_cycles=stop.standstill_cycles,
+            ramp_margin_ratio=stop.ramp_margin_ratio,
+            period_s=period_ms * 1e-3,
+            reaction_cycles=0,  # set per axis
+        ),
+        spasm=SpasmRules(
+            window_cycles=limits.spasm.rise_window_ms // period_ms,
+            stiffness_ratio=limits.spasm.stiffness_ratio,
+            softening_ratio=period_ms / limits.spasm.softening_ms,
+            recovery_ratio=period_ms / limits.spasm.recovery_ms,
+        ),
+        assist_rules=AssistRules(
+            age_max_cycles=limits.assist.setpoint_age_max_cycles,
+            start_cycles=limits.assist.first_setpoint_cycles,
+            fade_cycles=max(stop.assist_fade_ms // period_ms, 1),
+            stiffness_step_ratio=limits.assist.stiffness_rate_max_ratio_per_s * period_ms * 1e-3,
+        ),
+        hold=trainer.hold,
+        gait=trainer.gait,
+        excite=dict(trainer.excite),
+        hand_guiding=trainer.hand_guiding,
+        self_test=trainer.self_test,
+        leg_digest=leg_digest,
+        patient_configured=patient_configured,
+        signs_must_be_proven=trainer.commissioning.signs == "proven",
+    )
+
+
+def _leg(
+    settings: Settings, drives: LegDrives, bounds: tuple[AxisLimits, AxisLimits], phase: float
+) -> Leg:
+    parameters = leg_parameters(settings.robot)
+    hip_friction, slide_friction = friction_parameters(settings.robot)
+    observer = LegObserver(
+        parameters, hip_friction, slide_friction, observer_tuning(settings.robot)
+    )
+    trainer = settings.trainer
+    spasm_cycles = settings.limits.spasm.rise_window_ms // trainer.cycle.period_ms
+    rules = tuple(
+        zip(bounds, _poses(trainer.reference), _pushes(trainer.commissioning), strict=True)
+    )
+    return Leg(
+        name=drives.name,
+        parameters=parameters,
+        shape=gait_shape(settings.trainer.gait),
+        axes=(
+            _axis(drives.hip, *rules[0], trainer.cycle.period_ms, spasm_cycles),
+            _axis(drives.slide, *rules[1], trainer.cycle.period_ms, spasm_cycles),
+        ),
+        observer=observer,
+        smoother=LegSmoother(observer),
+        strides=StrideCounter(drives.baseline),
+        friction=(hip_friction, slide_friction),
+        phase_offset_strides=phase,
+    )
+
+
+def _axis(
+    drive: DriveDescription,
+    bounds: AxisLimits,
+    poses: PoseRules,
+    push: PushRules,
+    period_ms: int,
+    spasm_cycles: int,
+) -> Axis:
+    homing, transmission = drive.axis.homing, drive.axis.transmission
+    return Axis(
+        name=drive.name,
+        node_id=drive.node_id,
+        limits=bounds._replace(enable_max_cycles=drive.axis.enable_max_ms // period_ms),
+        # The torque base of the drive file is used until bring-up has read that of the drive.
+        scaling=axis_scaling(drive, expected_base(drive)),
+        wiring=Wiring(
+            drive.node_id,
+            transmission.sign,
+            transmission.gear_ratio,
+            transmission.lead_m,
+            transmission.counts_per_rev,
+        ),
+        poses=poses,
+        push=push,
+        homing=homing
+        and HomingRules(
+            homing.effort_max_si,
+            HOMING_SPEED_RATIO * homing.search_speed_si_per_s,
+            round(homing.timeout_s * 1000 / period_ms),
+        ),
+        torque_sampling=drive.profile.torque_source.sampling,
+        spasm=SpasmWatch(spasm_cycles),
+        reaction_cycles=drive.profile.fault_reaction_max_ms // period_ms,
+    )

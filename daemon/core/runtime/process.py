@@ -1,0 +1,212 @@
+"""The core's process: configuration, real-time settings, and the loop until a shutdown request.
+
+Everything is built, compiled and warm before the drives are brought up; from then on there are no
+imports, no compilation and no lasting allocations.
+"""
+
+import contextlib
+import signal
+import sys
+import traceback
+import uuid
+from collections.abc import Callable, Generator
+from importlib.metadata import version
+from types import FrameType
+from typing import Final
+
+from daemon.config.bundle import Settings
+from daemon.config.trainer import SIMULATED
+from daemon.core.runtime import realtime
+from daemon.core.runtime.build import NS_PER_MS, Built, build, ring_header
+from daemon.core.runtime.in_step import InStepSeam
+from daemon.core.runtime.loop import Loop
+from daemon.core.runtime.loop_settings import ExitCode, LoopSettings
+from daemon.core.runtime.state_file import NoteKeeper, StateFile
+from daemon.core.runtime.systemd import ERROR, INFORMATIONAL, WARNING, Supervision
+from daemon.core.runtime.warm_up import warm_up
+from daemon.ipc.transport import CoreSeam, RingHeader
+from daemon.system.bus_choice import BusChoice, choose_bus
+from daemon.system.journal import Journal
+from daemon.system.lock import directory_errors, hold
+from daemon.system.sd_notify import Notifier
+from drives.canopen.bus import Bus
+from drives.canopen.bus_load import BusLoad, bus_load
+from drives.errors import BusError
+from simtime.wire import Role
+
+PART: Final = "core"
+
+
+@contextlib.contextmanager
+def _directories(settings: Settings) -> Generator[None]:
+    """Create and lock both directories before any file in them is used."""
+    config = settings.file.path
+    with (
+        hold(config, "paths.runtime", settings.runtime, PART),
+        hold(config, "paths.state", settings.state, PART),
+    ):
+        yield
+
+
+def _notebook(settings: Settings) -> StateFile:
+    with directory_errors(settings.file.path, "paths.state", settings.state):
+        return StateFile(settings.state)
+
+
+def _seam(settings: Settings, header: RingHeader) -> CoreSeam:
+    with directory_errors(settings.file.path, "paths.runtime", settings.runtime):
+        return CoreSeam(settings.runtime, header)
+
+
+class ShutdownSignals:
+    """Requests by SIGTERM, SIGINT and SIGHUP, which the loop reads once a turn."""
+
+    def __init__(self) -> None:
+        self._end = self._reload = self._waits = False
+        signal.signal(signal.SIGTERM, self._ask_end)
+        signal.signal(signal.SIGINT, self._ask_end)
+        signal.signal(signal.SIGHUP, self._ask_reload)
+
+    def wait(self) -> None:
+        """Stop exiting at once on a request to end, because drives may move from now on."""
+        self._waits = True
+
+    def end(self) -> bool:
+        """True if the process was requested to end."""
+        return self._end
+
+    def reload(self) -> bool:
+        """True if a reload was requested since the last call."""
+        asked, self._reload = self._reload, False
+        return asked
+
+    def _ask_end(self, _signal: int, _frame: FrameType | None) -> None:
+        self._end = True
+        if not self._waits:
+            raise SystemExit(int(ExitCode.ENDED))
+
+    def _ask_reload(self, _signal: int, _frame: FrameType | None) -> None:
+        self._reload = True
+
+
+def run_core(
+    settings: Settings, notify_address: str | None, log: Journal, *, has_watchdog: bool = False
+) -> ExitCode:
+    """Run the core until it is requested to end; all axes are at rest and without power then.
+
+    Args:
+        settings: the loaded configuration.
+        notify_address: notify socket of systemd.
+        log: journal for the core's messages.
+        has_watchdog: systemd monitors the process by the computer's clock.
+
+    Raises:
+        ConfigError: a directory cannot be written, is full, or another core holds it.
+    """
+    wishes = ShutdownSignals()
+    with _directories(settings):
+        return _run(settings, notify_address, log, wishes, has_watchdog=has_watchdog)
+
+
+def _run(
+    settings: Settings,
+    notify_address: str | None,
+    log: Journal,
+    wishes: ShutdownSignals,
+    *,
+    has_watchdog: bool,
+) -> ExitCode:
+    is_simulated = settings.trainer.bus.interface == SIMULATED
+    boot_id = uuid.uuid4().hex
+    notebook = _notebook(settings)
+    built = build(settings, boot_id, notebook.notes)
+    warm_up(build(settings, boot_id, notebook.notes))
+    bus = _bus(settings, has_watchdog=has_watchdog)
+    clock = bus.clock
+    if is_simulated:
+        with contextlib.suppress(BusError):  # the loop retries if the server starts later
+            bus.open_bus()
+    header = ring_header(settings, boot_id, clock.utc_ns(), version("gaitd"))
+    core_seam = seam = _seam(settings, header)
+    if is_simulated:
+        lock = settings.runtime / "gateway.lock"
+        seam = InStepSeam(core_seam, boot_id, lock, bus.is_in_step, bus.say_here)
+    supervisor = Notifier(notify_address)
+    supervision = Supervision(supervisor, log, settings.trainer.shutdown.effect)
+    grid = loop_settings(settings, built, notebook, bus.open_bus)
+    loop = Loop(built.core, grid, seam, clock, supervision)
+    cycle = settings.trainer.cycle
+    # In simulated time there are no deadlines, and real-time priority would block other processes.
+    is_real = has_watchdog or not is_simulated
+    refused = realtime.prepare(cycle.realtime_priority, cycle.realtime_cpus) if is_real else []
+    for line in (bus_load_line(settings, built), *refused):
+        built.core.events.append(line)
+        _say(log, line, WARNING if line in refused else INFORMATIONAL)
+    try:
+        wishes.wait()
+        code = loop.run(wishes.end, wishes.reload)
+    finally:
+        core_seam.close()
+        notebook.close()
+        supervisor.close()
+    if loop.bug is not None:
+        _say(log, "".join(traceback.format_exception(loop.bug)), ERROR)
+    if code == ExitCode.REFUSED:
+        _say(log, built.core.verdict.detail, ERROR)
+    return code
+
+
+def _say(log: Journal, text: str, priority: int) -> None:
+    """Write a line to the log; a log that is full or closed does not affect the core."""
+    if log.is_open:
+        log.tell(text, priority, {"GAITD_EVENT": "core"})
+        return
+    with contextlib.suppress(OSError):
+        print(f"gaitd core: {text}", file=sys.stderr)
+
+
+def bus_load_line(settings: Settings, built: Built) -> str:
+    """Text with the computed worst-case bus load and its allowed value."""
+    trainer, load = settings.trainer, _bus_load(settings, built)
+    return (
+        f"the bus will be busy at most {load.busy_ratio:.1%} of the time "
+        f"(allowed {trainer.bus.load_max_ratio:.0%}), the frames of one cycle take at most "
+        f"{load.burst_s * 1e3:.2f} ms"
+    )
+
+
+def _bus_load(settings: Settings, built: Built) -> BusLoad:
+    heartbeat_ms = settings.trainer.cycle.master_heartbeat_ms
+    rate_bit_per_s = settings.trainer.bus.bitrate_bit_per_s
+    return bus_load(settings.drives, built.cycle, heartbeat_ms, rate_bit_per_s)
+
+
+def _bus(settings: Settings, *, has_watchdog: bool) -> BusChoice:
+    bus = settings.trainer.bus
+    return choose_bus(
+        bus.interface,
+        settings.file.channel,
+        bus.bitrate_bit_per_s,
+        role=Role.IN_STEP,
+        name=PART,
+        wall_clock_only=has_watchdog,
+    )
+
+
+def loop_settings(
+    settings: Settings, built: Built, notebook: NoteKeeper, open_bus: Callable[[], Bus]
+) -> LoopSettings:
+    """The settings of the loop from the configuration."""
+    cycle, bus = settings.trainer.cycle, settings.trainer.bus
+    return LoopSettings(
+        plans=built.plans,
+        cycle=built.cycle,
+        period_ns=cycle.period_ms * NS_PER_MS,
+        window_ns=int(cycle.window_ms * NS_PER_MS),
+        heartbeat_cycles=max(cycle.master_heartbeat_ms // cycle.period_ms, 1),
+        master_node_id=cycle.master_node_id,
+        bus_load_ratio=_bus_load(settings, built).busy_ratio,
+        bitrate_bit_per_s=bus.bitrate_bit_per_s,
+        open_bus=open_bus,
+        notebook=notebook,
+    )

@@ -1,0 +1,44 @@
+"""Compile and load every kernel that the cycle calls, with the same argument types.
+
+A first call takes up to seconds, so it must not happen between two SYNCs. Tables that would grow in
+service are filled here, so that memory does not grow later.
+"""
+
+import numpy as np
+
+from daemon.core.motion import trajectory
+from daemon.core.runtime.build import Built
+from daemon.core.safety import inverse_dynamics, stopping_path
+from drives.canopen.bus_load import fill_tables
+from observer.mechanism.mechanism import ratio_and_load
+
+STEPS = 20
+
+
+def warm_up(built: Built) -> None:
+    """Call every kernel once on a core that is discarded afterwards."""
+    fill_tables()
+    period_s = built.core.config.period_s
+    for leg in built.core.legs:
+        angles = trajectory.gait_angles(leg.shape, 0.0, 0.0)
+        pose = trajectory.joints_of_angles(leg.parameters, angles)
+        trajectory.angles_of_joints(leg.parameters, pose)
+        load = trajectory.load_at(leg.parameters, pose)
+        ratio_and_load(leg.parameters, *pose)
+        stopping_path.least_ratio(
+            leg.parameters, pose, (0.0, 0.0), (1.0, 1.0), stopping_path.REACTION_S
+        )
+        stopping_path.gradient(leg.parameters, pose)
+        inverse_dynamics.warm_up(leg.parameters, leg.friction)
+        leg.observer.reset(np.array(pose))
+        for _ in range(STEPS):
+            estimate = leg.observer.step(
+                np.array(pose),
+                np.array(load),
+                period_s,
+                late=False,
+                unreferenced=False,
+                artificial=False,
+            )
+            leg.smoother.take(estimate, load, period_s)
+        leg.strides.warm_up()

@@ -1,0 +1,127 @@
+"""Monitor of a drive's effort: does it match the command in size and direction?
+
+Three checks, each from raw values only, for each axis in every cycle:
+
+`gap`        In torque mode, compares the measured effort with the sent one. A target is sent in one
+             cycle, acts from the next SYNC and is sampled at the one after, so it is compared with
+             the last few commands. Detects a drive that does not give its torque.
+`sign_mismatch`
+             Beyond the load, the drive pushes one way while the joint accelerates, against its
+             friction, the other way. Then motor or encoder are the wrong way round, or a patient is
+             twice as strong as the limit.
+`drift`      Compares the mean effort over a whole stride of gait with motion, load and friction.
+             A current sensor that shows too much closes its drive's own loop on a wrong value: the
+             gap is zero, the leg gets too little effort, and only this mean detects it. A patient
+             who pushes steadily through a whole stride looks the same, and the two cannot be
+             distinguished: the machine stops in both cases.
+
+Without power a drive's effort is zero for any target: then `gap` is the reading of its sensor.
+"""
+
+from typing import NamedTuple
+
+from daemon.core.safety.inverse_dynamics import Balance
+from daemon.core.safety.limits import AxisLimits
+from daemon.core.steps.joints import Joint
+
+SENT_COUNT = 3
+"""Commands that a measured effort may belong to: two cycles of delay, and one late sample."""
+HELD_RATIO = 0.3
+"""Weight of the newest sample in a mean of the last few."""
+HELD_CYCLES = 5
+"""Time at standstill after which the braking effort no longer acts on a joint."""
+SETTLE_CYCLES = 10
+"""Time for the current to decay after a drive has lost its power."""
+
+
+class EffortWatch(NamedTuple):
+    """Recent efforts of one axis and their deviations; N·m or N."""
+
+    sent_si: tuple[float, ...] = ()
+    """Last efforts sent in torque mode without a break, the newest last."""
+    unpowered_cycles: int = 0
+    gap_si: float = 0.0
+    gap_cycles: int = 0
+    """Cycles in a row in which the gap exceeds its limit."""
+    sign_mismatch_si: float = 0.0
+    """The smaller of push and motion effort, where their signs differ."""
+    sign_mismatch_cycles: int = 0
+    held_si: float = 0.0
+    """Effort held by friction and patient at standstill: a mean of a few samples."""
+    held_before_still_si: float = 0.0
+    """The same when the joint began to stand still."""
+    effort_before_still_si: float = 0.0
+    """Measured effort when the joint began to stand still."""
+
+
+def note_sent(watch: EffortWatch, effort_si: float, *, in_force: bool) -> EffortWatch:
+    """The watch after a command; `in_force`: the drive is enabled and shows torque mode."""
+    if not in_force:
+        return watch._replace(sent_si=())
+    return watch._replace(sent_si=(*watch.sent_si, effort_si)[-SENT_COUNT:])
+
+
+def look(
+    watch: EffortWatch,
+    joint: Joint,
+    balance: Balance,
+    axis: int,
+    limits: AxisLimits,
+    *,
+    powered: bool,
+    free: bool,
+    placed: bool,
+) -> EffortWatch:
+    """The watch after this cycle's sample; without a sample it is unchanged.
+
+    Args:
+        watch: watch of the previous cycle.
+        joint: joint of this cycle.
+        balance: inverse dynamics of its leg.
+        axis: 0 hip, 1 slide.
+        limits: limits of this axis.
+        powered: the drive's power stage may be on.
+        free: no end stop acts on the joint; a rebound from one would look like a sign mismatch.
+        placed: both axes of the leg are referenced; else the inverse dynamics are not valid.
+    """
+    if not joint.fresh:
+        return watch
+    unpowered_cycles = 0 if powered else watch.unpowered_cycles + 1
+    ratio = HELD_RATIO if placed else 0.0
+    held_si = watch.held_si + ratio * (balance.held(axis) - watch.held_si)
+    gap_si = _gap(watch, joint.effort_si, unpowered_cycles)
+    sign_mismatch_si = _opposed(balance, axis) if powered and free and placed else 0.0
+    return watch._replace(
+        unpowered_cycles=unpowered_cycles,
+        gap_si=gap_si,
+        gap_cycles=watch.gap_cycles + 1 if gap_si > limits.effort_deviation_max_si else 0,
+        sign_mismatch_si=sign_mismatch_si,
+        sign_mismatch_cycles=(
+            watch.sign_mismatch_cycles + 1
+            if sign_mismatch_si > limits.sign_mismatch_effort_min_si
+            else 0
+        ),
+        held_si=held_si,
+        effort_before_still_si=(
+            watch.effort_before_still_si if joint.still_cycles > 1 else joint.effort_si
+        ),
+        held_before_still_si=(
+            watch.held_before_still_si if joint.still_cycles > HELD_CYCLES else held_si
+        ),
+    )
+
+
+def _gap(watch: EffortWatch, measured_si: float, unpowered_cycles: int) -> float:
+    if unpowered_cycles > SETTLE_CYCLES:
+        return abs(measured_si)
+    if len(watch.sent_si) < SENT_COUNT:
+        return 0.0
+    return max(min(watch.sent_si) - measured_si, measured_si - max(watch.sent_si), 0.0)
+
+
+def _opposed(balance: Balance, axis: int) -> float:
+    if not balance.known:
+        return 0.0
+    push_si = balance.effort[axis] - balance.load[axis]
+    motion_si = balance.inertia[axis] + balance.friction[axis]
+    return min(abs(push_si), abs(motion_si)) if push_si * motion_si < 0 else 0.0

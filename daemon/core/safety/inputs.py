@@ -1,0 +1,87 @@
+"""Safety inputs of one cycle: the state of each axis, each leg, and the service."""
+
+from dataclasses import dataclass
+
+from daemon.core.safety.effort_monitor import EffortWatch
+from daemon.core.safety.limits import AxisLimits
+from daemon.core.steps.joints import Joint
+from drives.signals import DriveFeedback
+
+
+@dataclass(frozen=True, slots=True)
+class AxisInputs:
+    """Safety inputs of one axis."""
+
+    name: str
+    feedback: DriveFeedback
+    joint: Joint
+    limits: AxisLimits
+    referenced: bool
+    preparing: bool
+    """One axis of the empty machine is homed or tested: no axis needs to be referenced for that."""
+    homing: bool
+    """The drive moves this axis by itself, up to a mechanical stop, and sets its origin anew."""
+    tracking_si: float
+    """Distance to the reference; 0 where nothing is tracked."""
+    wanted_velocity_si: float
+    """Velocity of the reference; 0 where nothing is guided."""
+    counts_sign: int
+    """1 where the drive's positive direction is the joint's, else -1."""
+    loop_distance_si: float
+    """Distance between the joint and where the drive's own loops hold it.
+
+    Infinite where they do not hold it and the core commands the effort.
+    """
+    enable_wanted: bool
+    reached_enabled: bool
+    """The drive has been enabled, in its mode and following, since this was requested."""
+    unready_cycles: int
+    """Cycles in a row in which it should be enabled, in its mode and following, and was not."""
+    unasked_cycles: int
+    """Cycles in a row in which it had power, or may have had, without a request by the core."""
+    seen_off: bool
+    """It has been off since power was last requested: power it shows now has another source."""
+    reaction_cycles: int
+    """Longest duration of its fault reaction."""
+    mode_wanted: int
+    new_emergency: bool
+    """An EMCY that requires a stop has been received and not checked yet."""
+    watch: EffortWatch
+    """Monitor of the drive's effort against the commanded one."""
+    stride_energy_j: float
+    """Net energy into the leg over the last stride."""
+    stride_drift_si: float
+    """Mean effort residual over the last stride; 0 while no whole stride is known."""
+    stopping_end_si: float
+    """Position at which the axis comes to rest if it brakes now."""
+    spasm_cycles: int
+    """Duration of a spasm, in which the patient works against the motion; 0: none."""
+    spasm_rise_si: float
+    error_found: str = ""
+    """Error text of the fault that bring-up found in the drive."""
+
+
+@dataclass(frozen=True, slots=True)
+class LegInputs:
+    """Safety inputs of one leg."""
+
+    name: str
+    singularity_ratio: float
+    """|sin| of the angle between shank and shoe; 0 where the mechanism does not close."""
+    stopping_ratio: float
+    """The smallest singularity ratio on the way to rest of both axes."""
+    observer_bad_cycles: int
+    """Cycles in a row without a valid estimate while the observer runs."""
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceInputs:
+    """Safety inputs of the bus, the gateway and the core itself."""
+
+    stop_requested: bool
+    shutdown_requested: bool
+    gateway_age_cycles: int
+    overruns_in_a_row: int
+    bus_off: bool
+    bus_error: str
+    tx_dropped_in_a_row: int

@@ -1,0 +1,141 @@
+"""Inverse dynamics: drive efforts computed from the encoders' motion, without a filter.
+
+    M(q) q'' + c(q, q') + C~(q) q' + g(q) + F_s(q') = effort of the drives + of the patient      (6)
+
+The left side needs positions only: three samples in a row give the mean acceleration about the
+middle one. The right side is the mean of the efforts of the two cycles between them. The residual
+is the patient's effort, or a fault: a drive that gives another torque than it reports, a motor or
+an encoder the wrong way round, an encoder that stands still. `effort_monitor.py` checks it.
+
+One sample of acceleration has a noise of 1 rad/s^2 or 0.5 m/s^2 (an encoder's step in 10 ms
+squared), some 2 N·m and 10 N, so a single cycle is not conclusive.
+"""
+
+from typing import NamedTuple
+
+from daemon.core.steps.joints import Joint
+from observer.jit import kernel
+from observer.mechanism.friction import FrictionParameters, static_friction
+from observer.mechanism.linkage import dynamics
+from observer.mechanism.mechanism import LegParameters
+
+Pair = tuple[float, float]
+"""Hip and slide: N·m and N, rad and m."""
+
+ROW = 3
+"""Number of samples of both axes in a row that the inverse dynamics need."""
+
+
+class Balance(NamedTuple):
+    """The terms of (6) for one leg, about the sample before the newest one."""
+
+    samples_in_a_row: int = 0
+    position: Pair = (0.0, 0.0)
+    """Position of the newest sample; `velocity` and `measured` are of this sample too."""
+    velocity: Pair = (0.0, 0.0)
+    measured: Pair = (0.0, 0.0)
+    effort: Pair = (0.0, 0.0)
+    """Effort of the drives, by their own measurement."""
+    load: Pair = (0.0, 0.0)
+    """Sum of g, Coriolis and dampers."""
+    inertia: Pair = (0.0, 0.0)
+    """M q'', including the coupling with the other axis."""
+    coupled: Pair = (0.0, 0.0)
+    """The part of `inertia` from the other axis's acceleration."""
+    friction: Pair = (0.0, 0.0)
+    """Friction of the static law (13); 0 between two samples at rest, where it is not known."""
+
+    @property
+    def known(self) -> bool:
+        """True if the terms are of the newest cycle; else they are older."""
+        return self.samples_in_a_row >= ROW
+
+    def unexplained(self, axis: int) -> float:
+        """Residual of one axis: effort beyond motion, load and friction, N·m or N."""
+        explained = self.load[axis] + self.inertia[axis] + self.friction[axis]
+        return self.effort[axis] - explained
+
+    def held(self, axis: int) -> float:
+        """Effort that friction and patient hold together at standstill of a joint, N·m or N.
+
+        The joint's own acceleration is left out: at standstill its samples are only noise.
+        """
+        return self.effort[axis] - self.load[axis] - self.coupled[axis]
+
+
+def follow(
+    before: Balance,
+    leg: LegParameters,
+    frictions: tuple[FrictionParameters, FrictionParameters],
+    joints: tuple[Joint, Joint],
+) -> Balance:
+    """The inverse dynamics after this cycle's samples.
+
+    Args:
+        before: result of the previous cycle.
+        leg: mechanism.
+        frictions: friction of hip and slide, eq. (13).
+        joints: hip and slide at this cycle's samples; a missing sample restarts the count.
+    """
+    hip, slide = joints
+    if not (hip.fresh and slide.fresh and hip.elapsed_s > 0 and slide.elapsed_s > 0):
+        return before._replace(samples_in_a_row=0)
+    count = before.samples_in_a_row + 1
+    new = before._replace(
+        samples_in_a_row=count,
+        position=(hip.position_si, slide.position_si),
+        velocity=(hip.velocity_si, slide.velocity_si),
+        measured=(hip.effort_si, slide.effort_si),
+    )
+    if count < ROW:
+        return new
+    load1, load2, own1, own2, coupled1, coupled2, friction1, friction2 = _terms(
+        leg,
+        frictions[0],
+        frictions[1],
+        *before.position,
+        0.5 * (before.velocity[0] + hip.velocity_si),
+        0.5 * (before.velocity[1] + slide.velocity_si),
+        (hip.velocity_si - before.velocity[0]) / hip.elapsed_s,
+        (slide.velocity_si - before.velocity[1]) / slide.elapsed_s,
+    )
+    return new._replace(
+        effort=(
+            0.5 * (before.measured[0] + hip.effort_si),
+            0.5 * (before.measured[1] + slide.effort_si),
+        ),
+        load=(load1, load2),
+        inertia=(own1 + coupled1, own2 + coupled2),
+        coupled=(coupled1, coupled2),
+        friction=(friction1, friction2),
+    )
+
+
+def warm_up(leg: LegParameters, frictions: tuple[FrictionParameters, FrictionParameters]) -> None:
+    """Compile the kernel or load it from the cache, before the first cycle."""
+    _terms(leg, frictions[0], frictions[1], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@kernel
+def _terms(
+    leg: LegParameters,
+    hip_friction: FrictionParameters,
+    slide_friction: FrictionParameters,
+    hip: float,
+    slide: float,
+    hip_speed: float,
+    slide_speed: float,
+    hip_acceleration: float,
+    slide_acceleration: float,
+) -> tuple[float, float, float, float, float, float, float, float]:
+    d = dynamics(leg, hip, slide, hip_speed, slide_speed, 1.0)
+    return (
+        d.bias_hip,
+        d.bias_slide,
+        d.m11 * hip_acceleration,
+        d.m22 * slide_acceleration,
+        d.m12 * slide_acceleration,
+        d.m12 * hip_acceleration,
+        static_friction(hip_friction, hip_speed),
+        static_friction(slide_friction, slide_speed),
+    )

@@ -1,0 +1,206 @@
+"""Stop sequence of one drive for a latched verdict, and its escalation.
+
+Rules:
+1. The verdict's category sets the first step: S2 keeps the drives enabled and the core brakes and
+   holds; S1 is a quick stop of every drive, held there, or off after standstill where the axis
+   has a brake; S0 is disable voltage.
+2. Doubtful feedback of an axis is S0 for it and S1 for all others: no axis is held by an encoder
+   that cannot be trusted. A lost drive gets NMT stop and a quick stop, the others S1.
+3. Each cycle checks from statusword and encoder, never from the command, that the drive obeys. If
+   a drive does not show the state in time, or its speed does not fall along the ramp, its stop
+   escalates by one step: quick stop, disable voltage, NMT stop, silence of the master (no SYNC, no
+   heartbeat), so that the drives' own detection acts.
+4. A drive that is not enabled yet is not enabled in order to hold: it gets a quick stop, which
+   takes it back to switch on disabled.
+5. A step is never taken back; only a reset begins anew.
+6. Result of the check for each statusword, after the cycles that a drive has to obey:
+
+    shown                      hold            quick stop      disable voltage and further
+    ------------------------   -------------   -------------   ---------------------------
+    a state without torque     nothing to do   obeyed          obeyed
+    operation enabled          its ramp        not obeyed      not obeyed
+    quick stop active          its ramp        its ramp        not obeyed
+    fault reaction active      obeyed for the longest fault reaction in the drive's profile
+    unknown                    obeyed for the same cycles once more
+
+   "Its ramp": obeyed as long as the speed falls along the ramp, and a joint at rest stays there.
+"""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+from daemon.core.safety.limits import AxisLimits
+from daemon.core.steps.joints import Joint
+from daemon.ipc.record import StopCategory, Verdict
+from daemon.wire.causes import DOUBTFUL_FEEDBACK, LOST_DRIVE
+from drives.cia402.power_state import TORQUE_FREE
+from drives.signals import DriveFeedback, PowerRequest, PowerState
+
+
+class Step(IntEnum):
+    """Step of the stop of one drive, the mildest first."""
+
+    HOLD = 0
+    """S2: enabled, braked and held by the core."""
+    QUICK_STOP = 1
+    DISABLE = 2
+    NMT_STOP = 3
+    SILENCE = 4
+    """SYNC and heartbeat are no longer sent: the drives' own detection stops them."""
+
+
+class DriveStop(NamedTuple):
+    """State of the stop of one drive."""
+
+    step: Step
+    since_cycle: int
+    """When this step was first commanded."""
+    start_speed_si: float
+    """Speed at that cycle: the ramp begins here."""
+    at_rest_cycles: int = 0
+    has_rested: bool = False
+    """The drive has come to rest in this step: it is held, and no longer on a ramp."""
+    disobeyed: bool = False
+    """The stop had to be escalated because the drive did not obey."""
+    unproven_cycles: int = 0
+    """Cycles in a row in which its state showed neither torque nor the absence of torque."""
+
+
+class StopRules(NamedTuple):
+    """Settings of [stop] in limits.toml."""
+
+    obey_cycles: int
+    standstill_cycles: int
+    ramp_margin_ratio: float
+    period_s: float
+    reaction_cycles: int
+    """Longest fault reaction of the drive, from its profile."""
+
+
+HELD_SPEED_RATIO = 10.0
+"""Speed, as a multiple of standstill, above which a drive at rest counts as not held."""
+RAMP_FLOOR_RATIO = 3.0
+"""Lowest speed bound of the ramp, as a multiple of standstill: encoder noise is no motion.
+
+While the core's own hold still settles, HELD_SPEED_RATIO applies: a joint that stood, at a reversal
+of the gait, is pushed by the braking of the other one.
+"""
+
+HOLD_GRACE_CYCLES = 30
+"""Extra time of the core's hold, which is softer than a drive's ramp: spring, damper, friction."""
+
+_BY_CATEGORY = {
+    StopCategory.NONE: Step.HOLD,
+    StopCategory.S2: Step.HOLD,
+    StopCategory.S1: Step.QUICK_STOP,
+    StopCategory.S0: Step.DISABLE,
+}
+
+_UNPROVEN = frozenset({PowerState.UNKNOWN, PowerState.FAULT_REACTION_ACTIVE})
+
+
+def first_step(verdict: Verdict, drive: str) -> Step:
+    """First step of the stop of one drive, for a verdict that may be about another drive."""
+    about_this = verdict.drive == drive
+    if verdict.cause in DOUBTFUL_FEEDBACK and not about_this:
+        return Step.QUICK_STOP
+    if verdict.cause in LOST_DRIVE and about_this:
+        return Step.NMT_STOP
+    return _BY_CATEGORY[verdict.category]
+
+
+def possible(step: Step, feedback: DriveFeedback | None) -> Step:
+    """The step itself, or a quick stop in place of a hold where the drive is not enabled."""
+    enabled = feedback is not None and feedback.power_state == PowerState.OPERATION_ENABLED
+    return Step.QUICK_STOP if step == Step.HOLD and not enabled else step
+
+
+def begin(step: Step, joint: Joint, cycle: int, *, disobeyed: bool = False) -> DriveStop:
+    """Begin the stop of one drive, or its next step."""
+    return DriveStop(step, cycle, abs(joint.velocity_si), disobeyed=disobeyed)
+
+
+def harsher(stop: DriveStop, step: Step, joint: Joint, cycle: int) -> DriveStop:
+    """Escalate the stop to `step` if that is harsher than the present step."""
+    return _further(stop, step, joint, cycle) if step > stop.step else stop
+
+
+def _further(stop: DriveStop, step: Step, joint: Joint, cycle: int) -> DriveStop:
+    """Begin a harsher step; the count of unproven cycles goes on."""
+    begun = begin(step, joint, cycle, disobeyed=stop.disobeyed)
+    return begun._replace(unproven_cycles=stop.unproven_cycles)
+
+
+def advance(
+    stop: DriveStop,
+    feedback: DriveFeedback,
+    joint: Joint,
+    limits: AxisLimits,
+    rules: StopRules,
+    cycle: int,
+) -> DriveStop:
+    """The stop after this cycle, escalated if the drive has not obeyed."""
+    if joint.fresh:  # without a new sample standstill is not known
+        at_rest = abs(joint.velocity_si) < limits.standstill_si_per_s
+        stop = stop._replace(at_rest_cycles=stop.at_rest_cycles + 1 if at_rest else 0)
+    unproven = feedback.power_state in _UNPROVEN
+    stop = stop._replace(
+        has_rested=stop.has_rested or is_at_rest(stop, rules),
+        unproven_cycles=stop.unproven_cycles + 1 if unproven else 0,
+    )
+    if feedback.fresh and not _obeyed(stop, feedback, joint, limits, rules, cycle):
+        step = Step(min(stop.step + 1, Step.SILENCE))
+        return _further(stop._replace(disobeyed=True), step, joint, cycle)
+    if stop.step == Step.QUICK_STOP and limits.brake and is_at_rest(stop, rules):
+        return _further(stop, Step.DISABLE, joint, cycle)
+    return stop
+
+
+def is_at_rest(stop: DriveStop, rules: StopRules) -> bool:
+    """True if the drive has stood still for long enough."""
+    return stop.at_rest_cycles >= rules.standstill_cycles
+
+
+def request(step: Step) -> PowerRequest:
+    """The power request sent to the drive in this step."""
+    if step == Step.HOLD:
+        return PowerRequest.ENABLE
+    return PowerRequest.QUICK_STOP if step == Step.QUICK_STOP else PowerRequest.DISABLE_VOLTAGE
+
+
+def _obeyed(
+    stop: DriveStop,
+    feedback: DriveFeedback,
+    joint: Joint,
+    limits: AxisLimits,
+    rules: StopRules,
+    cycle: int,
+) -> bool:
+    elapsed_cycles, state = cycle - stop.since_cycle, feedback.power_state
+    if elapsed_cycles <= rules.obey_cycles or state in TORQUE_FREE:
+        # Without power the drive cannot follow a ramp: gravity, springs and patient move the leg.
+        return True
+    if state in _UNPROVEN:
+        reacting = state == PowerState.FAULT_REACTION_ACTIVE
+        patience_cycles = rules.reaction_cycles if reacting else rules.obey_cycles
+        return stop.unproven_cycles <= patience_cycles
+    if stop.step >= Step.DISABLE:
+        return False
+    if stop.step == Step.QUICK_STOP and state == PowerState.OPERATION_ENABLED:
+        return False
+    return abs(joint.velocity_si) <= _allowed_speed_si(stop, limits, rules, elapsed_cycles)
+
+
+def _allowed_speed_si(
+    stop: DriveStop, limits: AxisLimits, rules: StopRules, elapsed_cycles: int
+) -> float:
+    floor_si = limits.standstill_si_per_s
+    if stop.has_rested:
+        return HELD_SPEED_RATIO * floor_si
+    grace_cycles = HOLD_GRACE_CYCLES if stop.step == Step.HOLD else 0
+    ramp_cycles = elapsed_cycles - rules.obey_cycles - grace_cycles
+    ramp_s = max(ramp_cycles, 0) * rules.period_s
+    on_ramp_si = stop.start_speed_si - limits.quick_stop_deceleration_si_per_s2 * ramp_s
+    yields = stop.step == Step.HOLD and ramp_cycles <= 0
+    floor_ratio = HELD_SPEED_RATIO if yields else RAMP_FLOOR_RATIO
+    return rules.ramp_margin_ratio * max(on_ramp_si, 0.0) + floor_ratio * floor_si

@@ -1,0 +1,135 @@
+"""Setpoints of controllers: checked, put in force, and lapsed.
+
+`assist.py` has the rules for one leg; this file applies them to the state of the core, and reports
+to `supervisor.py` when assist has lapsed.
+"""
+
+import math
+from dataclasses import replace
+
+import msgspec
+
+from daemon.core.motion import assist
+from daemon.core.motion.assist import ASSISTED, FULL_STIFFNESS, SetpointContext
+from daemon.core.motion.trajectory import TorquePlay
+from daemon.core.state import Core, Leg
+from daemon.ipc.record import Mode, Setpoint
+from daemon.wire.refusals import SetpointRefusal
+
+LEASE_ENDED = "its lease has ended"
+GROWN_STALE = "its setpoints have grown stale"
+
+
+def hear(core: Core, cycle: int) -> None:
+    """Check the setpoints of the newest gateway state; each setpoint is checked once."""
+    by_position = core.config.gait.guidance == "position"
+    desk = SetpointContext(core.lease, cycle, core.mode, by_position)
+    # The assist of one lease holder must lapse before another holder may command.
+    handed_over = {
+        leg.name
+        for leg in core.legs
+        if leg.assist.lease != core.lease and assist.is_in_force(leg.assist)
+    }
+    for leg in core.legs:
+        if leg.assist.lease != core.lease:
+            leg.assist = replace(leg.assist, lease=core.lease, seq=-1, accepted=None)
+        elif core.mode not in ASSISTED:
+            leg.assist = replace(leg.assist, accepted=None)
+    for setpoint in core.setpoints:
+        if setpoint.leg not in handed_over:
+            _hear_one(core, setpoint, desk)
+
+
+def _hear_one(core: Core, setpoint: Setpoint, desk: SetpointContext) -> None:
+    leg = next((leg for leg in core.legs if leg.name == setpoint.leg), None)
+    if leg is None:
+        core.setpoint_refused_count[SetpointRefusal.UNKNOWN_LEG] += 1
+        return
+    judged = (setpoint.lease, setpoint.seq, setpoint.for_cycle)
+    if judged == leg.assist.judged:
+        return
+    hip, slide = leg.axes
+    limits = (hip.limits, slide.limits)
+    refusal = assist.judge(setpoint, leg.assist.seq, limits, desk, core.config.assist_rules)
+    leg.assist = replace(leg.assist, judged=judged)
+    if refusal == SetpointRefusal.NONE:
+        core.setpoint_accepted_count += 1
+        leg.assist = replace(leg.assist, seq=setpoint.seq, accepted=setpoint)
+    else:
+        core.setpoint_refused_count[refusal] += 1
+
+
+def begin_torque(core: Core) -> None:
+    """Enter mode TORQUE without assist, and wait for the first setpoint of this lease."""
+    core.torque_lease = core.lease
+    for leg in core.legs:
+        leg.assist = replace(leg.assist, accepted=None)
+
+
+def lapse(core: Core, cycle: int) -> str:
+    """The reason why assist has lapsed; empty while it has not, or without assist."""
+    if core.mode == Mode.TORQUE:
+        return _lapse_of_torque(core, cycle)
+    return _lapse_of_gait(core, cycle) if core.mode == Mode.GAIT else ""
+
+
+def _lapse_of_torque(core: Core, cycle: int) -> str:
+    rules = core.config.assist_rules
+    if core.lease != core.torque_lease:
+        return LEASE_ENDED
+    heard = [leg.assist.accepted for leg in core.legs if leg.assist.accepted is not None]
+    if not all(assist.is_fresh(one, cycle, rules) for one in heard):
+        return GROWN_STALE
+    return "no setpoint has come" if not heard and _waited_cycles(core) > rules.start_cycles else ""
+
+
+def _lapse_of_gait(core: Core, cycle: int) -> str:
+    rules = core.config.assist_rules
+    in_force = [leg.assist.accepted for leg in core.legs if assist.is_in_force(leg.assist)]
+    if any(one is None for one in in_force):
+        return LEASE_ENDED
+    fresh = all(one is not None and assist.is_fresh(one, cycle, rules) for one in in_force)
+    return "" if fresh else GROWN_STALE
+
+
+def _waited_cycles(core: Core) -> int:
+    plan = core.legs[0].plan
+    elapsed_s = plan.elapsed_s if isinstance(plan, TorquePlay) else 0.0
+    return round(elapsed_s / core.config.period_s)
+
+
+def put_in_force(core: Core, leg: Leg, cycle: int, *, powered: bool) -> None:
+    """Advance the assist in force to the newest setpoint, or fade it out.
+
+    Assist is zero at once where no drive is enabled.
+    """
+    if not powered:
+        leg.assist = replace(leg.assist, effort_si=(0.0, 0.0), fade_si=None)
+    hip, slide = leg.axes
+    moved = assist.advance(
+        leg.assist,
+        _wanted(core, leg, cycle),
+        (hip.limits, slide.limits),
+        (hip.joint.velocity_si, slide.joint.velocity_si),
+        core.config.assist_rules,
+        core.config.period_s,
+    )
+    if moved is None:
+        # NaN makes the command check stop the machine; no further assist is added.
+        leg.assist_si = (math.nan, math.nan)
+        leg.assist = replace(leg.assist, accepted=None, effort_si=(0.0, 0.0), fade_si=None)
+        return
+    leg.assist, leg.assist_si = moved, moved.effort_si
+    leg.stiffness_ratio = moved.stiffness_ratio
+
+
+def _wanted(core: Core, leg: Leg, cycle: int) -> Setpoint | None:
+    """The setpoint to follow in this cycle; mode TORQUE ignores its stiffness (no guidance)."""
+    newest = leg.assist.accepted
+    if newest is None or core.mode not in ASSISTED:
+        return None
+    if not assist.is_fresh(newest, cycle, core.config.assist_rules):
+        return None
+    if core.mode == Mode.TORQUE and newest.stiffness_ratio != FULL_STIFFNESS:
+        return msgspec.structs.replace(newest, stiffness_ratio=FULL_STIFFNESS)
+    return newest

@@ -1,0 +1,222 @@
+"""Commands to the drives: mode, bounded targets of guidance, and power request.
+
+With guidance by impedance (torque mode), the total effort is g(q) + feedforward + K (q_ref - q) +
+D (dq_ref - dq) + assist, bounded as a whole. Zero effort is not rest: the drives carry the
+mechanism's weight and springs.
+
+A controller or a spasm can reduce the stiffness: K is multiplied by the remaining share and D by
+its square root, so that the damping ratio is constant. Without guidance, in mode TORQUE, the effort
+is g(q) + assist.
+
+With guidance by position, the drives' own loops follow the reference in gait and hold; of these
+exercises only an open-loop excitation is in torque mode. The same loops hold and move, so there is
+no hand-over at either end of a gait, no sag at its begin, and no mode change in a stop. A target
+sent in one cycle acts from the next SYNC and is reached one SYNC later (60C2h), so the leg follows
+its reference with a delay of two cycles; the tracking check includes that delay.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+from daemon.config.settings import Impedance
+from daemon.core.motion.trajectory import GaitPlay, Reference
+from daemon.core.safety import bounds, stop_sequence
+from daemon.core.state import Axis, Core, Leg
+from daemon.core.steps import commissioning, controllers, monitors, supervisor, targets
+from daemon.ipc.record import Cause, Verdict
+from drives.cia402.units import effort_to_permille, position_to_counts
+from drives.signals import DriveCommand, OperationMode, PowerRequest
+
+STILL_CYCLES: Final = 5
+"""Cycles without a new count after which a joint is at rest.
+
+A drive that then begins to hold the position of two cycles ago finds the joint there.
+"""
+
+
+class AxisSetpoint(NamedTuple):
+    """Unbounded setpoint of the plan for one axis: rad, rad/s and N·m, or m, m/s and N."""
+
+    effort_si: float
+    position_si: float
+    velocity_si: float
+
+
+class Target(NamedTuple):
+    """Bounded targets for one drive: N·m and rad, or N and m."""
+
+    effort_si: float
+    position_si: float
+
+
+def assist(core: Core, cycle: int) -> None:
+    """Update the assist in force of each leg from the controllers' setpoints, once a cycle."""
+    for leg in core.legs:
+        powered = any(supervisor.enable_wanted(core, axis) for axis in leg.axes)
+        controllers.put_in_force(core, leg, cycle, powered=powered)
+
+
+def command(core: Core, cycle: int) -> list[DriveCommand]:
+    """Compute the command to every drive, in the order of the axes."""
+    wishes = [wish for leg in core.legs for wish in _wishes(core, leg)]
+    modes = [_mode(core, axis) for axis in core.axes]
+    sent = _bounded(core, wishes, modes, cycle)
+    if sent is None:
+        verdict = Verdict(
+            core.config.categories.of(Cause.COMMAND_NOT_FINITE),
+            Cause.COMMAND_NOT_FINITE,
+            detail=f"wanted {[tuple(wish) for wish in wishes]}",
+        )
+        supervisor.stop(core, verdict, cycle)
+        sent = [Target(0.0, axis.position_sent_si) for axis in core.axes]
+    for axis, mode, target in zip(core.axes, modes, sent, strict=True):
+        targets.note_motion(axis, target.position_si, core.config.period_s)
+        axis.mode_sent = mode
+        axis.effort_sent_si, axis.position_sent_si = target
+    for leg in core.legs:
+        leg.takes_over = False
+    return [_command(core, axis) for axis in core.axes]
+
+
+def blind_stop(core: Core) -> list[DriveCommand]:
+    """Quick stop for every drive in its present mode, without any computation that could fail."""
+    return [
+        DriveCommand(
+            power=PowerRequest.QUICK_STOP,
+            mode=axis.mode_sent,
+            target_position_counts=axis.feedback.position_counts if axis.feedback else 0,
+            target_torque_permille=0,
+        )
+        for axis in core.axes
+    ]
+
+
+def _mode(core: Core, axis: Axis) -> OperationMode:
+    """The mode to send; an enabled drive changes its mode only at rest."""
+    wanted = supervisor.mode_wanted(core, axis)
+    pushing = axis.reached_enabled and supervisor.enable_wanted(core, axis)
+    moving = axis.joint.still_cycles < STILL_CYCLES
+    return axis.mode_sent if pushing and moving else wanted
+
+
+def _wishes(core: Core, leg: Leg) -> tuple[AxisSetpoint, AxisSetpoint]:
+    """Setpoints of the leg's plan for both axes; no effort where no drive is to be enabled."""
+    hip, slide = leg.axes
+    if commissioning.in_work(core) is not None:
+        return _preparing_wish(core, hip), _preparing_wish(core, slide)
+    reference = leg.reference
+    if reference is None or not any(supervisor.enable_wanted(core, axis) for axis in leg.axes):
+        return AxisSetpoint(0.0, hip.joint.position_si, 0.0), AxisSetpoint(
+            0.0, slide.joint.position_si, 0.0
+        )
+    config = core.config
+    walking = isinstance(leg.plan, GaitPlay)
+    impedance = config.gait.impedance if walking else config.hold
+    gains = _gains(impedance, leg.stiffness_ratio * leg.spasm_ratio)
+    (k0, d0), (k1, d1) = gains
+    efforts = (
+        _effort(hip, reference, 0, k0, d0) + leg.assist_si[0],
+        _effort(slide, reference, 1, k1, d1) + leg.assist_si[1],
+    )
+    efforts = monitors.slowed(leg, efforts)
+    return (
+        AxisSetpoint(efforts[0], reference.position[0], reference.velocity[0]),
+        AxisSetpoint(efforts[1], reference.position[1], reference.velocity[1]),
+    )
+
+
+def _preparing_wish(core: Core, axis: Axis) -> AxisSetpoint:
+    return AxisSetpoint(commissioning.target_effort_si(core, axis), axis.joint.position_si, 0.0)
+
+
+def _effort(
+    axis: Axis, reference: Reference, index: int, stiffness_si: float, damping_si: float
+) -> float:
+    load_si = axis.gravity_si if reference.load is None else reference.load[index]
+    base_si = load_si + reference.feedforward[index]
+    if not reference.guided:
+        return base_si
+    joint = axis.joint
+    return (
+        base_si
+        + stiffness_si * (reference.position[index] - joint.position_si)
+        + damping_si * (reference.velocity[index] - joint.velocity_si)
+    )
+
+
+def _gains(
+    impedance: Impedance, stiffness_ratio: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    damping_ratio = math.sqrt(stiffness_ratio)
+    return (
+        (
+            stiffness_ratio * impedance.hip_stiffness_nm_per_rad,
+            damping_ratio * impedance.hip_damping_nm_s_per_rad,
+        ),
+        (
+            stiffness_ratio * impedance.slide_stiffness_n_per_m,
+            damping_ratio * impedance.slide_damping_n_s_per_m,
+        ),
+    )
+
+
+def _bounded(
+    core: Core, wishes: Sequence[AxisSetpoint], modes: Sequence[OperationMode], cycle: int
+) -> list[Target] | None:
+    """Bounded targets; None if any value is not finite, even one that its mode does not use."""
+    if not all(math.isfinite(number) for wish in wishes for number in wish):
+        return None
+    bounded: list[Target] = []
+    taking_over = [leg.takes_over for leg in core.legs for _ in leg.axes]
+    for axis, wish, mode, takes_over in zip(core.axes, wishes, modes, taking_over, strict=True):
+        pushing = supervisor.enable_wanted(core, axis)
+        if core.preparation is not None:
+            target = _prepared(core, axis, wish, pushing=pushing)
+        else:
+            leaving = supervisor.mode_wanted(core, axis) != OperationMode.CYCLIC_SYNC_TORQUE
+            ask = targets.Ask(mode, pushing, leaving, core.config.period_s, takes_over)
+            target = _guided(axis, wish, ask, cycle)
+        if target is None:
+            return None
+        bounded.append(target)
+    return bounded
+
+
+def _prepared(core: Core, axis: Axis, wish: AxisSetpoint, *, pushing: bool) -> Target | None:
+    """Targets during a homing or sign test: the small effort of that test, present position."""
+    limits = commissioning.limits_in_force(core, axis)
+    last_si = axis.effort_sent_si if pushing else 0.0
+    effort_si = bounds.bound(wish.effort_si, last_si, limits, core.config.period_s)
+    if effort_si is None:
+        return None
+    return Target(effort_si if pushing else 0.0, axis.joint.position_si)
+
+
+def _guided(axis: Axis, wish: AxisSetpoint, ask: targets.Ask, cycle: int) -> Target | None:
+    if ask.pushing and axis.stop is not None and axis.stop.since_cycle == cycle:
+        targets.brake_from_the_target(axis, wish.position_si, wish.velocity_si, ask.dt_s)
+    effort_si = targets.effort(axis, wish.effort_si, ask)
+    position_si = targets.position(axis, wish.position_si, ask)
+    return None if effort_si is None or position_si is None else Target(effort_si, position_si)
+
+
+def _command(core: Core, axis: Axis) -> DriveCommand:
+    return DriveCommand(
+        power=_power(core, axis),
+        mode=axis.mode_sent,
+        target_position_counts=position_to_counts(axis.position_sent_si, axis.scaling),
+        target_torque_permille=effort_to_permille(axis.effort_sent_si, axis.scaling),
+    )
+
+
+def _power(core: Core, axis: Axis) -> PowerRequest:
+    if axis.stop is not None:
+        return stop_sequence.request(axis.stop.step)
+    if supervisor.enable_wanted(core, axis):
+        run = core.preparation
+        return PowerRequest.HOME if run is not None and run.searching else PowerRequest.ENABLE
+    if core.reset_cycles_left > 0:
+        # In every power state: one request is one edge of the controlword (`power_state.py`).
+        return PowerRequest.FAULT_RESET
+    return PowerRequest.DISABLE_VOLTAGE

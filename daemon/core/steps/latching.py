@@ -1,0 +1,117 @@
+"""Latched verdict in the state file: kept across restarts until a reset.
+
+    mode                            verdict in the state file
+    ----------------------------    ------------------------------------------------------
+    off, bringing up                unchanged
+    hold, gait, ... (enabled)       LAST_END_UNKNOWN, or the one already there
+    stopping, by a verdict          that verdict, from its first cycle
+    stopping, by a request          unchanged: the run has not ended yet
+    fault                           that verdict; none after an orderly shutdown
+    ready                           none
+
+A new core brings its drives up as usual, and is then in FAULT with the noted verdict until a reset
+is requested. The page in memory is written in the cycle that stops, so it survives the end of the
+process. After a power cut an older page may be found; it was written while drives were enabled and
+contains LAST_END_UNKNOWN.
+"""
+
+import math
+from datetime import UTC, datetime
+from typing import Final
+
+from msgspec.structs import replace
+
+from daemon.core.modes.persistent_state import LatchedNote
+from daemon.core.state import Core
+from daemon.core.steps.transition import describe
+from daemon.ipc.record import Cause, Mode, StopCategory, Verdict, clipped
+
+DETAIL_BYTES_MAX: Final = 120
+_NOT_LATCHED: Final = frozenset({Cause.NONE, Cause.SHUTDOWN, Cause.DRIVE_POWERED})
+"""Causes that are not kept across a restart.
+
+DRIVE_POWERED is not kept because the next bring-up finds a drive that holds the leg again.
+"""
+
+
+def follow(core: Core, utc_ns: int) -> None:
+    """Update the latched verdict that a new core would find if this one ended now."""
+    noted = core.notes.latched
+    wanted = _wanted(core, noted, utc_ns)
+    if wanted is not noted:
+        core.notes = replace(core.notes, latched=wanted)
+
+
+def _wanted(core: Core, noted: LatchedNote | None, utc_ns: int) -> LatchedNote | None:
+    if core.mode.active:
+        return noted if noted is not None else _running(utc_ns)
+    if core.mode == Mode.READY:
+        return None
+    if core.mode not in {Mode.STOPPING, Mode.FAULT}:
+        return noted
+    if core.verdict.cause not in _NOT_LATCHED:
+        return _note(core.verdict, noted, utc_ns)
+    ended = core.mode == Mode.FAULT and core.verdict.cause == Cause.SHUTDOWN
+    return None if ended else noted
+
+
+def _running(utc_ns: int) -> LatchedNote:
+    unknown = Verdict(
+        StopCategory.S1, Cause.LAST_END_UNKNOWN, detail="it ended while drives were enabled"
+    )
+    return _note(unknown, None, utc_ns)
+
+
+def _note(verdict: Verdict, noted: LatchedNote | None, utc_ns: int) -> LatchedNote:
+    """The note of a verdict; an equal existing note is kept with its time."""
+    note = LatchedNote(
+        category=verdict.category.name,
+        cause=verdict.cause.name,
+        drive=verdict.drive,
+        value=verdict.value if math.isfinite(verdict.value) else None,
+        limit=verdict.limit if math.isfinite(verdict.limit) else None,
+        detail=clipped(verdict.detail, DETAIL_BYTES_MAX),
+        utc_ns=utc_ns,
+    )
+    same = noted is not None and replace(note, utc_ns=noted.utc_ns) == noted
+    return noted if noted is not None and same else note
+
+
+def verdict_of(noted: LatchedNote | None) -> Verdict | None:
+    """The verdict from the state file; None if there is none.
+
+    An unknown cause, from another version, becomes LAST_END_UNKNOWN, an unknown category S1.
+    """
+    if noted is None:
+        return None
+    category = StopCategory.__members__.get(noted.category, StopCategory.S1)
+    cause = Cause.__members__.get(noted.cause)
+    if cause is None:
+        said = f"{noted.cause}, which is of another version"
+        return Verdict(category, Cause.LAST_END_UNKNOWN, noted.drive, detail=said)
+    value, limit = noted.value or 0.0, noted.limit or 0.0
+    return Verdict(category, cause, noted.drive, value, limit, noted.detail)
+
+
+def take_over(core: Core) -> bool:
+    """Restore a latched verdict after a restart; returns True if there is one."""
+    noted = core.notes.latched
+    verdict = verdict_of(noted)
+    if noted is None or verdict is None:
+        return False
+    core.verdict = verdict
+    core.causes_told = {(verdict.cause, verdict.drive)}
+    core.events.append(f"latched since {_said(noted.utc_ns)}: {describe(verdict)}")
+    return True
+
+
+def clear(core: Core) -> None:
+    """Remove the latched verdict from the state file."""
+    if core.notes.latched is not None:
+        core.notes = replace(core.notes, latched=None)
+
+
+def _said(utc_ns: int) -> str:
+    if utc_ns == 0:
+        return "before this start"
+    return f"{datetime.fromtimestamp(utc_ns * 1e-9, UTC):%Y-%m-%d %H:%M:%S} UTC"

@@ -1,0 +1,174 @@
+"""Sums and counts over more than one cycle for the safety checks, updated in each cycle.
+
+This file combines `inverse_dynamics.py` (effort that the motion needs), `effort_monitor.py` (effort
+that the drive gives), `energy.py` (sums over a stride), `stopping_path.py` and `soft_limits.py`
+(where the leg would come to rest, and how deep it is in its margins), and `spasm.py` (the only one
+that reads the estimate). `checks.py` checks the results.
+"""
+
+from daemon.core.motion.trajectory import GaitPlay
+from daemon.core.safety import effort_monitor, inverse_dynamics, soft_limits, stopping_path
+from daemon.core.safety.energy import stride_cycles
+from daemon.core.safety.spasm import STILL_CYCLES, softened
+from daemon.core.state import Axis, Core, Leg
+from daemon.core.steps import commissioning, supervisor
+from daemon.ipc.record import Mode, Stage
+from drives.cia402.power_state import TORQUE_FREE
+from drives.signals import OperationMode, PowerState
+from observer.filter.leg_observer import LegEstimate
+from observer.filter.status import Validity
+
+
+def watch_raw(core: Core, leg: Leg) -> None:
+    """Update all monitors of one leg that use only encoders and measured efforts."""
+    hip, slide = leg.axes
+    window_cycles = _window(core, leg)
+    leg.balance = inverse_dynamics.follow(
+        leg.balance, leg.parameters, leg.friction, (hip.joint, slide.joint)
+    )
+    for index, axis in enumerate(leg.axes):
+        axis.watch = effort_monitor.look(
+            axis.watch,
+            axis.joint,
+            leg.balance,
+            index,
+            commissioning.limits_in_force(core, axis),
+            powered=axis.feedback is not None and axis.feedback.power_state not in TORQUE_FREE,
+            free=_free(core, leg, axis),
+            placed=_placed(core, leg),
+        )
+        _sum_up(leg, index, window_cycles)
+    leg.window_cycles = window_cycles
+    _look_ahead(core, leg)
+
+
+def _placed(core: Core, leg: Leg) -> bool:
+    """True if the pose is known, and with it the effort that the mechanism needs on both axes."""
+    return all(one.referenced and not commissioning.is_homing(core, one) for one in leg.axes)
+
+
+def _free(core: Core, leg: Leg, axis: Axis) -> bool:
+    """True if the axis is inside its range and the mechanism is away from its singularity."""
+    limits = axis.limits
+    inside = limits.position_min_si <= axis.joint.position_si <= limits.position_max_si
+    clear = leg.singularity_ratio >= core.config.thresholds.singularity_stop_ratio
+    return clear and (inside or not axis.referenced)
+
+
+def _sum_up(leg: Leg, index: int, window_cycles: int) -> None:
+    axis = leg.axes[index]
+    joint = axis.joint
+    if leg.window_cycles != window_cycles:
+        axis.energy.clear()
+    axis.energy.take(joint.effort_si * joint.step_si if joint.fresh else 0.0)
+    if not _strides(leg):
+        axis.unexplained.clear()
+    else:
+        # At rest friction can be any value up to its law, so a mean residual has no meaning.
+        moving = joint.still_cycles < STILL_CYCLES
+        axis.unexplained.take(leg.balance.unexplained(index) if moving else 0.0)
+
+
+def _strides(leg: Leg) -> bool:
+    plan = leg.plan
+    return isinstance(plan, GaitPlay) and plan.stage == Stage.PLAYING
+
+
+def _look_ahead(core: Core, leg: Leg) -> None:
+    """Update where both axes come to rest if they brake now; only if both are referenced."""
+    hip, slide = leg.axes
+    if not all(axis.joint.known and axis.referenced for axis in leg.axes):
+        hip.stopping_end_si, slide.stopping_end_si = hip.joint.position_si, slide.joint.position_si
+        leg.stopping_ratio, leg.zone = 1.0, soft_limits.SoftZone()
+        return
+    position = hip.joint.position_si, slide.joint.position_si
+    velocity = hip.joint.velocity_si, slide.joint.velocity_si
+    ramps = (
+        hip.limits.quick_stop_deceleration_si_per_s2,
+        slide.limits.quick_stop_deceleration_si_per_s2,
+    )
+    reaction_s = stopping_path.reaction_s(assisted=leg.assist.effort_si != (0.0, 0.0))
+    for axis, at, speed, ramp in zip(leg.axes, position, velocity, ramps, strict=True):
+        axis.stopping_end_si = stopping_path.end_of(at, speed, ramp, reaction_s)
+    leg.stopping_ratio = stopping_path.least_ratio(
+        leg.parameters, position, velocity, ramps, reaction_s
+    )
+    leg.zone = soft_limits.zone_at(
+        (hip.limits, slide.limits), core.config.thresholds, position, leg.singularity_ratio
+    )
+
+
+def slowed(leg: Leg, efforts: tuple[float, float]) -> tuple[float, float]:
+    """The efforts of guidance, reduced where they would move the leg deeper into a soft margin."""
+    hip, slide = leg.axes
+    return soft_limits.slowed(
+        leg.zone,
+        leg.parameters,
+        (hip.limits, slide.limits),
+        (hip.joint.position_si, slide.joint.position_si),
+        (hip.joint.velocity_si, slide.joint.velocity_si),
+        (hip.gravity_si, slide.gravity_si),
+        efforts,
+    )
+
+
+GUIDED_MOTION = frozenset({Mode.GAIT, Mode.SELF_TEST})
+
+
+def watch_patient(core: Core, leg: Leg, estimate: LegEstimate) -> None:
+    """Look for a spasm in the estimate, and reduce the stiffness of guidance during one."""
+    for index, axis in enumerate(leg.axes):
+        # Without guided motion, the person who moves the leg would look like a spasm. A sign
+        # mismatch in the raw values has its own check.
+        guided = core.mode in GUIDED_MOTION and axis.watch.sign_mismatch_cycles == 0
+        if estimate.validity[index] is Validity.BAD or not guided:
+            axis.spasm.forget()
+            continue
+        limits = axis.limits
+        axis.spasm.take(
+            estimate.state[6 + index],
+            axis.joint.velocity_si,
+            axis.wanted_velocity_si,
+            axis.joint.still_cycles,
+            limits.spasm_rise_si,
+            limits.standstill_si_per_s,
+        )
+    in_spasm = any(axis.spasm.cycles > 0 for axis in leg.axes)
+    leg.spasm_ratio = softened(leg.spasm_ratio, core.config.spasm, in_spasm=in_spasm)
+
+
+def is_saturated(leg: Leg) -> bool:
+    """True if the effort sent to a drive is at its configured limit."""
+    return any(abs(axis.effort_sent_si) >= axis.limits.effort_max_si for axis in leg.axes)
+
+
+def stride_energy(leg: Leg, axis: Axis) -> float:
+    """Net energy that this axis's drive put into the leg over the last stride or window, J."""
+    return axis.energy.so_far(leg.window_cycles)
+
+
+def stride_drift(leg: Leg, axis: Axis) -> float:
+    """Mean effort residual over the last stride of a gait; 0 before a whole stride."""
+    total = axis.unexplained.over(leg.window_cycles)
+    return 0.0 if total is None else total / leg.window_cycles
+
+
+def _window(core: Core, leg: Leg) -> int:
+    plan = leg.plan
+    if isinstance(plan, GaitPlay) and plan.stage in {Stage.PLAYING, Stage.ENDING}:
+        return stride_cycles(plan.cadence_hz, core.config.period_s)
+    return core.config.thresholds.energy_window_cycles
+
+
+def note_commands(core: Core) -> None:
+    """Store the efforts sent, to compare them with the measured ones later."""
+    for axis in core.axes:
+        feedback = axis.feedback
+        in_force = (
+            feedback is not None
+            and feedback.power_state == PowerState.OPERATION_ENABLED
+            and feedback.mode_display == OperationMode.CYCLIC_SYNC_TORQUE
+            and axis.mode_sent == OperationMode.CYCLIC_SYNC_TORQUE
+            and supervisor.enable_wanted(core, axis)
+        )
+        axis.watch = effort_monitor.note_sent(axis.watch, axis.effort_sent_si, in_force=in_force)

@@ -1,0 +1,34 @@
+"""Standard deviation of a torque sample about the mean torque over its cycle.
+
+In torque mode the target is constant between two SYNCs, so the sample at its end is the mean. In
+position mode the drive's loops change the current each millisecond. The target's speed steps at
+every SYNC (60C2h: a line to each target): a stiff velocity loop accelerates the joint soon after
+the SYNC, a soft one evenly. A sample at the end of the cycle can miss all or nothing of that
+effort. The drive's loop is not known, so half of the inertia's effort is the standard deviation.
+The error keeps its sign as long as the acceleration does: it is not white noise.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from daemon.core.state import Leg
+from drives.cia402.torque import TorqueSampling
+from observer.mechanism.mechanism import mass_matrix
+
+MISSED_RATIO: Final = 0.5
+"""Standard deviation divided by the effort of inertia. The virtual drives miss 0.3 of it."""
+
+
+def effort_std(leg: Leg) -> tuple[float, float]:
+    """Standard deviation of this cycle's efforts about their means over the cycle: N·m, N."""
+    acceleration = [
+        axis.acceleration_sent_si if axis.torque_sampling is not TorqueSampling.FILTERED else 0.0
+        for axis in leg.axes
+    ]
+    placed = leg.singularity_ratio > 0 and all(axis.referenced for axis in leg.axes)
+    if not any(acceleration) or not placed:
+        return 0.0, 0.0  # no acceleration was sent, or the pose is not known
+    pose = np.array([axis.joint.position_si for axis in leg.axes])
+    hip_nm, slide_n = mass_matrix(leg.parameters, pose) @ np.array(acceleration)
+    return MISSED_RATIO * abs(float(hip_nm)), MISSED_RATIO * abs(float(slide_n))

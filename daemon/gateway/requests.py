@@ -1,0 +1,273 @@
+"""Requests of clients: one outstanding at a time, and stops, which never wait.
+
+    acquire release            the gateway answers at once: `lease.py`
+    status config schema       the gateway answers at once
+    stop                       counts up at once; answered when a record shows the count
+    enable disable reset mode  one of them is outstanding; a second one is refused as busy
+
+Ends of an outstanding request:
+
+    a record shows its outcome           done or refused, with the core's reason
+    the core has another boot id         refused: the new core does not know the request
+    no records arrive, or the time       pending: the outcome is unknown; the request is removed
+    is over                              from the gateway state, so a core that resumes late
+                                         does not receive it
+
+Stop counts: the gateway state carries `stop_count`; any increase stops. The count never falls. A
+gateway that has just started sends no state before it has read the core's count and continues
+from there: a smaller one would hide the next stop, a larger one would be a stop. Only a stop
+requested before that is sent at once, and again above the core's count when that is known.
+"""
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Final, NamedTuple
+
+import msgspec
+
+from daemon import wire
+from daemon.ipc.decoding import Decoder, RefusedError
+from daemon.ipc.record import (
+    CycleRecord,
+    GatewayState,
+    Mode,
+    ModeRequest,
+    Outcome,
+    Request,
+    RequestKind,
+    Setpoint,
+)
+
+
+class Route(Enum):
+    """Where a query to control/NAME is answered."""
+
+    LEASE = "lease"
+    GATEWAY = "gateway"
+    STOP = "stop"
+    CORE = "core"
+
+
+ROUTES: Final[dict[str, Route]] = {
+    "acquire": Route.LEASE,
+    "release": Route.LEASE,
+    "enable": Route.CORE,
+    "disable": Route.CORE,
+    "stop": Route.STOP,
+    "reset": Route.CORE,
+    "mode": Route.CORE,
+    "status": Route.GATEWAY,
+    "config": Route.GATEWAY,
+    "schema": Route.GATEWAY,
+}
+
+KINDS: Final[dict[str, RequestKind]] = {
+    "enable": RequestKind.ENABLE,
+    "disable": RequestKind.DISABLE,
+    "reset": RequestKind.RESET,
+    "mode": RequestKind.MODE,
+}
+
+ASKS: Final[dict[str, type[wire.Ask]]] = {
+    "mode": wire.ModeAsk,
+    "acquire": wire.AcquireAsk,
+    "release": wire.ReleaseAsk,
+}
+"""Payload types of queries that carry more than the client's name."""
+
+_DECODERS: Final = {
+    kind: Decoder(msgspec.json.Decoder(kind).decode) for kind in (wire.Ask, *ASKS.values())
+}
+
+PATIENCE_NS: Final[dict[RequestKind, int]] = {
+    RequestKind.ENABLE: 8_000_000_000,
+    RequestKind.DISABLE: 5_000_000_000,
+    RequestKind.RESET: 5_000_000_000,
+    RequestKind.MODE: 5_000_000_000,
+}
+"""Time limits for an answer, below the 10 s after which Zenoh gives up a query by default."""
+
+QUERY_SIZE_MAX: Final = 4096
+"""Maximum size of a query's payload in bytes."""
+
+STOP_PATIENCE_NS: Final = 500_000_000
+
+SILENT: Final = "no records arrive from the core: it is not running, or it hangs"
+RESTARTED: Final = "the core has restarted: what was asked of the one before is void"
+UNKNOWN_FATE: Final = "nobody knows what became of it"
+STOP_UNCONFIRMED: Final = (
+    "no record of the core confirms the stop; a dead core's drives stop by themselves:"
+    " use the emergency stop if anything moves"
+)
+
+
+class Answer(NamedTuple):
+    """The answer to the query that `ticket` stands for."""
+
+    ticket: int
+    outcome: Outcome
+    reason: str
+    by_core: bool = False
+    """True if the core decided the outcome and reports it in its own events."""
+
+
+class BadPayloadError(Exception):
+    """The payload of a query is not valid for its name; the message gives the reason."""
+
+
+def read_ask(name: str, payload: bytes) -> wire.Ask:
+    """Decode the payload of a query to control/NAME strictly; an empty payload means `{}`.
+
+    Raises:
+        BadPayloadError: no JSON, an unknown or missing field, a value out of range.
+    """
+    if len(payload) > QUERY_SIZE_MAX:
+        raise BadPayloadError(f"payload of {name}: more than {QUERY_SIZE_MAX} bytes")
+    kind = ASKS.get(name, wire.Ask)
+    try:
+        return _DECODERS[kind].decode(payload or b"{}")
+    except RefusedError as error:
+        known = ", ".join(item.encode_name for item in msgspec.structs.fields(kind))
+        what = str(error).replace(f"matching regex {wire.ONE_LINE!r}", "without control characters")
+        raise BadPayloadError(f"payload of {name}: {what}; fields known here: {known}") from error
+
+
+def mode_request(ask: wire.Ask) -> ModeRequest:
+    """The arguments of RequestKind.MODE; defaults for a request that has none."""
+    if not isinstance(ask, wire.ModeAsk):
+        return ModeRequest()
+    return ModeRequest(
+        mode=Mode[ask.mode.upper()],
+        cadence_hz=ask.cadence_hz,
+        amplitude_ratio=ask.amplitude_ratio,
+        duration_s=ask.duration_s,
+        scenario=ask.scenario,
+        axis=ask.axis,
+        witnessed=ask.witnessed,
+    )
+
+
+@dataclass(slots=True)
+class _Stop:
+    ticket: int
+    count: int
+    deadline_ns: int
+
+
+@dataclass(slots=True)
+class _Outstanding:
+    ticket: int
+    name: str
+    request: Request
+    deadline_ns: int
+
+
+@dataclass(slots=True)
+class RequestQueue:
+    """Keeps the gateway state and the queries that wait for an answer; uses no Zenoh, no clock."""
+
+    first_level_seq: int = 0
+    """First sequence number of the gateway state. The core accepts only rising numbers, so a later
+    gateway must begin higher than this one ended; the time in ns does."""
+
+    _level_seq: int = 0
+    _boot_id: str = ""
+    _cycle: int = 0
+    _heard: bool = False
+    _stop_count: int = 0
+    _request_id: int = 0
+    _outstanding: _Outstanding | None = None
+    _stops: list[_Stop] = field(default_factory=list)
+
+    def hear(self, core_boot_id: str, record: CycleRecord) -> list[Answer]:
+        """Update stops and requests from a record, and return the answers that are due."""
+        answers = self._meet(core_boot_id, record) if core_boot_id != self._boot_id else []
+        self._heard = True
+        self._cycle = record.cycle
+        self._stop_count = max(self._stop_count, record.stop_count)
+        self._request_id = max(self._request_id, record.request.id)
+        return answers + self._stops_seen(record) + self._outcome(record)
+
+    def lose_core(self) -> list[Answer]:
+        """Answer the outstanding request after the core's records have stopped."""
+        self._heard = False
+        return self._drop(Outcome.PENDING, f"{SILENT}; {UNKNOWN_FATE}")
+
+    def ask(self, ticket: int, name: str, ask: wire.Ask, now_ns: int) -> Answer | None:
+        """Accept a request for the core; returns None while its answer is outstanding."""
+        if not self._heard:
+            return Answer(ticket, Outcome.REFUSED, SILENT)
+        if self._outstanding:
+            reason = f"busy: {self._outstanding.name} has no answer yet"
+            return Answer(ticket, Outcome.REFUSED, reason)
+        mode = mode_request(ask)
+        kind = KINDS[name]
+        self._request_id += 1
+        for_cycle = self._cycle if ask.for_cycle is None else ask.for_cycle
+        request = Request(self._request_id, kind, for_cycle, mode)
+        self._outstanding = _Outstanding(ticket, name, request, now_ns + PATIENCE_NS[kind])
+        return None
+
+    def stop(self, ticket: int, now_ns: int) -> None:
+        """Count a stop, whatever else is outstanding; the next gateway state carries it."""
+        self._stop_count += 1
+        self._stops.append(_Stop(ticket, self._stop_count, now_ns + STOP_PATIENCE_NS))
+
+    def withdraw(self, ticket: int) -> None:
+        """Remove the request of a query that has failed; stops are never removed."""
+        if self._outstanding and self._outstanding.ticket == ticket:
+            self._outstanding = None
+
+    def tick(self, now_ns: int) -> list[Answer]:
+        """Answer requests and stops whose time limit is over."""
+        late = [stop for stop in self._stops if now_ns >= stop.deadline_ns]
+        self._stops = [stop for stop in self._stops if now_ns < stop.deadline_ns]
+        answers = [Answer(stop.ticket, Outcome.PENDING, STOP_UNCONFIRMED) for stop in late]
+        if self._outstanding and now_ns >= self._outstanding.deadline_ns:
+            answers += self._drop(Outcome.PENDING, f"no answer in time; {UNKNOWN_FATE}")
+        return answers
+
+    def level(self, setpoints: tuple[Setpoint, ...] = (), lease: int = 0) -> GatewayState | None:
+        """The next gateway state; None before a core is known, unless a stop is requested.
+
+        Args:
+            setpoints: the newest of each leg.
+            lease: the lease that is held; 0: none.
+        """
+        if not self._boot_id and not self._stops:
+            return None
+        self._level_seq += 1
+        return GatewayState(
+            core_boot_id=self._boot_id,
+            seq=self.first_level_seq + self._level_seq,
+            for_cycle=self._cycle,
+            stop_count=self._stop_count,
+            request=self._outstanding.request if self._outstanding else Request(),
+            setpoints=setpoints,
+            lease=lease,
+        )
+
+    def _meet(self, core_boot_id: str, record: CycleRecord) -> list[Answer]:
+        """Take over the counts of the first core or of a restarted one."""
+        self._boot_id = core_boot_id
+        self._request_id = record.request.id
+        if self._stops:
+            self._stop_count = max(self._stop_count, record.stop_count + 1)
+        for stop in self._stops:
+            stop.count = self._stop_count
+        return self._drop(Outcome.REFUSED, RESTARTED)
+
+    def _stops_seen(self, record: CycleRecord) -> list[Answer]:
+        seen = [stop for stop in self._stops if record.stop_count >= stop.count]
+        self._stops = [stop for stop in self._stops if record.stop_count < stop.count]
+        return [Answer(stop.ticket, Outcome.DONE, "the core has seen the stop") for stop in seen]
+
+    def _outcome(self, record: CycleRecord) -> list[Answer]:
+        waiting, result = self._outstanding, record.request
+        if waiting is None or result.id != waiting.request.id or result.outcome is Outcome.PENDING:
+            return []
+        return self._drop(result.outcome, result.reason, by_core=True)
+
+    def _drop(self, outcome: Outcome, reason: str, *, by_core: bool = False) -> list[Answer]:
+        waiting, self._outstanding = self._outstanding, None
+        return [Answer(waiting.ticket, outcome, reason, by_core)] if waiting else []

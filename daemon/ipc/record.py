@@ -1,0 +1,420 @@
+"""Records of the core and the gateway state: the structs exchanged over ipc, with their enums.
+
+The core fills one `CycleRecord` in each cycle: everything that the cycle measured, decided and
+sent. The gateway, the black box, replay and the golden tests read the same record. `GatewayState`
+is the gateway state: the gateway sends it to the core, whole, once a cycle. Encodings are msgspec
+msgpack arrays: adding a field at the end of a struct, with a default, keeps old recordings
+readable.
+
+`_si` means SI units at the joint: rad, rad/s, N·m for the hip; m, m/s, N for the slide.
+"""
+
+from enum import IntEnum
+from typing import Annotated, Final
+
+import msgspec
+from msgspec import Meta
+
+from daemon.ipc.assist_record import AssistRecord
+from daemon.ipc.cycle_timing import CycleTiming
+from daemon.ipc.decoding import Count, Name
+
+STATE_COUNT: Final = 8
+"""States of the observer: two positions, two velocities, two frictions, two disturbances."""
+SETPOINTS_MAX: Final = 8
+TEXT_BYTES_MAX: Final = 400
+"""Maximum size of a reason, a detail or a line of progress: a slot has a fixed size."""
+
+
+class Mode(IntEnum):
+    """Modes of the service. From HOLD on the drives move or hold the legs."""
+
+    OFF = 0
+    BRINGING_UP = 1
+    READY = 2
+    STOPPING = 3
+    FAULT = 4
+    HOLD = 10
+    GAIT = 11
+    TORQUE = 12
+    EXCITE = 13
+    REFERENCE = 14
+    """One axis homes; the others have no power."""
+    COMMISSION = 15
+    """The sign of one axis is being proven; the others have no power."""
+    HAND_GUIDING = 16
+    """Hand guiding: no stiffness; the drives carry the load and damp the motion."""
+    SELF_TEST = 17
+    """Each axis in turn moves a little and back: checks signs, load and friction for the day."""
+
+    @property
+    def active(self) -> bool:
+        """True if the drives are enabled on purpose in this mode."""
+        return self >= Mode.HOLD
+
+
+class Stage(IntEnum):
+    """Progress of an exercise, the same for all: gait, excitation, self-test, homing, ...
+
+    A stage may be left out; the order never reverses.
+    """
+
+    PREPARING = 1
+    """Nothing moves: drives are brought up, enabled, or change their mode of operation."""
+    ANNOUNCING = 2
+    """Nothing moves yet; the person in the machine is warned."""
+    APPROACHING = 3
+    """The leg is moved to the pose in which the exercise begins."""
+    PLAYING = 4
+    """The requested exercise runs: strides, a scenario, hand guiding, a test, homing."""
+    ENDING = 5
+    """The leg comes to the pose, or to rest, in which the exercise ends."""
+    OVER = 6
+
+
+class StopCategory(IntEnum):
+    """Way of stopping, in rising severity."""
+
+    NONE = 0
+    S2 = 1
+    """Assist fades; brake and hold position with the drives enabled."""
+    S1 = 2
+    """Quick stop of both axes, held in quick stop active (or brake, then off)."""
+    S0 = 3
+    """Disable voltage."""
+
+
+class Cause(IntEnum):
+    """Cause of a stop or of a refused start. `daemon/wire/causes.py` holds text and remedy."""
+
+    NONE = 0
+    # requested
+    STOP_REQUESTED = 1
+    SHUTDOWN = 2
+    # the gateway and the core
+    GATEWAY_SILENT = 10
+    CYCLE_OVERRUN = 11
+    COMMAND_NOT_FINITE = 12
+    LAST_END_UNKNOWN = 13
+    # the emergency means of the patient and of a person nearby
+    HAND_SWITCH_OPEN = 20
+    STO_ACTIVE = 21
+    # a drive and its bus
+    BUS_DOWN = 30
+    DRIVE_SILENT = 31
+    HEARTBEAT_LOST = 32
+    DRIVE_REBOOTED = 33
+    DRIVE_NOT_OPERATIONAL = 34
+    DRIVE_FAULT = 35
+    EMERGENCY = 36
+    DRIVE_LEFT_ENABLED = 37
+    MODE_NOT_SHOWN = 38
+    NOT_FOLLOWING = 39
+    BRING_UP_FAILED = 40
+    BUS_OFF = 41
+    TRANSMIT_QUEUE_FULL = 42
+    DRIVE_POWERED = 43
+    UNEXPECTED_ENABLE = 44
+    # a drive's report about the joint
+    ENCODER_FROZEN = 50
+    ENCODER_JUMP = 51
+    UNREFERENCED = 52
+    SIGN_WRONG = 53
+    EFFORT_DEVIATION = 54
+    # limits at the joint, from raw drive values
+    POSITION_LIMIT = 60
+    VELOCITY_LIMIT = 61
+    EFFORT_LIMIT = 62
+    POWER_LIMIT = 63
+    TRACKING_LIMIT = 64
+    TEMPERATURE_LIMIT = 65
+    SINGULARITY = 66
+    LIMIT_SWITCH = 67
+    ENERGY_LIMIT = 68
+    STOPPING_PATH = 69
+    # the observer may add stops, never remove one
+    OBSERVER_INVALID = 70
+    STATIC_LOAD_WRONG = 71
+    SPASM = 72
+    SELF_TEST_FAILED = 73
+    # escalation
+    STOP_NOT_OBEYED = 80
+
+
+class RequestKind(IntEnum):
+    """Request of a client to the core, one outstanding at a time. A stop is a counter instead."""
+
+    NONE = 0
+    ENABLE = 1
+    DISABLE = 2
+    RESET = 3
+    MODE = 4
+
+
+class Outcome(IntEnum):
+    """Outcome of a request."""
+
+    PENDING = 0
+    DONE = 1
+    REFUSED = 2
+
+
+class Verdict(msgspec.Struct, frozen=True, array_like=True):
+    """The verdict of a cycle, or the latched one: stop category, cause, drive, value and limit."""
+
+    category: StopCategory = StopCategory.NONE
+    cause: Cause = Cause.NONE
+    drive: str = ""
+    """Name of the drive (`right/hip`) or leg of the cause; empty if none."""
+    value: float = 0.0
+    limit: float = 0.0
+    detail: str = ""
+
+
+class ModeRequest(msgspec.Struct, frozen=True, array_like=True):
+    """Arguments of RequestKind.MODE; arguments that a mode does not use keep their defaults."""
+
+    mode: Mode = Mode.HOLD
+    cadence_hz: float = 0.0
+    """Strides per second, for GAIT."""
+    amplitude_ratio: float = 0.0
+    """0..1 of the normative gait, for GAIT."""
+    duration_s: float = 0.0
+    """Mandatory for GAIT and EXCITE."""
+    scenario: Name = ""
+    """Name of an excite scenario of the configuration, for EXCITE."""
+    axis: Name = ""
+    """`LEG/AXIS`, for REFERENCE and COMMISSION."""
+    witnessed: bool = False
+    """For COMMISSION: the operator confirms that the axis moved as described."""
+
+
+class Request(msgspec.Struct, frozen=True, array_like=True):
+    """One request of a client; a new id makes it a new request."""
+
+    id: Count = 0
+    kind: RequestKind = RequestKind.NONE
+    for_cycle: Count = 0
+    """The newest cycle known to the client; a request for an old cycle is refused."""
+    mode: ModeRequest = ModeRequest()
+
+
+class Setpoint(msgspec.Struct, frozen=True, array_like=True):
+    """A controller's assist on top of g(q) for one leg, under the lease of its sender."""
+
+    lease: Count = 0
+    seq: Count = 0
+    for_cycle: Count = 0
+    hip_assist_nm: float = 0.0
+    slide_assist_n: float = 0.0
+    leg: Name = ""
+    stiffness_ratio: float = 1.0
+    """0..1 of the configured stiffness of impedance guidance, for GAIT."""
+
+
+class GatewayState(msgspec.Struct, frozen=True, array_like=True):
+    """The gateway state, sent whole every cycle. A wrong boot id voids everything but the stop."""
+
+    core_boot_id: Name
+    seq: Count
+    for_cycle: Count
+    """The newest record that the gateway had read: gives the age of this state in cycles."""
+    stop_count: Count
+    """Any increase stops, whatever else is in the datagram."""
+    request: Request = Request()
+    setpoints: Annotated[tuple[Setpoint, ...], Meta(max_length=SETPOINTS_MAX)] = ()
+    """The newest setpoint of each leg."""
+    lease: Count = 0
+    """Number of the lease that is held now; 0: none."""
+
+
+def clipped(text: str, bytes_max: int = TEXT_BYTES_MAX) -> str:
+    """The text cut to so many bytes of UTF-8, between two characters."""
+    if text.isascii():
+        return text[:bytes_max]
+    # Half of a surrogate pair has no UTF-8 bytes; it is replaced.
+    return text.encode(errors="replace")[:bytes_max].decode(errors="ignore")
+
+
+class RequestResult(msgspec.Struct, frozen=True, array_like=True):
+    """The newest request that the core has received, and its outcome."""
+
+    id: int = 0
+    outcome: Outcome = Outcome.PENDING
+    reason: str = ""
+
+
+class EmergencyRecord(msgspec.Struct, frozen=True, array_like=True):
+    """One EMCY message, with its meaning by the drive's vendor."""
+
+    code: int
+    error_register: int
+    vendor_bytes: str
+    """Hexadecimal."""
+    text: str
+    reaction: str
+    """The drive's own reaction."""
+    alarm: bool
+    """True: the message calls for a stop; false: it is a warning."""
+    loses_reference: bool
+    repeated: bool
+    """The same code has been received since the drive last reported no error."""
+
+
+class DriveRecord(msgspec.Struct, frozen=True, array_like=True):
+    """One drive in one cycle, in SI units at the joint; None where the value is unknown."""
+
+    name: str
+    """`LEG/AXIS`, for example `right/hip`."""
+    nmt_state: int
+    power_state: int
+    """drives.signals.PowerState."""
+    statusword: int
+    mode_display: int
+    fresh: bool
+    sample_age_cycles: int
+    late_count: int
+    heartbeat_age_ms: float
+    position_si: float | None
+    velocity_si: float | None
+    """From encoder differences, for safety; the observer's estimate is in the leg."""
+    effort_si: float | None
+    """Effort of the drive, from its measured current or torque."""
+    target_effort_si: float
+    """Effort sent in this cycle (acts from the next SYNC); 0 unless in torque mode."""
+    referenced: bool
+    hand_switch_closed: bool
+    sto_released: bool
+    temperature_degc: float | None
+    emergency_code: int
+    emergency_text: str
+    emergency_count: int
+    protocol_error_count: int
+    sign_proven: bool = False
+    emergencies: tuple[EmergencyRecord, ...] = ()
+    """The newest ones of this cycle; `emergency_count` counts all."""
+
+
+class AxisStrideRecord(msgspec.Struct, frozen=True, array_like=True):
+    """One axis in one stride, from observer/strides.py; pairs are a value and its std."""
+
+    work_positive_j: tuple[float, float]
+    work_negative_j: tuple[float, float]
+    assist_mean_si: tuple[float, float]
+    assist_peak_si: tuple[float, float]
+    power_mean_w: tuple[float, float]
+    power_peak_w: tuple[float, float]
+    share_ratio: tuple[float, float] | None
+    coverage_ratio: float
+
+
+class StrideRecord(msgspec.Struct, frozen=True, array_like=True):
+    """A stride that was completed in this cycle."""
+
+    number: int
+    """Number of this leg's stride since the core's start, from 1."""
+    end_mono_ns: int
+    """SYNC of its last sample; the stride is reported 150 ms later, because of smoothing."""
+    duration_s: float
+    sample_count: int
+    hip: AxisStrideRecord
+    slide: AxisStrideRecord
+    work_positive_j: tuple[float, float]
+    work_negative_j: tuple[float, float]
+    share_ratio: tuple[float, float] | None
+    status: int
+    """observer.filter.status.Status bits of all its samples."""
+    baseline: bool
+    """True if a passive baseline was subtracted."""
+
+
+class LegRecord(msgspec.Struct, frozen=True, array_like=True):
+    """One leg's estimate in one cycle, as `observer/filter/leg_observer.py` gave it."""
+
+    name: str
+    state: tuple[float, ...]
+    """STATE_COUNT values in the order of observer/filter/states.py."""
+    std: tuple[float, ...]
+    covariance: tuple[float, ...]
+    """Lower triangle, row by row: 36 values."""
+    innovation: tuple[float, float]
+    nis: float
+    net: tuple[float, float]
+    """Patient minus friction, which stays observable at standstill; N·m, N."""
+    net_std: tuple[float, float]
+    validity: tuple[int, int]
+    """observer.filter.status.Validity of hip and slide."""
+    status: int
+    """observer.filter.status.Status bits."""
+    measured: tuple[float, float]
+    """Position given to the observer: rad, m; NaN for a missing sample."""
+    effort_used: tuple[float, float]
+    """Torque and force given to the observer, after any artificial disturbance: N·m, N."""
+    reference: tuple[float, float]
+    """Reference position of the mode: rad, m; the present pose when the mode has no reference."""
+    artificial: tuple[float, float] = (0.0, 0.0)
+    """The artificial disturbance of EXCITE: used = measured - this."""
+    mean_nis: float = float("nan")
+    """Mean NIS of the last hundred cycles or so, for two measurements: ideally 2."""
+    drift_correlation: tuple[float, float] = (float("nan"), float("nan"))
+    """Correlation of the patient's effort with the direction of motion; NaN while unknown."""
+    friction_error: tuple[float, float] = (float("nan"), float("nan"))
+    """Estimated excess of friction over its law, if there is no patient: N·m, N."""
+    stride: StrideRecord | None = None
+    gait_phase: float = -1.0
+    """0..1 of this leg's stride, or -1 when no gait runs; legs are half a stride apart."""
+
+
+class BusRecord(msgspec.Struct, frozen=True, array_like=True):
+    """State of the CAN controller, and counts since the core's start."""
+
+    condition: str = "active"
+    """drives.canopen.bus_state.BusCondition."""
+    bus_off_count: int = 0
+    passive_count: int = 0
+    warning_count: int = 0
+    restart_count: int = 0
+    no_ack_count: int = 0
+    """Frames without an acknowledgement from any node."""
+    overflow_count: int = 0
+    """Frames lost in the controller."""
+    foreign_master_count: int = 0
+    """SYNCs of another node, and heartbeats with our own node id."""
+    stray_count: int = 0
+    """Frames that belong to none of our drives, since bring-up."""
+    load_ratio: float = 0.0
+    """Bus load in the last whole second, from all frames sent and received, with bit stuffing."""
+
+
+class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
+    """Everything that one cycle measured, decided and sent."""
+
+    seq: Count
+    """Number of the record: also counts records written while there is no SYNC."""
+    cycle: Count
+    """Number of the cycle on the 10 ms grid since start."""
+    sync_mono_ns: Count
+    sync_utc_ns: Count
+    dt_s: float
+    """Measured time since the previous SYNC."""
+    mode: Mode
+    verdict: Verdict
+    """Latched: the most severe since the last reset."""
+    events: tuple[str, ...]
+    """Events of this cycle, one line each; the gateway adds sequence number and time."""
+    request: RequestResult
+    progress: str
+    """One line for the operator; programs read `stage` instead."""
+    gateway_age_cycles: int
+    stop_count: int
+    gait_phase: float
+    """Phase of the first leg: 0..1 of the stride, or -1 when no gait runs."""
+    drives: tuple[DriveRecord, ...]
+    legs: tuple[LegRecord, ...]
+    timing: CycleTiming
+    bus_load_ratio: float = 0.0
+    tx_dropped_count: int = 0
+    bus: BusRecord = BusRecord()
+    assist: AssistRecord = AssistRecord()
+    stage: Stage | None = None
+    """Stage of the mode's exercise; None when there is none."""

@@ -1,0 +1,187 @@
+"""Table of the limits that the drives themselves hold: object, value, and configuration key.
+
+`rows` derives them from the steps of bring-up, so the table cannot differ from what is done. Each
+step that writes is either a row here or belongs to communication and mapping (COMMUNICATION), which
+`tests/drive_backstop/test_table.py` checks; `page` is docs/backstop.md.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+from daemon.config.bundle import Settings
+from daemon.config.drive_plan import cycle_settings, drive_limits
+from drives.bringup.plan import plan
+from drives.bringup.steps import Step, StepKind
+from drives.cia402.profile import DriveDescription
+from drives.cia402.torque import ObjectRef
+
+
+class Source(NamedTuple):
+    """The quantity that an object bounds, and the configuration key of its value."""
+
+    bounds: str
+    key: str
+
+
+@dataclass(frozen=True, order=True, slots=True)
+class Row:
+    """One object of one drive."""
+
+    index: int
+    sub: int
+    value: int
+    """The value as it is written and read back."""
+    bounds: str
+    key: str
+
+    @property
+    def place(self) -> str:
+        """Index and subindex, for example `6065h:00`."""
+        return f"{self.index:04X}h:{self.sub:02X}"
+
+
+WRITES: Final = frozenset({StepKind.WRITE, StepKind.RANGE})
+COMMUNICATION: Final = frozenset(
+    {0x1007, 0x1017, 0x1019, *range(0x1400, 0x1A10), 0x6060, 0x6071, 0x607A}
+)
+"""Objects of PDOs, SYNC, heartbeats and initial targets: no limits, except 1400h:05."""
+RPDO_TIMEOUT_SUB: Final = 5
+_POSITION: Final = Source(
+    "software position limits", "[hip] position_min_deg, _max_deg; [slide] position_min_m, _max_m"
+)
+_TORQUE: Final = Source("torque", "[hip] torque_max_nm; [slide] force_max_n")
+_PROFILE: Final = "the profile"
+SOURCES: Final[Mapping[int, Source]] = {
+    0x1016: Source("our silence, in ms (low word)", "[cycle] drive_detection_ms"),
+    0x1029: Source("the drive's NMT state after our silence", _PROFILE),
+    0x6007: Source("what our silence does", _PROFILE),
+    0x605A: Source("what a quick stop does", _PROFILE),
+    0x605B: Source("what a shutdown does", _PROFILE),
+    0x605C: Source("what disabling the operation does", _PROFILE),
+    0x605D: Source("what a halt does", _PROFILE),
+    0x605E: Source("what a fault does", _PROFILE),
+    0x6065: Source("following error", "[hip] following_error_deg; [slide] following_error_m"),
+    0x6066: Source("how long the following error may last, in ms", _PROFILE),
+    0x607D: _POSITION,
+    0x6080: Source("speed", "[hip] velocity_max_rad_per_s; [slide] velocity_max_m_per_s"),
+    0x6085: Source(
+        "the ramp of a quick stop",
+        "[hip] quick_stop_deceleration_rad_per_s2; [slide] quick_stop_deceleration_m_per_s2",
+    ),
+    0x60B1: Source("no speed beside the target", _PROFILE),
+    0x60B2: Source("no torque beside the target", _PROFILE),
+    0x60C2: Source("the time to a new target position", "[cycle] period_ms"),
+}
+"""Sources by index; the index of the torque limit is in the profile."""
+_RPDO_TIMEOUT: Final = Source("silence of our commands, in ms", "[cycle] rpdo_timeout_ms")
+
+
+def rows(settings: Settings, drive: DriveDescription, axis: int) -> tuple[Row, ...]:
+    """All limits of one drive, in the order of their indices.
+
+    Args:
+        settings: the configuration.
+        drive: one of its drives.
+        axis: 0 hip, 1 slide.
+    """
+    steps = plan(
+        drive, drive_limits(settings.limits)[axis], cycle_settings(settings.trainer.cycle)
+    ).steps
+    found = [row for step in steps for row in _rows(step, drive.profile.torque_limit)]
+    return tuple(sorted(found))
+
+
+def source_of(step: Step, torque_limit: ObjectRef) -> Source | None:
+    """The source of the value that a step writes; None where it is no limit."""
+    if step.kind not in WRITES:
+        return None
+    if (step.index, step.sub) == (torque_limit.index, torque_limit.sub):
+        return _TORQUE
+    if 0x1400 <= step.index < 0x1600 and step.sub == RPDO_TIMEOUT_SUB:
+        return _RPDO_TIMEOUT
+    return SOURCES.get(step.index)
+
+
+def _rows(step: Step, torque_limit: ObjectRef) -> Iterator[Row]:
+    source = source_of(step, torque_limit)
+    if source is None:
+        return
+    yield Row(step.index, step.sub, step.value, *source)
+    if step.kind is StepKind.RANGE:
+        yield Row(step.index, step.sub + 1, step.second, *source)
+
+
+def page(makes: Mapping[str, Settings]) -> str:
+    """The text of docs/backstop.md: for each make the limits of both drives."""
+    parts = [_HEAD]
+    for make, settings in makes.items():
+        leg = settings.legs[0]
+        hip, slide = rows(settings, leg.hip, 0), rows(settings, leg.slide, 1)
+        parts.append(f"## {make}\n\n{_lacks(leg.hip)}\n\n{_table(hip, slide)}")
+    return "\n\n".join(parts) + "\n"
+
+
+def _table(hip: tuple[Row, ...], slide: tuple[Row, ...]) -> str:
+    lines = ["| object | bounds | hip | slide | from |", "| --- | --- | --- | --- | --- |"]
+    for one, other in zip(hip, slide, strict=True):
+        values = f"{_shown(one)} | {_shown(other)}"
+        lines.append(f"| {one.place} | {one.bounds} | {values} | {one.key} |")
+    return "\n".join(lines)
+
+
+def _shown(row: Row) -> str:
+    return f"{row.value:08X}h" if row.index == 0x1016 else str(row.value)
+
+
+def _lacks(drive: DriveDescription) -> str:
+    """Limits that this make does not hold by itself, or that are not documented."""
+    has, profile = drive.profile.optional_objects, drive.profile
+    missing = [
+        words
+        for there, words in (
+            (has.position_limits, "607Dh"),
+            (has.speed_limit, "6080h"),
+            (has.following_error, "6065h"),
+            (profile.pdo.rpdo_timeout, "a timeout of RPDO1 (1400h:05)"),
+        )
+        if not there
+    ]
+    lines = [f"Not held: {', '.join(missing)}." if missing else "Everything below is held."]
+    for place, written, keeps in (
+        ("6080h", has.speed_limit, profile.torque_mode.speed_limit),
+        ("607Dh", has.position_limits, profile.torque_mode.position_limits),
+    ):
+        if written:
+            lines.append(f"{place} in cyclic torque: {keeps.value.replace('_', ' ')}.")
+    return " ".join(lines)
+
+
+_HEAD: Final = """\
+# The limits in the drives
+
+What stops the leg when nothing of ours does: the core is killed, frozen, or sends nonsense.
+Bring-up writes each object below and reads it back; a drive that does not keep a value is refused.
+The values are those of the shipped `limits.toml`, in the drive's own units. This page is written
+from the steps of bring-up (`make golden`), and a test compares it.
+
+| what goes wrong | what acts, alone |
+| --- | --- |
+| the core is killed | 1016h (and 1400h:05), then 6007h and its ramp 6085h: both drives |
+| commands stay away, SYNC and heartbeat go on | 1400h:05 where a drive has it, or the limits |
+| the last command is repeated for ever | torque limit, 6080h, 607Dh |
+| more torque is asked for than allowed | the torque limit |
+| a target position far away | 6065h with 6066h; the ramp of 605Eh |
+| a target position outside the range | 607Dh |
+
+Each row is shown in `tests/drive_backstop/test_rogue_master.py`, by a rogue master with raw frames.
+
+Each drive watches for itself: a position limit or a following error stops that drive and not the
+other one. Only silence stops both.
+
+CiA 402 leaves it to the maker whether 6080h and 607Dh bind in cyclic torque: Beckhoff's EP7412
+limits its speed in cyclic position and velocity alone, Lenze's i700 and Nanotec's PD4-E in cyclic
+torque, too. A profile says "kept", "not kept" or "unknown" (`[torque_mode]`); `gaitd check` warns.
+The virtual drives keep both. How far a leg runs until silence has stopped it is bounded by
+`max_runaway_deg` and `max_runaway_m`. Where 6007h ends in a fault (EPOS4) the axis has no torque
+after its ramp: `gaitd check` says how far a leg then drifts."""

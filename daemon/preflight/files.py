@@ -1,0 +1,331 @@
+"""Checks of the files of one configuration against each other.
+
+Each check is one function that returns, or raises `ConfigError` with the file and key that the
+operator should change. `CHECKS` is the order: first rules within one file, then rules over several.
+Rules that need the mechanism in motion are in `motion.py`, rules about the drives' own reactions in
+`drives.py`.
+"""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from daemon.config.bundle import LegDrives, Settings
+from daemon.config.drive_plan import cycle_settings, effort_per_motor_nm
+from daemon.config.limit_settings import HipLimits, SlideLimits
+from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.config.strict import MISSING, ConfigError, Words
+from daemon.ipc.record import Cause
+from daemon.preflight.assist import ASSIST_CHECKS
+from daemon.preflight.drives import DRIVE_CHECKS
+from daemon.preflight.motion import MOTION_CHECKS
+from daemon.wire.causes import CHOSEN_CATEGORY, DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
+from drives.canopen.bus_load import BURST_MAX_RATIO, bus_load
+from drives.cia402.profile import DriveDescription
+from drives.cia402.units import axis_scaling, expected_base
+from observer.filter.leg_model import integrator_named, substeps_needed
+from observer.filter.status import START_RATIO_MIN
+from observer.mechanism.friction import smallest_stribeck
+from observer.mechanism.mechanism import smallest_inertia
+
+MASTER_HEARTBEATS_MISSED: Final = 3
+"""A drive must not stop before this many of the master's heartbeats have failed to arrive."""
+DRIVE_HEARTBEATS_MISSED: Final = 2
+STANDSTILL_COUNTS: Final = 2
+"""The standstill speed must exceed this many counts per cycle, or encoder noise is motion."""
+SOCKETCAN_NAME: Final = r"[^/\s]{1,15}"
+INTERFACE_NAME: Final = r"[a-z0-9_-]+"
+
+_AT_LEAST_S1: Final = {
+    Cause.DRIVE_FAULT: "the drive in fault cannot hold",
+    Cause.EMERGENCY: "the drive that sent it may not hold",
+    Cause.DRIVE_LEFT_ENABLED: "that drive does not hold any more",
+    Cause.MODE_NOT_SHOWN: "that drive does not do what the core asks",
+    Cause.NOT_FOLLOWING: "that drive does not do what the core asks",
+    Cause.CYCLE_OVERRUN: "holding by the core needs a core that is in time",
+    Cause.TRANSMIT_QUEUE_FULL: "holding by the core needs frames that leave",
+}
+"""Causes for which S2 is not allowed, because in S2 the core holds through the drives."""
+
+
+class _Axis(NamedTuple):
+    """Spelling of the keys of an axis."""
+
+    name: str
+    position_unit: str
+    velocity_unit: str
+    effort_key: str
+    static_load_key: str
+    stribeck_key: str
+    kind: str
+
+
+_AXES: Final = (
+    _Axis(
+        "hip",
+        "deg",
+        "rad_per_s",
+        "torque_max_nm",
+        "static_load_tolerance_nm",
+        "stribeck_nm",
+        "rotary",
+    ),
+    _Axis(
+        "slide", "m", "m_per_s", "force_max_n", "static_load_tolerance_n", "stribeck_n", "linear"
+    ),
+)
+
+
+def check_together(settings: Settings) -> None:
+    """Run all checks, in order.
+
+    Raises:
+        ConfigError: the first check that fails.
+    """
+    for check in (*CHECKS, *ASSIST_CHECKS, *DRIVE_CHECKS, *MOTION_CHECKS):
+        check(settings)
+
+
+def _legs_have_names_of_their_own(settings: Settings) -> None:
+    names = [leg.name for leg in settings.trainer.leg]
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            allowed = "another name than the other leg's"
+            raise ConfigError(settings.file.path, f"leg[{index}].name", name, allowed)
+
+
+def _axes_fit_their_joint(settings: Settings) -> None:
+    for leg in settings.legs:
+        for axis, drive, file in _drives_of(leg):
+            kind = drive.axis.transmission.kind
+            if kind != axis.kind:
+                allowed = f'"{axis.kind}" for the {axis.name}'
+                raise ConfigError(file, "transmission.kind", kind, allowed)
+
+
+def _nodes_are_unique(settings: Settings) -> None:
+    taken = {settings.trainer.cycle.master_node_id: "the master"}
+    for leg in settings.legs:
+        for _, drive, file in _drives_of(leg):
+            if drive.node_id in taken:
+                allowed = f"a node id of its own; this one is {taken[drive.node_id]}'s"
+                raise ConfigError(file, "node_id", drive.node_id, allowed)
+            taken[drive.node_id] = drive.name
+
+
+def _the_channel_is_of_its_interface(settings: Settings) -> None:
+    bus, path = settings.trainer.bus, settings.file.path
+    if not re.fullmatch(INTERFACE_NAME, bus.interface):
+        allowed = "simulated, socketcan, or another interface of python-can by its own name"
+        raise ConfigError(path, "bus.interface", bus.interface, allowed)
+    if bus.interface == "socketcan" and not re.fullmatch(SOCKETCAN_NAME, bus.channel):
+        allowed = "the name of a network interface, for example can0"
+        raise ConfigError(path, "bus.channel", bus.channel, allowed)
+
+
+def _heartbeats_fit_their_watches(settings: Settings) -> None:
+    cycle, path = settings.trainer.cycle, settings.file.path
+    beat_ms = cycle.master_heartbeat_ms
+    if beat_ms % cycle.period_ms:
+        allowed = f"a multiple of cycle.period_ms = {cycle.period_ms}"
+        raise ConfigError(path, "cycle.master_heartbeat_ms", beat_ms, allowed)
+    least_ms = MASTER_HEARTBEATS_MISSED * beat_ms
+    if cycle.drive_detection_ms < least_ms:
+        allowed = f">= {least_ms} and <= 100, {MASTER_HEARTBEATS_MISSED} heartbeats of the master"
+        raise ConfigError(path, "cycle.drive_detection_ms", cycle.drive_detection_ms, allowed)
+    if cycle.rpdo_timeout_ms < 2 * cycle.period_ms:
+        allowed = f">= {2 * cycle.period_ms}, two cycles"
+        raise ConfigError(path, "cycle.rpdo_timeout_ms", cycle.rpdo_timeout_ms, allowed)
+    least_ms = DRIVE_HEARTBEATS_MISSED * cycle.drive_heartbeat_ms + cycle.period_ms
+    timeout_ms = settings.limits.communication.heartbeat_timeout_ms
+    if timeout_ms < least_ms:
+        allowed = (
+            f">= {least_ms}, {DRIVE_HEARTBEATS_MISSED} of cycle.drive_heartbeat_ms and a cycle"
+        )
+        raise ConfigError(
+            settings.file.limits, "communication.heartbeat_timeout_ms", timeout_ms, allowed
+        )
+
+
+def _sync_is_one_that_the_drives_take(settings: Settings) -> None:
+    file, cycle = settings.file.path, settings.trainer.cycle
+    if cycle.sync_counter == 1:
+        raise ConfigError(file, "cycle.sync_counter", 1, "0 for none, or 2 to 240")
+    if cycle.sync_counter:
+        for drive in settings.drives:
+            if not drive.profile.optional_objects.sync_counter:
+                allowed = f"0: the profile of {drive.name} says it has no 1019h"
+                raise ConfigError(file, "cycle.sync_counter", cycle.sync_counter, allowed)
+    window_ms = cycle.sync_window_ms
+    if window_ms and not cycle.window_ms < window_ms <= cycle.period_ms:
+        allowed = (
+            f"0 for none, or above cycle.window_ms = {cycle.window_ms:g} up to {cycle.period_ms}: "
+            "a drive drops our commands, too, when they come after it"
+        )
+        raise ConfigError(file, "cycle.sync_window_ms", window_ms, allowed)
+
+
+def _the_bus_can_carry_it(settings: Settings) -> None:
+    trainer = settings.trainer
+    cycle = cycle_settings(trainer.cycle)
+    rate, heartbeat_ms = trainer.bus.bitrate_bit_per_s, trainer.cycle.master_heartbeat_ms
+    load = bus_load(settings.drives, cycle, heartbeat_ms, rate)
+    window_s = min(BURST_MAX_RATIO * cycle.period_ms, trainer.cycle.window_ms) * 1e-3
+    busy_ratio = load.busy_ratio
+    for part, most, what in (
+        (busy_ratio, trainer.bus.load_max_ratio, f"the bus is busy {busy_ratio:.0%} of the time"),
+        (load.burst_s, window_s, f"the frames of a cycle take {load.burst_s * 1e3:.1f} ms"),
+    ):
+        if part > most:
+            least = rate * part / most
+            allowed = f"at least {least:.0f}: {what}"
+            raise ConfigError(settings.file.path, "bus.bitrate_bit_per_s", rate, allowed)
+
+
+def _categories_are_complete_and_allowed(settings: Settings) -> None:
+    file, table = settings.file.limits, settings.limits.stop_category
+    chosen = {cause.name.lower(): cause for cause in CHOSEN_CATEGORY}
+    for name, category in table.items():
+        key = f"stop_category.{name}"
+        if name not in chosen:
+            raise ConfigError(file, key, category, _why_not_chosen(name, list(chosen)))
+        why = _AT_LEAST_S1.get(chosen[name])
+        if category == "S2" and why:
+            raise ConfigError(file, key, category, f"S1 or S0: {why}")
+    for name in chosen:
+        if name not in table:
+            raise ConfigError(file, f"stop_category.{name}", MISSING, "one of S2, S1, S0")
+
+
+def _why_not_chosen(name: str, known: list[str]) -> str:
+    cause = Cause.__members__.get(name.upper())
+    if cause is None:
+        return f"unknown cause. Known here: {', '.join(known)}"
+    if cause not in FIXED_CATEGORY:
+        return "not a key: this cause never stops a motion"
+    reason = "the design does not leave it to a file"
+    if cause in DOUBTFUL_FEEDBACK:
+        reason = "an axis is never asked to hold by an encoder that cannot be trusted"
+    if cause in LOST_DRIVE:
+        reason = "when one drive is lost the others ramp down at once"
+    return f"not a key: fixed at {FIXED_CATEGORY[cause].name}, because {reason}"
+
+
+def _ranges_are_ranges(settings: Settings) -> None:
+    file = settings.file.limits
+    for axis, table in _limit_tables(settings):
+        low_key, high_key = (f"position_{end}_{axis.position_unit}" for end in ("min", "max"))
+        margin_key = f"soft_margin_{axis.position_unit}"
+        low, high = _number(table, low_key), _number(table, high_key)
+        margin = _number(table, margin_key)
+        if high <= low:
+            allowed = f"> {axis.name}.{low_key} = {low:g}"
+            raise ConfigError(file, f"{axis.name}.{high_key}", high, allowed)
+        if 2 * margin >= high - low:
+            allowed = f"< {(high - low) / 2:g}, half of the range"
+            raise ConfigError(file, f"{axis.name}.{margin_key}", margin, allowed)
+    singularity = settings.limits.singularity
+    if singularity.soft_ratio <= singularity.stop_ratio:
+        allowed = f"> singularity.stop_ratio = {singularity.stop_ratio:g}"
+        raise ConfigError(file, "singularity.soft_ratio", singularity.soft_ratio, allowed)
+
+
+def _efforts_are_within_the_drives(settings: Settings) -> None:
+    for axis, table in _limit_tables(settings):
+        effort = _number(table, axis.effort_key)
+        for leg in settings.legs:
+            drive = leg.hip if axis.name == "hip" else leg.slide
+            motor = drive.axis.motor
+            motor_nm = motor.current_limit_a * motor.torque_constant_nm_per_a
+            most = motor_nm * effort_per_motor_nm(drive)
+            if effort > most:
+                key = f"{axis.name}.{axis.effort_key}"
+                allowed = f"<= {most:.1f}, what {drive.name} has at {motor.current_limit_a:g} A"
+                raise ConfigError(settings.file.limits, key, effort, allowed)
+
+
+def _standstill_is_more_than_noise(settings: Settings) -> None:
+    period_s = settings.trainer.cycle.period_ms * 1e-3
+    for axis, _ in _limit_tables(settings):
+        key = f"standstill_{axis.name}_{axis.velocity_unit}"
+        speed = _number(settings.limits.stop, key)
+        for leg in settings.legs:
+            drive = leg.hip if axis.name == "hip" else leg.slide
+            counts_per_si = abs(axis_scaling(drive, expected_base(drive)).counts_per_si)
+            least = STANDSTILL_COUNTS / counts_per_si / period_s
+            if speed < least:
+                allowed = f">= {least:.2g}, {STANDSTILL_COUNTS} counts of {drive.name} per cycle"
+                raise ConfigError(settings.file.limits, f"stop.{key}", speed, allowed)
+
+
+def _friction_laws_are_laws(settings: Settings) -> None:
+    tables = settings.robot.friction.hip, settings.robot.friction.slide
+    for axis, table, f in zip(_AXES, tables, friction_parameters(settings.robot), strict=True):
+        least = smallest_stribeck(f)
+        if f.stribeck <= least:
+            key = f"friction.{axis.name}.{axis.stribeck_key}"
+            allowed = f"> {least:.4g}, coulomb tanh(peak / transition) + viscous peak"
+            value = _number(table, axis.stribeck_key)
+            raise ConfigError(settings.file.robot, key, value, allowed)
+
+
+def _static_loads_exceed_friction(settings: Settings) -> None:
+    tables = settings.robot.friction.hip, settings.robot.friction.slide
+    for (axis, table), friction in zip(_limit_tables(settings), tables, strict=True):
+        tolerance = _number(table, axis.static_load_key)
+        stribeck = _number(friction, axis.stribeck_key)
+        if tolerance <= stribeck:
+            key = f"{axis.name}.{axis.static_load_key}"
+            allowed = f"> {stribeck:g}, which friction alone can hide at rest"
+            raise ConfigError(settings.file.limits, key, tolerance, allowed)
+
+
+def _the_integrator_is_stable(settings: Settings) -> None:
+    file, observer = settings.file.robot, settings.robot.observer
+    leg = leg_parameters(settings.robot)
+    nearest = min(settings.limits.singularity.stop_ratio, START_RATIO_MIN)
+    inertia = smallest_inertia(leg, nearest)
+    try:
+        least = substeps_needed(
+            *friction_parameters(settings.robot), inertia, integrator_named(observer.integrator)
+        )
+    except ValueError as error:
+        value = Words(observer.integrator)
+        raise ConfigError(file, "observer.integrator", value, str(error)) from error
+    if observer.substeps < least:
+        allowed = (
+            f">= {least} and <= 10: {observer.integrator} with this friction is unstable below"
+        )
+        raise ConfigError(file, "observer.substeps", observer.substeps, allowed)
+
+
+CHECKS: Final = (
+    _legs_have_names_of_their_own,
+    _axes_fit_their_joint,
+    _nodes_are_unique,
+    _the_channel_is_of_its_interface,
+    _heartbeats_fit_their_watches,
+    _sync_is_one_that_the_drives_take,
+    _the_bus_can_carry_it,
+    _categories_are_complete_and_allowed,
+    _ranges_are_ranges,
+    _efforts_are_within_the_drives,
+    _standstill_is_more_than_noise,
+    _friction_laws_are_laws,
+    _static_loads_exceed_friction,
+    _the_integrator_is_stable,
+)
+
+
+def _drives_of(leg: LegDrives) -> Iterator[tuple[_Axis, DriveDescription, Path]]:
+    yield _AXES[0], leg.hip, leg.hip_file
+    yield _AXES[1], leg.slide, leg.slide_file
+
+
+def _limit_tables(settings: Settings) -> tuple[tuple[_Axis, HipLimits | SlideLimits], ...]:
+    return (_AXES[0], settings.limits.hip), (_AXES[1], settings.limits.slide)
+
+
+def _number(table: object, key: str) -> float:
+    return float(getattr(table, key))

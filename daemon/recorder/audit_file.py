@@ -1,0 +1,171 @@
+"""The file of the request log: lines are appended and never changed.
+
+Lines wait in memory until the disk's thread has written them and called fsync, all waiting lines
+together. Bytes that a full disk did not take are tried again with the next lines. Lines are lost
+only when too many wait, before they become part of the chain.
+
+When a file is large enough it is renamed with a number (`requests.000001.jsonl`) and a new one
+begins; the chain goes on. The oldest files are removed.
+"""
+
+import os
+import re
+from collections import deque
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from daemon.recorder.audit_chain import Place, fields_of, hash_of
+
+NAME: Final = "requests.jsonl"
+FILE_BYTES_MAX: Final = 4 * 1024 * 1024
+FILES_MAX: Final = 25
+LINES_WAITING_MAX: Final = 20_000
+TAIL_BYTES: Final = 128 * 1024
+"""More than the longest line: a payload of 4096 bytes, each as \\u00xx."""
+LINES_AT_ONCE: Final = 1000
+
+
+_NUMBERED: Final = re.compile(r"requests\.(\d{6,9})\.jsonl", re.ASCII)
+
+
+def numbered(folder: Path) -> list[Path]:
+    """The files that are full, oldest first; files with other names are ignored."""
+    ours = (path for path in folder.glob("requests.*.jsonl") if _NUMBERED.fullmatch(path.name))
+    return sorted(ours, key=_number_of)
+
+
+def _number_of(path: Path) -> int:
+    return int(path.name.split(".")[1])
+
+
+def files_of(folder: Path) -> list[Path]:
+    """All files of a log, oldest first."""
+    newest = folder / NAME
+    return [*numbered(folder), *([newest] if newest.exists() else [])]
+
+
+def lines_of(folder: Path) -> list[tuple[Path, int, bytes]]:
+    """All lines of a log with file and line number, from 1; the last line may be torn.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    found: list[tuple[Path, int, bytes]] = []
+    for path in files_of(folder):
+        lines = path.read_bytes().split(b"\n")
+        whole = lines[:-1] if not lines[-1] else lines
+        found += [(path, number, line) for number, line in enumerate(whole, 1)]
+    return found
+
+
+class End(NamedTuple):
+    """End of a log: its last line and the place in the chain."""
+
+    place: Place
+    byte_count: int = 0
+    """Size of its last line."""
+    torn: bool = False
+    """Its last line is incomplete, or not a line of the log."""
+    ended: bool = True
+    """A newline follows its last line."""
+
+
+class RequestFile:
+    """The log's files. `add` is called in the loop, `flush` in the disk's thread."""
+
+    def __init__(
+        self, folder: Path, bytes_max: int = FILE_BYTES_MAX, files_max: int = FILES_MAX
+    ) -> None:
+        self._folder, self._path = folder, folder / NAME
+        self._bytes_max, self._files_max = bytes_max, files_max
+        self._waiting: deque[bytes] = deque()
+        self._rest = b""
+        """Lines taken from those that wait, whose bytes are not all in the file yet."""
+        self._file = -1
+
+    def end(self) -> End:
+        """The current end of the log.
+
+        Raises:
+            OSError: it cannot be read.
+        """
+        files = files_of(self._folder)
+        return end_of(_tail(files[-1])) if files else End(Place())
+
+    def add(self, line: bytes) -> None:
+        """Add a line to those that wait; it cannot be refused, because it is part of the chain."""
+        self._waiting.append(line)
+
+    @property
+    def has_room(self) -> bool:
+        """True if another line may wait."""
+        return len(self._waiting) < LINES_WAITING_MAX
+
+    @property
+    def waits(self) -> bool:
+        """True if there is something to flush."""
+        return bool(self._waiting or self._rest)
+
+    def flush(self) -> None:
+        """Write the lines that wait, and sync them to the disk.
+
+        Raises:
+            OSError: the disk is full, cannot be written, or fails; no line is lost by that.
+        """
+        while self.waits:
+            if not self._rest:
+                self._open()
+                count = min(len(self._waiting), LINES_AT_ONCE)
+                self._rest = b"".join(self._waiting.popleft() + b"\n" for _ in range(count))
+            while self._rest:
+                self._rest = self._rest[os.write(self._file, self._rest) :]
+            os.fsync(self._file)
+
+    def close(self) -> None:
+        """Close the file; only when no flush runs any more."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+    def _open(self) -> None:
+        """Open the file; a new one if it is full or has been moved away."""
+        if self._file >= 0:
+            now = os.fstat(self._file)
+            if now.st_nlink and now.st_size < self._bytes_max:
+                return
+            self.close()
+        self._folder.mkdir(parents=True, exist_ok=True)
+        if self._path.exists() and self._path.stat().st_size >= self._bytes_max:
+            self._number()
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC
+        self._file = os.open(self._path, flags, 0o640)
+        folder = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+    def _number(self) -> None:
+        full = numbered(self._folder)
+        number = _number_of(full[-1]) + 1 if full else 1
+        self._path.rename(self._folder / f"requests.{number:06d}.jsonl")
+        for path in full[: len(full) + 2 - self._files_max]:
+            path.unlink()
+
+
+def _tail(path: Path) -> bytes:
+    with path.open("rb") as file:
+        file.seek(max(path.stat().st_size - TAIL_BYTES, 0))
+        return file.read()
+
+
+def end_of(tail: bytes) -> End:
+    """The end of a log, from its last bytes."""
+    if not tail:
+        return End(Place())
+    ended = tail.endswith(b"\n")
+    lines = tail.removesuffix(b"\n").split(b"\n")
+    last = lines[-1]
+    known = (fields["n"] for line in reversed(lines) if (fields := fields_of(line)) is not None)
+    torn = not ended or fields_of(last) is None
+    return End(Place(next(known, 0), hash_of(last)), len(last), torn, ended)

@@ -1,0 +1,266 @@
+"""The request log: each request with its outcome, and the machine's modes and verdicts.
+
+Every query to control/* that requests an action is logged with its client, payload, outcome and
+reason; `status`, `config` and `schema` only read. Kinds of lines (fields: docs/black_box.md):
+
+    start, end           of a gateway
+    repaired             the line before was torn by a power cut, and is left as it is
+    core                 a core was found, or its records stopped
+    mode, verdict        changes of mode and verdict
+    asked                a query that has no answer at the end of the turn in which it came
+    answered             its answer, by `ticket`; or query and answer in one line
+    summed               a count of lines that were too frequent to be written singly
+    lost                 lines that a slow disk had no room for
+
+Limits. Refusals, stops and queries without an answer yet get LINES_PER_MINUTE lines each in a
+minute; the rest is counted by name, client and outcome and written as one line after it, so that a
+flood of queries cannot displace older lines. Requests to the core and its decisions are never
+summed up: there is one such request at a time. The renewal of a lease is not logged.
+
+A line is written and synced by another thread, usually within milliseconds: nothing waits for it,
+least of all a stop. A power cut loses at most the lines of the last second. The number of a lease
+is its holder's secret and never in the log.
+"""
+
+import contextlib
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, Final, Protocol
+
+import msgspec
+
+from daemon import wire
+from daemon.gateway.requests import ROUTES, Route
+from daemon.ipc.decoding import RefusedError
+from daemon.ipc.record import Verdict
+from daemon.recorder.audit_chain import ANYTHING, REPAIRED, Place, sealed
+from daemon.recorder.audit_file import RequestFile
+from daemon.recorder.disk import Disk
+from daemon.recorder.ring_follower import RecordHeader, identity
+from daemon.wire.fields import name_of
+
+LINES_PER_MINUTE: Final = 20
+MINUTE_NS: Final = 60_000_000_000
+RETRY_NS: Final = 1_000_000_000
+SUMMED_MAX: Final = 20
+"""Different sums in a minute; further ones are counted as "others"."""
+NAME_LENGTH_MAX: Final = 64
+WHAT: Final = "request log"
+DONE: Final = "done"
+REFUSED: Final = "refused"
+UNANSWERED: Final = "unanswered"
+SECRET: Final = "..."
+
+
+class Inquiry(Protocol):
+    """A query to control/NAME that waits for its only answer, as in the service."""
+
+    name: str
+    payload: bytes
+
+    def answer(self, message: msgspec.Struct, *, failed: bool = False) -> None:
+        """Send the reply and finish the query."""
+        ...
+
+
+@dataclass(slots=True, eq=False)
+class Noted:
+    """A query with its log entry; forwards the answer and logs it."""
+
+    inquiry: Inquiry
+    log: "RequestLog"
+    ticket: int
+    name: str
+    payload: bytes
+    said: dict[str, Any]
+    looked_at: bool = False
+    """True if a turn has ended without an answer to it."""
+    written: bool = False
+    """True if a line of it is in the log."""
+
+    @property
+    def renews(self) -> bool:
+        """True if the payload names a lease that the client holds already."""
+        payload = self.said["payload"]
+        return isinstance(payload, dict) and "lease" in payload
+
+    def answer(self, message: msgspec.Struct, *, failed: bool = False) -> None:
+        """As `Inquiry.answer`."""
+        self.inquiry.answer(message, failed=failed)
+        if isinstance(message, wire.Reply):
+            self.log.answered(self, message)
+
+
+class RequestLog:
+    """Makes the lines of the log; never waits and never raises. The time is an argument."""
+
+    def __init__(self, file: RequestFile, disk: Disk, utc_ns: int, version: str) -> None:
+        """Continue at the end of the existing log."""
+        self._file, self._disk, self._utc_ns = file, disk, utc_ns
+        self._place = Place()
+        self._boot_id, self._cycle = "", 0
+        self._newest: RecordHeader | None = None
+        self._ticket = 0
+        self._open: dict[int, Noted] = {}
+        self._budget: Counter[str] = Counter()
+        self._summed: Counter[tuple[str, str, str]] = Counter()
+        self._minute_ns = self._flush_due_ns = 0
+        self._flushing = self._flush_failed = False
+        self.lost_count = 0
+        self._lost_said = 0
+        self._begin(version)
+
+    def _begin(self, version: str) -> None:
+        trouble = ""
+        try:
+            end = self._file.end()
+        except OSError as error:
+            trouble = f"{error.filename}: {error.strerror}"
+        else:
+            self._place = end.place
+            if not end.ended:
+                self._file.add(b"")  # a newline, which ends the torn line
+            if end.torn:
+                self._write(REPAIRED, torn_byte_count=end.byte_count)
+        unread = {"unread": trouble} if trouble else {}
+        self._write("start", version=version, **unread)
+
+    # --- events to log --------------------------------------------------------------------------
+
+    def watch(self, inquiries: Sequence[Inquiry], utc_ns: int) -> list[Inquiry]:
+        """Wrap queries on their way to the service, so that their answers are logged."""
+        self._utc_ns = utc_ns
+        return [self._watched(inquiry) for inquiry in inquiries]
+
+    def answered(self, noted: Noted, reply: wire.Reply) -> None:
+        """Log the answer to a query."""
+        self._open.pop(noted.ticket, None)
+        if noted.name == "acquire" and noted.renews and reply.outcome == DONE:
+            return
+        stop = ROUTES.get(noted.name) is Route.STOP
+        if (stop or reply.outcome == REFUSED) and not noted.written:
+            kind = "stop" if stop else REFUSED
+            if not self._affordable(kind, noted, reply.outcome):
+                return
+        told = {"outcome": reply.outcome, "reason": reply.reason, "mode": reply.mode}
+        known = {"name": noted.name[:NAME_LENGTH_MAX], "client": noted.said.get("client")}
+        payload = {} if noted.written else {"payload": noted.said["payload"]}
+        self._write("answered", ticket=noted.ticket, **known, **payload, **told)
+
+    def core(self, boot_id: str, heard: bool) -> None:
+        """Log that a core was found, or that its records stopped or arrive again."""
+        if boot_id != self._boot_id:
+            self._boot_id, self._newest = boot_id, None
+        self._write("core", heard=heard)
+
+    def record(self, glance: RecordHeader) -> None:
+        """Log the changes of mode and verdict since the record before."""
+        before, self._newest, self._cycle = self._newest, glance, glance.cycle
+        if before is None or before.mode != glance.mode:
+            self._write("mode", mode=name_of(glance.mode))
+        latched = before.verdict if before else Verdict()
+        now = glance.verdict
+        if identity(latched) != identity(now):
+            what = {"cause": name_of(now.cause), "category": now.category.name, "drive": now.drive}
+            self._write("verdict", **what, detail=now.detail)
+
+    def turn(self, now_ns: int, utc_ns: int) -> None:
+        """End a turn: log unanswered queries, write the sums once a minute, start a flush."""
+        self._utc_ns = utc_ns
+        for noted in self._open.values():
+            if noted.looked_at:
+                continue
+            noted.looked_at = True
+            noted.written = self._affordable("asked", noted, UNANSWERED)
+            if noted.written:
+                self._write(
+                    "asked", ticket=noted.ticket, name=noted.name[:NAME_LENGTH_MAX], **noted.said
+                )
+        if now_ns - self._minute_ns >= MINUTE_NS:
+            self._minute_ns = now_ns
+            self._sum_up()
+        if self._flush_failed:
+            self._flush_failed, self._flush_due_ns = False, now_ns + RETRY_NS
+        if self._file.waits and not self._flushing and now_ns >= self._flush_due_ns:
+            self._flushing = True
+            if not self._disk.ask(WHAT, self._flush):
+                self._flushing, self._flush_failed = False, True
+
+    def close(self) -> None:
+        """Write the last line; queries that are still open stay unanswered."""
+        self._sum_up()
+        self._write("end")
+        self._disk.ask(WHAT, self._flush)
+
+    # --- lines ----------------------------------------------------------------------------------
+
+    def _flush(self) -> None:
+        """Flush in the disk's thread. A failure is tried again after a second."""
+        self._flushing = False
+        failed = True
+        try:
+            self._file.flush()
+            failed = False
+        finally:
+            self._flush_failed = self._flush_failed or failed
+
+    def _watched(self, inquiry: Inquiry) -> Inquiry:
+        if ROUTES.get(inquiry.name) is Route.GATEWAY:
+            return inquiry
+        self._ticket += 1
+        said = _said(inquiry.payload)
+        noted = Noted(inquiry, self, self._ticket, inquiry.name, inquiry.payload, said)
+        self._open[self._ticket] = noted
+        return noted
+
+    def _affordable(self, kind: str, noted: Noted, outcome: str) -> bool:
+        """True if this entry still gets a line in this minute; otherwise it is counted."""
+        self._budget[kind] += 1
+        if self._budget[kind] <= LINES_PER_MINUTE:
+            return True
+        client = str(noted.said.get("client"))
+        key = (noted.name[:NAME_LENGTH_MAX], client, outcome)
+        others = len(self._summed) >= SUMMED_MAX and key not in self._summed
+        self._summed[("others", "others", "others") if others else key] += 1
+        return False
+
+    def _sum_up(self) -> None:
+        for (name, client, outcome), count in self._summed.items():
+            self._write("summed", name=name, client=client, outcome=outcome, count=count)
+        self._summed.clear()
+        self._budget.clear()
+
+    def _write(self, kind: str, **fields: object) -> None:
+        if not self._file.has_room:
+            self.lost_count += 1
+            return
+        if self.lost_count > self._lost_said:
+            lost, self._lost_said = self.lost_count - self._lost_said, self.lost_count
+            self._write("lost", count=lost)
+        at = datetime.fromtimestamp(self._utc_ns // 1000 / 1e6, UTC)
+        head = {"utc": f"{at:%Y-%m-%dT%H:%M:%S.%fZ}", "kind": kind}
+        core = {"core_boot_id": self._boot_id or None, "cycle": self._cycle}
+        line, self._place = sealed(self._place, {**head, **core, **fields})
+        self._file.add(line)
+
+
+def _said(payload: bytes) -> dict[str, Any]:
+    """Client and payload of a query: as JSON if it is a flat object, else as text."""
+    found: Any = None
+    with contextlib.suppress(RefusedError):
+        found = ANYTHING.decode(payload or b"{}")
+    if not isinstance(found, dict) or not all(map(_is_plain, found.values())):
+        return {"client": None, "payload": payload.decode("utf-8", "backslashreplace")}
+    client = found.get("client")
+    named = client[:NAME_LENGTH_MAX] if isinstance(client, str) else None
+    shown = {key: SECRET if key == "lease" else value for key, value in found.items()}
+    return {"client": named, "payload": shown}
+
+
+def _is_plain(value: object) -> bool:
+    """True for a value that every JSON reader represents exactly; containers are excluded."""
+    if isinstance(value, int):
+        return abs(value) < 2**63
+    return value is None or isinstance(value, str | float)

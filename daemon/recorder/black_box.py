@@ -1,0 +1,309 @@
+"""The black box: around each stop, some seconds of records are copied from the ring to the disk.
+
+A stop is
+
+    a newly latched verdict, or another one in its place
+    records that stop while the gateway runs (`core_silent`): killed, hanging, or ended normally
+    the end of a ring that is found without its core (`core_ended`)
+
+and each is kept with BEFORE_NS before it and AFTER_NS after it. Further stops in the seconds after
+a stop go into the same file, as long as that spans no more than SPAN_NS. Nothing is kept twice: a
+record in a file is identified by its core and its number.
+
+Rings are read here from their oldest record on, whatever the rest of the gateway has read. So a
+gateway that was not running finds the stops of that time. One that starts after both processes died
+finds the ring of that core: at its place, or renamed by the core that has started since
+(`transport.ASIDE_NAME`); that file is removed when everything to keep is on the disk.
+
+Nothing here waits or raises: each turn reads a bounded number of records, and the disk has a thread
+of its own. The core is never touched. Time is an argument.
+"""
+
+import contextlib
+import queue
+from collections import deque
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, Protocol
+
+from daemon.gateway.presence import SILENCE_NS
+from daemon.ipc.decoding import RefusedError
+from daemon.ipc.ring_clip import ClipWriter
+from daemon.ipc.transport import ASIDE_NAME, SLOT_COUNT, Kept, RingError, RingReader
+from daemon.recorder.clip_store import ClipStore
+from daemon.recorder.disk import Disk
+from daemon.recorder.ring_follower import RecordHeader, RingFollower, Stop, glance_of
+
+BEFORE_NS: Final = 15_000_000_000
+AFTER_NS: Final = 5_000_000_000
+SPAN_NS: Final = 25_000_000_000
+"""Maximum span of a file. A ring holds 30 s: the rest is time to copy it."""
+LATE_NS: Final = 1_000_000_000
+"""Time after which records that should follow a stop are not waited for any more."""
+PIECE_COUNT: Final = 100
+"""Records that are read, or copied, in one turn: this takes less than a millisecond."""
+ALSO_MAX: Final = 16
+HANDED_MAX: Final = 64
+WHAT: Final = "black box"
+
+
+@dataclass(slots=True, eq=False)
+class Window:
+    """Records to be kept around a stop, and those of them that have been copied."""
+
+    trail: RingFollower
+    stop: Stop
+    first: int
+    last: int
+    due_ns: int
+    """Time at which it is copied, even if records are missing."""
+    also: list[str] = field(default_factory=list)
+    active: bool = False
+    """The drives were enabled on purpose in one of these records."""
+    copied: ClipWriter | None = None
+    """None as long as nothing is copied."""
+    next_seq: int = 0
+    """Number of the record to copy next."""
+
+    def takes(self, trail: RingFollower, stop: Stop, last: int) -> bool:
+        """True if another stop, with the records until `last`, fits into the same file."""
+        span = SPAN_NS // trail.ring.header.period_ns
+        same = trail.boot_id == self.trail.boot_id and self.first <= stop.seq <= self.last
+        return same and self.copied is None and last - self.first <= span
+
+    def copy(self, count: int) -> bool:
+        """Copy up to `count` more records; true when all are copied."""
+        if self.copied is None:
+            # Records that have not arrived until now do not belong to it any more.
+            self.next_seq, self.last = self.first, min(self.last, self.trail.newest)
+            ring = self.trail.ring
+            # A window never has more records than the ring has slots.
+            room_count = min(self.last - self.first + 1, ring.slot_count)
+            self.copied = ClipWriter(room_count * ring.slot_size)
+        end = min(self.next_seq + count, self.last + 1)
+        for seq in range(self.next_seq, end):
+            data = self.trail.ring.raw(seq)
+            if data is not None:
+                self.copied.add(seq, data)
+                with contextlib.suppress(RefusedError):
+                    self.active = self.active or glance_of(data).mode.active
+        self.next_seq = end
+        return end > self.last
+
+    def kept(self, copied: ClipWriter) -> Kept:
+        """The description of these records for the file's header."""
+        stop = self.stop
+        return Kept(
+            cause=stop.cause,
+            drive=stop.drive,
+            detail=stop.detail,
+            stop_seq=stop.seq,
+            stop_utc_ns=stop.utc_ns,
+            first_seq=copied.first_seq,
+            last_seq=copied.last_seq,
+            active=self.active,
+            also=tuple(self.also[:ALSO_MAX]),
+        )
+
+
+class Listener(Protocol):
+    """Receiver of the present core's records; `audit_log.RequestLog`."""
+
+    def core(self, boot_id: str, heard: bool) -> None:
+        """A core was found, or its records stopped or arrive again."""
+        ...
+
+    def record(self, glance: RecordHeader) -> None:
+        """A new record has arrived."""
+        ...
+
+
+class BlackBox:
+    """Reads the rings, finds the stops, gives their records to the disk."""
+
+    def __init__(self, runtime: Path, shelf: ClipStore, disk: Disk, listener: Listener) -> None:
+        self._aside = runtime / ASIDE_NAME
+        self._shelf, self._disk, self._listener = shelf, disk, listener
+        self._trail: RingFollower | None = None
+        self._gone: list[RingFollower] = []
+        """Rings of previous cores, as long as there is something to do with them."""
+        self._windows: list[Window] = []
+        self._heard_ns: int | None = None
+        """Time of the newest record's arrival; None: no records arrive."""
+        self._told_heard = False
+        self._handed: deque[tuple[str, int, int]] = deque(maxlen=HANDED_MAX)
+        """Core, first and last record of what was given to the disk and may not be written yet."""
+        self._unkept: set[str] = set()
+        """Cores of which a file could not be written."""
+        self._begun = False
+        self._damaged: list[str] = []
+        self._kept: queue.SimpleQueue[str] = queue.SimpleQueue()
+
+    def turn(self, ring: RingReader | None, now_ns: int) -> None:
+        """Process new records of the present core's ring, and continue copying."""
+        if not self._begun:
+            self._begun = True
+            self._find_aside()
+        if ring is not None and (self._trail is None or ring is not self._trail.ring):
+            self._meet(ring)
+        for trail in (*self._gone, self._trail):
+            if trail is not None:
+                self._follow(trail, now_ns)
+        self._copy(now_ns, PIECE_COUNT)
+
+    def news(self) -> list[str]:
+        """Names of files written to the disk since the last call."""
+        return [self._kept.get_nowait() for _ in range(self._kept.qsize())]
+
+    def damaged(self) -> list[str]:
+        """Descriptions of data that could not be read, since the last call."""
+        damaged, self._damaged = self._damaged, []
+        return damaged
+
+    def close(self, now_ns: int) -> None:
+        """Copy all open windows at once as they are now: no further turn follows."""
+        for trail in (*self._gone, self._trail):
+            if trail is not None:
+                for _, stop in trail.advance(SLOT_COUNT):
+                    if stop:
+                        self._stopped(trail, stop, now_ns)
+        for window in self._windows:
+            window.due_ns = now_ns
+        while self._windows:
+            self._copy(now_ns, PIECE_COUNT)
+
+    # --- rings --------------------------------------------------------------------------------
+
+    def _meet(self, ring: RingReader) -> None:
+        """Switch to the ring of a new core."""
+        before, self._trail = self._trail, RingFollower.of(ring)
+        self._heard_ns, self._told_heard = None, False
+        if before is not None:
+            before.live = False
+            self._gone.append(before)
+            self._find_aside()
+
+    def _find_aside(self) -> None:
+        """Find the ring that the present core has renamed; it may be one that is already open."""
+        known = {trail.boot_id: trail for trail in self._gone}
+        try:
+            ring = RingReader(self._aside)
+        except FileNotFoundError:
+            return
+        except (OSError, RingError) as error:
+            self._damaged.append(f"the ring that the core before left cannot be read: {error}")
+            # Removed, because an unreadable file would block the next ring.
+            self._remove(self._aside)
+            return
+        trail = known.get(ring.header.core_boot_id)
+        if trail is None:
+            trail = RingFollower.of(ring, live=False)
+            self._gone.append(trail)
+        trail.aside = self._aside
+
+    def _follow(self, trail: RingFollower, now_ns: int) -> None:
+        seq, new = trail.seq, trail.live and trail.caught_up
+        for glance, stop in trail.advance(PIECE_COUNT):
+            if new:
+                self._hear(trail, glance)
+            if stop:
+                self._stopped(trail, stop, now_ns)
+        if trail.seq > seq:
+            if trail.live:
+                self._heard_ns = now_ns
+            return
+        if not trail.live:
+            self._finish(trail, now_ns)
+        elif self._heard_ns is not None and now_ns - self._heard_ns > SILENCE_NS:
+            # Check first that not more than a whole ring of records was missed.
+            trail.newest = max(trail.newest, trail.ring.newest_seq())
+            if trail.caught_up:
+                self._heard_ns, self._told_heard = None, False
+                self._listener.core(trail.boot_id, False)
+                self._ended(trail, now_ns)
+
+    def _hear(self, trail: RingFollower, glance: RecordHeader) -> None:
+        """Pass on a record that has just arrived; older ones are not passed on."""
+        trail.grown = True
+        if not self._told_heard:
+            self._told_heard = True
+            self._listener.core(trail.boot_id, True)
+        self._listener.record(glance)
+
+    def _finish(self, trail: RingFollower, now_ns: int) -> None:
+        """Close a ring without a core after all of it has been read."""
+        self._ended(trail, now_ns)
+        if any(window.trail is trail for window in self._windows):
+            return
+        self._gone.remove(trail)
+        if trail.aside is not None:
+            self._remove(trail.aside, trail.boot_id)
+
+    def _remove(self, path: Path, boot_id: str = "") -> None:
+        """Remove the file once all of its records to keep are on the disk, and only then."""
+
+        def remove() -> None:
+            if boot_id not in self._unkept:
+                path.unlink(missing_ok=True)
+
+        self._disk.ask(WHAT, remove)
+
+    # --- stops --------------------------------------------------------------------------------
+
+    def _ended(self, trail: RingFollower, now_ns: int) -> None:
+        stop = trail.end()
+        if stop is None:
+            return
+        self._stopped(trail, stop, now_ns)
+        if not trail.grown:
+            # No record arrived from it while we ran: there is nothing to wait for.
+            for window in (one for one in self._windows if one.trail is trail):
+                window.due_ns = now_ns
+
+    def _stopped(self, trail: RingFollower, stop: Stop, now_ns: int) -> None:
+        """Keep a stop, in its own file or in a window still open, unless it is kept already."""
+        period_ns = trail.ring.header.period_ns
+        last, due_ns = stop.seq + AFTER_NS // period_ns, now_ns + AFTER_NS + LATE_NS
+        for window in self._windows:
+            if window.takes(trail, stop, last):
+                window.also.append(stop.cause)
+                window.last, window.due_ns = last, due_ns
+                return
+        if not self._covered(trail.boot_id, stop.seq):
+            first = max(stop.seq - BEFORE_NS // period_ns, 1)
+            self._windows.append(Window(trail, stop, first, last, due_ns))
+
+    def _covered(self, boot_id: str, seq: int) -> bool:
+        """True if this record is on the disk, or about to be written."""
+        on_its_way = any(
+            boot_id == handed and first <= seq <= last for handed, first, last in self._handed
+        )
+        return on_its_way or self._shelf.covers(boot_id, seq)
+
+    def _copy(self, now_ns: int, count: int) -> None:
+        """Copy the oldest window whose records are all there, or will not arrive any more."""
+        for window in self._windows:
+            trail = window.trail
+            whole = trail.seq >= window.last or (not trail.live and trail.caught_up)
+            if window.copied is not None or whole or now_ns >= window.due_ns:
+                if window.copy(count):
+                    self._windows.remove(window)
+                    self._put(window)
+                return
+
+    def _put(self, window: Window) -> None:
+        copied = window.copied
+        if not copied:
+            return
+        header, kept = window.trail.ring.header, window.kept(copied)
+        self._handed.append((header.core_boot_id, kept.first_seq, kept.last_seq))
+
+        def write() -> None:
+            self._unkept.add(header.core_boot_id)
+            with contextlib.closing(copied):
+                self._kept.put(self._shelf.keep(header, kept, copied).name)
+            self._unkept.discard(header.core_boot_id)
+
+        if not self._disk.ask(WHAT, write):
+            copied.close()
+            self._unkept.add(header.core_boot_id)

@@ -1,0 +1,82 @@
+"""The recorder: black box and request log, as the gateway's loop uses them.
+
+It reads the ring by itself and wraps the queries on their way to the service, so the service does
+not depend on it; its reports are returned as events.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from daemon.gateway.events import Happening, Kind, Priority
+from daemon.ipc.ring_clip import FOLDER
+from daemon.ipc.transport import RingReader
+from daemon.recorder.audit_file import RequestFile
+from daemon.recorder.audit_log import Inquiry, RequestLog
+from daemon.recorder.black_box import BlackBox
+from daemon.recorder.clip_store import ClipStore
+from daemon.recorder.disk import Disk, Trouble
+from daemon.system.clock import AgeClock
+
+REMEDY: Final = (
+    "the machine works on, but what happens now may be missing afterwards: make room on the disk of"
+    " the state directory, or mend it; `gaitd blackbox` shows what is there"
+)
+
+
+class DiskRecorder:
+    """Black box and request log of one state directory, and the thread that writes both."""
+
+    def __init__(self, state: Path, runtime: Path, clock: AgeClock, version: str) -> None:
+        """Open the state directory; one that cannot be used is reported as an event, not raised."""
+        self._clock = clock
+        self._disk = Disk()
+        shelf = ClipStore(state / FOLDER)
+        self._troubles = [Trouble("black box", shelf.trouble)] if shelf.trouble else []
+        self._file = RequestFile(state)
+        self._log = RequestLog(self._file, self._disk, clock.utc_ns(), version)
+        self._box = BlackBox(runtime, shelf, self._disk, self._log)
+        self._damaged = shelf.damaged
+
+    @property
+    def not_kept_count(self) -> int:
+        """Files and lines that could not be written."""
+        return self._disk.failed_count + self._log.lost_count
+
+    def watch(self, inquiries: Sequence[Inquiry]) -> list[Inquiry]:
+        """Wrap queries on their way to the service, so that they are logged."""
+        return self._log.watch(inquiries, self._clock.utc_ns())
+
+    def turn(self, ring: RingReader | None, now_ns: int) -> list[Happening]:
+        """Do the recorder's part of a turn of the loop, and return its events."""
+        self._box.turn(ring, now_ns)
+        self._log.turn(now_ns, self._clock.utc_ns())
+        troubles, self._troubles = [*self._troubles, *self._disk.troubles()], []
+        damaged, self._damaged = [*self._damaged, *self._box.damaged()], []
+        return [
+            *map(_trouble, troubles),
+            *map(_damaged, damaged),
+            *map(_kept, self._box.news()),
+        ]
+
+    def close(self) -> None:
+        """Keep what is still open, and finish writing, for a bounded time."""
+        self._box.close(self._clock.now_ns())
+        self._log.close()
+        self._disk.close()
+
+
+def _trouble(trouble: Trouble) -> Happening:
+    if not trouble.reason:
+        return Happening(Priority.INFO, Kind.NOTE, f"{trouble.what}: can be written again")
+    text = f"{trouble.what}: cannot be written: {trouble.reason}"
+    return Happening(Priority.LOW, Kind.NOTE, text, REMEDY)
+
+
+def _damaged(what: str) -> Happening:
+    remedy = "what was in it is lost, unless somebody mends it; look at the disk"
+    return Happening(Priority.LOW, Kind.NOTE, f"black box: {what}", remedy)
+
+
+def _kept(name: str) -> Happening:
+    return Happening(Priority.INFO, Kind.NOTE, f"black box: kept {name}")

@@ -1,0 +1,202 @@
+"""Shared fields of the wire contract: enums as names, and the types and heads of messages.
+
+`status` and `validity` are enums of the observer; they are defined here once more, because a client
+does not import the observer (a test compares the two). The descriptions here are part of the JSON
+Schemas of `messages.py`.
+"""
+
+from enum import Enum, IntEnum, IntFlag
+from typing import Annotated, Any, Final
+
+import msgspec
+from msgspec import Meta
+
+from daemon.ipc.record import Cause, Mode, Outcome, Stage, StopCategory
+
+
+class StatusBit(IntFlag):
+    """Status bits of the observer's estimate: `status` in each message that holds an estimate."""
+
+    VALID = 1 << 0
+    WARM_UP = 1 << 1
+    PREDICT_ONLY = 1 << 2
+    GATED = 1 << 3
+    STANDSTILL_HIP = 1 << 4
+    STANDSTILL_SLIDE = 1 << 5
+    NEAR_SINGULAR = 1 << 6
+    OUT_OF_WORKSPACE = 1 << 7
+    LATE = 1 << 8
+    INCONSISTENT = 1 << 9
+    UNREFERENCED = 1 << 10
+    ARTIFICIAL = 1 << 11
+    INPUT_SATURATED = 1 << 12
+    NEAR_LIMIT = 1 << 13
+    UNCALIBRATED = 1 << 14
+
+
+class Validity(IntEnum):
+    """Validity of one axis' estimate."""
+
+    OK = 0
+    SPLIT_UNOBSERVABLE = 1
+    """At rest only patient minus friction is observable: both are null, the net value is given."""
+    BAD = 2
+    """All values of the axis are null."""
+
+
+POWER_STATES: Final = (
+    "unknown",
+    "not_ready_to_switch_on",
+    "switch_on_disabled",
+    "ready_to_switch_on",
+    "switched_on",
+    "operation_enabled",
+    "quick_stop_active",
+    "fault_reaction_active",
+    "fault",
+)
+"""CiA 402 power states, in the order of DriveRecord.power_state."""
+
+NMT_STATES: Final = {
+    0x00: "boot_up",
+    0x04: "stopped",
+    0x05: "operational",
+    0x7F: "pre_operational",
+    0xFF: "unknown",
+}
+"""CiA 301 NMT states, by the byte of the heartbeat."""
+
+
+def name_of(member: Enum) -> str:
+    """The name of a mode, cause, outcome or status bit on the wire."""
+    return member.name.lower()
+
+
+def printable(text: str) -> str:
+    """The text with line breaks and control characters as escapes, for one line of output."""
+    return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
+
+
+def _names(kind: type[Enum]) -> dict[str, Any]:
+    return {"enum": [name_of(member) for member in kind]}
+
+
+ModeName = Annotated[str, Meta(description="Mode of the service.", extra_json_schema=_names(Mode))]
+StageName = Annotated[
+    str,
+    Meta(
+        description="How far the exercise of the mode is: preparing and announcing, nothing moves;"
+        " approaching its pose; playing, what was asked for; ending; over.",
+        extra_json_schema=_names(Stage),
+    ),
+]
+CauseName = Annotated[
+    str,
+    Meta(description="Cause of a stop, `none` if there is none.", extra_json_schema=_names(Cause)),
+]
+CategoryName = Annotated[
+    str,
+    Meta(
+        description="Stop category: S2 brake and hold, S1 quick stop, S0 voltage off, or none.",
+        extra_json_schema={"enum": ["none", *(c.name for c in StopCategory if c)]},
+    ),
+]
+OutcomeName = Annotated[
+    str,
+    Meta(
+        description="done, refused, or pending: nobody said in time what became of it.",
+        extra_json_schema=_names(Outcome),
+    ),
+]
+ValidityName = Annotated[
+    str,
+    Meta(
+        description="ok; split_unobservable: at rest patient and friction cannot be told apart, "
+        "both are null and the net value is given; bad: all values of the axis are null.",
+        extra_json_schema=_names(Validity),
+    ),
+]
+PriorityName = Annotated[
+    str,
+    Meta(
+        description="As in IEC 60601-1-8: high, medium, low; info is no alarm.",
+        extra_json_schema={"enum": ["high", "medium", "low", "info"]},
+    ),
+]
+KindName = Annotated[
+    str,
+    Meta(
+        description="What sort of event.",
+        extra_json_schema={
+            "enum": ["core", "mode", "stop", "request", "drive", "emergency", "input", "note"]
+        },
+    ),
+]
+Flags = Annotated[
+    tuple[Annotated[str, Meta(extra_json_schema=_names(StatusBit))], ...],
+    Meta(description="What the observer says about this estimate, by name."),
+]
+FlagBits = Annotated[str, Meta(description="The same as hexadecimal bits, as in recordings.")]
+Std = Annotated[
+    float | None,
+    Meta(description="Standard deviation of the field of the same name; null where that is null."),
+]
+HipAngle = Annotated[float | None, Meta(description="Hip angle, positive in flexion.")]
+SlidePosition = Annotated[float | None, Meta(description="Slide position along its rail.")]
+HipPatient = Annotated[
+    float | None,
+    Meta(description="Patient's torque at the hip; positive drives the hip angle up."),
+]
+SlidePatient = Annotated[
+    float | None,
+    Meta(description="Patient's force at the slide; positive drives the slide position up."),
+]
+HipFriction = Annotated[
+    float | None, Meta(description="Friction torque at the hip; positive opposes positive speed.")
+]
+SlideFriction = Annotated[
+    float | None, Meta(description="Friction force at the slide; positive opposes positive speed.")
+]
+HipNet = Annotated[
+    float | None,
+    Meta(description="Patient minus friction at the hip: observable also at standstill."),
+]
+SlideNet = Annotated[
+    float | None,
+    Meta(description="Patient minus friction at the slide: observable also at standstill."),
+]
+Phase = Annotated[
+    float | None, Meta(description="Phase 0..1 of this leg's stride; null when no gait plays.")
+]
+
+
+class Stated(msgspec.Struct, frozen=True, kw_only=True):
+    """Head of messages that are also sent without a record of the core, with three fields null."""
+
+    seq: Annotated[int, Meta(description="Counts the messages of this key; a gap is a loss.")]
+    core_boot_id: Annotated[str | None, Meta(description="Another one: the core has restarted.")]
+    cycle: Annotated[int | None, Meta(description="Cycle of the 10 ms grid since core start.")]
+    sample_time_ns: Annotated[
+        int | None, Meta(description="UTC of that cycle's SYNC in ns since 1970; for records only.")
+    ]
+
+
+class Sampled(Stated, frozen=True, kw_only=True):
+    """Head of messages made from one record of the core."""
+
+    core_boot_id: Annotated[str, Meta(description="Another one: the core has restarted.")]
+    cycle: Annotated[int, Meta(description="Cycle of the 10 ms grid since core start.")]
+    sample_time_ns: Annotated[
+        int, Meta(description="UTC of that cycle's SYNC in ns since 1970; for records only.")
+    ]
+
+
+class Estimated(Sampled, frozen=True, kw_only=True):
+    """Head of messages that hold an estimate of one leg."""
+
+    leg: Annotated[str, Meta(description="right or left")]
+    mode: ModeName
+    status: Flags
+    status_bits: FlagBits
+    hip_validity: ValidityName
+    slide_validity: ValidityName

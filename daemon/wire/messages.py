@@ -1,0 +1,346 @@
+"""The wire contract: every message on Zenoh as a struct, and the JSON Schemas made from them.
+
+A message is JSON (UTF-8) on a key below `gaitd/TRAINER/`, with the encoding
+`application/json;gaitd.NAME.v2`. The rules for all of them:
+
+1. A number that is not valid is `null`, never 0 and never NaN. Silence of more than 200 ms means
+   the same for all values of the key.
+2. Names of fields end in their unit; `_std` is the standard deviation of the field before it.
+3. Modes, stages, causes and states are lower-case names, stop categories `S0` to `S2`.
+4. A later version may add fields and names: a reader ignores what it does not know. Incoming
+   messages (`control/*`, `setpoint`) are read strictly: an unknown field is refused.
+
+Reading order: `fields.py` (names, types, heads), `leg_messages.py` (messages about a leg in every
+cycle), `health_messages.py` (state of the service), then the other messages out, requests in, keys
+and schemas.
+"""
+
+from typing import Annotated, Any, Final, Literal
+
+import msgspec
+from msgspec import Meta
+
+from daemon.wire.fields import (
+    NMT_STATES,
+    POWER_STATES,
+    CategoryName,
+    CauseName,
+    KindName,
+    ModeName,
+    OutcomeName,
+    PriorityName,
+    Sampled,
+    StageName,
+    Stated,
+)
+from daemon.wire.health_messages import Health
+from daemon.wire.leg_messages import Activity, Estimate, Friction, Stride
+
+EXACT_MAX: Final = 2**53 - 1
+"""Up to here every JSON reader represents integers exactly."""
+
+ONE_LINE: Final = (
+    r"^(?![\s\S]*[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069])"
+)
+"""Pattern for text from clients, which appears in events, logs and on terminals: no line breaks, no
+control characters, no characters that change the direction of writing."""
+
+# --- messages out ----------------------------------------------------------------------------
+
+
+class Emergency(msgspec.Struct, frozen=True, kw_only=True):
+    """One EMCY message of a drive."""
+
+    time_ns: Annotated[int, Meta(description="UTC in ns since 1970, of its cycle.")]
+    code: Annotated[str, Meta(description="Hexadecimal.")]
+    text: Annotated[str, Meta(description="Its meaning, by the drive's vendor.")]
+    reaction: Annotated[str, Meta(description="What the drive does by itself.")]
+    alarm: Annotated[bool, Meta(description="It asked for a stop; else it was a warning.")]
+    loses_reference: Annotated[bool, Meta(description="The encoder cannot be believed since.")]
+    error_register: Annotated[str, Meta(description="Object 1001h, hexadecimal.")]
+    vendor_bytes: Annotated[str, Meta(description="Five bytes of the vendor's, hexadecimal.")]
+
+
+class DriveState(Sampled, frozen=True, kw_only=True):
+    """One drive at 10 Hz. `_si`: rad, N·m at the hip; m, N at the slide. Null: unknown."""
+
+    name: Annotated[str, Meta(description="LEG/AXIS, for example right/hip")]
+    nmt_state: Annotated[
+        str, Meta(description="CiA 301 state.", extra_json_schema={"enum": [*NMT_STATES.values()]})
+    ]
+    power_state: Annotated[
+        str, Meta(description="CiA 402 state.", extra_json_schema={"enum": [*POWER_STATES]})
+    ]
+    statusword: Annotated[str | None, Meta(description="Object 6041h, hexadecimal.")]
+    mode_display: Annotated[int | None, Meta(description="Object 6061h: 10 torque, 8 position.")]
+    fresh: Annotated[bool, Meta(description="Its samples came inside this cycle's window.")]
+    sample_age_cycles: Annotated[int, Meta(description="Cycles since the last whole sample.")]
+    late_count: Annotated[int, Meta(description="TPDOs after their window, since bring-up.")]
+    heartbeat_age_ms: Annotated[float | None, Meta(description="Since its last heartbeat.")]
+    position_si: Annotated[float | None, Meta(description="Measured at the joint: rad or m.")]
+    velocity_si: Annotated[float | None, Meta(description="From encoder differences.")]
+    effort_si: Annotated[float | None, Meta(description="From measured current: N·m or N.")]
+    target_effort_si: Annotated[float | None, Meta(description="Sent in this cycle: N·m or N.")]
+    referenced: Annotated[bool, Meta(description="The drive knows its position.")]
+    hand_switch_closed: Annotated[bool | None, Meta(description="As the drive input reads it.")]
+    sto_released: Annotated[bool | None, Meta(description="Safe torque off is not active.")]
+    temperature_degc: Annotated[float | None, Meta(description="Of the power stage.")]
+    emergency_code: Annotated[
+        str | None, Meta(description="Newest EMCY code, hexadecimal; null when there is none.")
+    ]
+    emergency_text: Annotated[str, Meta(description="Its meaning; empty when there is none.")]
+    emergency_count: Annotated[int, Meta(description="EMCY messages since bring-up.")]
+    protocol_error_count: Annotated[int, Meta(description="Frames that could not be used.")]
+    sign_proven: Annotated[
+        bool, Meta(description="Torque and motion have been seen to agree, by a person, too.")
+    ]
+    emergencies: Annotated[
+        tuple[Emergency, ...],
+        Meta(description="EMCY messages since the core's start, the newest 32, oldest first."),
+    ]
+
+
+class Judgement(msgspec.Struct, frozen=True, kw_only=True):
+    """The verdict: stop category, cause, and what to do about it; latched until reset."""
+
+    category: CategoryName
+    cause: CauseName
+    drive: Annotated[str | None, Meta(description="Drive or leg of the cause; null if of none.")]
+    value: Annotated[float | None, Meta(description="What was seen, in the unit of the limit.")]
+    limit: Annotated[float | None, Meta(description="What was allowed.")]
+    detail: Annotated[str, Meta(description="What else is known; may be empty.")]
+    text: Annotated[str, Meta(description="The cause in words.")]
+    remedy: Annotated[str, Meta(description="What a person can do.")]
+
+
+class Safety(Stated, frozen=True, kw_only=True):
+    """Safety state of the machine: published on change, and once a second."""
+
+    valid: Annotated[
+        bool, Meta(description="False: no records from the core; all that follows is null.")
+    ]
+    mode: Annotated[ModeName | None, Meta(description="Null when not valid.")]
+    active: Annotated[bool | None, Meta(description="The drives are enabled on purpose.")]
+    verdict: Annotated[Judgement | None, Meta(description="Null when not valid.")]
+    stage: Annotated[StageName | None, Meta(description="Null: no exercise, or not valid.")]
+    progress: Annotated[
+        str | None, Meta(description="One line for people; a program reads mode and stage.")
+    ]
+    lease_holder: Annotated[str | None, Meta(description="Who may command torque; null: nobody.")]
+    gateway_age_cycles: Annotated[
+        int | None, Meta(description="Age of the newest word from the gateway at the core.")
+    ]
+    stop_count: Annotated[int | None, Meta(description="Stops that the core has seen.")]
+    limits: Annotated[
+        dict[str, Any] | None, Meta(description="Limits in force: limits.toml as it was read.")
+    ]
+
+
+class Event(Stated, frozen=True, kw_only=True):
+    """One event. A bounded history reaches late joiners (AdvancedSubscriber)."""
+
+    id: Annotated[str, Meta(description="BOOT-RECORD-INDEX; an event that is said twice has one.")]
+    time_ns: Annotated[int, Meta(description="UTC in ns since 1970.")]
+    priority: PriorityName
+    kind: KindName
+    text: Annotated[str, Meta(description="What happened, in words.")]
+    remedy: Annotated[str, Meta(description="What a person can do; may be empty.")]
+    cause: Annotated[CauseName | None, Meta(description="Of a stop, else null.")]
+    subject: Annotated[str | None, Meta(description="Drive or leg; null if of none.")]
+
+
+class Reply(Stated, frozen=True, kw_only=True):
+    """Answer to acquire, release, enable, disable, stop, reset, mode, and to unknown requests."""
+
+    request: Annotated[str, Meta(description="NAME of control/NAME.")]
+    outcome: OutcomeName
+    reason: Annotated[str, Meta(description="Why it was refused, or what there is to know.")]
+    mode: Annotated[ModeName | None, Meta(description="The mode now; null when nobody knows.")]
+    lease: Annotated[
+        int | None, Meta(description="Of acquire: the number for setpoints; a secret. Else null.")
+    ] = None
+    lease_duration_ms: Annotated[
+        int | None, Meta(description="Of acquire: its life without an accepted setpoint.")
+    ] = None
+
+
+class Status(Stated, frozen=True, kw_only=True):
+    """Answer to status: the present state of the machine and the newest events."""
+
+    version: Annotated[str | None, Meta(description="Of the core.")]
+    safety: Annotated[Safety, Meta(description="As published now.")]
+    drives: Annotated[tuple[DriveState, ...], Meta(description="As published now.")]
+    legs: Annotated[tuple[Activity, ...], Meta(description="As published now.")]
+    events: Annotated[tuple[Event, ...], Meta(description="The newest, oldest first.")]
+
+
+class Configuration(Stated, frozen=True, kw_only=True):
+    """Answer to config: the configuration of the service."""
+
+    version: Annotated[str | None, Meta(description="Of the core.")]
+    trainer: Annotated[str, Meta(description="TRAINER in the keys.")]
+    listen: Annotated[tuple[str, ...], Meta(description="Zenoh endpoints of this service.")]
+    period_ns: Annotated[int | None, Meta(description="Of the cycle.")]
+    drive_names: Annotated[tuple[str, ...], Meta(description="drives/NAME")]
+    leg_names: Annotated[tuple[str, ...], Meta(description="LEG in the keys.")]
+    config_hashes: Annotated[dict[str, str], Meta(description="SHA-256 by file.")]
+    robot: Annotated[dict[str, Any], Meta(description="robot.toml as it was read.")]
+    limits: Annotated[dict[str, Any], Meta(description="limits.toml as it was read.")]
+
+
+class Schemas(Stated, frozen=True, kw_only=True):
+    """Answer to schema: the JSON Schema of each message by its full name."""
+
+    schemas: Annotated[
+        dict[str, dict[str, Any]], Meta(description="By `gaitd.NAME.v2`, as in the encodings.")
+    ]
+
+
+# --- requests in -----------------------------------------------------------------------------
+
+
+SOMEBODY: Final = "somebody"
+"""Client name of a request that gives none."""
+
+
+class Ask(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Payload of a query to control/*; an empty payload means `{}`."""
+
+    client: Annotated[
+        str,
+        Meta(max_length=64, pattern=ONE_LINE, description="Who asks; stands in the event."),
+    ] = SOMEBODY
+    for_cycle: Annotated[
+        Annotated[int, Meta(ge=0, le=EXACT_MAX)] | None,
+        Meta(description="Newest cycle the asker had seen; too old is refused. Null: now."),
+    ] = None
+
+
+class AcquireAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Payload of a query to control/acquire; `client` must name the holder of the lease."""
+
+    lease: Annotated[
+        Annotated[int, Meta(ge=1, le=EXACT_MAX)] | None,
+        Meta(description="The number that this client holds already, to renew it. Null: anew."),
+    ] = None
+    duration_ms: Annotated[
+        Annotated[int, Meta(ge=20, le=60_000)] | None,
+        Meta(description="Wanted life without an accepted setpoint. Null: as configured."),
+    ] = None
+
+
+class ReleaseAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Payload of a query to control/release, with the `client` that acquired."""
+
+    lease: Annotated[int, Meta(ge=1, le=EXACT_MAX, description="As acquire gave it.")]
+
+
+class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Payload of a query to control/mode."""
+
+    mode: Annotated[
+        Literal[
+            "hold",
+            "gait",
+            "torque",
+            "excite",
+            "hand_guiding",
+            "self_test",
+            "reference",
+            "commission",
+        ],
+        Meta(description="The mode to go to."),
+    ]
+    cadence_hz: Annotated[float, Meta(ge=0, le=2, description="Strides per second, gait.")] = 0.0
+    amplitude_ratio: Annotated[float, Meta(ge=0, le=1, description="Of the full gait.")] = 0.0
+    duration_s: Annotated[
+        float, Meta(ge=0, le=7200, description="Mandatory for gait and excite.")
+    ] = 0.0
+    scenario: Annotated[
+        str,
+        Meta(max_length=64, pattern=ONE_LINE, description="Name in the configuration, excite."),
+    ] = ""
+    axis: Annotated[
+        str,
+        Meta(max_length=16, pattern=ONE_LINE, description="LEG/AXIS, reference and commission."),
+    ] = ""
+    witnessed: Annotated[
+        bool, Meta(description="Commission: a person saw the axis move as described.")
+    ] = False
+
+
+class SetpointMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A controller's assist on top of gravity, LEG/setpoint, in mode torque or gait."""
+
+    lease: Annotated[int, Meta(ge=1, le=EXACT_MAX, description="As acquire gave it.")]
+    seq: Annotated[int, Meta(ge=0, le=EXACT_MAX, description="Strictly rising, for each leg.")]
+    for_cycle: Annotated[
+        int, Meta(ge=0, le=EXACT_MAX, description="`cycle` of the estimate that it answers.")
+    ]
+    hip_assist_nm: Annotated[float, Meta(ge=-120, le=120, description="On top of gravity.")]
+    slide_assist_n: Annotated[float, Meta(ge=-1500, le=1500, description="On top of gravity.")]
+    stiffness_ratio: Annotated[
+        float, Meta(ge=0, le=1, description="Of the configured guidance; for mode gait.")
+    ] = 1.0
+
+
+# --- tables and schemas ----------------------------------------------------------------------
+
+MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {
+    "estimate": Estimate,
+    "activity": Activity,
+    "friction": Friction,
+    "stride": Stride,
+    "drives": DriveState,
+    "safety": Safety,
+    "events": Event,
+    "health": Health,
+    "reply": Reply,
+    "status": Status,
+    "config": Configuration,
+    "schema": Schemas,
+    "ask": Ask,
+    "mode": ModeAsk,
+    "acquire": AcquireAsk,
+    "release": ReleaseAsk,
+    "setpoint": SetpointMessage,
+}
+"""NAME in `gaitd.NAME.v2` of each message."""
+
+NAME_OF: Final = {kind: name for name, kind in MESSAGES.items()}
+
+ALIVE: Final = "alive"
+EVENTS: Final = "events"
+HEALTH: Final = "health"
+SAFETY: Final = "safety"
+CONTROL: Final = "control"
+SETPOINT: Final = "setpoint"
+
+
+def key(trainer: str, *parts: str) -> str:
+    """A Zenoh key, for example `gaitd/trainer/right/activity`."""
+    return "/".join(("gaitd", trainer, *parts))
+
+
+def schema_name(kind: type[msgspec.Struct]) -> str:
+    """Name of a message's schema in its encoding: `gaitd.NAME.v2`."""
+    return f"gaitd.{NAME_OF[kind]}.v2"
+
+
+def encoding(kind: type[msgspec.Struct]) -> str:
+    """The Zenoh encoding of a message."""
+    return f"application/json;{schema_name(kind)}"
+
+
+def schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
+    """JSON Schema of a message, its root object inlined (readers such as Foxglove require it)."""
+    made = msgspec.json.schema(kind)
+    definitions: dict[str, Any] = dict(made.get("$defs", {}))
+    root: dict[str, Any] = definitions.pop(kind.__name__)
+    root["$id"] = schema_name(kind)
+    return {**root, "$defs": definitions} if definitions else root
+
+
+def schemas() -> dict[str, dict[str, Any]]:
+    """JSON Schema of every message by its full name."""
+    return {schema_name(kind): schema(kind) for kind in MESSAGES.values()}

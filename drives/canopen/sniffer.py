@@ -1,0 +1,182 @@
+"""Passive observation of a bus: every frame is counted, none is evaluated.
+
+`BusSniffer` takes all frames, those of this program too; `WitnessedBus` wraps any `Bus`, so all
+traffic over that bus is recorded. Rules:
+1.  An answer belongs to a request of this program or of another client. More answers than requests
+    means that two nodes answer.
+2.  A request that this program did not send means another SDO client: a bring-up, or a tool.
+3.  Identifiers are counted as they come; `inventory.py` attributes them to their senders.
+"""
+
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from drives.canopen.bus import Bus, Clock, Frame
+from drives.canopen.bus_state import BusCondition, BusMonitor
+from drives.canopen.emcy import EMERGENCY_ID
+from drives.canopen.nmt import HEARTBEAT_ID, NMT_ID, SYNC_ID, HeartbeatWatch
+
+SDO_REQUEST_ID: Final = 0x600
+SDO_ANSWER_ID: Final = 0x580
+EMERGENCIES_KEPT: Final = 4
+
+_SERVICE: Final = 0x780
+_NODE: Final = 0x07F
+_COMMAND: Final = 0xE0
+_INITIATES: Final = frozenset((0x20, 0x40))
+"""Client's command specifiers whose bytes 1..3 name an object: download, upload."""
+_ANSWERS: Final = frozenset((0x40, 0x60))
+"""The server's: upload, download (CiA 301 7.2.4.3). An abort may follow an answer."""
+_ABORT: Final = 0x80
+_OF_ONE_NODE: Final = frozenset((EMERGENCY_ID, SDO_ANSWER_ID, SDO_REQUEST_ID, HEARTBEAT_ID))
+
+
+@dataclass(slots=True)
+class Heard:
+    """Traffic from and to one node."""
+
+    watch: HeartbeatWatch = field(default_factory=HeartbeatWatch)
+    heartbeat_count: int = 0
+    emergencies: deque[bytes] = field(default_factory=lambda: deque[bytes](maxlen=EMERGENCIES_KEPT))
+    requests: Counter[bytes] = field(default_factory=Counter[bytes])
+    """Counts by bytes 1..3 of the request: index and sub-index."""
+    answers: Counter[bytes] = field(default_factory=Counter[bytes])
+    abort_count: int = 0
+    foreign_request_count: int = 0
+    """SDO requests to it from other clients."""
+
+    @property
+    def answered(self) -> bool:
+        """True if it has answered an SDO request of any client."""
+        return bool(self.answers) or self.abort_count > 0
+
+    @property
+    def answered_twice(self) -> bool:
+        """True if it gave more answers than there were requests (rule 1)."""
+        return any(count > self.requests[of] > 0 for of, count in self.answers.items())
+
+
+class BusSniffer:
+    """Records every frame of a bus."""
+
+    def __init__(self) -> None:
+        self.nodes: dict[int, Heard] = {}
+        self.bus_state = BusMonitor()
+        self.received_count: Counter[int] = Counter()
+        """Frames of other nodes, by identifier."""
+        self._troubles_before: tuple[int, int] | None = None
+        """Error counts before the first sent frame: those errors have another cause."""
+        self.odd_sync_count = 0
+        """SYNCs with data: a counter byte, or more."""
+
+    @property
+    def sync_count(self) -> int:
+        """Number of SYNCs received."""
+        return self.received_count[SYNC_ID]
+
+    @property
+    def nmt_count(self) -> int:
+        """Number of NMT commands received."""
+        return self.received_count[NMT_ID]
+
+    @property
+    def heard_nothing(self) -> bool:
+        """True if no frame of any node was received."""
+        return not self.received_count
+
+    @property
+    def is_mute(self) -> bool:
+        """True if sent frames reach no node: bus-off, or no acknowledgement since the first one."""
+        if self.bus_state.condition is BusCondition.OFF:
+            return True
+        asked = self._troubles_before is not None
+        return asked and self.heard_nothing and self._troubles() != self._troubles_before
+
+    def node(self, node_id: int) -> Heard:
+        """Traffic of one node."""
+        return self.nodes.setdefault(node_id, Heard())
+
+    def sent(self, frame: Frame) -> None:
+        """Record a frame sent by this program."""
+        if self._troubles_before is None:
+            self._troubles_before = self._troubles()
+        if frame.can_id & _SERVICE == SDO_REQUEST_ID:
+            _count_request(self.node(frame.can_id & _NODE), frame.data)
+
+    def take(self, frame: Frame, now_ns: int) -> None:
+        """Record a frame of another node, or an error frame of the controller."""
+        if frame.is_error:
+            self.bus_state.feed(frame)
+            return
+        self.received_count[frame.can_id] += 1
+        service, node_id = frame.can_id & _SERVICE, frame.can_id & _NODE
+        if frame.can_id == SYNC_ID:
+            self.odd_sync_count += bool(frame.data)
+        elif node_id and service in _OF_ONE_NODE:
+            self._take_of_node(self.node(node_id), service, frame.data, now_ns)
+
+    def _troubles(self) -> tuple[int, int]:
+        return self.bus_state.no_ack_count, self.bus_state.passive_count
+
+    def _take_of_node(self, heard: Heard, service: int, data: bytes, now_ns: int) -> None:
+        if service == HEARTBEAT_ID:
+            others = heard.watch.boot_up_count + heard.watch.strange_count
+            heard.watch.feed(data, now_ns)
+            heard.heartbeat_count += heard.watch.boot_up_count + heard.watch.strange_count == others
+        elif service == EMERGENCY_ID:
+            heard.emergencies.append(data)
+        elif service == SDO_REQUEST_ID:
+            heard.foreign_request_count += 1
+            _count_request(heard, data)
+        elif data and data[0] & _COMMAND == _ABORT:
+            heard.abort_count += 1
+        elif data and data[0] & _COMMAND in _ANSWERS:
+            heard.answers[data[1:4]] += 1
+
+
+def _count_request(heard: Heard, data: bytes) -> None:
+    if data and data[0] & _COMMAND in _INITIATES:
+        heard.requests[data[1:4]] += 1
+
+
+class WitnessedBus:
+    """A `Bus` around another one that reports every frame to a `BusSniffer`."""
+
+    def __init__(self, bus: Bus, clock: Clock, witness: BusSniffer) -> None:
+        self._bus = bus
+        self._clock = clock
+        self._witness = witness
+
+    def send(self, frames: Sequence[Frame]) -> int:
+        """As `Bus.send`."""
+        self._tell_sent(frames)
+        return self._bus.send(frames)
+
+    def send_urgent(self, frames: Sequence[Frame], deadline_ns: int, clock: Clock) -> int:
+        """As `Bus.send_urgent`."""
+        self._tell_sent(frames)
+        return self._bus.send_urgent(frames, deadline_ns, clock)
+
+    def drain(self) -> list[Frame]:
+        """As `Bus.drain`."""
+        return self._told(self._bus.drain())
+
+    def receive_until(self, deadline_ns: int, clock: Clock) -> list[Frame]:
+        """As `Bus.receive_until`."""
+        return self._told(self._bus.receive_until(deadline_ns, clock))
+
+    def close(self) -> None:
+        """As `Bus.close`."""
+        self._bus.close()
+
+    def _tell_sent(self, frames: Sequence[Frame]) -> None:
+        for frame in frames:
+            self._witness.sent(frame)
+
+    def _told(self, frames: list[Frame]) -> list[Frame]:
+        now_ns = self._clock.now_ns()
+        for frame in frames:
+            self._witness.take(frame, now_ns)
+        return frames

@@ -1,0 +1,60 @@
+"""Homing (CiA 402-2, mode 6): what a drive type needs, and the settings of an axis."""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from drives.cia402.torque import ObjectRef, Table
+from drives.errors import DescriptionError
+
+Method = Annotated[int, Meta(ge=-128, le=127)]
+"""6098h; negative values are vendor-specific."""
+
+
+class HomingObjects(Table, frozen=True, kw_only=True):
+    """Objects that this drive type needs besides 6098h, 6099h and 609Ah."""
+
+    methods: Annotated[tuple[Method, ...], Meta(min_length=1)]
+    """Methods that this drive supports."""
+    home: ObjectRef
+    """Object that sets the position at home: 607Ch, or a vendor-specific one."""
+    home_sign: Literal[-1, 1]
+    """+1: 6064h reads this object's value at home; -1: its negative (vendors differ on 607Ch)."""
+    current_threshold: ObjectRef | None = None
+    """mA; for the methods that detect a mechanical stop."""
+
+
+class Homing(Table, frozen=True, kw_only=True):
+    """Homing settings of an axis; SI units at the joint (rad and N·m, or m and N)."""
+
+    method: Method
+    home_si: Annotated[float, Meta(ge=-10, le=10)]
+    """Joint position at home."""
+    search_speed_si_per_s: Annotated[float, Meta(gt=0, le=1)]
+    """6099h:01, towards the switch or the stop."""
+    zero_speed_si_per_s: Annotated[float, Meta(gt=0, le=1)]
+    """6099h:02, for the final approach."""
+    acceleration_si_per_s2: Annotated[float, Meta(gt=0, le=20)]
+    effort_max_si: Annotated[float, Meta(gt=0, le=1500)]
+    """Written into the drive as its limit for the duration of the homing."""
+    stop_current_a: Annotated[float, Meta(gt=0, le=100)] | None = None
+    """Current that counts as the mechanical stop, for the methods that detect one."""
+    timeout_s: Annotated[float, Meta(gt=0, le=300)]
+
+
+def check_homing(objects: HomingObjects | None, homing: Homing | None) -> None:
+    """Refuse a homing that this drive type does not support.
+
+    Raises:
+        DescriptionError: names key, value and what is allowed.
+    """
+    if homing is None:
+        return
+    if objects is None:
+        raise DescriptionError("axis", "homing", homing.method, "absent: the profile has no homing")
+    if homing.method not in objects.methods:
+        allowed = f"one of {', '.join(map(str, objects.methods))}"
+        raise DescriptionError("axis", "homing.method", homing.method, allowed)
+    if homing.stop_current_a is not None and objects.current_threshold is None:
+        allowed = "absent: the profile has no homing.current_threshold"
+        raise DescriptionError("axis", "homing.stop_current_a", homing.stop_current_a, allowed)

@@ -1,0 +1,349 @@
+"""The drive profile (`configs/drives/profiles/*.toml`), and both files of a drive joined.
+
+A profile holds a manufacturer's facts: which object holds the torque, in which unit, which one
+limits it, what the input bits mean, which objects there are, which option codes are written. An
+axis file (`axis_file.py`) holds one drive's: node, identity, gear, motor. `describe` joins the two
+into a `DriveDescription` and refuses contradictions. Numbers are CiA 301/402 indices.
+
+What CiA leaves to the manufacturer must be stated, with `true` or `false`: otherwise a forgotten
+object would silently not be written.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Annotated, Final, Literal, NamedTuple
+
+from msgspec import Meta
+
+from drives.canopen.emcy_codes import EmergencyTable
+from drives.cia402.axis_file import AxisFile, check_transmission
+from drives.cia402.homing import HomingObjects, check_homing
+from drives.cia402.option_codes import WrittenObject, check_written, holds_after_quick_stop
+from drives.cia402.torque import (
+    ObjectRef,
+    RatedTorqueUnit,
+    Table,
+    TorqueBase,
+    TorqueObject,
+    TorqueSource,
+    check_bases,
+)
+from drives.errors import DescriptionError
+
+BASE_TOLERANCE_RATIO: Final = 0.01
+"""How far the torque base of a drive may deviate from its file (canopen.md 4.3)."""
+
+Bit = Annotated[int, Meta(ge=0, le=31)]
+Unsigned32 = Annotated[int, Meta(ge=0, le=0xFFFFFFFF)]
+
+
+class SpeedUnit(Enum):
+    """The unit of 6080h."""
+
+    RPM = "rpm"
+    COUNTS_PER_S = "counts_per_s"
+    TENTH_COUNTS_PER_S = "tenth_counts_per_s"
+
+
+class DecelerationUnit(Enum):
+    """The unit of 6085h."""
+
+    RPM_PER_S = "rpm_per_s"
+    COUNTS_PER_S2 = "counts_per_s2"
+    TEN_COUNTS_PER_S2 = "ten_counts_per_s2"
+
+
+class Temperature(ObjectRef, frozen=True, kw_only=True):
+    """The drive's temperature, mapped into TPDO3."""
+
+    degc_per_count: Annotated[float, Meta(gt=0, le=10)]
+
+
+class InputBit(Table, frozen=True, kw_only=True):
+    """Position of an input in 60FDh, and the level at which its name holds."""
+
+    bit: Bit
+    level: Literal[0, 1]
+
+
+class Inputs(Table, frozen=True, kw_only=True):
+    """60FDh. Hand switch and STO are mandatory; good means that both named conditions hold."""
+
+    hand_switch_closed: InputBit
+    sto_released: InputBit
+    negative_limit: InputBit | None = None
+    positive_limit: InputBit | None = None
+
+
+class CheckedObject(ObjectRef, frozen=True, kw_only=True):
+    """An object that must already hold a value, or the drive's numbers are wrong; never written."""
+
+    value: int
+    mask: Unsigned32
+    why: Annotated[str, Meta(min_length=5)]
+
+
+class OptionalObjects(Table, frozen=True, kw_only=True):
+    """Optional objects that this drive has; all of them are used.
+
+    `gaitd check` lists what the drive therefore does not limit or monitor.
+    """
+
+    interpolation_time: bool
+    """60C2h: set to our cycle."""
+    position_limits: bool
+    """607Dh."""
+    speed_limit: bool
+    """6080h."""
+    following_error: bool
+    """6065h."""
+    halt_option: bool
+    """605Dh; then it must be among `written`."""
+    polarity: bool
+    """607Eh: must read 0 in bits 5 to 7. Signs have one place, `transmission.sign`; a drive that
+    inverts position, speed or torque by itself is refused, not corrected."""
+    sync_counter: bool
+    """1019h: SYNC with a counter."""
+    sync_window: bool
+    """1007h: synchronous window length."""
+
+
+class Keeps(Enum):
+    """Statement whether a drive itself enforces a limit in a mode."""
+
+    KEPT = "kept"
+    NOT_KEPT = "not_kept"
+    UNKNOWN = "unknown"
+    """Not publicly documented."""
+
+
+class TorqueMode(Table, frozen=True, kw_only=True):
+    """Limits that the drive enforces in cyclic synchronous torque, where CiA 402 names only 6072h.
+
+    Manufacturers differ: Beckhoff's EP7412 limits its speed in cyclic position and velocity only,
+    Lenze's i700 and Nanotec's PD4-E in cyclic torque, too.
+    """
+
+    speed_limit: Keeps
+    """6080h."""
+    position_limits: Keeps
+    """607Dh."""
+
+
+class Pdo(Table, frozen=True, kw_only=True):
+    """PDO communication parameters that this drive has."""
+
+    count: Annotated[int, Meta(ge=3, le=8)]
+    """Number of RPDOs, and of TPDOs; those that the mapping does not use are switched off."""
+    inhibit_time: bool
+    """1800h:03."""
+    event_timer: bool
+    """1800h:05."""
+    rpdo_timeout: bool
+    """1400h:05: the drive stops by itself when RPDO1 is missing."""
+    error_code: bool
+    """603Fh can be mapped into TPDO3; otherwise only EMCY carries the code."""
+
+
+class Heartbeat(Table, frozen=True, kw_only=True):
+    """Heartbeats that this drive monitors."""
+
+    consumer_entries: Annotated[int, Meta(ge=0, le=127)]
+    """Entries of 1016h; the first monitors the master, the others are cleared."""
+
+
+class FaultReset(Table, frozen=True, kw_only=True):
+    """Extra conditions of a fault reset, besides the edge of bit 7."""
+
+    communication_reset_first: tuple[Annotated[int, Meta(ge=0, le=0xFFFF)], ...]
+    """EMCY codes after which the edge is ignored until NMT reset communication."""
+
+
+class DriveProfile(Table, frozen=True, kw_only=True):
+    """One type of drive."""
+
+    vendor: str
+    family: str
+    verified_on_hardware: bool
+    provenance: Annotated[str, Meta(min_length=20)]
+    """Source of the facts in this file."""
+    torque_source: TorqueSource
+    torque_base: TorqueBase
+    torque_limit: TorqueObject
+    target_torque: TorqueObject
+    """6071h."""
+    velocity_unit: SpeedUnit
+    deceleration_unit: DecelerationUnit
+    temperature: Temperature | None = None
+    """Absent: no temperature can be mapped, and its limit is not monitored."""
+    inputs: Inputs
+    optional_objects: OptionalObjects
+    torque_mode: TorqueMode
+    pdo: Pdo
+    heartbeat: Heartbeat
+    fault_reset: FaultReset
+    fault_reaction_max_ms: Annotated[int, Meta(ge=10, le=5000)]
+    """Longest time from a fault until the drive gives no torque; a stop that waits for the fault
+    reaction waits no longer."""
+    emergency_table: EmergencyTable
+    resume_from_quick_stop: bool
+    """Enabling leaves quick stop active by transition 16, so a held load stays held."""
+    written: tuple[WrittenObject, ...]
+    checked: tuple[CheckedObject, ...] = ()
+    referenced_bit: Annotated[int, Meta(ge=8, le=15)] | None = None
+    """Statusword bit that means: position referenced to home."""
+    homing: HomingObjects | None = None
+    """Absent: homing is not supported, or not documented."""
+
+
+class BaseObject(NamedTuple):
+    """An object that torque numbers refer to, and the value it must hold for this motor."""
+
+    ref: ObjectRef
+    what: str
+    expected_raw: int
+
+
+@dataclass(frozen=True, slots=True)
+class DriveDescription:
+    """All settings of one drive from its files."""
+
+    name: str
+    """`LEG/AXIS`, for example `right/hip`."""
+    profile: DriveProfile
+    axis: AxisFile
+    eds: str
+    """Path of the EDS, resolved by the loader."""
+
+    @property
+    def node_id(self) -> int:
+        """CANopen node id."""
+        return self.axis.node_id
+
+    @property
+    def torque_bases(self) -> tuple[BaseObject, ...]:
+        """Objects that bring-up reads and compares before torque values are used."""
+        base, motor = self.profile.torque_base, self.axis.motor
+        unit = "" if base.rated_torque_unit is None else base.rated_torque_unit.value
+        named = (
+            (base.rated_torque, f"rated torque in {unit}", motor.rated_torque_raw),
+            (base.rated_current, "rated current in milliampere", motor.rated_current_raw),
+            (
+                base.torque_constant,
+                "torque constant in micro_newton_metre per ampere",
+                motor.torque_constant_raw,
+            ),
+        )
+        return tuple(
+            BaseObject(ref, what, raw)
+            for ref, what, raw in named
+            if ref is not None and raw is not None
+        )
+
+
+def describe(name: str, profile: DriveProfile, axis: AxisFile, eds: str) -> DriveDescription:
+    """Join a profile and an axis file.
+
+    Raises:
+        DescriptionError: an impossible value in one of the two, or a contradiction between them.
+    """
+    check_written(profile.written, halt=profile.optional_objects.halt_option)
+    _check_torque_objects(profile)
+    _check_silence_detection(profile)
+    _check_resume(profile)
+    _check_slow_pdo(profile)
+    _check_inputs(profile)
+    check_transmission(axis.transmission)
+    _check_linear_motor(profile, axis)
+    _check_motor(profile, axis)
+    check_homing(profile.homing, axis.homing)
+    return DriveDescription(name, profile, axis, eds)
+
+
+def _check_torque_objects(profile: DriveProfile) -> None:
+    target = profile.target_torque
+    if (target.index, target.sub, target.signed) != (0x6071, 0, True) or target.bits < 16:
+        allowed = "6071h:00, signed, of 16 or 32 bits: CiA 402 knows no other target"
+        raise DescriptionError("profile", "target_torque", target.place, allowed)
+    objects = {
+        "torque_source": profile.torque_source,
+        "torque_limit": profile.torque_limit,
+        "target_torque": target,
+    }
+    check_bases(objects, profile.torque_base)
+
+
+def _check_silence_detection(profile: DriveProfile) -> None:
+    if profile.heartbeat.consumer_entries == 0 and not profile.pdo.rpdo_timeout:
+        allowed = "at least 1, or pdo.rpdo_timeout: a drive must notice that its master is gone"
+        raise DescriptionError("profile", "heartbeat.consumer_entries", 0, allowed)
+
+
+def _check_resume(profile: DriveProfile) -> None:
+    if profile.resume_from_quick_stop and not holds_after_quick_stop(profile.written):
+        allowed = "false where 605Ah is below 5: transition 16 needs a drive that holds"
+        raise DescriptionError("profile", "resume_from_quick_stop", True, allowed)
+
+
+def _check_slow_pdo(profile: DriveProfile) -> None:
+    if profile.temperature is None and not profile.pdo.error_code:
+        allowed = "true where there is no temperature: TPDO3 would be empty"
+        raise DescriptionError("profile", "pdo.error_code", False, allowed)
+
+
+def _check_inputs(profile: DriveProfile) -> None:
+    inputs = profile.inputs
+    bits = [
+        entry.bit
+        for entry in (
+            inputs.hand_switch_closed,
+            inputs.sto_released,
+            inputs.negative_limit,
+            inputs.positive_limit,
+        )
+        if entry is not None
+    ]
+    if len(set(bits)) != len(bits):
+        raise DescriptionError("profile", "inputs", bits, "a bit of its own for each input")
+
+
+def _check_linear_motor(profile: DriveProfile, axis: AxisFile) -> None:
+    transmission = axis.transmission
+    if profile.torque_base.rated_torque_unit is not RatedTorqueUnit.MILLI_NEWTON:
+        return
+    if transmission.kind != "linear" or transmission.gear_ratio != 1.0:
+        allowed = "linear, with gear_ratio = 1: the profile's 6076h is a force"
+        raise DescriptionError("axis", "transmission.kind", transmission.kind, allowed)
+
+
+def _check_motor(profile: DriveProfile, axis: AxisFile) -> None:
+    motor = axis.motor
+    if motor.current_limit_a < motor.nominal_current_a:
+        allowed = f"at least nominal_current_a = {motor.nominal_current_a}"
+        raise DescriptionError("axis", "motor.current_limit_a", motor.current_limit_a, allowed)
+    base, expected = profile.torque_base, _expected_raw(profile, axis)
+    for name, value, has in (
+        ("rated_torque", motor.rated_torque_raw, base.rated_torque is not None),
+        ("rated_current", motor.rated_current_raw, base.rated_current is not None),
+        ("torque_constant", motor.torque_constant_raw, base.torque_constant is not None),
+    ):
+        key, should = f"motor.{name}_raw", expected[name]
+        if (value is not None) != has:
+            allowed = f"the profile has {'a' if has else 'no'} {name} object"
+            raise DescriptionError("axis", key, value, allowed)
+        if value is not None and abs(value - should) > BASE_TOLERANCE_RATIO * should:
+            allowed = f"about {should:.6g}, from torque constant and nominal current"
+            raise DescriptionError("axis", key, value, allowed)
+
+
+def _expected_raw(profile: DriveProfile, axis: AxisFile) -> dict[str, float]:
+    """Values of the base objects for this motor, as floats in the objects' own units."""
+    motor, unit = axis.motor, profile.torque_base.rated_torque_unit
+    rated_si = motor.torque_constant_nm_per_a * motor.nominal_current_a
+    if unit is RatedTorqueUnit.MILLI_NEWTON:
+        rated_si /= axis.transmission.nm_per_n
+    return {
+        "rated_torque": rated_si / (unit or RatedTorqueUnit.MILLI_NEWTON_METRE).si,
+        "rated_current": motor.nominal_current_a * 1e3,
+        "torque_constant": motor.torque_constant_nm_per_a * 1e6,
+    }

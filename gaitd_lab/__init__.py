@@ -1,0 +1,9 @@
+"""The laboratory: lock-step sessions, fault matrix, random sessions, soak, demonstration, benches.
+
+It needs the virtual drives, and nothing of the service imports it. `gaitd.testing` is the part that
+other projects use in their tests. Reading order: `virtual_machine.py` (the virtual drives of a
+configuration), `lockstep.py` with `lockstep_gateway.py` (the real loop against them in one thread),
+`trials.py`, `excitation.py` and `ablation_trials.py` (recordings by lock-step), `fault_matrix/`,
+`fuzz/` (random sessions), `processes.py` (child processes), `demonstration/`, `soak/`,
+`benchmark/`.
+"""

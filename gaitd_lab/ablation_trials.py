@@ -1,0 +1,105 @@
+"""The trials of the ablation: recorded situations and their durations."""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import msgspec
+
+from analysis.ablation import spoiled
+from analysis.ablation_choices import friction_levels
+from analysis.ablation_questions import BASIS, OTHER_PLANTS, REST
+from analysis.trial import Trial
+from daemon.config.settings import Robot
+from gaitd_lab.trials import Situation, Told, Trials, balanced
+from sim_drives.plant.settings import FrictionLaw
+
+GAIT_S: Final = 30.0
+EXCITE_S: Final = 25.0
+REST_S: Final = 60.0
+QUICK_S: Final = 8.0
+QUICK_REST_S: Final = 15.0
+CADENCES_HZ: Final = (0.25, 0.5)
+ACTIVE: Final = "active"
+WALKS: Final = ("passive", ACTIVE)
+QUICK_BASIS: Final = "paper, 0.5 Hz, active"
+
+Job = Callable[[Told], Trial]
+
+
+class Planned(NamedTuple):
+    """A trial to record."""
+
+    title: str
+    record: Job
+    is_basis: bool = False
+    """True if distorted copies of the trial are made."""
+
+
+def planned(config: Path, *, quick: bool) -> list[Planned]:
+    """Return the trials that the ablation records.
+
+    Args:
+        config: trainer file with a plant.
+        quick: three short trials on the matched plant instead of all.
+    """
+    trials = Trials(config)
+    if quick:
+        return [
+            *(_walk(trials, Situation(cadence_hz=0.5, programme=name), QUICK_S) for name in WALKS),
+            Planned(REST, partial(trials.rest, QUICK_REST_S)),
+        ]
+    gaits = product(FrictionLaw, CADENCES_HZ, WALKS)
+    return [
+        *(_walk(trials, Situation(*one), GAIT_S) for one in gaits),
+        Planned("scenario paper", partial(trials.excite, "paper", EXCITE_S)),
+        Planned(REST, partial(trials.rest, REST_S)),
+        *_others(config, trials),
+    ]
+
+
+def record(plan: Sequence[Planned], told: Callable[[str], Told]) -> Iterator[Trial]:
+    """Record the trials of a plan in sequence, and the distorted copies of its basis.
+
+    Args:
+        plan: result of `planned`.
+        told: receives the title of a trial, and returns a callback for its progress.
+    """
+    for one in plan:
+        trial = one.record(told(one.title))
+        yield trial
+        if one.is_basis:
+            yield from spoiled(trial)
+
+
+def _walk(trials: Trials, situation: Situation, duration_s: float) -> Planned:
+    name = situation.name
+    basis = BASIS if duration_s == GAIT_S else QUICK_BASIS
+    return Planned(name, partial(trials.gait, situation, duration_s), name == basis)
+
+
+def _others(config: Path, trials: Trials) -> Iterator[Planned]:
+    """Trials with other plants and patients, whose robot file is right."""
+    robots = (
+        friction_levels(0.5)(trials.robot),
+        friction_levels(2.0)(trials.robot),
+        _weighing(trials, 50.0),
+        _weighing(trials, 110.0),
+    )
+    for name, robot in zip(OTHER_PLANTS, robots, strict=True):
+        yield Planned(name, _active_walk(name, Trials(config, robot)))
+
+
+def _active_walk(name: str, trials: Trials) -> Job:
+    return lambda told: trials.gait(Situation(programme=ACTIVE), GAIT_S, told).named(name)
+
+
+def _weighing(trials: Trials, mass_kg: float) -> Robot:
+    """Return a robot with another patient, carried by springs set for that patient."""
+    robot = trials.robot
+    if robot.patient is None:
+        return robot
+    patient = msgspec.structs.replace(robot.patient, mass_kg=mass_kg)
+    return balanced(msgspec.structs.replace(robot, patient=patient), trials.start_pose)

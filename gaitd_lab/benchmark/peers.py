@@ -1,0 +1,316 @@
+"""`gaitd core` compared with python-canopen as a master: same bus, same virtual drives, one run.
+
+Each cell restarts drives and master, in turn, so that disturbances of this computer affect all
+alike. Both masters hold both axes with the same spring and damper. A third station listens
+(`bus_times.py`). Processor time is the master process' own, from /proc; for `gaitd core` it is the
+core with its observer, safety and records, while the gateway runs beside it.
+
+The peer is `benchmarks/python_canopen_peer.py`, whose module docstring describes it.
+"""
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import can
+
+from gaitd.remote import ask
+from gaitd_lab.benchmark.burning import burners
+from gaitd_lab.benchmark.bus_times import Heard, Reaction, Syncs, held, reaction, syncs
+from gaitd_lab.demonstration.script import ActError
+from gaitd_lab.demonstration.stage import ManagedProcess, Tempo, rewrite
+from gaitd_lab.processes import memory_folder
+from gaitd_lab.soak.machinery import Machinery
+from gaitd_lab.soak.memory import sample
+
+PEER: Final = Path(__file__).resolve().parents[2] / "benchmarks" / "python_canopen_peer.py"
+STARTED_WITHIN_S: Final = 120.0
+"""Time limit: the first start compiles the observer's kernels."""
+HELD_WITHIN_S: Final = 20.0
+"""Time limit to hold again after a stop."""
+SETTLE_S: Final = 1.0
+EMERGENCY_COUNT: Final = 8
+"""Number in each cell and round."""
+ROUND_COUNT: Final = 2
+LATE_S: Final = 2.0
+"""Largest delay from a frame's arrival to its reception."""
+REACTION_S: Final = 0.4
+EMERGENCY: Final = "emcy_warning right/hip 0.2 0x2310"
+"""The drive reports an overcurrent, and leaves the stop to the master."""
+FAILING: Final = 0
+US_PER_S: Final = 1e6
+PEER_START_S: Final = 30.0
+"""Longest time to import, connect and map."""
+
+
+class Master(NamedTuple):
+    """A master, one column of the table."""
+
+    name: str
+    ours: bool
+    realtime: bool
+
+
+MASTERS: Final = (
+    Master("gaitd, SCHED_FIFO", ours=True, realtime=True),
+    Master("gaitd, plain", ours=True, realtime=False),
+    Master("python-canopen, SCHED_FIFO", ours=False, realtime=True),
+    Master("python-canopen, plain", ours=False, realtime=False),
+)
+
+
+@dataclass(slots=True)
+class Cell:
+    """All rounds of one master, with or without load."""
+
+    master: str
+    loaded: bool
+    syncs: list[Syncs] = field(default_factory=list[Syncs])
+    cpu_ratio: list[float] = field(default_factory=list[float])
+    """Share of one processor."""
+    reactions: list[Reaction] = field(default_factory=list[Reaction])
+    unanswered_count: int = 0
+    """EMCYs after which the other drive was not stopped within REACTION_S."""
+    stopped_count: int = 0
+    """Number of times that the master stopped holding by itself."""
+    trouble: str = ""
+    """True if it could not be measured."""
+
+
+def measure(
+    configs: Path,
+    seconds: float,
+    emergency_count: int,
+    round_count: int,
+    say: Callable[[str], None],
+) -> tuple[Cell, ...]:
+    """Measure all cells in turn.
+
+    Args:
+        configs: the project's folder of configurations.
+        seconds: duration of each cell in each round.
+        emergency_count: EMCYs in each cell and round.
+        round_count: number of rounds.
+        say: receives the name of the measured cell.
+    """
+    cells = {
+        (master.name, loaded): Cell(master.name, loaded)
+        for loaded in (False, True)
+        for master in MASTERS
+        if not master.realtime or _fifo_is_granted()
+    }
+    for number in range(round_count):
+        for (name, loaded), cell in cells.items():
+            say(f"{name}{', under load' if loaded else ''}, {number + 1} of {round_count}")
+            master = next(one for one in MASTERS if one.name == name)
+            try:
+                measure_cell(cell, master, configs, seconds, emergency_count)
+            except (ActError, TimeoutError, ValueError) as error:
+                cell.trouble = str(error)
+    return tuple(cells.values())
+
+
+def _fifo_is_granted() -> bool:
+    before = os.sched_getscheduler(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    except PermissionError:
+        return False
+    os.sched_setscheduler(0, before, os.sched_param(0))
+    return True
+
+
+def measure_cell(
+    cell: Cell, master: Master, configs: Path, seconds: float, emergency_count: int
+) -> None:
+    """Measure one round of one cell, with its own drives.
+
+    Raises:
+        ActError: a process has ended.
+        TimeoutError: the master does not hold the drives.
+    """
+    with (
+        _drives(configs, realtime=master.realtime) as made,
+        _listening(made) as ear,
+        _subject(master, made) as subject,
+    ):
+        _hold(ear, subject, cell, first=True)
+        with burners(os.cpu_count() or 1 if cell.loaded else 0):
+            _measure_stretch(cell, ear, subject, seconds)
+            for _ in range(emergency_count):
+                _hold(ear, subject, cell)
+                _measure_reaction(cell, ear, made)
+
+
+def _measure_stretch(cell: Cell, ear: "Ear", subject: "Subject", seconds: float) -> None:
+    ear.listen(SETTLE_S)
+    before = sample(subject.pid(), time.monotonic())
+    frames = ear.listen(seconds)
+    after = sample(subject.pid(), time.monotonic())
+    if before is None or after is None:
+        raise ValueError(f"{cell.master} has ended")
+    cell.syncs.append(syncs(frames))
+    cell.cpu_ratio.append((after.cpu_s - before.cpu_s) / (after.time_s - before.time_s))
+    cell.stopped_count += not held(frames)
+
+
+def _measure_reaction(cell: Cell, ear: "Ear", made: Machinery) -> None:
+    ear.listen(0.05)
+    made.time.tell_drives(EMERGENCY)
+    found = reaction(ear.listen(REACTION_S), FAILING)
+    if found is None:
+        cell.unanswered_count += 1
+    else:
+        cell.reactions.append(found)
+
+
+def _hold(ear: "Ear", subject: "Subject", cell: Cell, *, first: bool = False) -> None:
+    """Bring both drives to hold, from any state.
+
+    Raises:
+        TimeoutError: they are not held in time.
+    """
+    end_s = time.monotonic() + (STARTED_WITHIN_S if first else HELD_WITHIN_S)
+    asked_s = time.monotonic() + (subject.start_s if first else -subject.retry_s)
+    while not held(ear.listen(0.3)):
+        if time.monotonic() > end_s:
+            raise TimeoutError(f"{cell.master} does not hold the drives: {subject.last_words()}")
+        subject.check()
+        if time.monotonic() > asked_s + subject.retry_s:
+            subject.recover()
+            asked_s = time.monotonic()
+
+
+# --- measured masters ---------------------------------------------------------------------------
+
+
+class Subject(NamedTuple):
+    """The control interface of a measured master."""
+
+    pid: Callable[[], int]
+    recover: Callable[[], None]
+    """Requests the next step towards both drives held."""
+    check: Callable[[], None]
+    """Raises ActError if the master has ended."""
+    last_words: Callable[[], str]
+    retry_s: float
+    """Delay between two steps."""
+    start_s: float
+    """Delay before the first step."""
+
+
+@contextlib.contextmanager
+def _drives(configs: Path, *, realtime: bool) -> Generator[Machinery]:
+    """Run virtual drives alone, and write a configuration for a core on their bus."""
+    folder = Path(tempfile.mkdtemp(prefix="gaitd-bench-", dir=memory_folder()))
+    made = Machinery(configs, folder, Tempo(wall_clock=True))
+    if not realtime:
+        rewrite(made.config, {"realtime_priority": "0"})
+    try:
+        made.start("sim")
+        made.time.take()
+        yield made
+    finally:
+        made.end()
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def _subject(master: Master, made: Machinery) -> Generator[Subject]:
+    if master.ours:
+        made.start("core")
+        made.start("gateway")
+        yield Subject(
+            lambda: made.pid("core"),
+            lambda: _operate(made),
+            lambda: made.check("core"),
+            lambda: made.words("core"),
+            retry_s=0.5,
+            start_s=0.0,
+        )
+        return
+    eds = made.config.parent / "drives" / "epos4.eds"
+    arguments = [str(PEER), "--channel", str(made.channel), "--eds", str(eds)]
+    arguments += ["--fifo"] if master.realtime else []
+    log = made.folder / "peer.log"
+    peer = ManagedProcess(master.name, arguments, log, program=())
+    try:
+        yield Subject(
+            lambda: peer.pid,
+            lambda: peer.signal(signal.SIGUSR1),
+            peer.check,
+            peer.last_words,
+            retry_s=3.0,
+            start_s=PEER_START_S,
+        )
+    finally:
+        peer.end(5.0)
+
+
+def _operate(made: Machinery) -> None:
+    """Send the operator's next request towards hold."""
+    answer = ask(made.target, "status", {})
+    if answer.text is None:
+        return
+    mode = json.loads(answer.text).get("safety", {}).get("mode")
+    name = {"fault": "reset", "ready": "enable"}.get(mode)
+    if name is not None:
+        ask(made.target, name, {"client": "gaitd bench"})
+
+
+class Ear:
+    """A listener on the bus."""
+
+    def __init__(self, bus: can.BusABC) -> None:
+        """Listen on `bus`."""
+        self._bus = bus
+
+    def listen(self, seconds: float) -> list[Heard]:
+        """Return all frames since the last call, and those of a further period from now.
+
+        Beside load processes the reception is late, so the arrival time counts.
+        """
+        frames: list[Heard] = []
+        end_us = (time.time() + seconds) * US_PER_S
+        patient_s = time.monotonic() + seconds + LATE_S
+        while (left_s := patient_s - time.monotonic()) > 0:
+            message = self._bus.recv(left_s)
+            if message is not None:
+                time_us = message.timestamp * US_PER_S
+                frames.append(Heard(time_us, message.arbitration_id, bytes(message.data)))
+                if time_us > end_us:
+                    break
+        return frames
+
+
+@contextlib.contextmanager
+def _listening(made: Machinery) -> Generator[Ear]:
+    end_s = time.monotonic() + STARTED_WITHIN_S
+    while True:
+        try:
+            bus = can.Bus(interface="gaitd", channel=str(made.channel))
+            break
+        except (OSError, can.CanError):
+            if time.monotonic() > end_s:
+                raise
+            time.sleep(0.2)
+    with bus:
+        yield Ear(bus)
+
+
+# --- figures --------------------------------------------------------------------------------------
+
+
+def median_of(cell: Cell, name: str) -> float:
+    """Median over the rounds of one figure of `Syncs`; NaN if there is none."""
+    values = [getattr(one, name) for one in cell.syncs]
+    return statistics.median(values) if values else float("nan")

@@ -1,0 +1,113 @@
+"""Text output of a demonstration: one line a second, and the final table."""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from daemon import wire
+from gaitd_lab.demonstration.feed import verdict_text
+from gaitd_lab.demonstration.judgement import AXES, Row, pairs
+from gaitd_lab.demonstration.picture import Results
+from gaitd_lab.demonstration.script import Kind, Plan
+from gaitd_lab.demonstration.view import Moment
+
+NEWEST: Final = 12
+PLAIN_WIDTH: Final = 132
+"""Width of a table in a file."""
+
+
+def line(moment: Moment) -> str:
+    """Return one text line: time, mode, estimate and truth of each axis, lateness, stop."""
+    audience = moment.audience
+    safety = audience.safety if audience else None
+    words = [f"{moment.elapsed_s:6.1f} s", f"{(safety.mode if safety else None) or 'starting':<12}"]
+    for (axis, _, unit), pair in zip(AXES, pairs(moment.heard, moment.true, NEWEST), strict=True):
+        said, wanted, rubs = (_newest(v) for v in (pair.estimate, pair.wanted, pair.friction))
+        words.append(f"{axis} patient {said} (true {wanted}) friction {rubs} {unit}")
+    if moment.speed_ratio is not None:
+        words.append(f"{moment.speed_ratio:.1f} x real time")
+    words.append(verdict_text(safety) or (safety.progress if safety else None) or "")
+    return "  ".join(words).rstrip()
+
+
+def _newest(values: np.ndarray) -> str:
+    known = values[np.isfinite(values)]
+    return f"{known[-1]:6.1f}" if len(known) else "     –"
+
+
+def report(results: Results, plan: Plan) -> None:
+    """Print the table of errors, the cycle's statistics, and the result."""
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=PLAIN_WIDTH)
+    if results.rows:
+        console.print(_errors(results.rows))
+    if results.health:
+        console.print(_cycles(results.health))
+    if plan.paper_s == 0:
+        console.print("[dim]The paper's experiment was left out: it wants 40 seconds or more.[/]")
+    if results.trouble:
+        console.print(f"[bold red]{results.trouble}[/]", highlight=False)
+    if results.passed:
+        console.print("[bold green]all within bounds, no stop[/]")
+    elif not results.trouble:
+        console.print("[bold red]not all within bounds[/]")
+
+
+def _errors(rows: Sequence[Row]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, title="estimate against truth", title_justify="left")
+    for name in ("span", "axis"):
+        table.add_column(name, no_wrap=True)
+    for name in ("rms error", "bound", "worst", "bias", "correlation", "bound", "valid", "bound"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("")
+    for row in rows:
+        found = row.score
+        table.add_row(
+            row.span.title,
+            row.axis,
+            f"{_text(found.rms)} {row.unit}",
+            f"{row.rms_bound:g}",
+            _text(found.worst),
+            _text(found.bias),
+            "–" if row.span.kind is Kind.PASSIVE else _text(found.correlation, 4),
+            f"{row.correlation_min:g}" if row.correlation_min > -1 else "",
+            f"{found.covered_ratio:.0%}",
+            f"{row.covered_min_ratio:.0%}",
+            "[green]✔[/]" if row.passed else "[red]✘[/]",
+        )
+    return table
+
+
+def _text(value: float, digits: int = 2) -> str:
+    return "–" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def _cycles(healths: Sequence[wire.Health]) -> Table:
+    """Statistics of all cycles: lateness of SYNC, missed cycles."""
+    bounds = healths[0].lateness_bound_us
+    counts = np.sum([health.lateness_count for health in healths], axis=0)
+    table = Table(box=box.SIMPLE_HEAD, title="cycles of 10 ms", title_justify="left")
+    for name in ("SYNCs", "late: median", "99 %", "99.9 %", "overruns", "TPDOs late", "lost"):
+        table.add_column(name, justify="right")
+    table.add_row(
+        str(int(counts.sum())),
+        *(_quantile(counts, bounds, share) for share in (0.5, 0.99, 0.999)),
+        str(sum(health.overrun_count or 0 for health in healths)),
+        str(sum(drive.late_count for health in healths for drive in health.drives)),
+        str(sum(drive.lost_count for health in healths for drive in health.drives)),
+    )
+    return table
+
+
+def _quantile(counts: np.ndarray, bounds: tuple[int, ...], share: float) -> str:
+    """Return the class of the histogram that contains this share of all cycles."""
+    if counts.sum() == 0:
+        return "–"
+    place = int(np.searchsorted(np.cumsum(counts), share * counts.sum()))
+    return f"≤ {bounds[place]} µs" if place < len(bounds) else f"> {bounds[-1]} µs"

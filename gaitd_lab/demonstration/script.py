@@ -1,0 +1,242 @@
+"""The acts of the demonstration as generators.
+
+An act receives a `Situation` several times a second and yields the next action, or None to wait. It
+uses no clock, socket or process, so a test can run it without delay. An unexpected stop, a refusal
+or missing messages end it with `ActError`.
+"""
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+READY_WITHIN_S: Final = 900.0
+"""Time limit of the start; the first start compiles the observer's kernels: 40 s of an idle
+processor, and many times that beside other programs.
+"""
+ENABLE_WITHIN_S: Final = 20.0
+MOTION_WITHIN_S: Final = 40.0
+"""Time limit from the request to the first stride: announcement and approach."""
+END_MARGIN_S: Final = 30.0
+"""Time limit after an exercise's duration: the last stride and the way to rest."""
+DISABLE_WITHIN_S: Final = 20.0
+ENABLE_AT_S: Final = 5.0
+MOVE_AT_S: Final = 8.0
+"""Time of the act. Requests are made at fixed instants, seconds after the event they wait for, so
+that each run in simulated time has the same frames and the same errors.
+"""
+SILENCE_MAX_S: Final = 5.0
+STOPPED: Final = frozenset({"stopping", "fault"})
+UNPOWERED: Final = frozenset({"off", "bringing_up"})
+
+
+class ActError(Exception):
+    """The demonstration cannot continue; the message gives the reason to the operator."""
+
+    folder: Path | None = None
+    """Folder of logs, truth and black box of the act, once it has ended."""
+
+
+class Situation(NamedTuple):
+    """Present state of the service, input of an act."""
+
+    now_s: float
+    """Time since the act began."""
+    heard_s: float | None
+    """Time of the newest message of the service; None before the first."""
+    mode: str | None
+    verdict: str
+    """Category, cause and place of the latched verdict; empty if there is none."""
+    phase_ratio: float | None
+    """Phase 0..1 of the stride; None while no gait is running."""
+    artificial: bool
+    """True during the excitation itself, not during the approach to it."""
+    outcome: str | None = None
+    """Outcome of the last request, for example `refused`; None while it is pending."""
+    reason: str = ""
+
+
+class Ask(NamedTuple):
+    """A request to the service over Zenoh."""
+
+    name: str
+    payload: dict[str, Any]
+
+
+class Patient(NamedTuple):
+    """Starts one of the scripted patient's programmes in the virtual drives."""
+
+    programme: str
+
+
+class Kind(Enum):
+    """Evaluation of a span of time."""
+
+    INTERLUDE = "interlude"
+    PASSIVE = "passive"
+    """Motion with a passive patient: all estimated activity is false."""
+    ACTIVE = "active"
+    """Motion with an active patient."""
+    OPEN_LOOP = "open loop"
+    """The paper's experiment with its artificial disturbance."""
+
+
+class Scene(NamedTuple):
+    """A scene begins; its title and expected duration."""
+
+    title: str
+    kind: Kind
+    lasting_s: float = 0.0
+
+
+Action = Ask | Patient | Scene | None
+Act = Generator[Action, Situation, None]
+Playing = Generator[Action, Situation, Situation]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Durations of the parts."""
+
+    passive_s: float
+    active_s: float
+    paper_s: float
+    """0: the paper's scenario is left out."""
+    cadence_hz: float = 0.25
+    amplitude_ratio: float = 1.0
+    scenario: str = "paper"
+    programmes: tuple[str, str] = field(default=("passive", "active"))
+
+    @property
+    def total_s(self) -> float:
+        """Total seconds of movement."""
+        return self.passive_s + self.active_s + self.paper_s
+
+
+PAPER_S: Final = 25.0
+SHORTEST_GAIT_S: Final = 15.0
+
+
+def plan_of(seconds: float) -> Plan:
+    """Divide the seconds of movement: the paper's scenario runs completely or not at all.
+
+    The rest is gait, a third of it with a passive patient.
+    """
+    paper_s = PAPER_S if seconds >= PAPER_S + SHORTEST_GAIT_S else 0.0
+    gait_s = seconds - paper_s
+    return Plan(passive_s=gait_s / 3, active_s=gait_s * 2 / 3, paper_s=paper_s)
+
+
+def gait_act(plan: Plan) -> Act:
+    """Gait with a passive patient, then with an active one."""
+    passive, active = plan.programmes
+    yield from _enabled("trainer and patient are brought up")
+    yield Patient(passive)
+    duration_s = plan.passive_s + plan.active_s
+    yield from _asked(
+        "mode",
+        {
+            "mode": "gait",
+            "cadence_hz": plan.cadence_hz,
+            "amplitude_ratio": plan.amplitude_ratio,
+            "duration_s": duration_s,
+        },
+    )
+    yield Scene("gait is announced and approached", Kind.INTERLUDE)
+    now = yield from _until(
+        lambda now: now.phase_ratio is not None, "first stride", MOTION_WITHIN_S
+    )
+    began_s = now.now_s
+    yield Scene("gait, the patient does nothing", Kind.PASSIVE, plan.passive_s)
+    now = yield from _wait(began_s + plan.passive_s)
+    yield Patient(active)
+    yield Scene("gait, the patient takes part", Kind.ACTIVE, plan.active_s)
+    now = yield from _until(
+        lambda now: now.phase_ratio is None, "end of the gait", plan.active_s + END_MARGIN_S
+    )
+    yield Patient(passive)
+    yield from _disabled()
+
+
+def paper_act(plan: Plan) -> Act:
+    """The paper's open-loop experiment on the empty machine, with an artificial disturbance."""
+    yield from _enabled("the empty trainer is brought up")
+    payload = {"mode": "excite", "scenario": plan.scenario, "duration_s": plan.paper_s}
+    yield from _asked("mode", payload)
+    yield Scene("the experiment's middle pose is approached", Kind.INTERLUDE)
+    yield from _until(lambda now: now.artificial, "beginning of the experiment", MOTION_WITHIN_S)
+    yield Scene("the paper's open-loop experiment", Kind.OPEN_LOOP, plan.paper_s)
+    yield from _until(
+        lambda now: not now.artificial, "end of the experiment", plan.paper_s + END_MARGIN_S
+    )
+    yield from _disabled()
+
+
+def _enabled(title: str) -> Playing:
+    yield Scene(title, Kind.INTERLUDE)
+    yield from _until(lambda now: now.mode == "ready", "ready", READY_WITHIN_S, powered=False)
+    yield from _wait(ENABLE_AT_S)
+    yield Scene("the drives are enabled", Kind.INTERLUDE)
+    yield from _asked("enable", {})
+    yield from _until(lambda now: now.mode == "hold", "hold", ENABLE_WITHIN_S)
+    return (yield from _wait(MOVE_AT_S))
+
+
+def _disabled() -> Playing:
+    yield Scene("the drives are switched off", Kind.INTERLUDE)
+    yield from _until(lambda now: now.mode == "hold", "hold", END_MARGIN_S)
+    yield from _asked("disable", {})
+    return (
+        yield from _until(lambda now: now.mode == "ready", "ready", DISABLE_WITHIN_S, powered=False)
+    )
+
+
+def _asked(name: str, payload: dict[str, Any]) -> Playing:
+    """Send a request, and wait for the outcome; a refusal ends the act with its reason."""
+    now = yield Ask(name, payload)
+    while now.outcome is None:
+        now = yield from _look(None)
+    if now.outcome != "done":
+        raise ActError(f"{name} {now.outcome}: {now.reason}")
+    return now
+
+
+def _wait(until_s: float) -> Playing:
+    now = yield from _look(None)
+    while now.now_s < until_s:
+        now = yield from _look(None)
+    return now
+
+
+def _until(
+    reached: Callable[[Situation], bool], what: str, within_s: float, *, powered: bool = True
+) -> Playing:
+    """Wait for a condition; a stop, missing messages, or a time-out end the act.
+
+    Args:
+        reached: the condition.
+        what: its name, for the error.
+        within_s: time limit.
+        powered: the drives are enabled, so that a lost bus is an error, too.
+    """
+    now = yield from _look(None)
+    since_s = now.now_s
+    while not reached(now):
+        if powered and now.mode in UNPOWERED:
+            raise ActError(
+                f"no {what}: the drives are {now.mode}, {now.verdict or 'no cause said'}"
+            )
+        if now.now_s - since_s > within_s:
+            raise ActError(f"no {what} within {within_s:g} s; the mode is {now.mode}")
+        now = yield from _look(None)
+    return now
+
+
+def _look(action: Action) -> Playing:
+    now = yield action
+    if now.mode in STOPPED and now.verdict:
+        raise ActError(f"the service stopped: {now.verdict}")
+    if now.heard_s is not None and now.now_s - now.heard_s > SILENCE_MAX_S:
+        raise ActError(f"no word from the service for {SILENCE_MAX_S:g} s")
+    return now

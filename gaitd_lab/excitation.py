@@ -1,0 +1,233 @@
+"""An excite scenario on the empty virtual machine, in lock-step: the real loop, frames and drives.
+
+Everything is in memory: no bus, no port, no file is written. The same configuration and seed give
+the same bits.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import msgspec
+import numpy as np
+
+from analysis.experiment import Run
+from daemon.config.bundle import Settings
+from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.config.settings import Robot
+from daemon.config.strict import ConfigError, load_toml
+from daemon.config.trainer import beside
+from daemon.ipc.record import Cause, CycleRecord, Mode, ModeRequest, Outcome, RequestKind
+from daemon.ipc.record import Stage as ExerciseStage
+from daemon.preflight.files import check_together
+from daemon.preflight.load import read_all
+from gaitd_lab.lockstep import Lockstep, NotReachedError
+from gaitd_lab.virtual_machine import load_plant
+from observer.filter.leg_model import STEP_S
+from observer.mechanism.friction import FrictionParameters
+from sim_drives.build import MachineError, build_machine
+from sim_drives.plant.settings import FrictionLaw
+from sim_drives.plant.truth import TruthLog, TruthRow
+
+EMPTY: Final = "robot_empty.toml"
+READY_S: Final = 10.0
+BEGIN_S: Final = 30.0
+SETTLE_S: Final = 0.2
+TURN_S: Final = 0.25
+"""Simulated time between two progress reports."""
+STICKING_FROZEN_CYCLES: Final = 200
+"""Time limit of the frozen-encoder check, with ideal sticking: the hip then stands without a count
+for a second while its torque reverses and the slide unloads it, which looks the same.
+"""
+
+
+class Played(NamedTuple):
+    """Result of a scenario."""
+
+    run: Run
+    trouble: str
+    """Reason of an early end; empty if there was none."""
+
+
+class NotPlayedError(Exception):
+    """The scenario did not begin; the message gives the reason."""
+
+
+class Stage:
+    """The empty machine of a configuration, whose plant may have another friction law."""
+
+    def __init__(self, config: Path, law: FrictionLaw | None = None) -> None:
+        """Read all files.
+
+        Raises:
+            ConfigError: in a file, or there is no empty machine beside it.
+        """
+        read = read_all(config)
+        self.settings = replace(read, robot=_empty(read.robot, config, read.trainer.robot))
+        path, plant = load_plant(read.file)
+        own = load_toml(beside(path, plant.robot), Robot)
+        self._robot = _empty(own, path, plant.robot)
+        self._folder, self._path = path.parent, path
+        friction = msgspec.structs.replace(plant.friction, law=law or plant.friction.law)
+        self._plant = msgspec.structs.replace(plant, friction=friction)
+        if self.law is FrictionLaw.PAPER_STICKING:
+            self.settings = _slow_to_doubt_encoders(self.settings)
+        check_together(self.settings)
+
+    @property
+    def law(self) -> FrictionLaw:
+        """Friction law of the plant."""
+        return self._plant.friction.law
+
+    @property
+    def seed(self) -> int:
+        """Seed of all noise."""
+        return self._plant.seed
+
+    @property
+    def step_s(self) -> float:
+        """Period of the service's cycle."""
+        return STEP_S
+
+    @property
+    def note(self) -> str:
+        """Differences from the configuration; empty if there are none."""
+        if self.law is not FrictionLaw.PAPER_STICKING:
+            return ""
+        return (
+            f"the watch over frozen encoders waits {STICKING_FROZEN_CYCLES} cycles: an axis that "
+            "sticks ideally looks like one"
+        )
+
+    @property
+    def frictions(self) -> tuple[FrictionParameters, FrictionParameters]:
+        """Friction of the plant: hip and slide."""
+        return friction_parameters(self._robot)
+
+    def longest_s(self, scenario: str) -> float:
+        """Return the longest duration of a scenario.
+
+        Raises:
+            ConfigError: the trainer file has none of this name.
+        """
+        known = self.settings.trainer.excite
+        if scenario not in known:
+            file = self.settings.file.path
+            raise ConfigError(file, "excite", ", ".join(known), f"a table [excite.{scenario}]")
+        return known[scenario].duration_max_s
+
+    def play(
+        self,
+        scenario: str,
+        seconds: float,
+        told: Callable[[float], None],
+        heard: Callable[[CycleRecord], None] | None = None,
+    ) -> Played:
+        """Run from power-on to the end of the scenario.
+
+        Args:
+            scenario: name of an [excite] table.
+            seconds: duration of the scenario.
+            told: receives the simulated seconds of the scenario so far.
+            heard: receives every record, from power-on, as a gateway would.
+
+        Raises:
+            NotPlayedError: the service refused it, or stopped before.
+        """
+        truth = TruthLog(None)
+        try:
+            machine = build_machine(
+                self._plant,
+                self._folder,
+                leg_parameters(self._robot),
+                self.frictions,
+                truth={self.settings.legs[0].name: truth},
+            )
+        except MachineError as error:
+            raise ConfigError(self._path, error.key, error.value, error.allowed) from error
+        lockstep = Lockstep(self.settings, machine.world, heard)
+        begun = _begin(lockstep, scenario, seconds)
+        while lockstep.record.mode == Mode.EXCITE:
+            lockstep.run(TURN_S)
+            told(min((len(lockstep.records) - begun) * STEP_S, seconds))
+        count = round(seconds / STEP_S)
+        run = _run(lockstep.records[begun:], truth.rows, count)
+        return Played(run, "" if len(run.time_s) == count else _why(lockstep, run))
+
+
+def _begin(lockstep: Lockstep, scenario: str, seconds: float) -> int:
+    """Bring up, enable and begin; return the index of the scenario's first record."""
+    wanted = ModeRequest(Mode.EXCITE, duration_s=seconds, scenario=scenario)
+    try:
+        lockstep.run_until(lambda record: record.mode == Mode.READY, READY_S)
+        lockstep.run(SETTLE_S)
+        for kind, request in ((RequestKind.ENABLE, None), (RequestKind.MODE, wanted)):
+            answer = lockstep.request(kind, request)
+            if answer.outcome != Outcome.DONE:
+                raise NotPlayedError(f"{kind.name.lower()} was refused: {answer.reason}")
+        lockstep.run_until(_playing, BEGIN_S)
+    except NotReachedError as error:
+        raise NotPlayedError(f"the scenario did not begin {error}") from error
+    return len(lockstep.records) - 1
+
+
+def _playing(record: CycleRecord) -> bool:
+    return record.mode == Mode.EXCITE and record.stage is ExerciseStage.PLAYING
+
+
+def _run(records: list[CycleRecord], truth: list[TruthRow], count: int) -> Run:
+    """Return the first `count` cycles of the scenario, each with the truth of its SYNC."""
+    rows = {row.sync_mono_ns: row for row in truth}
+    played = [one for one in records if _playing(one) and one.sync_mono_ns in rows][:count]
+    legs = [record.legs[0] for record in played]
+    true = [rows[record.sync_mono_ns] for record in played]
+    artificial = np.array([leg.artificial for leg in legs]).reshape(-1, 2)
+    first_ns = played[0].sync_mono_ns if played else 0
+    return Run(
+        time_s=np.array([(record.sync_mono_ns - first_ns) * 1e-9 for record in played]),
+        measured=np.array([leg.measured for leg in legs]),
+        exerted=np.array([leg.effort_used for leg in legs]) + artificial,
+        artificial=artificial,
+        state=np.array([leg.state for leg in legs]),
+        std=np.array([leg.std for leg in legs]),
+        net=np.array([leg.net for leg in legs]),
+        net_std=np.array([leg.net_std for leg in legs]),
+        nis=np.array([leg.nis for leg in legs]),
+        validity=np.array([leg.validity for leg in legs]),
+        status=np.array([leg.status for leg in legs]),
+        true_position=np.array([(row.hip_angle_rad, row.slide_position_m) for row in true]),
+        true_velocity=np.array(
+            [(row.hip_velocity_rad_per_s, row.slide_velocity_m_per_s) for row in true]
+        ),
+        true_friction=np.array([(row.hip_friction_nm, row.slide_friction_n) for row in true]),
+        true_effort=np.array([(row.hip_torque_nm, row.slide_force_n) for row in true]),
+    )
+
+
+def _why(lockstep: Lockstep, run: Run) -> str:
+    verdict, at_s = lockstep.record.verdict, run.time_s[-1] if len(run.time_s) else 0.0
+    if verdict.cause == Cause.NONE:
+        return f"the scenario ended at {at_s:.2f} s: an axis has left its window"
+    cause = verdict.cause.name.lower().replace("_", " ")
+    return f"stopped at {at_s:.2f} s by {verdict.drive}: {cause}, {verdict.detail or verdict.value}"
+
+
+def _empty(robot: Robot, file: Path, named: str) -> Robot:
+    """Return the empty machine, with its springs reduced as in the file beside it."""
+    if robot.patient is None:
+        return robot
+    path = beside(file, named).with_name(EMPTY)
+    if not path.is_file():
+        allowed = f"a robot without [patient], or {EMPTY} beside it"
+        raise ConfigError(file, "robot", named, allowed)
+    springs = load_toml(path, Robot).springs
+    return msgspec.structs.replace(robot, patient=None, springs=springs)
+
+
+def _slow_to_doubt_encoders(settings: Settings) -> Settings:
+    communication = msgspec.structs.replace(
+        settings.limits.communication, encoder_frozen_cycles=STICKING_FROZEN_CYCLES
+    )
+    limits = msgspec.structs.replace(settings.limits, communication=communication)
+    return replace(settings, limits=limits)

@@ -1,0 +1,125 @@
+"""Begin and end of faults inside the core: NaN values, memory, a full disk.
+
+The replaced parts of the core are replaced in a fork that ends with its cell.
+"""
+
+from typing import Final, NoReturn
+
+from daemon.core import cycle_record
+from daemon.core.modes.persistent_state import PersistentState
+from daemon.core.motion import leg_plan
+from daemon.core.motion.trajectory import Reference
+from daemon.core.state import Core, Leg
+from gaitd_lab.fault_matrix.kinds import MS, NAN, Play, Scene, nothing, undo
+from observer.filter.states import STATE_COUNT
+
+
+def nan_in_guidance() -> Play:
+    """The planned position of one axis becomes NaN."""
+
+    def begin(scene: Scene, axis: str) -> None:
+        original = leg_plan.reference_of
+        index = 0 if axis.endswith("hip") else 1
+
+        def broken(core: Core, leg: Leg) -> Reference | None:
+            wanted = original(core, leg)
+            if wanted is None:
+                return None
+            position = list(wanted.position)
+            position[index] = NAN
+            return wanted._replace(position=(position[0], position[1]))
+
+        leg_plan.reference_of = broken
+        scene.undo.append(lambda: setattr(leg_plan, "reference_of", original))
+
+    return Play(begin, undo)
+
+
+def nan_in_scaling(field_name: str) -> Play:
+    """A conversion factor between a drive's units and SI becomes NaN."""
+
+    def begin(scene: Scene, axis: str) -> None:
+        one = scene.axis(axis)
+        before = one.scaling
+        one.scaling = before._replace(**{field_name: NAN})
+
+        def back() -> None:
+            one.scaling = before
+
+        scene.undo.append(back)
+
+    return Play(begin, undo)
+
+
+def observer_state(value: float) -> Play:
+    """The observer's state is overwritten with NaN, once."""
+
+    def begin(scene: Scene, _axis: str) -> None:
+        for leg in scene.core.legs:
+            memory, _, _ = leg.observer.buffers
+            memory[:STATE_COUNT] = value
+
+    return Play(begin, nothing)
+
+
+RUIN_NS: Final = 5 * MS
+
+
+def observer_lost() -> Play:
+    """The observer's state is overwritten again before every cycle, so a restart does not help."""
+
+    def begin(scene: Scene, axis: str) -> None:
+        ruin = observer_state(NAN)
+        ruined = True
+
+        def again() -> None:
+            if ruined:
+                ruin.begin(scene, axis)
+                scene.bench.bus.at(scene.bench.world_ns + RUIN_NS, again)
+
+        def leave() -> None:
+            nonlocal ruined
+            ruined = False
+
+        scene.undo.append(leave)
+        again()
+
+    return Play(begin, undo)
+
+
+def out_of_memory() -> Play:
+    """One allocation in a cycle fails."""
+
+    def begin(scene: Scene, _axis: str) -> None:
+        original = cycle_record.record
+
+        def failing(*_args: object, **_named: object) -> NoReturn:
+            cycle_record.record = original
+            raise MemoryError
+
+        cycle_record.record = failing
+        scene.undo.append(lambda: setattr(cycle_record, "record", original))
+
+    return Play(begin, undo)
+
+
+# --- files ------------------------------------------------------------------------------------
+
+
+def notebook_full() -> Play:
+    """The state file cannot be written, and there is something to write."""
+
+    def begin(scene: Scene, _axis: str) -> None:
+        scene.bench.lockstep.notebook.is_full = True
+        scene.core.notes = PersistentState(scene.core.notes.axes)
+
+    return Play(begin, nothing)
+
+
+def ring_full() -> Play:
+    """A record cannot be written into the ring."""
+
+    def begin(scene: Scene, _axis: str) -> None:
+        scene.bench.gateway.ring_is_full = True
+
+    return Play(begin, nothing)

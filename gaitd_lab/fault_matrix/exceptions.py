@@ -1,0 +1,194 @@
+"""Cells whose expected result differs from the rest of their row, with the reason.
+
+An exception never weakens the required stop to make a cell pass: it states why the fault cannot be
+detected in that mode, or why another cause is detected first.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Final
+
+from daemon.ipc.record import Cause, Mode
+from gaitd_lab.fault_matrix.expected import LOST, ROWS, S0, S1, S2, STUCK, Law, stops
+
+
+def _unseen(fault: str, why: str) -> Law:
+    return replace(ROWS[fault], may_go_on=True, why=why)
+
+
+_SEEN_IN_MOTION: Final = (
+    "encoder_frozen",
+    "encoder_reversed",
+    "wrong_sign",
+    "blocked_rotor",
+    "brake_stuck",
+    "limit_switch",
+)
+_NO_POWER: Final = "this axis has no power and stands: it shows when it is to move"
+_HOMING: Final = (
+    "a homing runs against its stop on purpose: what does not move is ended by the drive's own time"
+    " limit, and by the current limit of the homing"
+)
+_TESTED: Final = "that is what the test is for: it ends without a proof, or its end shows it"
+_OPEN_LOOP: Final = "an open loop moves slowly and stands at times: it shows as far as it moves"
+_INTERPOLATION: Final = (
+    "cyclic position: each drive watches over its own targets and stops by itself (8250h) when"
+    " one does not come in time (60C2h)"
+)
+_NOBODY_GUIDES: Final = (
+    "nothing guides the leg: a hip that the drive moves slowly the other way looks like one that"
+    " the patient moves; the limits of motion hold it, and the daily test finds the sign"
+)
+_AT_REST: Final = "the joint stands: nothing shows, but what it does when it is free again"
+
+EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
+    {
+        **{
+            (fault, "hold", ""): replace(
+                _unseen(fault, _AT_REST),
+                causes=ROWS[fault].causes | {Cause.SPASM},
+                within_cycles=None,
+            )
+            for fault in (
+                "encoder_reversed",
+                "wrong_sign",
+                "blocked_rotor",
+                "brake_stuck",
+            )
+        },
+        ("encoder_frozen", "hold", ""): replace(
+            _unseen("encoder_frozen", f"{_AT_REST}; where it was moved meanwhile, its end is seen"),
+            causes=STUCK.causes | {Cause.VELOCITY_LIMIT, Cause.ENCODER_JUMP},
+            within_cycles=None,
+        ),
+        **{
+            (fault, "torque", ""): replace(
+                ROWS[fault],
+                ends_in=frozenset({Mode.HOLD}),
+                why="no setpoint counts any more: assist fades, the machine brakes and holds",
+            )
+            for fault in ("zenoh_lost", "nan_setpoint", "gateway_restarted", "gateway_200ms")
+        },
+        **{
+            (fault, mode, ""): replace(
+                _unseen(fault, "an open loop about g(q) that moves slowly: nothing need show it"),
+                causes=ROWS[fault].causes | {Cause.VELOCITY_LIMIT, Cause.ENCODER_JUMP},
+                within_cycles=None,
+            )
+            for mode in ("torque", "hand_guiding")
+            for fault in ("encoder_frozen", "blocked_rotor", "brake_stuck", "limit_switch")
+        },
+        **{
+            (fault, "self_test", ""): replace(
+                _unseen(fault, "an axis stands until its turn has come, and then moves slowly"),
+                causes=ROWS[fault].causes | {Cause.SELF_TEST_FAILED, Cause.VELOCITY_LIMIT},
+                categories=ROWS[fault].categories | {S2},
+                within_cycles=None,
+            )
+            for fault in _SEEN_IN_MOTION
+        },
+        **{
+            (fault, "hand_guiding", ""): replace(
+                _unseen(fault, "by hand, and slowly: it shows as far as the leg is led"),
+                within_cycles=None,
+            )
+            for fault in ("encoder_reversed", "wrong_sign", "spasm")
+        },
+        **{
+            (fault, "torque", "right/slide"): _unseen(fault, _AT_REST)
+            for fault in ("encoder_reversed", "wrong_sign")
+        },
+        **{
+            (fault, "torque", "right/hip"): replace(
+                _unseen(fault, _NOBODY_GUIDES),
+                causes=ROWS[fault].causes | {Cause.VELOCITY_LIMIT, Cause.ENCODER_JUMP},
+                within_cycles=None,
+            )
+            for fault in ("encoder_reversed", "wrong_sign")
+        },
+        **{
+            (fault, mode, "right/slide"): _unseen(fault, _NO_POWER)
+            for mode in ("reference", "commission")
+            for fault in _SEEN_IN_MOTION
+        },
+        **{
+            (fault, "reference", "right/hip"): _unseen(fault, _HOMING)
+            for fault in ("encoder_frozen", "blocked_rotor", "brake_stuck", "limit_switch")
+        },
+        **{
+            ("nan_guidance", mode, ""): _unseen("nan_guidance", "no plan guides an axis alone")
+            for mode in ("reference", "commission")
+        },
+        **{
+            ("voluntary_push", mode, ""): replace(
+                stops(Cause.SPASM, Cause.VELOCITY_LIMIT, by=(S1,)),
+                may_go_on=True,
+                why="nobody is in the machine: whoever pushes at it there may stop it",
+            )
+            for mode in ("reference", "commission")
+        },
+        **{
+            ("spasm", mode, ""): _unseen("spasm", "nobody is in the machine, and little moves")
+            for mode in ("reference", "commission")
+        },
+        **{
+            (fault, mode, axis): replace(
+                _unseen(fault, why),
+                causes=ROWS[fault].causes
+                | {Cause.VELOCITY_LIMIT, Cause.ENCODER_JUMP, Cause.SPASM, Cause.SINGULARITY},
+                categories=frozenset({S0, S1, S2}),
+                within_cycles=None,
+                latches=frozenset(),
+            )
+            for mode, axis, why in (
+                ("commission", "right/hip", _TESTED),
+                ("excite", "right/hip", _OPEN_LOOP),
+                ("excite", "right/slide", _OPEN_LOOP),
+            )
+            for fault in _SEEN_IN_MOTION
+            if fault != "limit_switch"
+        },
+        **{
+            (fault, "gait_position", ""): replace(
+                stops(
+                    Cause.EMERGENCY,
+                    Cause.DRIVE_FAULT,
+                    *LOST,
+                    *ROWS[fault].causes,
+                    within=None if ROWS[fault].by_drives else 9.0,
+                    later=tuple(ROWS[fault].later),
+                ),
+                by_drives=ROWS[fault].by_drives,
+                why=_INTERPOLATION,
+            )
+            for fault in (
+                "deaf",
+                "queue_full",
+                "queue_full_once",
+                "sync_late_6ms",
+                "overrun_3",
+                "overrun_6",
+                "core_35ms",
+            )
+        },
+        ("limit_switch", "excite", ""): replace(
+            _unseen("limit_switch", "an open loop turns round: it stops once it moves on to it"),
+            within_cycles=None,
+        ),
+        ("limit_switch", "hold", ""): _unseen(
+            "limit_switch", "the joint stands: a switch stops what moves on to it, never away"
+        ),
+        ("spasm", "excite", ""): replace(
+            _unseen("spasm", "nothing guides the leg: whoever moves it is its motion"),
+            within_cycles=None,
+        ),
+        ("spasm", "hold", ""): _unseen("spasm", "the pose is held against it, within the limits"),
+    }
+)
+"""(fault, mode, axis): axis empty for both."""
+
+
+def law(fault: str, mode: str, axis: str) -> Law:
+    """Return the expected result of one cell."""
+    return EXCEPTIONS.get((fault, mode, axis)) or EXCEPTIONS.get((fault, mode, "")) or ROWS[fault]

@@ -1,0 +1,349 @@
+"""Kinds of fault: in the machine, on the master's bus interface, in the gateway, in time.
+
+A fault may begin at any moment of a cycle, also while the service waits.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final
+
+from msgspec.structs import replace as changed
+
+from daemon.core.state import Axis, Core
+from daemon.ipc.record import GatewayState, Request, RequestKind, Setpoint
+from drives.canopen.bus import Frame
+from gaitd_lab.fault_matrix.bench import Bench
+
+NAN: Final = float("nan")
+MS: Final = 1_000_000
+
+
+class KilledError(BaseException):
+    """The core's process is killed. Must not be caught by handlers of the service."""
+
+
+@dataclass(slots=True)
+class Scene:
+    """One running cell."""
+
+    bench: Bench
+    asked_to_end: bool = False
+    """True if SIGTERM has been received."""
+    undo: list[Callable[[], None]] = field(default_factory=list[Callable[[], None]])
+    """Actions that end the fault, in addition to its row's."""
+
+    @property
+    def core(self) -> Core:
+        """The running service's core."""
+        return self.bench.lockstep.core
+
+    def axis(self, name: str) -> Axis:
+        """Return one axis of the core."""
+        return next(axis for axis in self.core.axes if axis.name == name)
+
+
+Act = Callable[[Scene, str], None]
+"""Begins or ends a fault, called with (scene, axis)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Play:
+    """How a fault begins and ends."""
+
+    begin: Act
+    end: Act
+
+
+LASTS_S: Final = 1.4
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One row."""
+
+    name: str
+    text: str
+    play: Play
+    of_an_axis: bool = True
+    lasts_s: float = LASTS_S
+    """Time until the fault ends."""
+
+
+def nothing(_scene: Scene, _axis: str) -> None:
+    """Do nothing: the fault ends by itself, or never."""
+
+
+def undo(scene: Scene, _axis: str) -> None:
+    """Undo the replacements, the newest first."""
+    while scene.undo:
+        scene.undo.pop()()
+
+
+# --- in the machine -----------------------------------------------------------------------------
+
+
+def machine(fault: str) -> Play:
+    """A fault of the virtual drives: `KIND {} [DURATION [VALUE]]` with the axis in the braces."""
+    kind = fault.split(maxsplit=1)[0]
+
+    def begin(scene: Scene, axis: str) -> None:
+        scene.bench.machine.command(fault.format(axis))
+
+    def end(scene: Scene, axis: str) -> None:
+        scene.bench.machine.command(f"clear {kind} {axis}")
+
+    return Play(begin, end)
+
+
+def patient(programme: str) -> Play:
+    """A programme of the patient; `{}` stands for `hip` or `slide`."""
+
+    def begin(scene: Scene, axis: str) -> None:
+        scene.bench.patient(programme.format(axis.rpartition("/")[2]))
+
+    def end(scene: Scene, _axis: str) -> None:
+        scene.bench.patient("passive")
+
+    return Play(begin, end)
+
+
+def together(*plays: Play) -> Play:
+    """Faults at the same moment."""
+
+    def begin(scene: Scene, axis: str) -> None:
+        for play in plays:
+            play.begin(scene, axis)
+
+    def end(scene: Scene, axis: str) -> None:
+        for play in plays:
+            play.end(scene, axis)
+
+    return Play(begin, end)
+
+
+def limit_switch_ahead() -> Play:
+    """The limit switch in the joint's direction of motion closes, or either if the joint stands."""
+
+    def begin(scene: Scene, axis: str) -> None:
+        joint = scene.axis(axis).joint
+        sign = 1 if scene.axis(axis).scaling.counts_per_si > 0 else -1
+        side = sign if joint.velocity_si >= 0 else -sign
+        scene.bench.machine.command(f"limit_switch_on {axis} - {side}")
+
+    def end(scene: Scene, axis: str) -> None:
+        scene.bench.machine.command(f"clear limit_switch_on {axis}")
+
+    return Play(begin, end)
+
+
+# --- on the master's bus interface ------------------------------------------------------------
+
+BUS_OFF: Final = Frame(0x040, bytes(8))
+RESTARTED: Final = Frame(0x100, bytes(8))
+PASSIVE: Final = Frame(0x004, b"\0\x30\0\0\0\0\0\0")
+ACTIVE: Final = Frame(0x004, b"\0\x40\0\0\0\0\0\0")
+OVERFLOW: Final = Frame(0x004, b"\0\x01\0\0\0\0\0\0")
+
+
+def our_bus_off() -> Play:
+    """The master's controller goes bus-off and reports it; at the end it has been restarted."""
+
+    def begin(scene: Scene, _axis: str) -> None:
+        scene.bench.bus.trouble.is_off = True
+        scene.bench.bus.report(BUS_OFF)
+
+    def end(scene: Scene, _axis: str) -> None:
+        scene.bench.bus.trouble.is_off = False
+        scene.bench.bus.report(RESTARTED)
+
+    return Play(begin, end)
+
+
+def reported(frame: Frame, over: Frame | None = None) -> Play:
+    """The master's controller reports an error, and the end of it."""
+
+    def begin(scene: Scene, _axis: str) -> None:
+        scene.bench.bus.report(frame)
+
+    def end(scene: Scene, _axis: str) -> None:
+        if over is not None:
+            scene.bench.bus.report(over)
+
+    return Play(begin, end)
+
+
+def queue_full() -> Play:
+    """Nothing can be sent."""
+
+    def begin(scene: Scene, _axis: str) -> None:
+        scene.bench.bus.trouble.queue_full = True
+
+    def end(scene: Scene, _axis: str) -> None:
+        scene.bench.bus.trouble.queue_full = False
+
+    return Play(begin, end)
+
+
+def adapter_gone() -> Play:
+    """The interface does not exist any more."""
+
+    def begin(scene: Scene, _axis: str) -> None:
+        scene.bench.bus.trouble.is_gone = True
+
+    def end(scene: Scene, _axis: str) -> None:
+        scene.bench.bus.trouble.is_gone = False
+
+    return Play(begin, end)
+
+
+def sync_waits(delay_ms: int) -> Play:
+    """SYNC is delayed on its way to the wire."""
+
+    def begin(scene: Scene, _axis: str) -> None:
+        scene.bench.bus.trouble.sync_delay_ns = delay_ms * MS
+
+    def end(scene: Scene, _axis: str) -> None:
+        scene.bench.bus.trouble.sync_delay_ns = 0
+
+    return Play(begin, end)
+
+
+# --- time -----------------------------------------------------------------------------------------
+
+
+def held(duration_ms: int) -> Play:
+    """The core is halted while the world and the core's clock continue."""
+
+    def begin(scene: Scene, _axis: str) -> None:
+        scene.bench.bus.hold(duration_ms * MS)
+
+    return Play(begin, nothing)
+
+
+def suspended(duration_ms: int) -> Play:
+    """The machine is suspended: the core and its monotonic clock stop, the world continues."""
+
+    def begin(scene: Scene, _axis: str) -> None:
+        scene.bench.bus.pause(duration_ms * MS)
+
+    return Play(begin, nothing)
+
+
+def clock_set(by_ns: int) -> Play:
+    """The wall clock is set; it is corrected when the fault ends."""
+
+    def begin(scene: Scene, _axis: str) -> None:
+        scene.bench.lockstep.clock.utc_stepped_ns += by_ns
+
+    def end(scene: Scene, _axis: str) -> None:
+        scene.bench.lockstep.clock.utc_stepped_ns -= by_ns
+
+    return Play(begin, end)
+
+
+# --- the gateway ----------------------------------------------------------------------------------
+
+
+def gateway_silent() -> Play:
+    """The gateway sends no state: dead, stalled, or its session lost; afterwards it sends again."""
+
+    def begin(scene: Scene, _axis: str) -> None:
+        scene.bench.gateway.silent = True
+
+    def end(scene: Scene, _axis: str) -> None:
+        scene.bench.gateway.silent = False
+
+    return Play(begin, end)
+
+
+def levels(change: Callable[[list[GatewayState]], list[GatewayState]]) -> Play:
+    """The core receives a gateway state different from the one sent."""
+
+    def begin(scene: Scene, _axis: str) -> None:
+        scene.bench.gateway.change = change
+
+    def end(scene: Scene, _axis: str) -> None:
+        scene.bench.gateway.change = None
+
+    return Play(begin, end)
+
+
+FLOOD_COUNT: Final = 100
+"""Gateway states in one turn: 10 kHz."""
+FOREIGN: Final = "somebody else's core"
+_ENABLE: Final = Request(id=4711, kind=RequestKind.ENABLE)
+
+
+def flood(sent: list[GatewayState]) -> list[GatewayState]:
+    """Each gateway state is repeated a hundred times."""
+    return [level for level in sent for _ in range(FLOOD_COUNT)]
+
+
+def foreign(sent: list[GatewayState]) -> list[GatewayState]:
+    """States of a second gateway arrive, which belong to another core and request to enable it."""
+    return [
+        level
+        for own in sent
+        for level in (
+            own,
+            changed(
+                own,
+                core_boot_id=FOREIGN,
+                seq=own.seq + 1_000_000,
+                request=changed(_ENABLE, for_cycle=own.for_cycle),
+            ),
+        )
+    ]
+
+
+def foreign_alone(sent: list[GatewayState]) -> list[GatewayState]:
+    """Only the gateway states for another core arrive."""
+    return [changed(own, core_boot_id=FOREIGN) for own in sent]
+
+
+def restarted(sent: list[GatewayState]) -> list[GatewayState]:
+    """The gateway is restarted: its stop count is zero, with no request and no lease."""
+    return [changed(own, stop_count=0, request=Request(), setpoints=(), lease=0) for own in sent]
+
+
+def lower_stop_count(sent: list[GatewayState]) -> list[GatewayState]:
+    """A stop count that decreases is no stop, and hides none."""
+    return [changed(own, stop_count=own.stop_count - 1) for own in sent]
+
+
+def nothing_asked(sent: list[GatewayState]) -> list[GatewayState]:
+    """No request and no lease: the gateway only signals that it is alive."""
+    return [changed(own, request=Request(), setpoints=(), lease=0) for own in sent]
+
+
+def nan_setpoint(sent: list[GatewayState]) -> list[GatewayState]:
+    """Setpoints are NaN, under the lease of the gateway state."""
+    return [
+        changed(
+            own,
+            setpoints=(Setpoint(own.lease, own.seq, own.for_cycle, NAN, NAN, "right", NAN),),
+        )
+        for own in sent
+    ]
+
+
+# --- its process ----------------------------------------------------------------------------------
+
+
+def terminated() -> Play:
+    """SIGTERM to the core."""
+
+    def begin(scene: Scene, _axis: str) -> None:
+        scene.asked_to_end = True
+
+    return Play(begin, nothing)
+
+
+def killed() -> Play:
+    """SIGKILL to the core: it executes nothing any more, not even its shutdown."""
+
+    def begin(scene: Scene, _axis: str) -> None:
+        scene.bench.bus.trouble.is_gone = True
+        raise KilledError
+
+    return Play(begin, nothing)

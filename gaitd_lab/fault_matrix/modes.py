@@ -1,0 +1,289 @@
+"""The columns of the matrix: each mode, how a session reaches it, and how it continues.
+
+A session is run once to the start of a column; its cells are forked from it one after the other
+while it continues, so each fault comes at another moment of the mode (`window_s`), drawn by the
+seed. A step that cannot be shared, because it is over at once, is executed by each cell
+(`prelude`).
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from types import MappingProxyType
+from typing import Final
+
+from daemon.ipc.record import Mode, ModeRequest, RequestKind, Stage
+from gaitd_lab.fault_matrix.bench import Bench, Variant
+from gaitd_lab.fault_matrix.controller import Swinger
+
+CADENCE_HZ: Final = 0.4
+STRIDE_S: Final = 1.0 / CADENCE_HZ
+AS_SHIPPED: Final = Variant()
+PREPARED: Final = "right/hip"
+"""The axis that is homed, or whose sign is tested; the other has no power."""
+
+Step = Callable[[Bench], None]
+
+
+class Group(Enum):
+    """State of the drives in a mode; the expected result of a fault depends on it."""
+
+    IDLE = "nothing is enabled"
+    ALONE = "one axis is enabled alone"
+    DRIVING = "both axes are enabled"
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One mode of the matrix."""
+
+    name: str
+    mode: Mode
+    group: Group
+    text: str
+    """Title for the page."""
+    begin: Step
+    """Runs from power-on to the first moment of a fault."""
+    window_s: float
+    """Time over which the faults are spread."""
+    goes_to: frozenset[Mode]
+    """Modes that the session may reach some seconds later without any fault."""
+    variant: Variant = AS_SHIPPED
+    after_s: float = 0.01
+    """Time of the cell over which its fault may come: any moment of a cycle."""
+    prelude: Step | None = None
+    """The last step, executed by each cell."""
+    release: Step | None = None
+    """Additional action at the end of the fault: absent drives return."""
+
+
+def _nothing(_: Bench) -> None:
+    """Do nothing: the session starts at power-on."""
+
+
+def _off(bench: Bench) -> None:
+    bench.machine.command("unplugged *")
+    bench.lockstep.run(0.5)
+
+
+def _plug_in(bench: Bench) -> None:
+    bench.machine.command("clear unplugged *")
+
+
+def _hold(bench: Bench) -> None:
+    bench.enable()
+    bench.patient("leans")
+    bench.lockstep.run(0.5)
+
+
+def _walk(bench: Bench) -> None:
+    bench.enable()
+    bench.ask(
+        RequestKind.MODE,
+        ModeRequest(Mode.GAIT, cadence_hz=CADENCE_HZ, amplitude_ratio=1.0, duration_s=600.0),
+    )
+    bench.lockstep.run_until(lambda record: record.gait_phase >= 0, within_s=30)
+    bench.patient("active")
+    bench.lockstep.run(2 * STRIDE_S + 1.0)  # its ramps are over, and the patient is with it
+
+
+def _torque(bench: Bench) -> None:
+    bench.enable()
+    Swinger(bench.gateway, bench.settings.legs[0].name)
+    bench.lockstep.run(0.1)
+    bench.ask(RequestKind.MODE, ModeRequest(Mode.TORQUE))
+    bench.lockstep.run(1.0)
+
+
+def _hand_guiding(bench: Bench) -> None:
+    bench.enable()
+    bench.ask(RequestKind.MODE, ModeRequest(Mode.HAND_GUIDING))
+    bench.lockstep.run_until(lambda record: record.stage is Stage.PLAYING, within_s=2)
+    bench.patient("led")
+    bench.lockstep.run(2.0)
+
+
+def _self_test(bench: Bench) -> None:
+    bench.enable()
+    bench.ask(RequestKind.MODE, ModeRequest(Mode.SELF_TEST))
+    bench.lockstep.run(0.8)
+
+
+def _excite(bench: Bench) -> None:
+    bench.enable()
+    bench.ask(RequestKind.MODE, ModeRequest(Mode.EXCITE, duration_s=24.0, scenario="open_loop"))
+    bench.lockstep.run_until(lambda record: record.stage is Stage.PLAYING, within_s=30)
+    bench.lockstep.run(3.0)
+
+
+def _prepare(bench: Bench, mode: Mode, run_s: float) -> None:
+    bench.until_ready()
+    bench.ask(RequestKind.MODE, ModeRequest(mode, axis=PREPARED))
+    bench.until(mode)
+    bench.lockstep.run(run_s)
+
+
+def _reference(bench: Bench) -> None:
+    _prepare(bench, Mode.REFERENCE, 0.6)
+
+
+def _commission(bench: Bench) -> None:
+    _prepare(bench, Mode.COMMISSION, 0.5)
+
+
+def _stop(bench: Bench) -> None:
+    bench.gateway.stop()
+    bench.until(Mode.STOPPING, within_s=0.1)
+
+
+def _fault(bench: Bench) -> None:
+    _walk(bench)
+    bench.machine.command("hand_switch_open right/hip 0.3")
+    bench.until(Mode.FAULT)
+    bench.lockstep.run(0.5)
+
+
+COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
+    {
+        column.name: column
+        for column in (
+            Column(
+                "off",
+                Mode.OFF,
+                Group.IDLE,
+                "the drives are not there; they come back with the end of the fault",
+                _off,
+                1.0,
+                frozenset({Mode.READY}),
+                release=_plug_in,
+            ),
+            Column(
+                "bringing_up",
+                Mode.BRINGING_UP,
+                Group.IDLE,
+                "from power-on: boot-up, identity, limits written and read back",
+                _nothing,
+                0.0,
+                frozenset({Mode.READY}),
+                after_s=0.6,
+            ),
+            Column(
+                "ready",
+                Mode.READY,
+                Group.IDLE,
+                "brought up, without power",
+                Bench.until_ready,
+                0.5,
+                frozenset({Mode.READY}),
+            ),
+            Column(
+                "hold",
+                Mode.HOLD,
+                Group.DRIVING,
+                "enabled, holding the pose; the patient is not quite at rest",
+                _hold,
+                5.0,
+                frozenset({Mode.HOLD}),
+            ),
+            Column(
+                "gait_impedance",
+                Mode.GAIT,
+                Group.DRIVING,
+                f"walking at {CADENCE_HZ:g} Hz by impedance; the patient works along",
+                _walk,
+                STRIDE_S,
+                frozenset({Mode.GAIT}),
+            ),
+            Column(
+                "gait_position",
+                Mode.GAIT,
+                Group.DRIVING,
+                f"walking at {CADENCE_HZ:g} Hz by the drives' own loops",
+                _walk,
+                STRIDE_S,
+                frozenset({Mode.GAIT}),
+                Variant(guidance="position"),
+            ),
+            Column(
+                "torque",
+                Mode.TORQUE,
+                Group.DRIVING,
+                "a controller with a lease swings the hip by 7 deg, once in 3 s",
+                _torque,
+                3.0,
+                frozenset({Mode.TORQUE}),
+            ),
+            Column(
+                "excite",
+                Mode.EXCITE,
+                Group.DRIVING,
+                "the paper's open-loop experiment: torque about mid pose",
+                _excite,
+                5.0,
+                frozenset({Mode.EXCITE, Mode.HOLD}),  # out of its window it is over
+            ),
+            Column(
+                "hand_guiding",
+                Mode.HAND_GUIDING,
+                Group.DRIVING,
+                "hand guiding without stiffness: somebody leads thigh and foot slowly",
+                _hand_guiding,
+                3.3,
+                frozenset({Mode.HAND_GUIDING}),
+            ),
+            Column(
+                "self_test",
+                Mode.SELF_TEST,
+                Group.DRIVING,
+                "the test of the day: each axis a little forth and back",
+                _self_test,
+                3.0,
+                frozenset({Mode.SELF_TEST, Mode.HOLD}),
+            ),
+            Column(
+                "reference",
+                Mode.REFERENCE,
+                Group.ALONE,
+                "the hip is being homed in the empty machine",
+                _reference,
+                1.0,
+                frozenset({Mode.REFERENCE, Mode.STOPPING, Mode.READY, Mode.OFF, Mode.BRINGING_UP}),
+                Variant(empty=True),
+            ),
+            Column(
+                "commission",
+                Mode.COMMISSION,
+                Group.ALONE,
+                "the hip's sign is being tested in the empty machine",
+                _commission,
+                1.0,
+                frozenset({Mode.COMMISSION, Mode.STOPPING, Mode.READY, Mode.OFF, Mode.BRINGING_UP}),
+                Variant(empty=True),
+            ),
+            Column(
+                "stopping",
+                Mode.STOPPING,
+                Group.DRIVING,
+                "somebody has stopped the gait: the core brakes (S2)",
+                _walk,
+                STRIDE_S,
+                frozenset({Mode.FAULT}),
+                after_s=0.15,
+                prelude=_stop,
+            ),
+            Column(
+                "fault",
+                Mode.FAULT,
+                Group.IDLE,
+                "after the hand switch was let go while walking: the drives hold, quick stopped",
+                _fault,
+                1.0,
+                frozenset({Mode.FAULT}),
+            ),
+        )
+    }
+)
+"""Columns by name, in the order of the pages."""
+
+LEFT_OUT: Final[frozenset[Mode]] = frozenset()
+"""Modes without a column."""

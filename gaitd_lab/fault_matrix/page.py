@@ -1,0 +1,200 @@
+"""docs/fault_matrix.md: the result of every fault in every mode, as tables made from the cells."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final, NamedTuple
+
+from daemon.ipc.record import Mode
+from gaitd_lab.fault_matrix.cell import Found
+from gaitd_lab.fault_matrix.exceptions import EXCEPTIONS
+from gaitd_lab.fault_matrix.expected import ROWS, Law
+from gaitd_lab.fault_matrix.faults import FAULTS
+from gaitd_lab.fault_matrix.judgement import broken
+from gaitd_lab.fault_matrix.modes import COLUMNS
+
+PAGE: Final = "fault_matrix.md"
+PICTURE: Final = "fault_matrix.png"
+
+
+class Table(NamedTuple):
+    """Some columns under one title."""
+
+    title: str
+    columns: tuple[str, ...]
+
+
+TABLES: Final = (
+    Table("Both axes are enabled", ("hold", "gait_impedance", "gait_position", "torque")),
+    Table("Both axes are enabled, otherwise", ("excite", "hand_guiding", "self_test")),
+    Table("One axis is enabled alone", ("reference", "commission")),
+    Table("Already stopped", ("stopping", "fault")),
+    Table("Nothing is enabled", ("off", "bringing_up", "ready")),
+)
+
+_HEAD: Final = """# Fault matrix
+
+Made by `gaitd matrix --output docs` (seed {seed}); do not edit. The real loop, its drives' frames
+and a plant with a patient in lock-step: each fault in each mode on each axis. `gaitd matrix
+--fault NAME --mode NAME` plays one cell again, bit for bit the same. {count} cells; {open_count}
+of them break a law today (last section).
+
+![Reaction by fault and mode](fault_matrix.png)
+
+## How to read it
+
+- A stop: *CAUSE category · reaction · hip, slide*. The reaction is in cycles of 10 ms from the
+  moment of the fault, anywhere in a cycle, to the frame that tells the last of both axes to stop;
+  `drives 9.1` where no frame could be sent: to the moment at which the last drive has left
+  operation enabled by itself. Hip and slide are the farthest that each joint got from where it
+  was when the fault began, until both rest: in the truth of the plant, not as the service saw it.
+  `no rest` is a leg that has no power and on which the patient goes on working.
+- *goes on* is right where nothing need stop. A mode in capitals is where a machine that drives
+  nothing ended, with the cause that it told.
+- Where both axes do the same, the larger numbers of the two are given; else each has its line.
+- Categories: S2 the core brakes and holds, S1 quick stop by the drives, S0 no voltage. A cause of
+  one axis' feedback is S0 for it and S1 for the other.
+- Every cell is held to the laws at the head of `gaitd_lab/fault_matrix/judgement.py`: nothing is
+  enabled again when the fault has gone, both axes are told between the same two SYNCs, the cause
+  is right, the leg comes to rest inside its mechanical stops, what need not stop goes on.
+"""
+
+
+def page(found: Sequence[Found]) -> str:
+    """Return the whole page."""
+    bad = [(one, reasons) for one in found if (reasons := broken(one))]
+    cells = {(one.fault, one.mode, one.axis): one for one in found}
+    seed = found[0].seed if found else 0
+    parts = [
+        _HEAD.format(seed=seed, count=len(found), open_count=len(bad)),
+        *(_table(table, cells) for table in TABLES),
+        _columns(),
+        _rows(),
+        _exceptions(),
+        _open(bad),
+    ]
+    return "\n".join(parts)
+
+
+def entry(cells: Sequence[Found]) -> str:
+    """Describe one fault in one mode: once, if it was the same on both axes."""
+    if not cells:
+        return "not played"
+    if len({_kind(one) for one in cells}) == 1:
+        return _entry(cells)
+    return "<br>".join(f"{one.axis.rpartition('/')[2]}: {_entry([one])}" for one in cells)
+
+
+def _kind(one: Found) -> tuple[object, ...]:
+    return (one.stopped, one.causes[:1], one.category, one.final_mode, _mark([one]))
+
+
+def _entry(cells: Sequence[Found]) -> str:
+    one = cells[0]
+    ended = "" if one.exit_code is None else f", exit {one.exit_code}"
+    cause = one.causes[0] if one.causes else ""
+    if not one.stopped:
+        quiet = "goes on" if one.driven else one.final_mode
+        text = f"{quiet}, {cause}" if cause else quiet
+        return f"{text}{ended}{_mark(cells)}"
+    column = COLUMNS[one.mode]
+    if not cause and column.mode not in {Mode.STOPPING, Mode.FAULT}:
+        return f"goes on{ended}{_mark(cells)}"
+    what = f"{cause} {one.category}" if cause else "stopped as before"
+    return f"{what} · {_reaction(cells)} · {_moved(cells)}{ended}{_mark(cells)}"
+
+
+def _reaction(cells: Sequence[Found]) -> str:
+    told = [one.told_cycles for one in cells if one.told_cycles is not None]
+    left = [one.left_cycles for one in cells if one.left_cycles is not None]
+    if left and (not told or max(left) < max(told)):
+        return f"drives {max(left):g}"
+    return f"{max(told):g}" if told else "none"
+
+
+def _moved(cells: Sequence[Found]) -> str:
+    hip, slide = max(one.hip_deg for one in cells), max(one.slide_mm for one in cells)
+    rest = "" if all(one.rest_cycles is not None for one in cells) else ", no rest"
+    return f"{hip:.1f}°, {slide:.0f} mm{rest}"
+
+
+def _mark(cells: Sequence[Found]) -> str:
+    return " **open**" if any(broken(one) for one in cells) else ""
+
+
+def _table(table: Table, cells: Mapping[tuple[str, str, str], Found]) -> str:
+    head = ["fault", *table.columns]
+    lines = [f"## {table.title}", "", _line(head), _line(["---"] * len(head))]
+    for fault in FAULTS:
+        row = [
+            entry(
+                [one for (name, mode, _), one in cells.items() if (name, mode) == (fault, column)]
+            )
+            for column in table.columns
+        ]
+        lines.append(_line([f"`{fault}`", *row]))
+    return "\n".join([*lines, ""])
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _columns() -> str:
+    lines = ["## The modes", "", _line(["mode", "how it is"]), _line(["---"] * 2)]
+    lines += [_line([f"`{one.name}`", one.text]) for one in COLUMNS.values()]
+    return "\n".join([*lines, ""])
+
+
+def _rows() -> str:
+    head = ["fault", "what it is", "lasts", "right"]
+    lines = ["## The faults, and what is right", "", _line(head), _line(["---"] * len(head))]
+    for fault in FAULTS.values():
+        lasts = f"{fault.lasts_s:g} s"
+        lines.append(_line([f"`{fault.name}`", fault.text, lasts, _right(ROWS[fault.name])]))
+    return "\n".join([*lines, ""])
+
+
+def _right(law: Law) -> str:
+    if not law.stops:
+        return f"goes on: {law.why}" if law.why else "goes on"
+    causes = ", ".join(sorted(one.name for one in law.causes))
+    categories = " or ".join(sorted(one.name for one in law.categories))
+    bound = "" if law.within_cycles is None else f", within {law.within_cycles:g} cycles"
+    bound = ", by the drives themselves" if law.by_drives else bound
+    ended = "" if law.exit_code is None else f", exit {law.exit_code}"
+    why = f"; {law.why}" if law.why else ""
+    return f"{categories} by {causes}{bound}{ended}{why}"
+
+
+def _exceptions() -> str:
+    head = ["fault", "mode", "axis", "right here", "why"]
+    lines = ["## Where it is not the row's usual one", "", _line(head), _line(["---"] * len(head))]
+    lines += [
+        _line([f"`{fault}`", f"`{mode}`", axis or "both", _right(law).partition(":")[0], law.why])
+        for (fault, mode, axis), law in EXCEPTIONS.items()
+    ]
+    return "\n".join([*lines, ""])
+
+
+def _open(bad: Sequence[tuple[Found, list[str]]]) -> str:
+    lines = ["## Open", ""]
+    if not bad:
+        return "\n".join([*lines, "Every cell keeps every law.", ""])
+    lines += [f"- `{command(one)}`: {'; '.join(reasons)}" for one, reasons in bad]
+    return "\n".join([*lines, ""])
+
+
+def command(one: Found) -> str:
+    """Return the command that runs one cell again."""
+    axis = f" --axis {one.axis}" if one.axis else ""
+    return f"gaitd matrix --fault {one.fault} --mode {one.mode}{axis} --seed {one.seed}"
+
+
+def tables_of(text: str) -> Iterator[list[list[str]]]:
+    """Return the tables of a page: rows of cells, the header first."""
+    table: list[list[str]] = []
+    for line in [*text.splitlines(), ""]:
+        if line.startswith("| "):
+            table.append([cell.strip() for cell in line.strip("| ").split(" | ")])
+        elif table:
+            yield table
+            table = []

@@ -1,0 +1,126 @@
+"""All cells: one session for each column, run through its window, a fork at each cell's moment.
+
+A fork is a copy of the whole session, so a cell costs only the time after its fault; the session
+continues to the next cell's moment unaffected. Each cell's moment is drawn from its own name and
+the seed: a cell run alone has the same moment, and gives the same bits.
+"""
+
+import gc
+import multiprocessing
+import os
+import random
+import signal
+import traceback
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from gaitd_lab.fault_matrix.bench import Bench
+from gaitd_lab.fault_matrix.cell import Cell, Found, play
+from gaitd_lab.fault_matrix.faults import FAULTS, Fault
+from gaitd_lab.fault_matrix.modes import COLUMNS, Column
+from gaitd_lab.fault_matrix.watch import AXES
+
+CELL_MAX_S: Final = 120
+"""Real time; a cell that takes longer hangs."""
+PART_COUNT: Final = 60
+"""Cells of one part: one session is prepared for each part."""
+
+
+def cells(faults: Sequence[str] = (), modes: Sequence[str] = (), axis: str = "") -> list[Cell]:
+    """Return the cells of these rows and columns, in the pages' order; all if none is named."""
+    return [
+        Cell(fault.name, column, one)
+        for column in (modes or COLUMNS)
+        for fault in (FAULTS[name] for name in (faults or FAULTS))
+        for one in _axes(fault)
+        if axis in {"", one} or not one
+    ]
+
+
+def _axes(fault: Fault) -> tuple[str, ...]:
+    return AXES if fault.of_an_axis else ("",)
+
+
+def parts(wanted: Sequence[Cell]) -> list[list[Cell]]:
+    """Split the cells of each column into parts of a few minutes' simulated time."""
+    found: list[list[Cell]] = []
+    for mode in dict.fromkeys(cell.mode for cell in wanted):
+        of_mode = [cell for cell in wanted if cell.mode == mode]
+        count = -(-len(of_mode) // PART_COUNT)
+        found += [of_mode[number::count] for number in range(count)]
+    return found
+
+
+def run(config: Path, wanted: Sequence[Cell], seed: int, jobs: int) -> Iterator[list[Found]]:
+    """Run all cells, `jobs` columns at a time; yields the results of each finished part."""
+    work = parts(wanted)
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(max_workers=min(jobs, len(work)), mp_context=spawn) as pool:
+        running = [pool.submit(play_part, config, part, seed) for part in work]
+        for done in as_completed(running):
+            yield done.result()
+
+
+def play_part(config: Path, part: Sequence[Cell], seed: int) -> list[Found]:
+    """Run cells of one column, from one session."""
+    column = COLUMNS[part[0].mode]
+    bench = Bench(config, column.variant, seed)
+    column.begin(bench)
+    begun_ns = bench.world_ns
+    gc.freeze()
+    found: list[Found] = []
+    for delay_s, cell in sorted((_delay_s(cell, column, seed), cell) for cell in part):
+        bench.lockstep.run((begun_ns - bench.world_ns) * 1e-9 + delay_s)
+        found.append(_forked(bench, column, cell, seed))
+    return found
+
+
+def _delay_s(cell: Cell, column: Column, seed: int) -> float:
+    """Time of the cell's fork, after the column's start."""
+    return random.Random(f"{seed}/{'/'.join(cell)}").uniform(0.0, column.window_s)
+
+
+def _forked(bench: Bench, column: Column, cell: Cell, seed: int) -> Found:
+    """Run one cell in a fork of this process."""
+    reader, writer = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(reader)
+        _play_and_exit(bench, column, cell, seed, writer)
+    os.close(writer)
+    with open(reader, "rb") as pipe:  # noqa: PTH123 - a descriptor, not a path
+        said = pipe.read()
+    os.waitpid(child, 0)
+    if not said:
+        return _unknown(cell, seed, f"the cell died or took more than {CELL_MAX_S} s")
+    return msgspec.json.decode(said, type=Found)
+
+
+def _play_and_exit(bench: Bench, column: Column, cell: Cell, seed: int, writer: int) -> None:
+    """Run one cell and exit in every case. A fork must not continue as a copy of its parent."""
+    signal.alarm(CELL_MAX_S)
+    found: Found | None = None
+    try:
+        found = play(bench, column, FAULTS[cell.fault], cell.axis, seed)
+    finally:
+        said = found or _unknown(cell, seed, traceback.format_exc())
+        with open(writer, "wb") as pipe:
+            pipe.write(msgspec.json.encode(said))
+        os._exit(0)
+
+
+def _unknown(cell: Cell, seed: int, trouble: str) -> Found:
+    return Found(
+        fault=cell.fault,
+        mode=cell.mode,
+        axis=cell.axis,
+        seed=seed,
+        phase=-1.0,
+        driven=False,
+        stopped=False,
+        trouble=trouble,
+    )

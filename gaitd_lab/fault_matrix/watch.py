@@ -1,0 +1,193 @@
+"""Observations of one cell: from the plant's truth, the wire, and the records.
+
+Time counts in cycles of 10 ms from the begin of the fault, which may be anywhere in a cycle.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Final, NamedTuple
+
+from daemon.ipc.record import CycleRecord, Mode
+from drives.canopen.bus import Frame
+from drives.canopen.nmt import SYNC_ID, NmtCommand
+from gaitd_lab.fault_matrix.bench import Bench
+from sim_drives.cia402.power_state import PowerState
+
+CYCLE_NS: Final = 10_000_000
+SAMPLE_NS: Final = 5_000_000
+REST_NS: Final = 100_000_000
+"""Time without motion after which a leg is at rest."""
+ENABLE_WORD: Final = 0x0F
+PUSHING: Final = PowerState.OPERATION_ENABLED
+AXES: Final = ("right/hip", "right/slide")
+LEG: Final = "right"
+
+Pair = tuple[float, float]
+
+
+class Sample(NamedTuple):
+    """State of the plant and its drives at one moment."""
+
+    time_ns: int
+    position: Pair
+    """Positions, rad, m."""
+    velocity: Pair
+    states: tuple[PowerState, PowerState]
+
+
+class Watch:
+    """Samples the world every 5 ms, independent of the service."""
+
+    def __init__(self, bench: Bench) -> None:
+        self._bench = bench
+        self._plant = bench.machine.trainers[LEG]
+        self._nodes = [bench.machine.world.node(axis) for axis in AXES]
+        self.samples: list[Sample] = []
+        self._look()
+
+    def _look(self) -> None:
+        truth = self._plant.truth()
+        hip, slide = (node.drive.state for node in self._nodes)
+        now_ns = self._bench.world_ns
+        self.samples.append(Sample(now_ns, truth.position, truth.velocity, (hip, slide)))
+        self._bench.bus.at(now_ns + SAMPLE_NS, self._look)
+
+
+class Motion(NamedTuple):
+    """Motion of the leg from a moment until rest."""
+
+    rest_ns: int | None
+    """Time since that moment; None: it has not come to rest."""
+    hip_deg: float
+    slide_mm: float
+    """Largest distance from the first position, until then."""
+
+
+def motion(samples: Sequence[Sample], begun_ns: int, standstill: Pair) -> Motion:
+    """Measure from the first sample at or after a moment to rest."""
+    after = [one for one in samples if one.time_ns >= begun_ns]
+    rest_ns = _rest(after, standstill)
+    first = after[0].position
+    moving = [one for one in after if rest_ns is None or one.time_ns <= rest_ns]
+    hip, slide = (max(abs(one.position[axis] - first[axis]) for one in moving) for axis in (0, 1))
+    since_ns = None if rest_ns is None else max(rest_ns - begun_ns, 0)
+    return Motion(since_ns, math.degrees(hip), slide * 1e3)
+
+
+def _rest(samples: Sequence[Sample], standstill: Pair) -> int | None:
+    """Return when the first sufficiently long rest begins."""
+    since_ns: int | None = None
+    for one in samples:
+        still = all(abs(one.velocity[axis]) < standstill[axis] for axis in (0, 1))
+        since_ns = (since_ns if since_ns is not None else one.time_ns) if still else None
+        if since_ns is not None and one.time_ns - since_ns >= REST_NS:
+            return since_ns
+    return None
+
+
+def outside(samples: Sequence[Sample], low: Pair, high: Pair) -> Pair:
+    """Largest excess of each joint over a range: rad, m; 0 inside."""
+    hip, slide = (
+        max(
+            max(low[axis] - one.position[axis], one.position[axis] - high[axis], 0.0)
+            for one in samples
+        )
+        for axis in (0, 1)
+    )
+    return hip, slide
+
+
+def enabled_anew(samples: Sequence[Sample]) -> tuple[str, ...]:
+    """Drives that newly entered operation enabled."""
+    return tuple(
+        axis
+        for number, axis in enumerate(AXES)
+        if any(
+            before.states[number] is not PUSHING and after.states[number] is PUSHING
+            for before, after in pairwise(samples)
+        )
+    )
+
+
+def left_enabled(samples: Sequence[Sample], begun_ns: int) -> tuple[int | None, int | None]:
+    """Time at which each drive was first seen without operation enabled, from a moment on."""
+    hip, slide = (
+        next(
+            (
+                one.time_ns
+                for one in samples
+                if one.time_ns >= begun_ns and one.states[number] is not PUSHING
+            ),
+            None,
+        )
+        for number in (0, 1)
+    )
+    return hip, slide
+
+
+class Told(NamedTuple):
+    """Time at which each drive was commanded to stop, on the wire: world time; None: it was not."""
+
+    hip_ns: int | None
+    slide_ns: int | None
+    together: bool
+    """True if between the same two SYNCs."""
+
+
+def told(
+    sent: Sequence[Frame], nodes: Sequence[int], begun_ns: int, stopped_ns: int | None
+) -> Told:
+    """Find the frames that stop.
+
+    Args:
+        sent: frames of the master, with the world's time.
+        nodes: node ids of hip and slide.
+        begun_ns: when the fault began.
+        stopped_ns: SYNC of the first record of a stop: commands after it brake, also those that
+            leave a drive enabled (S2); None: there was no such record.
+    """
+    found: list[tuple[int, int] | None] = []
+    for node in nodes:
+        enabled = _enabled_before(sent, node, begun_ns)
+        stops = _stops(sent, node, begun_ns, stopped_ns if enabled else None)
+        found.append(next(stops, None) if enabled else None)
+    hip, slide = found
+    syncs = {one[1] for one in found if one is not None}
+    return Told(
+        None if hip is None else hip[0], None if slide is None else slide[0], len(syncs) <= 1
+    )
+
+
+def _enabled_before(sent: Sequence[Frame], node: int, begun_ns: int) -> bool:
+    words = (one for one in reversed(sent) if one.can_id == 0x200 + node)
+    last = next((one for one in words if one.time_ns < begun_ns), None)
+    return last is not None and _enables(last)
+
+
+def _enables(frame: Frame) -> bool:
+    return frame.data[0] & ENABLE_WORD == ENABLE_WORD
+
+
+def _stops(
+    sent: Sequence[Frame], node: int, begun_ns: int, stopped_ns: int | None
+) -> Iterator[tuple[int, int]]:
+    """Time of each frame that stops this node, with the number of SYNCs before it."""
+    sync_count = 0
+    for one in sent:
+        if one.can_id == SYNC_ID:
+            sync_count += 1
+        if one.time_ns < begun_ns:
+            continue
+        if one.can_id == 0 and one.data[0] == NmtCommand.STOP and one.data[1] in (0, node):
+            yield one.time_ns, sync_count
+        elif one.can_id == 0x200 + node:
+            braking = stopped_ns is not None and one.time_ns >= stopped_ns
+            if braking or not _enables(one):
+                yield one.time_ns, sync_count
+
+
+def first_stop(records: Sequence[CycleRecord]) -> CycleRecord | None:
+    """Return the first record in which the machine is being stopped, or is in fault."""
+    stopped = (Mode.STOPPING, Mode.FAULT)
+    return next((one for one in records if one.mode in stopped), None)

@@ -1,0 +1,79 @@
+"""The configurations of the sessions: make of drives, guidance, patient or empty machine.
+
+A variant is a copy of the trainer file's folder with a few words replaced, as an operator would
+edit them.
+"""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, NamedTuple
+
+TRAINER: Final = "demo.toml"
+PLANT: Final = "plant.toml"
+
+Edit = tuple[str, str, str]
+"""File, old text, new text."""
+
+
+class Variant(NamedTuple):
+    """One configuration."""
+
+    name: str
+    edits: tuple[Edit, ...]
+
+
+def _make(drives: str, personality: str, eds: str) -> tuple[Edit, ...]:
+    return (
+        (TRAINER, "hip_epos4", f"hip_{drives}"),
+        (TRAINER, "slide_epos4", f"slide_{drives}"),
+        (PLANT, 'personality = "epos4"', f'personality = "{personality}"'),
+        (PLANT, "epos4.eds", eds),
+    )
+
+
+_GENERIC: Final = _make("generic", "generic", "generic402.eds")
+_ELMO: Final = _make("elmo", "elmo_gold", "elmo_gold.eds")
+_POSITION: Final[Edit] = (TRAINER, 'guidance = "impedance"', 'guidance = "position"')
+_EMPTY: Final[tuple[Edit, ...]] = (
+    (TRAINER, '"robot.toml"', '"robot_empty.toml"'),
+    (PLANT, '"robot.toml"', '"robot_empty.toml"'),
+)
+
+VARIANTS: Final = (
+    Variant("EPOS4, impedance", ()),
+    Variant("CiA 402, position", (*_GENERIC, _POSITION)),
+    Variant("EPOS4, position", (_POSITION,)),
+    Variant("CiA 402, impedance", _GENERIC),
+    Variant("Elmo, impedance", _ELMO),
+    Variant("EPOS4, impedance, nobody in it", _EMPTY),
+)
+
+
+def variant_of(seed: int) -> Variant:
+    """Return the variant of a seed."""
+    return VARIANTS[seed % len(VARIANTS)]
+
+
+def written(variant: Variant, source: Path, folder: Path) -> Path:
+    """Copy the configuration and edit it; return the path of its trainer file.
+
+    Args:
+        variant: the replacements.
+        source: the folder of the shipped configuration.
+        folder: must not exist yet.
+
+    Raises:
+        ValueError: a file lacks the text to be replaced (a bug of the variant).
+    """
+    shutil.copytree(source, folder)
+    for file, old, new in variant.edits:
+        _replace(folder / file, lambda text, old=old, new=new: text.replace(old, new), old)
+    return folder / TRAINER
+
+
+def _replace(path: Path, edit: Callable[[str], str], old: str) -> None:
+    text = path.read_text(encoding="utf-8")
+    if old not in text:
+        raise ValueError(f"{path.name} does not say {old!r}")
+    path.write_text(edit(text), encoding="utf-8")

@@ -1,0 +1,285 @@
+"""Trials: the real loop on the virtual machine over CAN frames, faster than real time, with truth.
+
+A trial is recorded once and can be replayed with any number of observers. The same situation and
+the same configuration give the same bits. Nothing is written to a disk.
+
+    trials = Trials(configs / "demo.toml")
+    trial = trials.gait(Situation(cadence_hz=0.5, programme="active"), duration_s=30.0)
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import msgspec
+import numpy as np
+
+from analysis.recording import Recording
+from analysis.trial import Flags, Trial, Values
+from daemon.config.bundle import Settings
+from daemon.config.limit_settings import Limits
+from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.config.settings import Robot
+from daemon.config.strict import ConfigError, load_toml
+from daemon.config.trainer import beside
+from daemon.ipc.record import CycleRecord, Mode, ModeRequest, Outcome, RequestKind, Stage
+from daemon.preflight.files import check_together
+from daemon.preflight.load import read_all
+from gaitd_lab.lockstep import Lockstep
+from gaitd_lab.virtual_machine import load_plant
+from observer.mechanism.mechanism import gravity
+from sim_drives.build import MachineError, build_machine
+from sim_drives.plant.settings import FrictionLaw
+from sim_drives.plant.truth import TruthLog, TruthRow
+
+EMPTY: Final = "robot_empty.toml"
+READY_S: Final = 10.0
+BEGIN_S: Final = 30.0
+SETTLE_S: Final = 0.2
+TURN_S: Final = 0.25
+"""Simulated time between two progress reports."""
+MOTION_HIP_RAD_PER_S: Final = 0.05
+"""Hip speed below which a motion has not begun yet, or was stopped."""
+REST_BEGINS_S: Final = 1.0
+"""Time at the start of a rest that is not evaluated: the estimate is new."""
+
+STATIC_LOAD_RATIO: Final = 1.5
+"""Least tolerance of the static load, as a share of breakaway friction."""
+
+Told = Callable[[float], None]
+"""Receives the progress, 0 to 1."""
+
+
+class Situation(NamedTuple):
+    """The plant and the scripted patient of a trial."""
+
+    law: FrictionLaw = FrictionLaw.PAPER
+    cadence_hz: float = 0.25
+    programme: str = "passive"
+    """One of plant.toml's [[patient.programme]]."""
+
+    @property
+    def name(self) -> str:
+        """Title of the situation."""
+        return f"{self.law.value}, {self.cadence_hz:g} Hz, {self.programme}"
+
+
+class TrialError(Exception):
+    """A trial did not begin; the message gives the reason."""
+
+
+class Trials:
+    """Records trials on the virtual machine of one configuration."""
+
+    def __init__(self, config: Path, robot: Robot | None = None) -> None:
+        """Read all files.
+
+        Args:
+            config: trainer file with a plant.
+            robot: replaces the configuration's own, for the plant and for the service: another
+                patient, other friction. See `balanced`.
+
+        Raises:
+            ConfigError: in a file, or between the files.
+        """
+        self._config = config
+        self._settings = read_all(config)
+        self._path, self._plant = load_plant(self._settings.file)
+        self._robot = robot or self._settings.robot
+        limits = _limits_for(self._settings.limits, self._robot)
+        self._settings = replace(self._settings, robot=self._robot, limits=limits)
+        check_together(self._settings)
+
+    @property
+    def robot(self) -> Robot:
+        """Robot of plant and service."""
+        return self._robot
+
+    @property
+    def start_pose(self) -> tuple[float, float]:
+        """Pose of the plant at power-on: rad, m."""
+        return math.radians(self._plant.start.hip_deg), self._plant.start.slide_m
+
+    def gait(self, situation: Situation, duration_s: float, told: Told | None = None) -> Trial:
+        """Record gait: enable, approach, gait, for a time from its first stride on.
+
+        Raises:
+            TrialError: the service refused it. A service that stops later shortens the trial.
+        """
+        run = self._run(situation.name, self._robot, situation)
+        wanted = ModeRequest(
+            Mode.GAIT, cadence_hz=situation.cadence_hz, amplitude_ratio=1.0, duration_s=600.0
+        )
+        run.ask(RequestKind.ENABLE)
+        run.ask(RequestKind.MODE, wanted)
+        begun = run.until(lambda record: record.gait_phase >= 0)
+        run.on(duration_s, Mode.GAIT, told)
+        return run.trial(begun, while_moving=True)
+
+    def excite(self, scenario: str, duration_s: float, told: Told | None = None) -> Trial:
+        """Record the empty machine moved by torque; its artificial disturbance counts as patient.
+
+        Raises:
+            TrialError: the service refused it.
+            ConfigError: there is no empty machine beside the robot file.
+        """
+        run = self._run(f"scenario {scenario}, empty", self._empty(), Situation())
+        wanted = ModeRequest(Mode.EXCITE, duration_s=duration_s, scenario=scenario)
+        run.ask(RequestKind.ENABLE)
+        run.ask(RequestKind.MODE, wanted)
+        begun = run.until(lambda record: record.stage is Stage.PLAYING)
+        run.on(duration_s, Mode.EXCITE, told)
+        return run.trial(begun, while_moving=True)
+
+    def rest(self, duration_s: float, told: Told | None = None) -> Trial:
+        """Record a rest: enabled, holding the pose, a passive patient.
+
+        Raises:
+            TrialError: the service refused it.
+        """
+        run = self._run("at rest", self._robot, Situation())
+        run.ask(RequestKind.ENABLE)
+        begun = run.until(lambda record: record.mode == Mode.HOLD)
+        run.on(duration_s, Mode.HOLD, told)
+        return run.trial(begun + round(REST_BEGINS_S / run.period_s), while_moving=False)
+
+    def _run(self, name: str, robot: Robot, situation: Situation) -> "_Run":
+        settings = replace(self._settings, robot=robot)
+        friction = msgspec.structs.replace(self._plant.friction, law=situation.law)
+        patient = msgspec.structs.replace(self._plant.patient, start=situation.programme)
+        plant = msgspec.structs.replace(self._plant, friction=friction, patient=patient)
+        truth = TruthLog(None)
+        try:
+            machine = build_machine(
+                plant,
+                self._path.parent,
+                leg_parameters(robot),
+                friction_parameters(robot),
+                truth={settings.legs[0].name: truth},
+            )
+        except MachineError as error:
+            raise ConfigError(self._path, error.key, error.value, error.allowed) from error
+        return _Run(name, settings, Lockstep(settings, machine.world), truth)
+
+    def _empty(self) -> Robot:
+        path = beside(self._config, self._settings.trainer.robot).with_name(EMPTY)
+        return load_toml(path, Robot)
+
+
+def balanced(robot: Robot, pose: tuple[float, float]) -> Robot:
+    """Return the robot with its springs preloaded to carry the leg at a pose.
+
+    Args:
+        robot: the changed robot, for example with another patient.
+        pose: hip angle rad, slide position m.
+    """
+    bare = msgspec.structs.replace(robot.springs, hip_rest_rad=pose[0], slide_rest_m=pose[1])
+    load = gravity(leg_parameters(msgspec.structs.replace(robot, springs=bare)), np.array(pose))
+    springs = msgspec.structs.replace(
+        bare,
+        hip_rest_rad=pose[0] + load[0] / bare.hip_stiffness_nm_per_rad,
+        slide_rest_m=pose[1] + load[1] / bare.slide_stiffness_n_per_m,
+    )
+    return msgspec.structs.replace(robot, springs=springs)
+
+
+def _limits_for(limits: Limits, robot: Robot) -> Limits:
+    """Return limits for higher friction, which can hide more load at rest."""
+    hip, slide = friction_parameters(robot)
+    least_nm, least_n = STATIC_LOAD_RATIO * hip.stribeck, STATIC_LOAD_RATIO * slide.stribeck
+    change = msgspec.structs.replace
+    return change(
+        limits,
+        hip=change(
+            limits.hip,
+            static_load_tolerance_nm=max(limits.hip.static_load_tolerance_nm, least_nm),
+        ),
+        slide=change(
+            limits.slide,
+            static_load_tolerance_n=max(limits.slide.static_load_tolerance_n, least_n),
+        ),
+    )
+
+
+class _Run:
+    """One service and one machine, from power-on."""
+
+    def __init__(self, name: str, settings: Settings, lockstep: Lockstep, truth: TruthLog) -> None:
+        self._name, self._settings = name, settings
+        self._lockstep, self._truth = lockstep, truth
+        self.period_s: Final = 1e-3 * settings.trainer.cycle.period_ms
+        self.until(lambda record: record.mode == Mode.READY, READY_S)
+        lockstep.run(SETTLE_S)
+
+    def ask(self, kind: RequestKind, wanted: ModeRequest | None = None) -> None:
+        answer = self._lockstep.request(kind, wanted)
+        if answer.outcome != Outcome.DONE:
+            raise TrialError(f"{self._name}: {kind.name.lower()} was refused: {answer.reason}")
+
+    def until(self, reached: Callable[[CycleRecord], bool], within_s: float = BEGIN_S) -> int:
+        """Run until a record meets a condition; return its index."""
+        self._lockstep.run_until(reached, within_s)
+        return len(self._lockstep.records) - 1
+
+    def on(self, duration_s: float, mode: Mode, told: Told | None) -> None:
+        """Run for a time, or until the service leaves the mode."""
+        turns = max(round(duration_s / TURN_S), 1)
+        for turn in range(turns):
+            if self._lockstep.record.mode != mode:
+                break
+            self._lockstep.run(min(TURN_S, duration_s))
+            if told is not None:
+                told((turn + 1) / turns)
+
+    def trial(self, begun: int, *, while_moving: bool) -> Trial:
+        """Return all rows with a known truth; those since `begun` are evaluated."""
+        rows = {row.sync_mono_ns: row for row in self._truth.rows}
+        paired = [
+            (index, record, rows[record.sync_mono_ns])
+            for index, record in enumerate(self._lockstep.records)
+            if record.legs and record.sync_mono_ns in rows
+        ]
+        recording, truth = _columns(self._name, [(record, row) for _, record, row in paired])
+        judged = np.array([index >= begun for index, _, _ in paired])
+        if while_moving:
+            judged &= _from_first_to_last(judged & (np.abs(truth[:, 2]) > MOTION_HIP_RAD_PER_S))
+        return Trial(self._name, recording, truth, self._settings.robot, judged, self._why())
+
+    def _why(self) -> str:
+        verdict = self._lockstep.record.verdict
+        return "" if not verdict.cause else f"{verdict.drive}: {verdict.cause.name.lower()}"
+
+
+def _columns(name: str, pairs: list[tuple[CycleRecord, TruthRow]]) -> tuple[Recording, Values]:
+    first_ns = pairs[0][0].sync_mono_ns
+    legs = [record.legs[0] for record, _ in pairs]
+    recording = Recording(
+        name,
+        np.array([(record.sync_mono_ns - first_ns) * 1e-9 for record, _ in pairs]),
+        np.array([leg.measured for leg in legs]),
+        np.array([leg.effort_used for leg in legs]),
+    )
+    truth = np.array([_state(row) for _, row in pairs])
+    truth[:, 6:8] += np.nan_to_num(np.array([leg.artificial for leg in legs]))
+    return recording, truth
+
+
+def _state(row: TruthRow) -> tuple[float, ...]:
+    return (
+        row.hip_angle_rad,
+        row.slide_position_m,
+        row.hip_velocity_rad_per_s,
+        row.slide_velocity_m_per_s,
+        row.hip_friction_nm,
+        row.slide_friction_n,
+        row.hip_patient_nm,
+        row.slide_patient_n,
+    )
+
+
+def _from_first_to_last(flags: Flags) -> Flags:
+    raised = np.flatnonzero(flags)
+    rows = np.arange(len(flags))
+    return (rows >= raised[0]) & (rows <= raised[-1]) if len(raised) else flags

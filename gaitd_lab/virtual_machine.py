@@ -1,0 +1,60 @@
+"""The virtual drives of a configuration, built but not running: for `sim`, `demo` and tests."""
+
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.config.settings import Robot
+from daemon.config.strict import MISSING, ConfigError, load_toml
+from daemon.config.trainer import TrainerFile, beside
+from sim_drives.build import Machine, MachineError, build_machine
+from sim_drives.plant.truth import TruthLog
+from sim_drives.settings import PlantFile
+
+
+def load_plant(trainer: TrainerFile) -> tuple[Path, PlantFile]:
+    """Read plant.toml of a trainer file; return it with its path.
+
+    Raises:
+        ConfigError: the trainer file names none, or it cannot be used.
+    """
+    if trainer.sim is None:
+        raise ConfigError(trainer.path, "sim", MISSING, "the plant.toml of the virtual drives")
+    return trainer.sim, load_toml(trainer.sim, PlantFile)
+
+
+def virtual_machine(
+    trainer: TrainerFile,
+    *,
+    seed: int | None = None,
+    start_ns: int = 0,
+    truth: Mapping[str, TruthLog] | None = None,
+    without: Collection[str] = (),
+) -> Machine:
+    """Build the machine that a trainer file's plant.toml describes.
+
+    Args:
+        trainer: the trainer file.
+        seed: replaces plant.toml's own.
+        start_ns: the first time of the machine's clock.
+        truth: receives the truth at each SYNC, by leg.
+        without: drives, LEG/AXIS, that are not simulated here.
+
+    Raises:
+        ConfigError: plant.toml, its robot file, or an EDS.
+    """
+    path, plant = load_plant(trainer)
+    robot = load_toml(beside(path, plant.robot), Robot)
+    try:
+        return build_machine(
+            plant,
+            path.parent,
+            leg_parameters(robot),
+            friction_parameters(robot),
+            seed=seed,
+            start_ns=start_ns,
+            truth=truth,
+            without=without,
+        )
+    except MachineError as error:
+        raise ConfigError(path, error.key, error.value, error.allowed) from error

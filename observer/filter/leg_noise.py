@@ -1,0 +1,175 @@
+"""Process and measurement noise of one step: its sources, and the states it acts on.
+
+Process noise is given per 10 ms and grows with the root of the true time step. Beyond that:
+
+- A patient who begins to push, or pushes ever harder, is no random walk: the innovations of that
+  axis then have a biased mean. Meanwhile the patient's noise rises with that mean, up to
+  `patient_noise_max_ratio`; the estimate lags less, and its sigma stays consistent.
+- After a rejected sample that a push explains, the state's uncertainty matches the push.
+- The current that a drive samples is not its mean over the cycle where its own loops change it each
+  millisecond (position mode): that ripple is an unknown effort for one step.
+- A sample that is not taken exactly at its time stamp is uncertain by velocity times jitter.
+
+At rest (gate a(v), eq. (12), near 0) only net = patient - friction is observable. With
+`velocity_gated`, once a joint has rested for longer than a gait's reversal takes:
+- A change of net is assigned to friction, as in Fig. 5 of the paper: friction holds the load of a
+  joint at rest, and a passive patient stays passive.
+- The share of a load between the two is unknown meanwhile. That uncertainty lies along (1, 1) of
+  friction and patient. It is kept apart from the filter's covariance (SPLIT), so that noise cannot
+  move one against the other, and is included in reported uncertainties.
+- When the joint certainly moves again, it is added to the covariance: friction must now follow its
+  law within T1, and the filter can correct a wrong assignment within some samples. A joint that
+  really sticks, whose friction was anything up to breakaway, is thus not taken for a patient.
+"""
+
+import math
+from typing import Final
+
+from observer.filter.leg_memory import (
+    GATED,
+    LEAN,
+    MARK,
+    PUSH,
+    QUIET_S,
+    ROOT,
+    SPLIT,
+    Arrays,
+    N,
+    Vector,
+)
+from observer.filter.leg_model import STEP_S, LegModel
+from observer.jit import inline
+from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.linkage import dynamics
+
+LEAN_SHARE: Final = 0.1
+"""Weight of a new innovation in the mean of whitened ones: some ten samples."""
+LEAN_USUAL: Final = 0.3
+"""One sigma of this mean is 0.23 for white noise; more counts as a change of the patient."""
+LEAN_SAMPLE_MAX: Final = 6.0
+"""Limit of a single innovation, in sigma."""
+PUSH_POSITION_SHARE: Final = 1.5
+PUSH_PATIENT_SHARE: Final = 0.5
+"""Uncertainty of position and patient after a push: 1 is its own effect within one more cycle. Less
+for the patient avoids overshoot; the velocities' share, 1, corrects the rest."""
+REST_BEGINS_S: Final = 0.07
+REST_COMPLETE_S: Final = 0.12
+"""A reversal of gait is over by the first time; the gate acts fully from the second on."""
+REST_FRICTION_FACTOR: Final = 3.0
+"""Factor on friction's noise at rest, where friction follows the load at once."""
+SPLIT_RATIO: Final = 0.4
+"""Standard deviation of friction at rest over its breakaway level: anywhere within it."""
+SPLIT_GROWTH_S: Final = 0.1
+RESTING_PATIENT_RATIO: Final = 0.1
+"""Factor on the patient's initial uncertainty; the rest of it is in SPLIT."""
+MOVED_S: Final = 0.02
+MOVED_SIGMAS: Final = 5.0
+"""A joint moves when it is this long at the gate's edge speed, and this many sigma, off its
+mark."""
+MARK_S: Final = 0.05
+"""Time constant of the mark: motion below half the edge speed counts as rest."""
+
+
+@inline
+def set_process_noise(
+    model: LegModel,
+    process_std: Vector,
+    measurement_std: Vector,
+    patient_noise_max_ratio: float,
+    ripple: tuple[float, float],
+    velocity_gated: bool,
+    a: Arrays,
+    dt_s: float,
+) -> None:
+    """Write the lower triangular root of this step's process noise to `a.noise`."""
+    scale = math.sqrt(dt_s / STEP_S)
+    for row in range(N):
+        for column in range(row):
+            a.noise[row, column] = 0.0
+        a.noise[row, row] = scale * process_std[row]
+    for axis in range(2):
+        lean = math.fabs(a.memory[LEAN + axis]) / LEAN_USUAL
+        a.noise[6 + axis, 6 + axis] *= min(max(lean, 1.0), patient_noise_max_ratio)
+    pushed = a.memory[GATED] == 1.0
+    if pushed or ripple[0] + ripple[1] > 0.0:
+        d = dynamics(model.leg, a.mean[0], a.mean[1], 0.0, 0.0, 0.0)
+        for axis in range(2):
+            inertia = d.m11 if axis == 0 else d.m22
+            push = a.memory[PUSH + axis] if pushed else 0.0
+            a.noise[axis, axis] += PUSH_POSITION_SHARE * push * dt_s * dt_s
+            a.noise[2 + axis, 2 + axis] = math.hypot(
+                a.noise[2 + axis, 2 + axis] + push * dt_s, ripple[axis] * dt_s / inertia
+            )
+            a.noise[6 + axis, 6 + axis] += PUSH_PATIENT_SHARE * push * inertia
+    if velocity_gated:
+        _gate(model.hip, measurement_std[0], a, 0, dt_s)
+        _gate(model.slide, measurement_std[1], a, 1, dt_s)
+
+
+@inline
+def rest_from_the_start(f: FrictionParameters, memory: Vector, axis: int) -> None:
+    """Initial state at rest: friction holds the load, and the split has its largest uncertainty."""
+    memory[ROOT + (6 + axis) * (N + 1)] *= RESTING_PATIENT_RATIO
+    memory[SPLIT + axis] = (SPLIT_RATIO * f.stribeck) ** 2
+
+
+@inline
+def _gate(f: FrictionParameters, std: float, a: Arrays, axis: int, dt_s: float) -> None:
+    """Gate the noise of friction and patient of one axis by its time at rest."""
+    friction, patient = 4 + axis, 6 + axis
+    split = 0.0
+    if _moves(f, std, a, axis, dt_s):
+        split = a.memory[SPLIT + axis]
+        a.memory[SPLIT + axis] = a.memory[QUIET_S + axis] = 0.0
+    else:
+        a.memory[QUIET_S + axis] += dt_s
+    rested = (a.memory[QUIET_S + axis] - REST_BEGINS_S) / (REST_COMPLETE_S - REST_BEGINS_S)
+    resting = min(max(rested, 0.0), 1.0)
+    limit = SPLIT_RATIO * f.stribeck
+    room = max(limit * limit - a.memory[SPLIT + axis], 0.0)
+    a.memory[SPLIT + axis] += room * resting * min(dt_s / SPLIT_GROWTH_S, 1.0)
+    of_friction = math.hypot(
+        a.noise[friction, friction] * (1.0 + (REST_FRICTION_FACTOR - 1.0) * resting),
+        a.noise[patient, patient] * resting,
+    )
+    of_patient = a.noise[patient, patient] * (1.0 - resting)
+    # The root of diag(of_friction^2, of_patient^2) + split (1, 1)(1, 1)'
+    first = math.sqrt(of_friction * of_friction + split)
+    a.noise[friction, friction] = first
+    a.noise[patient, friction] = split / first
+    a.noise[patient, patient] = math.hypot(of_patient, math.sqrt(split) * of_friction / first)
+
+
+@inline
+def _moves(f: FrictionParameters, std: float, a: Arrays, axis: int, dt_s: float) -> bool:
+    """True if the joint has certainly moved since the last call.
+
+    The check uses samples, not the estimate: a step of torque that friction holds appears there as
+    velocity for some cycles. A sample must leave a mark that follows slowly.
+    """
+    away = a.measured[axis] - a.memory[MARK + axis]
+    if not math.isfinite(away):
+        return False
+    if math.fabs(away) > max(MOVED_S * f.edge, MOVED_SIGMAS * std):
+        a.memory[MARK + axis] = a.measured[axis]
+        return True
+    a.memory[MARK + axis] += away * min(dt_s / MARK_S, 1.0)
+    return False
+
+
+@inline
+def set_measurement_noise(measurement_std: Vector, sample_jitter_s: float, a: Arrays) -> None:
+    """Write the standard deviations of this step's samples to `a.seen_std`."""
+    for axis in range(2):
+        a.seen_std[axis] = math.hypot(measurement_std[axis], sample_jitter_s * a.mean[2 + axis])
+
+
+@inline
+def note_lean(a: Arrays, state: int, row: int) -> None:
+    """Add the innovation in this row of the measurement to its axis' running mean."""
+    variance = 0.0
+    for k in range(row + 1):
+        variance += a.innovation_root[row, k] * a.innovation_root[row, k]
+    sigmas = a.innovation[row] / math.sqrt(variance)
+    sigmas = min(max(sigmas, -LEAN_SAMPLE_MAX), LEAN_SAMPLE_MAX)
+    a.memory[LEAN + state] += LEAN_SHARE * (sigmas - a.memory[LEAN + state])

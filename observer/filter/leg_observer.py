@@ -1,0 +1,407 @@
+"""The observer of one leg: samples in, estimates out.
+
+`LegObserver` holds what one leg's filter needs between cycles; `leg_filter.advance` does the work.
+Observers share no state.
+
+Conventions: position (hip angle rad, slide position m) is what was measured at this cycle's SYNC;
+effort (hip torque N m, slide force N) is the effort of the drives since the previous SYNC; `dt_s`
+is the true time between the two. The patient's effort is the effort exerted on the joint minus the
+effort given to the observer, positive along the positive axis. net = patient - friction is always
+observable, the split only in motion.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.filter.leg_filter import (
+    OUT_COVARIANCE,
+    OUT_INNOVATION,
+    OUT_NET,
+    OUT_NET_STD,
+    OUT_NIS,
+    OUT_SIZE,
+    OUT_STD,
+    Options,
+    advance,
+    begin_at_rest,
+)
+from observer.filter.leg_memory import (
+    EFFORTS,
+    MEMORY_SIZE,
+    NIS_MEAN,
+    POINTS_SIZE,
+    SCRATCH_SIZE,
+    may_start,
+)
+from observer.filter.leg_model import STEP_S, Integrator, LegModel, substeps_needed
+from observer.filter.states import STATE_COUNT
+from observer.filter.status import START_RATIO_MIN, Status, Validity
+from observer.jit import kernel
+from observer.mechanism import mechanism
+from observer.mechanism.friction import FrictionParameters, smallest_stribeck
+from observer.mechanism.mechanism import WorkspaceError, smallest_inertia
+from observer.mechanism.parameters import LegParameters
+from observer.quantities import Number
+
+Vector = NDArray[np.float64]
+Pair = Sequence[float] | Vector
+
+
+class TuningError(ValueError):
+    """Parameters that give no valid estimate; names the parameter and the allowed range."""
+
+
+class PoseError(WorkspaceError):
+    """A measured pose that is impossible for a leg: wrong offset, wrong geometry, wrong branch."""
+
+
+class ObserverTuning(NamedTuple):
+    """Tuning parameters (observer.md 3.1), besides the physics."""
+
+    process_std: tuple[float, float, float, float, float, float, float, float]
+    """Process noise per 10 ms step, in the order and units of `states.STATE_NAMES`."""
+    measurement_std: tuple[float, float]
+    """Encoder noise: rad, m."""
+    coriolis: bool = True
+    velocity_gated: bool = False
+    """At rest, changes go to friction, the patient stays constant, and the split is uncertain."""
+    integrator: Integrator = Integrator.RK4
+    substeps: int = 2
+    gate_nis: float = 60.0
+    patient_noise_max_ratio: float = 1.0
+    """Largest factor on the patient's process noise while the innovations are biased."""
+    viscous_outside: bool = False
+    """Viscous friction acts at once, as with bristles; else through eq. (11)'s low-pass."""
+    effort_delay_ms: float = 0.0
+    """Delay of the effort relative to the step that it is given for."""
+    sample_jitter_us: float = 0.0
+    """Standard deviation of a sample's true time about the given one."""
+    ripple_hip_nm: float = 0.0
+    ripple_slide_n: float = 0.0
+    """Standard deviation of the sampled effort about its mean over the step."""
+
+
+DEFAULT_TUNING: Final = ObserverTuning(
+    process_std=(1e-6, 1e-6, 1e-3, 5e-4, 0.1, 1.0, 0.1, 1.0), measurement_std=(5.8e-5, 2.5e-5)
+)
+
+
+LEVELS: Final = tuple(Validity)
+EFFORT_DELAY_MAX_MS: Final = 1e3 * STEP_S * (EFFORTS - 1)
+CALLER_BITS: Final = (
+    Status.LATE,
+    Status.UNREFERENCED,
+    Status.ARTIFICIAL,
+    Status.INPUT_SATURATED,
+    Status.NEAR_LIMIT,
+)
+"""Status bits that only the caller of `step` can know, in the order of its arguments."""
+
+
+@dataclass(frozen=True, slots=True)
+class LegEstimate:
+    """Estimate of one leg after one cycle. Numbers of a BAD axis must not be used.
+
+    `innovation` and `nis` are NaN for missing measurements; before the first pose all numbers are.
+    """
+
+    state: tuple[float, ...]
+    """State in the order and units of `states.STATE_NAMES`."""
+    std: tuple[float, ...]
+    covariance: tuple[float, ...]
+    """Lower triangle, row by row: 36 values."""
+    innovation: tuple[float, float]
+    """Measured minus predicted: rad, m."""
+    nis: float
+    """Innovation squared over its covariance; 2 on average when two axes are measured."""
+    mean_nis: float
+    """Mean over about a hundred cycles, for two measurements each; 95 of 100 are in 1.72..2.28."""
+    net: tuple[float, float]
+    """Patient minus friction: N m, N."""
+    net_std: tuple[float, float]
+    validity: tuple[Validity, Validity]
+    """Validity of hip and slide."""
+    status: Status
+
+
+class LegObserver:
+    """Estimates state, friction and patient activity of one leg, cycle by cycle."""
+
+    def __init__(
+        self,
+        leg: LegParameters,
+        hip: FrictionParameters,
+        slide: FrictionParameters,
+        tuning: ObserverTuning,
+        *,
+        calibrated: bool = True,
+    ) -> None:
+        """Create an observer that starts at the first pose it is given.
+
+        Args:
+            leg: mechanism, with or without a patient's leg in it.
+            hip: friction of the hip.
+            slide: friction of the slide.
+            tuning: noise, integrator, gate.
+            calibrated: True if the friction parameters were measured on this machine.
+
+        Raises:
+            TuningError: noise that is not positive, friction whose hump turns over, or an
+                integrator that is unstable with it.
+        """
+        check_tuning(leg, hip, slide, tuning)
+        self.setup: Final = setup_of(leg, hip, slide, tuning)
+        self._always = Status(0) if calibrated else Status.UNCALIBRATED
+        self._memory = np.zeros(MEMORY_SIZE)
+        self._scratch = np.zeros(SCRATCH_SIZE)
+        self._points = np.zeros(POINTS_SIZE)
+        self._out = np.zeros(OUT_SIZE)
+
+    def reset(self, position: Pair) -> None:
+        """Start at a measured pose, at rest.
+
+        Args:
+            position: hip angle rad, slide position m.
+
+        Raises:
+            PoseError: impossible pose. The observer is unchanged.
+        """
+        hip, slide = _number(position[0]), _number(position[1])
+        if not (math.isfinite(hip) and math.isfinite(slide)):
+            raise PoseError(f"hip {position[0]} rad, slide {position[1]} m is no pose")
+        if not _begin_at(*self.setup[:5], self._memory, hip, slide):
+            raise PoseError(
+                f"hip {hip:.4f} rad, slide {slide:.4f} m: shank and shoe do not reach each other, "
+                f"are within {START_RATIO_MIN} of the singularity, or the knee is bent backwards; "
+                "check offsets and geometry"
+            )
+
+    def step(
+        self,
+        position: Pair,
+        effort: Pair,
+        dt_s: float,
+        *,
+        effort_std: tuple[float, float] = (0.0, 0.0),
+        late: bool = False,
+        unreferenced: bool = False,
+        artificial: bool = False,
+        input_saturated: bool = False,
+        near_limit: bool = False,
+    ) -> LegEstimate:
+        """Process one cycle.
+
+        Args:
+            position: hip angle rad and slide position m, measured now; None or NaN if missing.
+            effort: hip torque N m and slide force N that acted since the previous cycle.
+            dt_s: time since the previous cycle, s.
+            effort_std: standard deviation of `effort`: the ripple of this step if it exceeds the
+                tuning's; also added to the uncertainty of patient and net, because it may be biased
+                for long.
+            late: the sample came after its cycle.
+            unreferenced: an axis is not referenced.
+            artificial: an artificial disturbance is in `effort`.
+            input_saturated: a drive exerted less than requested.
+            near_limit: a joint is at its end stop.
+
+        Never fails: unusable samples are replaced by prediction, which `status` shows.
+        """
+        bits = self._always
+        if late or unreferenced or artificial or input_saturated or near_limit:
+            bits |= _caller_bits(late, unreferenced, artificial, input_saturated, near_limit)
+        setup = self.setup if effort_std == (0.0, 0.0) else _rippled(self.setup, effort_std)
+        status, level_hip, level_slide = advance(
+            *setup,
+            self._memory,
+            self._scratch,
+            self._points,
+            _number(position[0]),
+            _number(position[1]),
+            _number(effort[0]),
+            _number(effort[1]),
+            float(dt_s),
+            bits.value,
+            self._out,
+        )
+        _widen(self._out, effort_std)
+        values = self._out.tolist()
+        return LegEstimate(
+            tuple(values[:OUT_STD]),
+            tuple(values[OUT_STD:OUT_COVARIANCE]),
+            tuple(values[OUT_COVARIANCE:OUT_INNOVATION]),
+            (values[OUT_INNOVATION], values[OUT_INNOVATION + 1]),
+            values[OUT_NIS],
+            float(self._memory[NIS_MEAN]),
+            (values[OUT_NET], values[OUT_NET + 1]),
+            (values[OUT_NET_STD], values[OUT_NET_STD + 1]),
+            (LEVELS[level_hip], LEVELS[level_slide]),
+            Status(status),
+        )
+
+    @property
+    def buffers(self) -> tuple[Vector, Vector, Vector]:
+        """Memory, scratch and points after the last cycle, for `smoother.remember`."""
+        return self._memory, self._scratch, self._points
+
+    def warm_up(self) -> None:
+        """Compile, or load from the cache, the kernels of `step` and `reset`; changes no state."""
+        memory, out = np.zeros(MEMORY_SIZE), np.zeros(OUT_SIZE)
+        scratch, points = np.zeros(SCRATCH_SIZE), np.zeros(POINTS_SIZE)
+        missing = (math.nan, math.nan, math.nan, math.nan)
+        advance(*self.setup, memory, scratch, points, *missing, STEP_S, 0, out)
+        _begin_at(*self.setup[:5], memory, math.nan, math.nan)
+        mechanism.warm_up(LegParameters(*self.setup.leg))
+
+
+class Setup(NamedTuple):
+    """The constant arguments of `leg_filter.advance`, in its order and in its types."""
+
+    leg: tuple[float, ...]
+    hip: tuple[float, ...]
+    slide: tuple[float, ...]
+    coriolis_share: Number
+    options: tuple[float, ...]
+    process_std: Vector
+    measurement_std: Vector
+
+
+def setup_of(
+    leg: LegParameters,
+    hip: FrictionParameters,
+    slide: FrictionParameters,
+    tuning: ObserverTuning,
+) -> Setup:
+    """Parameters as the kernel takes them."""
+    options = Options(
+        gate_nis=float(tuning.gate_nis),
+        velocity_gated=float(tuning.velocity_gated),
+        integrator=float(tuning.integrator),
+        substeps=float(tuning.substeps),
+        patient_noise_max_ratio=float(tuning.patient_noise_max_ratio),
+        viscous_outside=float(tuning.viscous_outside),
+        effort_delay_cycles=1e-3 * tuning.effort_delay_ms / STEP_S,
+        sample_jitter_s=1e-6 * tuning.sample_jitter_us,
+        ripple_hip=float(tuning.ripple_hip_nm),
+        ripple_slide=float(tuning.ripple_slide_n),
+    )
+    return Setup(
+        tuple(map(float, leg)),
+        tuple(map(float, hip)),
+        tuple(map(float, slide)),
+        float(tuning.coriolis),
+        tuple(options),
+        _locked(tuning.process_std),
+        _locked(tuning.measurement_std),
+    )
+
+
+def _rippled(setup: Setup, ripple: tuple[float, float]) -> Setup:
+    """Return the setup with the larger of its own ripple and this one."""
+    options = Options(*setup.options)
+    options = options._replace(
+        ripple_hip=max(float(options.ripple_hip), ripple[0]),
+        ripple_slide=max(float(options.ripple_slide), ripple[1]),
+    )
+    return setup._replace(options=tuple(options))
+
+
+def _widen(out: Vector, effort_std: tuple[float, float]) -> None:
+    """Add an unknown effort to the uncertainty of patient and net."""
+    for axis, std in enumerate(effort_std):
+        if std == 0.0:
+            continue
+        patient = 6 + axis
+        variance = OUT_COVARIANCE + patient * (patient + 1) // 2 + patient
+        out[variance] += std * std
+        out[OUT_STD + patient] = math.hypot(out[OUT_STD + patient], std)
+        out[OUT_NET_STD + axis] = math.hypot(out[OUT_NET_STD + axis], std)
+
+
+def check_tuning(
+    leg: LegParameters,
+    hip: FrictionParameters,
+    slide: FrictionParameters,
+    tuning: ObserverTuning,
+) -> None:
+    """Refuse parameters that cannot give consistent estimates.
+
+    Raises:
+        TuningError: names the parameter, its value and the allowed range.
+    """
+    for name, values, count in (
+        ("process_std", tuning.process_std, STATE_COUNT),
+        ("measurement_std", tuning.measurement_std, 2),
+        ("gate_nis", (tuning.gate_nis,), 1),
+    ):
+        if len(values) != count or not all(math.isfinite(x) and x > 0.0 for x in values):
+            raise TuningError(f"{name} = {values}: must be {count} positive numbers")
+    for name, value, least, most in (
+        ("patient_noise_max_ratio", tuning.patient_noise_max_ratio, 1.0, math.inf),
+        ("effort_delay_ms", tuning.effort_delay_ms, 0.0, EFFORT_DELAY_MAX_MS),
+        ("sample_jitter_us", tuning.sample_jitter_us, 0.0, math.inf),
+        ("ripple_hip_nm", tuning.ripple_hip_nm, 0.0, math.inf),
+        ("ripple_slide_n", tuning.ripple_slide_n, 0.0, math.inf),
+    ):
+        if not (math.isfinite(value) and least <= value <= most):
+            raise TuningError(f"{name} = {value}: must be a number in {least}..{most}")
+    for name, friction in (("hip", hip), ("slide", slide)):
+        least = smallest_stribeck(friction)
+        if friction.stribeck <= least:
+            raise TuningError(
+                f"friction of the {name}: stribeck = {friction.stribeck} must exceed "
+                f"coulomb tanh(peak / transition) + viscous peak = {least:.4g}"
+            )
+    inertia = smallest_inertia(leg, START_RATIO_MIN)
+    needed = substeps_needed(hip, slide, inertia, tuning.integrator)
+    if tuning.substeps < needed:
+        raise TuningError(
+            f"substeps = {tuning.substeps} of {tuning.integrator.name.lower()}: "
+            f"this friction needs {needed} at least"
+        )
+
+
+@kernel
+def _begin_at(
+    leg: tuple[float, ...],
+    friction_hip: tuple[float, ...],
+    friction_slide: tuple[float, ...],
+    coriolis_share: float,
+    options: tuple[float, ...],
+    memory: Vector,
+    hip: float,
+    slide: float,
+) -> bool:
+    """Start at rest at a pose if it is possible."""
+    model = LegModel(
+        LegParameters(*leg),
+        FrictionParameters(*friction_hip),
+        FrictionParameters(*friction_slide),
+        coriolis_share,
+        0.0,
+    )
+    possible = may_start(model.leg, hip, slide)
+    if possible:
+        begin_at_rest(model, Options(*options), memory, hip, slide)
+    return possible
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _locked(values: Sequence[float]) -> Vector:
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+def _caller_bits(*given: bool) -> Status:
+    bits = Status(0)
+    for bit, is_set in zip(CALLER_BITS, given, strict=True):
+        bits |= bit if is_set else Status(0)
+    return bits

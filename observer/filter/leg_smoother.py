@@ -1,0 +1,48 @@
+"""Live smoother of one leg: each cycle returns the smoothed cycle of 150 ms ago."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from observer.filter.leg_observer import LegEstimate, LegObserver
+from observer.smoother import (
+    LAG,
+    NOTE_COUNT,
+    RING_SIZE,
+    SMOOTH_SIZE,
+    WORK_SIZE,
+    remember,
+    smoothed,
+)
+from observer.strides import notes_of
+
+
+class LegSmoother:
+    """Smooths the estimates of one `LegObserver`, cycle by cycle."""
+
+    def __init__(self, observer: LegObserver) -> None:
+        """Start without any samples."""
+        self._observer = observer
+        self._ring = np.zeros(RING_SIZE)
+        self._work = np.zeros(WORK_SIZE)
+        self._notes = np.zeros(NOTE_COUNT)
+        self._out = np.zeros(SMOOTH_SIZE)
+
+    def take(
+        self, estimate: LegEstimate, effort: Sequence[float], dt_s: float
+    ) -> list[float] | None:
+        """Add one cycle; return the smoothed estimate LAG cycles ago, None before there is one.
+
+        Args:
+            estimate: of the cycle that the observer has just finished.
+            effort: the observer's input, N m and N.
+            dt_s: since the previous cycle.
+
+        Returns:
+            Places as in `smoother.py` (SMOOTH_SIZE), notes as in `strides.py`.
+        """
+        self._notes[:] = notes_of(dt_s, effort, estimate.status, estimate.validity)
+        remember(self._ring, *self._observer.buffers, self._notes, self._work)
+        if not smoothed(self._ring, LAG, self._out, self._work):
+            return None
+        return self._out.tolist()

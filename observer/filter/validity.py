@@ -1,0 +1,104 @@
+"""Validity of an estimate: the status bits that the filter determines, and the level of each axis.
+
+An axis is BAD when its numbers may be wrong (out of workspace, inconsistent, unreferenced,
+uncalibrated, predicted for too long), SPLIT_UNOBSERVABLE when it has rested for longer than 100 ms,
+or was hit by an unmodelled push, and has not moved for four T1 since; and OK otherwise. A reversal
+of less than 100 ms keeps its split.
+
+Consistency is checked by an upper limit of the mean NIS: a filter with too large a covariance gives
+no wrong number. NIS does not detect a bias either (observer.md, fact 10); other checks must.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.filter.leg_memory import DISTRUST, NIS_MEAN, PREDICTED, REST_S, SETTLE_S, WARM_UP
+from observer.filter.leg_model import LegModel
+from observer.filter.status import (
+    BAD_BITS,
+    GAP_MAX_S,
+    NEAR_SINGULAR_RATIO,
+    NIS_WINDOW_MAX,
+    PREDICTED_MAX_CYCLES,
+    REST_MAX_S,
+    SETTLE_TIME_CONSTANTS,
+    Status,
+    Validity,
+)
+from observer.jit import inline
+from observer.mechanism.friction import STANDSTILL_GATE, FrictionParameters, gate
+from observer.mechanism.linkage import pose
+
+Vector = NDArray[np.float64]
+
+# numba takes plain integers, not flags.
+VALID_BIT: Final = Status.VALID.value
+WARM_UP_BIT: Final = Status.WARM_UP.value
+PREDICT_ONLY_BIT: Final = Status.PREDICT_ONLY.value
+STANDSTILL_HIP_BIT: Final = Status.STANDSTILL_HIP.value
+STANDSTILL_SLIDE_BIT: Final = Status.STANDSTILL_SLIDE.value
+NEAR_SINGULAR_BIT: Final = Status.NEAR_SINGULAR.value
+OUT_OF_WORKSPACE_BIT: Final = Status.OUT_OF_WORKSPACE.value
+INCONSISTENT_BIT: Final = Status.INCONSISTENT.value
+BAD_MASK: Final = BAD_BITS.value
+OK: Final = Validity.OK.value
+SPLIT_UNOBSERVABLE: Final = Validity.SPLIT_UNOBSERVABLE.value
+BAD: Final = Validity.BAD.value
+
+
+@inline
+def judge(model: LegModel, memory: Vector, dt_s: float, status: int) -> tuple[int, int, int]:
+    """Determine all status bits and the validity of each axis."""
+    leg = model.leg
+    at = pose(leg, memory[0], memory[1])
+    if not at.closes:
+        status |= OUT_OF_WORKSPACE_BIT
+    if -at.delta < NEAR_SINGULAR_RATIO * leg.shank_length_m * leg.shoe_length_m:
+        status |= NEAR_SINGULAR_BIT
+    if memory[NIS_MEAN] > NIS_WINDOW_MAX or memory[DISTRUST] > 0.0:
+        status |= INCONSISTENT_BIT
+    if memory[WARM_UP] > 0.0:
+        status |= WARM_UP_BIT
+    if memory[PREDICTED] > 0.0 or memory[PREDICTED + 1] > 0.0:
+        status |= PREDICT_ONLY_BIT
+    memory[WARM_UP] = max(memory[WARM_UP] - 1.0, 0.0)
+    memory[DISTRUST] = max(memory[DISTRUST] - 1.0, 0.0)
+    if _count_rest(model.hip, memory, 0, dt_s):
+        status |= STANDSTILL_HIP_BIT
+    if _count_rest(model.slide, memory, 1, dt_s):
+        status |= STANDSTILL_SLIDE_BIT
+    level_hip = _level(memory, 0, status)
+    level_slide = _level(memory, 1, status)
+    if BAD not in (level_hip, level_slide):
+        status |= VALID_BIT
+    return status, level_hip, level_slide
+
+
+@inline
+def _count_rest(f: FrictionParameters, memory: Vector, axis: int, dt_s: float) -> bool:
+    """Count how long an axis rests, then how long it has moved since; True if it rests."""
+    resting = gate(f, memory[2 + axis]) < STANDSTILL_GATE
+    passed_s = dt_s if 0.0 < dt_s <= GAP_MAX_S else 0.0
+    if resting:
+        memory[REST_S + axis] += passed_s
+        if memory[REST_S + axis] > REST_MAX_S:
+            distrust_split(f, memory, axis)
+    else:
+        memory[REST_S + axis] = 0.0
+        memory[SETTLE_S + axis] = max(memory[SETTLE_S + axis] - passed_s, 0.0)
+    return resting
+
+
+@inline
+def distrust_split(f: FrictionParameters, memory: Vector, axis: int) -> None:
+    """Mark friction as unknown: only motion for some T1 makes the split valid again."""
+    memory[SETTLE_S + axis] = SETTLE_TIME_CONSTANTS * f.time_constant_s
+
+
+@inline
+def _level(memory: Vector, axis: int, status: int) -> int:
+    if status & BAD_MASK or memory[PREDICTED + axis] > PREDICTED_MAX_CYCLES:
+        return BAD
+    return SPLIT_UNOBSERVABLE if memory[SETTLE_S + axis] > 0.0 else OK

@@ -1,0 +1,143 @@
+"""Friction of one axis: the static law (13), the gate (12), the dynamic state (11), their limits.
+
+    F_s(v) = (F^ - Fc tanh(v_p / v_t) - d v_p) (v / v_p) exp((1 - (v / v_p)^2) / 2)
+             + Fc tanh(v / v_t) + d v                                                       (13)
+    a(v)   = 1 - exp(-(v / v_0)^2)                                                          (12)
+    F'     = a(v) / T1 (F_s(v) - F)                                                         (11)
+
+The static law is odd, dissipative (F_s v >= 0) and equals F^ exactly at the peak speed v_p. The
+gate holds the friction state at rest, where it keeps the load; in motion the state follows the law.
+
+Units: hip N m, rad/s; slide N, m/s; the same law for both.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+from observer.jit import inline, kernel
+from observer.mechanism.elementary import expm1_of_negative, tanh
+from observer.quantities import Effort, Speed, Viscosity
+
+SQRT_E: Final = math.exp(0.5)
+SUBSTEPS_MAX: Final = 10
+STANDSTILL_GATE: Final = 0.5
+"""a(v) below this counts as standstill: friction and patient are not distinguishable."""
+
+
+class FrictionParameters(NamedTuple):
+    """Friction parameters of one axis, eqs. (11) to (13)."""
+
+    stribeck: Effort
+    """F^, the peak of the static law."""
+    coulomb: Effort
+    """Fc."""
+    viscous: Viscosity
+    """d."""
+    transition: Speed
+    """v_t, where tanh saturates."""
+    peak: Speed
+    """v_p, where the static law equals F^."""
+    edge: Speed
+    """v_0 of the gate."""
+    time_constant_s: float
+    """T1."""
+
+
+@inline
+def static_friction(f: FrictionParameters, velocity: float) -> float:
+    """F_s(v), eq. (13)."""
+    at_peak = velocity / f.peak
+    bell = SQRT_E * (1.0 + expm1_of_negative(-0.5 * at_peak * at_peak))
+    hump = f.stribeck - f.coulomb * tanh(f.peak / f.transition) - f.viscous * f.peak
+    return hump * at_peak * bell + f.coulomb * tanh(velocity / f.transition) + f.viscous * velocity
+
+
+@inline
+def gate(f: FrictionParameters, velocity: float) -> float:
+    """a(v) in 0..1, eq. (12)."""
+    at_edge = velocity / f.edge
+    return 0.0 - expm1_of_negative(-at_edge * at_edge)  # 0.0 - 0.0 avoids -0.0 at rest
+
+
+@inline
+def friction_rate(f: FrictionParameters, friction: float, velocity: float) -> float:
+    """F', eq. (11): N m/s or N/s."""
+    return gate(f, velocity) / f.time_constant_s * (static_friction(f, velocity) - friction)
+
+
+@inline
+def friction_after(f: FrictionParameters, friction: float, velocity: float, dt_s: float) -> float:
+    """F after `dt_s` at constant velocity: the exact solution of eq. (11)."""
+    share = -expm1_of_negative(-gate(f, velocity) * dt_s / f.time_constant_s)
+    return friction + share * (static_friction(f, velocity) - friction)
+
+
+@kernel
+def static_friction_of(f: FrictionParameters, velocity: float) -> float:
+    """F_s(v), eq. (13), for callers in Python."""
+    return static_friction(f, velocity)
+
+
+@kernel
+def gate_of(f: FrictionParameters, velocity: float) -> float:
+    """a(v), eq. (12), for callers in Python."""
+    return gate(f, velocity)
+
+
+def smallest_stribeck(f: FrictionParameters) -> float:
+    """Lower limit of F^: the rest of the law at the peak speed; below it the hump is inverted."""
+    return f.coulomb * math.tanh(f.peak / f.transition) + f.viscous * f.peak
+
+
+def static_slope(f: FrictionParameters, velocity: float) -> float:
+    """dF_s/dv: N m s/rad or N s/m."""
+    at_peak = velocity / f.peak
+    hump = (f.stribeck - smallest_stribeck(f)) / f.peak
+    bell = hump * (1.0 - at_peak**2) * math.exp(0.5 * (1.0 - at_peak**2))
+    over = min(abs(velocity / f.transition), 350.0)
+    return bell + f.coulomb / f.transition / math.cosh(over) ** 2 + f.viscous
+
+
+def stability_number(f: FrictionParameters, inertia: float, dt_s: float) -> float:
+    """Largest e (2 + kappa) over all speeds; semi-implicit steps of `dt_s` are stable below 4.
+
+    Args:
+        f: the axis.
+        inertia: least effective inertia of the axis, kg m^2 or kg.
+        dt_s: one substep.
+
+    kappa = F_s'(v) dt / M, e = 1 - exp(-a(v) dt / T1), from the Jury criterion of the axis
+    linearised at v. Where the slope is negative the axis itself is unstable (stick-slip); there the
+    number is small, and the instability is not the integrator's.
+    """
+    top = 4.0 * max(f.transition, f.peak, f.edge)
+    speeds = (top * (i / 2000.0) ** 2 for i in range(2001))
+    return max(_stability_at(f, inertia, dt_s, speed) for speed in speeds)
+
+
+def _stability_at(f: FrictionParameters, inertia: float, dt_s: float, speed: float) -> float:
+    opened = -math.expm1(-((speed / f.edge) ** 2))
+    share = -math.expm1(-opened * dt_s / f.time_constant_s)
+    return share * (2.0 + static_slope(f, speed) * dt_s / inertia)
+
+
+def runge_kutta_growth(f: FrictionParameters, inertia: float, dt_s: float) -> float:
+    """Largest growth of a disturbance in one RK4 step of `dt_s`, over all speeds; stable up to 1.
+
+    Only speeds with a rising static law count: elsewhere the axis itself is unstable.
+    """
+    top = 4.0 * max(f.transition, f.peak, f.edge)
+    speeds = (top * (i / 2000.0) ** 2 for i in range(1, 2001))
+    rising = [speed for speed in speeds if static_slope(f, speed) > 0.0]
+    return max(_growth_at(f, inertia, dt_s, speed) for speed in rising)
+
+
+def _growth_at(f: FrictionParameters, inertia: float, dt_s: float, speed: float) -> float:
+    # v' = -F / M, F' = r (F_s' v - F): eigenvalues of -r/2 +- sqrt(r^2/4 - r F_s' / M)
+    rate = -math.expm1(-((speed / f.edge) ** 2)) / f.time_constant_s
+    root = complex(0.25 * rate * rate - rate * static_slope(f, speed) / inertia) ** 0.5
+    return max(_runge_kutta_factor((-0.5 * rate + side * root) * dt_s) for side in (1, -1))
+
+
+def _runge_kutta_factor(z: complex) -> float:
+    return abs(1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0 * (1.0 + z / 4.0))))

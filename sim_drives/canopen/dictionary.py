@@ -1,0 +1,314 @@
+"""The object dictionary of one virtual drive: entries, access rules and values.
+
+Rules, from CiA 301 7.4 (numbers are SDO abort codes):
+1. Unknown index 06020000, known index with unknown sub-index 06090011.
+2. Reading a write-only object 06010001, writing a read-only one 06010002.
+3. A number must come with exactly its length: longer 06070012, shorter 06070013. A string may be
+   up to `STRING_MAX_BYTES` long, a domain up to `DOMAIN_MAX_BYTES`, longer is 05040005.
+4. Above its HighLimit 06090031, below its LowLimit 06090032.
+5. Then the object's guard, if it has one, may refuse with an abort code before anything is stored.
+   Then the value is stored and the object's watchers are called. Reading may have a guard, too.
+The drive itself reads and writes with `value` and `put`, without any of these rules.
+
+The description comes from an EDS, imported by python-canopen; nothing else of that library is used.
+"""
+
+import re
+import struct
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
+from configparser import RawConfigParser
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import canopen
+from canopen.objectdictionary import ODVariable
+
+from sim_drives.canopen.aborts import AbortCode, SdoAbortError
+
+type_codes: Final[Mapping[int, str]] = {
+    0x01: "?",
+    0x02: "b",
+    0x03: "h",
+    0x04: "i",
+    0x05: "B",
+    0x06: "H",
+    0x07: "I",
+    0x15: "q",
+    0x1B: "Q",
+}
+"""CiA 301 data type -> struct code; all other types are byte strings here."""
+STRING_MAX_BYTES: Final = 256
+UNICODE_STRING: Final = 0x0B
+DOMAIN: Final = 0x0F
+"""CiA 301 data types."""
+DOMAIN_MAX_BYTES: Final = 32_768
+COMMUNICATION_AREA: Final = range(0x1000, 0x2000)
+
+Address = tuple[int, int]
+"""Index and sub-index."""
+Value = int | bytes
+Guard = Callable[[int, int], None]
+"""(sub-index, new value) -> None, or raises SdoAbortError."""
+Watcher = Callable[[int], None]
+"""(sub-index that was written) -> None."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One variable of the EDS."""
+
+    address: Address
+    type_code: str
+    """Format code of `struct`; empty for a byte string."""
+    max_bytes: int
+    readable: bool
+    writable: bool
+    mappable_out: bool
+    """True if it may be mapped into a TPDO."""
+    mappable_in: bool
+    """True if it may be mapped into an RPDO."""
+    low: int | None
+    high: int | None
+    default: Value
+
+    @property
+    def size_bytes(self) -> int:
+        """Length of a number; 0 for a byte string."""
+        return struct.calcsize("<" + self.type_code)
+
+    def encode(self, value: Value) -> bytes:
+        """Encode a value of this entry as little-endian bytes."""
+        return value if isinstance(value, bytes) else struct.pack("<" + self.type_code, value)
+
+    def decode(self, data: bytes) -> Value:
+        """Decode the bytes of `encode`; a wrong length aborts (rule 3)."""
+        self.check_length(len(data))
+        if not self.type_code:
+            return bytes(data)
+        return int(struct.unpack("<" + self.type_code, data)[0])
+
+    def check_length(self, length_bytes: int) -> None:
+        """Abort if no value of this entry has that length (rule 3)."""
+        if length_bytes > self.max_bytes:
+            raise SdoAbortError(AbortCode.TOO_LONG if self.type_code else AbortCode.OUT_OF_MEMORY)
+        if length_bytes < self.size_bytes:
+            raise SdoAbortError(AbortCode.TOO_SHORT)
+
+
+def read_eds(path: Path, node_id: int) -> tuple[Entry, ...]:
+    """Read all variables of an EDS, with $NODEID replaced.
+
+    Raises:
+        OSError: the file cannot be opened.
+        ValueError, KeyError, configparser.Error: not an EDS; raised by python-canopen.
+    """
+    encoding = _encoding(path)
+    with path.open(encoding=encoding) as file:
+        description = canopen.import_od(file, node_id)
+    entries = {
+        (variable.index, variable.subindex): _entry(variable)
+        for index in description
+        for variable in _variables(description.indices[index])
+    }
+    return tuple((entries | _compact(path, encoding, entries)).values())
+
+
+def _encoding(path: Path) -> str:
+    """Encoding of the EDS; CiA 306 requires ASCII, tools write a Windows code page or a BOM."""
+    try:
+        path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8-sig"
+
+
+def _compact(path: Path, encoding: str, entries: Mapping[Address, Entry]) -> dict[Address, Entry]:
+    """Expand arrays by CompactSubObj (CiA 306); python-canopen reads only their first member."""
+    parser = RawConfigParser(inline_comment_prefixes=(";",))
+    parser.read(path, encoding=encoding)
+    members: dict[Address, Entry] = {}
+    for section in parser.sections():
+        count = parser.get(section, "CompactSubObj", fallback="0")
+        if re.fullmatch("[0-9A-Fa-f]{4}", section) and int(count or "0", 0):
+            index = int(section, 16)
+            members[index, 0] = replace(entries[index, 0], default=int(count, 0), readable=True)
+            for sub in range(1, int(count, 0) + 1):
+                members[index, sub] = replace(entries[index, 1], address=(index, sub))
+    return members
+
+
+def _variables(described: object) -> Iterator[ODVariable]:
+    if isinstance(described, ODVariable):
+        yield described
+    else:
+        yield from described.subindices.values()  # pyright: ignore[reportAttributeAccessIssue]  # ODRecord or ODArray
+
+
+def _entry(variable: ODVariable) -> Entry:
+    access = variable.access_type
+    code = type_codes.get(variable.data_type or 0, "")
+    readable = access == "const" or "r" in access
+    writable = "w" in access
+    return Entry(
+        address=(variable.index, variable.subindex),
+        type_code=code,
+        max_bytes=_max_bytes(variable.data_type, code),
+        readable=readable,
+        writable=writable,
+        mappable_out=variable.pdo_mappable and readable and access != "rww",
+        mappable_in=variable.pdo_mappable and writable and access != "rwr",
+        low=variable.min,
+        high=variable.max,
+        default=_default(variable, code),
+    )
+
+
+def _max_bytes(data_type: int | None, code: str) -> int:
+    if code:
+        return struct.calcsize("<" + code)
+    return DOMAIN_MAX_BYTES if data_type == DOMAIN else STRING_MAX_BYTES
+
+
+def _default(variable: ODVariable, code: str) -> Value:
+    default = variable.default
+    if code:  # many files write a negative number as its unsigned bit pattern
+        size = struct.calcsize("<" + code)
+        bits = (int(default or 0) % (1 << 8 * size)).to_bytes(size, "little")
+        return int(struct.unpack("<" + code, bits)[0])
+    if isinstance(default, str):
+        return default.encode("utf-16-le" if variable.data_type == UNICODE_STRING else "utf-8")
+    if isinstance(default, int | float):
+        return variable.encode_raw(default)
+    return bytes(default or b"")
+
+
+class ObjectDictionary:
+    """Values by address, with the access rules of this module."""
+
+    def __init__(self, entries: tuple[Entry, ...]) -> None:
+        self._entries = {entry.address: entry for entry in entries}
+        self._indices = {index for index, _ in self._entries}
+        self._values: dict[Address, Value] = {e.address: e.default for e in entries}
+        self._guards: dict[int, Guard] = {}
+        self._reading_guards: dict[int, Callable[[int], None]] = {}
+        self._watchers: defaultdict[int, list[Watcher]] = defaultdict(list)
+        self.revision = 0
+        """Incremented when a parameter may have changed (SDO write or restore), not by PDOs."""
+        self.refused_index: int | None = None
+        """Injected fault: writing this object is aborted with 08000020."""
+        self.before_upload: Callable[[], None] = lambda: None
+        """Updates the process values; called before an SDO read above 1FFFh."""
+
+    def entry(self, index: int, subindex: int = 0) -> Entry:
+        """Return the description of one variable; abort if there is none (rule 1)."""
+        entry = self._entries.get((index, subindex))
+        if entry is None:
+            known = index in self._indices
+            raise SdoAbortError(AbortCode.NO_SUBINDEX if known else AbortCode.NO_OBJECT)
+        return entry
+
+    def subindices(self, index: int) -> list[int]:
+        """Return the existing sub-indices in order."""
+        return sorted(subindex for known, subindex in self._entries if known == index)
+
+    def __contains__(self, address: Address) -> bool:
+        return address in self._entries
+
+    def value(self, index: int, subindex: int = 0) -> int:
+        """Return the number at an existing address; a string's address is a programming error."""
+        value = self._values[index, subindex]
+        if isinstance(value, bytes):
+            raise TypeError(f"{index:04X}h:{subindex} holds a string")
+        return value
+
+    def value_or(self, index: int, subindex: int, missing: int) -> int:
+        """Return the number at an address, or `missing` if this drive does not have the object."""
+        return self.value(index, subindex) if (index, subindex) in self._values else missing
+
+    def put(self, index: int, subindex: int, value: Value) -> None:
+        """Store a value without rules, on behalf of the drive itself."""
+        if (index, subindex) not in self._entries:
+            raise KeyError(f"{index:04X}h:{subindex}")
+        self._values[index, subindex] = value
+
+    def upload(self, index: int, subindex: int) -> bytes:
+        """Return the bytes of an SDO read, or abort."""
+        entry = self.entry(index, subindex)
+        if not entry.readable:
+            raise SdoAbortError(AbortCode.WRITE_ONLY)
+        if index in self._reading_guards:
+            self._reading_guards[index](subindex)
+        if index not in COMMUNICATION_AREA:
+            self.before_upload()
+        return entry.encode(self._values[index, subindex])
+
+    def download(self, index: int, subindex: int, data: bytes) -> None:
+        """Execute an SDO write, or abort."""
+        entry = self.entry(index, subindex)
+        if not entry.writable:
+            raise SdoAbortError(AbortCode.READ_ONLY)
+        if index == self.refused_index:
+            raise SdoAbortError(AbortCode.CANNOT_STORE)
+        value = entry.decode(data)
+        if not isinstance(value, bytes):
+            _check_range(entry, value)
+            self.check(index, subindex, value)
+        self._values[index, subindex] = value
+        self.revision += 1
+        self.notify(index, subindex)
+
+    def check(self, index: int, subindex: int, value: int) -> None:
+        """Call the object's guard (rule 5)."""
+        guard = self._guards.get(index)
+        if guard is not None:
+            guard(subindex, value)
+
+    def accepts(self, index: int, subindex: int, value: int) -> bool:
+        """Return whether a mapped value passes its range and its guard."""
+        try:
+            _check_range(self.entry(index, subindex), value)
+            self.check(index, subindex, value)
+        except SdoAbortError:
+            return False
+        return True
+
+    def notify(self, index: int, subindex: int) -> None:
+        """Call the object's watchers after a write."""
+        for watcher in self._watchers.get(index, ()):
+            watcher(subindex)
+
+    def guard(self, index: int, guard: Guard) -> None:
+        """Install `guard` for every write to an index; one guard per index."""
+        self._guards[index] = guard
+
+    def guard_reading(self, index: int, guard: Callable[[int], None]) -> None:
+        """Install `guard` for every SDO read of an index; it receives the sub-index."""
+        self._reading_guards[index] = guard
+
+    def watch(self, index: int, watcher: Watcher) -> None:
+        """Call `watcher` after every write to an index."""
+        self._watchers[index].append(watcher)
+
+    def parameters(self) -> dict[Address, Value]:
+        """Return the values of all writable entries, which 1010h saves."""
+        return {a: v for a, v in self._values.items() if self._entries[a].writable}
+
+    def defaults(self) -> dict[Address, Value]:
+        """Return the EDS default values of all writable entries."""
+        return {a: e.default for a, e in self._entries.items() if e.writable}
+
+    def restore(self, parameters: Mapping[Address, Value], *, communication_only: bool) -> None:
+        """Restore saved parameters; with `communication_only`, only those of 1000h to 1FFFh."""
+        self.revision += 1
+        for address, value in parameters.items():
+            if not communication_only or address[0] in COMMUNICATION_AREA:
+                self._values[address] = value
+
+
+def _check_range(entry: Entry, value: int) -> None:
+    if entry.high is not None and value > entry.high:
+        raise SdoAbortError(AbortCode.TOO_HIGH)
+    if entry.low is not None and value < entry.low:
+        raise SdoAbortError(AbortCode.TOO_LOW)

@@ -1,0 +1,130 @@
+"""Error control of a slave: heartbeat producer 1017h and consumer 1016h (CiA 301 7.2.8.2.2).
+
+Rules:
+1. The producer sends its NMT state every 1017h milliseconds, from the boot-up message on; 0 is off.
+2. 1016h: bits 16 to 22 name a node, bits 0 to 15 the time in ms; 0 in either switches the entry
+   off. Two entries of the same node: 06040043.
+3. A node is watched from its first heartbeat; a boot-up message does not count as one. A missed
+   heartbeat time is one loss; the next heartbeat, or rewriting the entry, ends it and restarts the
+   watch.
+"""
+
+from collections.abc import Callable
+from typing import Final
+
+from sim_drives.canopen.aborts import AbortCode, SdoAbortError
+from sim_drives.canopen.dictionary import ObjectDictionary
+from sim_drives.canopen.line import Line
+from sim_drives.canopen.nmt import NmtState
+from sim_drives.canopen.timers import MILLISECOND, Timers
+from sim_drives.frame import Frame
+
+HEARTBEAT_ID: Final = 0x700
+CONSUMER: Final = 0x1016
+PRODUCER: Final = 0x1017
+
+
+class HeartbeatProducer:
+    """Sends the NMT state byte periodically."""
+
+    def __init__(
+        self,
+        node_id: int,
+        dictionary: ObjectDictionary,
+        line: Line,
+        timers: Timers,
+        state: Callable[[], NmtState],
+    ) -> None:
+        self._can_id = HEARTBEAT_ID + node_id
+        self._dictionary = dictionary
+        self._line = line
+        self._timers = timers
+        self._state = state
+        dictionary.watch(PRODUCER, lambda _: self.restart())
+
+    def boot_up(self) -> None:
+        """Send the boot-up message."""
+        self._line.send(Frame(self._can_id, bytes((NmtState.INITIALISING,))))
+        self.restart()
+
+    def stop(self) -> None:
+        """Stop sending until the next boot-up."""
+        self._timers.cancel(PRODUCER)
+
+    def restart(self) -> None:
+        """Start a new period of 1017h, or none if it is 0."""
+        period_ms = self._dictionary.value(PRODUCER)
+        if period_ms:
+            at_ns = self._line.now_ns + period_ms * MILLISECOND
+            self._timers.start(PRODUCER, at_ns, self._send)
+        else:
+            self._timers.cancel(PRODUCER)
+
+    def _send(self) -> None:
+        self._line.send(Frame(self._can_id, bytes((self._state(),))))
+        self.restart()
+
+
+class HeartbeatConsumer:
+    """Watches the nodes that 1016h lists."""
+
+    def __init__(
+        self,
+        dictionary: ObjectDictionary,
+        line: Line,
+        timers: Timers,
+        on_lost: Callable[[], None],
+        on_back: Callable[[], None],
+    ) -> None:
+        self._dictionary = dictionary
+        self._line = line
+        self._timers = timers
+        self._on_lost = on_lost
+        self._on_back = on_back
+        self._lost: set[int] = set()
+        self._slots = range(1, dictionary.value(CONSUMER, 0) + 1)
+        dictionary.guard(CONSUMER, self._judge)
+        dictionary.watch(CONSUMER, self._forget)
+
+    def restart(self) -> None:
+        """Clear all watches: each node is watched again from its first heartbeat."""
+        for slot in self._slots:
+            self._forget(slot)
+
+    def heard(self, node_id: int, state: int) -> None:
+        """Process a heartbeat or a boot-up message of another node."""
+        if state == NmtState.INITIALISING:
+            return
+        for slot in self._slots:
+            watched_id, timeout_ns = self._slot(slot)
+            if watched_id == node_id and timeout_ns:
+                self._watch(slot, timeout_ns)
+
+    def _forget(self, slot: int) -> None:
+        self._timers.cancel((CONSUMER, slot))
+        self._found(slot)
+
+    def _found(self, slot: int) -> None:
+        if slot in self._lost:
+            self._lost.remove(slot)
+            if not self._lost:
+                self._on_back()
+
+    def _watch(self, slot: int, timeout_ns: int) -> None:
+        self._found(slot)
+        at_ns = self._line.now_ns + timeout_ns
+        self._timers.start((CONSUMER, slot), at_ns, lambda: self._lose(slot))
+
+    def _lose(self, slot: int) -> None:
+        self._lost.add(slot)
+        self._on_lost()
+
+    def _slot(self, slot: int) -> tuple[int, int]:
+        value = self._dictionary.value(CONSUMER, slot)
+        return value >> 16 & 0x7F, (value & 0xFFFF) * MILLISECOND
+
+    def _judge(self, subindex: int, value: int) -> None:
+        node_id = value >> 16 & 0x7F
+        others = (slot for slot in self._slots if slot != subindex)
+        if node_id and value & 0xFFFF and node_id in {self._slot(slot)[0] for slot in others}:
+            raise SdoAbortError(AbortCode.PARAMETER_INCOMPATIBLE)

@@ -1,0 +1,397 @@
+"""One CANopen node: receives and sends frames, with a CiA 402 drive as its application.
+
+The node connects its parts: network management decides which services work, SDO and PDO access
+the dictionary, SYNC samples and applies, error control watches the master. The order at a SYNC
+follows the standard: sample the actual values (TPDO), then apply what came since the last SYNC
+(RPDO). A torque sampled at SYNC k is therefore the one that acted up to k.
+"""
+
+import random
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from sim_drives.canopen.aborts import AbortCode, SdoAbortError
+from sim_drives.canopen.connection import (
+    FAILURES,
+    HEARTBEAT_LOST_CODE,
+    PDO_TIMEOUT_CODE,
+    Connection,
+)
+from sim_drives.canopen.dictionary import Entry, ObjectDictionary
+from sim_drives.canopen.emergency import Errors
+from sim_drives.canopen.heartbeat import HEARTBEAT_ID, HeartbeatConsumer, HeartbeatProducer
+from sim_drives.canopen.line import GatedLine, Line
+from sim_drives.canopen.nmt import (
+    NEXT_STATE,
+    NMT_ID,
+    SERVICES,
+    NmtCommand,
+    NmtState,
+    Service,
+    command_for,
+)
+from sim_drives.canopen.pdo_channel import Values
+from sim_drives.canopen.pdo_receive import ReceivePdos
+from sim_drives.canopen.pdo_transmit import TransmitPdos
+from sim_drives.canopen.sdo_server import SDO_ANSWER_ID, SDO_REQUEST_ID, SdoServer
+from sim_drives.canopen.storage import Storage
+from sim_drives.canopen.sync import SyncConsumer
+from sim_drives.canopen.timers import MILLISECOND, Timers
+from sim_drives.cia402.drive import Drive
+from sim_drives.cia402.personality import PERSONALITIES, Personality, commissioned
+from sim_drives.cia402.power_state import POWER_STAGE_ON
+from sim_drives.frame import Frame
+from sim_drives.plant.port import Axis
+from sim_drives.settings import DriveSettings, FaultKind, PersonalityName
+
+RESET_COMMUNICATION_NS: Final = 5 * MILLISECOND
+MOTOR_DATA: Final = (0x3001, 0x6075, 0x6076)
+CURRENT_LIMIT_SUB: Final = 2
+"""3001h:02 may change at any time; the motor behind it is fixed."""
+EVERY_TPDO: Final = 0
+PRODUCT_CODE: Final = 2
+SERIAL_NUMBER: Final = 4
+"""Sub-indices of 1018h."""
+
+
+@dataclass(slots=True)
+class Disturbance:
+    """Injected disturbances of this node (see `rules.py`)."""
+
+    lost_tpdo: int | None = None
+    """Number of the TPDO that is lost, or EVERY_TPDO."""
+    late_ns: int = 0
+    """Synchronous TPDOs are sent this much later."""
+    mute: bool = False
+    """No frame of the node reaches the bus."""
+    unplugged: bool = False
+    """No frame passes in either direction."""
+    deaf: bool = False
+    """No frame of the bus reaches the node."""
+    bus_off: bool = False
+    """No frame passes in either direction, and the node detects it."""
+    motor_sense: int = 1
+    encoder_sense: int = 1
+    """-1: connected with inverted sign."""
+    held_by: set[FaultKind] = field(default_factory=set)
+    """Cause that keeps the axis from moving."""
+
+    @property
+    def hears(self) -> bool:
+        """True if frames of the bus reach the node."""
+        return not (self.unplugged or self.bus_off or self.deaf)
+
+    @property
+    def heard(self) -> bool:
+        """True if the node's frames reach the bus."""
+        return not (self.unplugged or self.bus_off or self.mute)
+
+
+class Node:
+    """A named drive as a slave on the bus."""
+
+    def __init__(
+        self,
+        name: str,
+        settings: DriveSettings,
+        entries: tuple[Entry, ...],
+        axis: Axis,
+        line: Line,
+        rng: random.Random,
+    ) -> None:
+        """Build the node without power.
+
+        Args:
+            name: LEG/AXIS, for faults and messages.
+            settings: the node's tables of plant.toml.
+            entries: entries of its EDS, for its node id.
+            axis: the plant's axis that the drive moves.
+            line: the node's access to bus and time.
+            rng: random generator of the TPDO latency.
+        """
+        self.name = name
+        self.axis = axis
+        self.disturbance = Disturbance()
+        self._tpdo_ids: set[int] = set()
+        self.state = NmtState.INITIALISING
+        self.timers = Timers()
+        self._settings = settings
+        self._line = line
+        self._rng = rng
+        self._powered = False
+        self._powered_since_ns = 0
+        personality = PERSONALITIES[settings.personality]
+        self._personality: Personality = personality
+        dictionary = ObjectDictionary(entries)
+        self.dictionary = dictionary
+        for address, value in commissioned(settings).items():
+            dictionary.put(*address, value)
+        self.errors = Errors(
+            dictionary,
+            GatedLine(line, lambda: self._allows(Service.EMERGENCY)),
+            generic_bit=personality.generic_error_bit,
+        )
+        self.drive = Drive(settings, dictionary, axis, line, self.timers, self.errors)
+        self.identity = {
+            sub: dictionary.value(0x1018, sub) for sub in (PRODUCT_CODE, SERIAL_NUMBER)
+        }
+        """Delivered values of 1018h by sub-index."""
+        self._storage = Storage(dictionary, commissioned(settings), lambda: self._power_stage_on)
+        self._server = SdoServer(settings.node_id, dictionary, line, self.timers)
+        self.connection = Connection(
+            personality, dictionary, self.drive, self.errors, lambda: self.state, self._enter
+        )
+        self.drive.targets.on_missed = self.connection.target_missed
+        self._producer, self._consumer = self._build_heartbeats()
+        self._sync = SyncConsumer(dictionary, line, self.timers, self._report)
+        self._tpdos, self._rpdos = self._build_pdos()
+        dictionary.before_upload = self.drive.latch
+        self._guard_objects()
+
+    def _build_heartbeats(self) -> tuple[HeartbeatProducer, HeartbeatConsumer]:
+        parts = self.dictionary, self._line, self.timers
+        return (
+            HeartbeatProducer(self._settings.node_id, *parts, lambda: self.state),
+            HeartbeatConsumer(
+                *parts,
+                lambda: self.connection.lost(HEARTBEAT_LOST_CODE),
+                lambda: self.connection.back(HEARTBEAT_LOST_CODE),
+            ),
+        )
+
+    def _build_pdos(self) -> tuple[TransmitPdos, ReceivePdos]:
+        parts = self.dictionary, self._line, self.timers, self._sync
+        locked = self._personality.cob_id_locked_while_valid
+        transmit = TransmitPdos(*parts, self._send_tpdo, self._tpdo_delays_ns, locked=locked)
+        receive = ReceivePdos(*parts, self._apply, self._report, self._rpdo_timeout, locked=locked)
+        return transmit, receive
+
+    def _guard_objects(self) -> None:
+        for index in MOTOR_DATA:
+            self.dictionary.guard(index, self._judge_motor_data)
+        self.dictionary.watch(0x3001, lambda _: self._derive_rated_torque())
+
+    # --- power and network management ---------------------------------------------------------
+
+    def power_on(self) -> None:
+        """Power on, also after a loss of power: origin, errors and commanded values are lost."""
+        self._powered = True
+        self._powered_since_ns = self._line.now_ns
+        self.timers.cancel_all()
+        self._restart(communication_only=False)
+
+    def exchange(self, identity: Mapping[int, int]) -> None:
+        """Replace the drive by another one, with these sub-indices of 1018h, and power it on."""
+        self.power_off()
+        for subindex, value in identity.items():
+            self._storage.exchange((0x1018, subindex), value)
+        self.power_on()
+
+    def power_off(self) -> None:
+        """Lose power: no frames in or out, no torque."""
+        self._powered = False
+        self.state = NmtState.INITIALISING
+        self.timers.cancel_all()
+        self.drive.power_off()
+
+    def _restart(self, *, communication_only: bool) -> None:
+        self.state = NmtState.INITIALISING
+        self._storage.restore(communication_only=communication_only)
+        self._derive_rated_torque()
+        self._server.reset()
+        self._sync.reset()
+        self._tpdos.reset()
+        self._rpdos.reset()
+        self._consumer.restart()
+        self._producer.stop()
+        self.timers.cancel(Node)
+        if communication_only:
+            boot_ns = RESET_COMMUNICATION_NS
+        else:
+            boot_ns = round(self._settings.boot_ms * MILLISECOND)
+            self.drive.power_on()
+        self.timers.start(Node, self._line.now_ns + boot_ns, self._boot_up)
+
+    def _boot_up(self) -> None:
+        self._producer.boot_up()
+        self.state = NmtState.PRE_OPERATIONAL
+
+    def _command(self, command: NmtCommand) -> None:
+        if command is NmtCommand.RESET_NODE:
+            self.power_on()
+            return
+        self._enter(NEXT_STATE[command])
+        if command is NmtCommand.RESET_COMMUNICATION:
+            self._restart(communication_only=True)
+            self.connection.reset()
+            self.drive.update()
+
+    def _enter(self, state: NmtState) -> None:
+        before, self.state = self.state, state
+        if not self._allows(Service.SDO):
+            self._server.reset()
+        if not self._allows(Service.SYNC):
+            self._sync.reset()
+        if before is NmtState.OPERATIONAL and state is not NmtState.OPERATIONAL:
+            self._tpdos.leave_operational()
+            self._rpdos.leave_operational()
+            self.drive.left_operational()
+            self.drive.update()
+        elif before is not NmtState.OPERATIONAL and state is NmtState.OPERATIONAL:
+            self._tpdos.enter_operational()
+
+    def _allows(self, service: Service) -> bool:
+        return service in SERVICES[self.state]
+
+    # --- the bus ------------------------------------------------------------------------------
+
+    def receive(self, frame: Frame) -> None:
+        """Process any frame of the bus."""
+        if not self._powered or not self.disturbance.hears:
+            return
+        node_id = self._settings.node_id
+        can_id, data = frame
+        if can_id == NMT_ID:
+            self._network_command(data)
+        elif can_id == self._sync.can_id:
+            self._synchronise(data)
+        elif can_id == SDO_REQUEST_ID + node_id:
+            self._request(data)
+        elif self._is_ours(can_id):
+            self.connection.collision(of_pdo=False)
+        elif HEARTBEAT_ID < can_id < HEARTBEAT_ID + 0x80 and len(data) == 1:
+            self._consumer.heard(can_id - HEARTBEAT_ID, data[0])
+        elif self._allows(Service.PDO):
+            if self._tpdos.sends(can_id):
+                self.connection.collision(of_pdo=True)
+            self._rpdos.receive(frame)
+
+    def _is_ours(self, can_id: int) -> bool:
+        """Return whether the identifier is one that only this node sends, TPDOs excluded."""
+        node_id = self._settings.node_id
+        return can_id in (
+            SDO_ANSWER_ID + node_id,
+            HEARTBEAT_ID + node_id,
+            self.errors.can_id,
+        )
+
+    def _network_command(self, data: bytes) -> None:
+        command = command_for(self._settings.node_id, data)
+        if command is not None and self.state is not NmtState.INITIALISING:
+            self._command(command)
+
+    def _request(self, data: bytes) -> None:
+        if not self._allows(Service.SDO):
+            return
+        self._server.receive(data)
+        self.changed()
+
+    def _synchronise(self, data: bytes) -> None:
+        if not self._allows(Service.SYNC) or not self._sync.receive(data):
+            return
+        self.drive.latch()
+        if self._allows(Service.PDO):
+            self._tpdos.sync()
+            self._rpdos.sync()
+
+    def _apply(self, values: Values) -> None:
+        """Store the values of RPDOs (rules 2 and 5 of pdo_receive.py), then act on them at once."""
+        accepts = self.dictionary.accepts
+        accepted = [(address, value) for address, value in values if accepts(*address, value)]
+        for address, value in accepted:
+            self.dictionary.put(*address, value)
+        for address, _ in accepted:
+            self.dictionary.notify(*address)
+        self.drive.pdo_came()
+        self.changed()
+
+    def changed(self) -> None:
+        """Update the plant's order and the TPDOs after a possible change of the drive's state."""
+        if not self._powered:
+            return
+        self.drive.update()
+        if self._allows(Service.PDO):
+            self._tpdos.look_for_changes()
+
+    def run_timers(self, now_ns: int) -> None:
+        """Run all timers that are due."""
+        self.timers.run_due(now_ns)
+        self.changed()
+
+    def is_heard(self, frame: Frame, time_ns: int) -> bool:
+        """Return whether a frame that the node sends at this time reaches the bus.
+
+        A TPDO delayed by its latency does not, if the node has left operational meanwhile.
+        """
+        if frame.can_id in self._tpdo_ids and self.state is not NmtState.OPERATIONAL:
+            return False
+        return self._powered and self.disturbance.heard and time_ns >= self._powered_since_ns
+
+    def _send_tpdo(self, number: int, frame: Frame, delay_ns: int) -> None:
+        self._tpdo_ids.add(frame.can_id)
+        if self.disturbance.lost_tpdo not in (number, EVERY_TPDO):
+            self._line.send(frame, delay_ns=delay_ns)
+
+    def _tpdo_delays_ns(self, count: int) -> list[int]:
+        low_ns = round(self._settings.tpdo_delay_min_ms * MILLISECOND)
+        high_ns = round(self._settings.tpdo_delay_max_ms * MILLISECOND)
+        delays = [self._rng.randint(low_ns, high_ns) for _ in range(count)]
+        if not self._settings.tpdo_shuffled:
+            delays.sort()
+        return [delay + self.disturbance.late_ns for delay in delays]
+
+    # --- errors of communication --------------------------------------------------------------
+
+    def _report(self, code: int, wrong: bool) -> None:
+        if wrong:
+            self.errors.begin(code, latched=False)
+        else:
+            self.errors.cause_gone(code)
+
+    def _rpdo_timeout(self, missing: bool) -> None:
+        if missing:
+            self.connection.lost(PDO_TIMEOUT_CODE)
+        else:
+            self.connection.back(PDO_TIMEOUT_CODE)
+
+    def begin_error(self, code: int) -> None:
+        """Begin an external error: a lost connection acts as one, all others are faults."""
+        if code in FAILURES:
+            self.connection.lost(code)
+        else:
+            self.drive.fault(code)
+
+    def end_error(self, code: int) -> None:
+        """End the cause of an external error."""
+        if code in FAILURES:
+            self.connection.back(code)
+        else:
+            self.errors.cause_gone(code)
+
+    def bus_off(self) -> None:
+        """Begin a bus-off: the CAN controller leaves the bus, and the drive detects it."""
+        self.disturbance.bus_off = True
+        self._rpdos.forget_waiting()
+        self.connection.bus_off()
+
+    def bus_back(self) -> None:
+        """End a bus-off."""
+        self.disturbance.bus_off = False
+        self.connection.bus_back()
+
+    # --- the node's own objects -------------------------------------------------------------------
+
+    @property
+    def _power_stage_on(self) -> bool:
+        return self.drive.state in POWER_STAGE_ON
+
+    def _judge_motor_data(self, subindex: int, _: int) -> None:
+        if self._power_stage_on and subindex != CURRENT_LIMIT_SUB:
+            raise SdoAbortError(AbortCode.DEVICE_STATE)
+
+    def _derive_rated_torque(self) -> None:
+        if self._settings.personality is not PersonalityName.EPOS4:
+            return
+        nominal_ma, constant = (self.dictionary.value(0x3001, sub) for sub in (1, 5))
+        self.dictionary.put(0x6076, 0, nominal_ma * constant // 1000)

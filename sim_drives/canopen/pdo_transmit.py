@@ -1,0 +1,136 @@
+"""TPDOs of one node (CiA 301 7.2.2): what is sent when.
+
+Rules:
+1. Type 1 to 240: at every n-th SYNC, with the values sampled at that SYNC; counted from the entry
+   into operational, or from the SYNC whose counter is 1800h:06, which is then the first. Type 0: at
+   the next SYNC after the mapped data has changed. A PDO that would leave after the synchronous
+   window (1007h) is not sent.
+2. Types 254 and 255: when the mapped data has changed, not sooner than the inhibit time (100 µs)
+   after the last one; and when the event timer (ms) has run out since the last one, or since its
+   objects were written; once on entering operational. Changes are detected at each SYNC and after
+   whatever may have changed the drive's state.
+"""
+
+from collections.abc import Callable
+
+from sim_drives.canopen.dictionary import ObjectDictionary
+from sim_drives.canopen.line import Line
+from sim_drives.canopen.pdo_channel import channels
+from sim_drives.canopen.pdo_rules import PDO_COUNT, Direction
+from sim_drives.canopen.sync import SyncConsumer
+from sim_drives.canopen.timers import Timers
+from sim_drives.frame import Frame
+
+
+class TransmitPdos:
+    """All TPDOs of one node. `delays_ns(n)` returns the latency of the n TPDOs of one SYNC."""
+
+    def __init__(
+        self,
+        dictionary: ObjectDictionary,
+        line: Line,
+        timers: Timers,
+        sync: SyncConsumer,
+        send: Callable[[int, Frame, int], None],
+        delays_ns: Callable[[int], list[int]],
+        *,
+        locked: bool,
+    ) -> None:
+        self._channels = channels(dictionary, Direction.TRANSMIT, self._written, locked=locked)
+        self._line = line
+        self._timers = timers
+        self._sync = sync
+        self._send = send
+        """(PDO number from 1, frame, delay in ns)."""
+        self._delays_ns = delays_ns
+        self._operational = False
+        self._syncs = [0] * PDO_COUNT
+        self._counting = [True] * PDO_COUNT
+        """True once the SYNC of 1800h:06 has come, for PDOs that wait for one."""
+        self._sent: list[bytes | None] = [None] * PDO_COUNT
+        self._free_at_ns = [0] * PDO_COUNT
+
+    def reset(self) -> None:
+        """Drop all state after parameters have been restored."""
+        self.leave_operational()
+        for channel in self._channels:
+            channel.forget()
+
+    def enter_operational(self) -> None:
+        """Start counting SYNCs and send the event-driven PDOs (rules 1 and 2)."""
+        self._operational = True
+        self._syncs = [0] * PDO_COUNT
+        self._counting = [not channel.settings.sync_start for channel in self._channels]
+        self._sent = [None] * PDO_COUNT
+        self._free_at_ns = [0] * PDO_COUNT
+        self.look_for_changes()
+
+    def leave_operational(self) -> None:
+        """Stop sending."""
+        self._operational = False
+        for slot in range(PDO_COUNT):
+            self._written(slot)
+
+    def _written(self, slot: int) -> None:
+        self._timers.cancel((Direction.TRANSMIT, "event", slot))
+        self._timers.cancel((Direction.TRANSMIT, "inhibit", slot))
+        if self._operational:
+            self._start_event_timer(slot)
+
+    def sends(self, can_id: int) -> bool:
+        """Return whether a TPDO has this identifier."""
+        return any(c.settings.valid and c.settings.can_id == can_id for c in self._channels)
+
+    def sync(self) -> None:
+        """Send the TPDOs of this SYNC; process values have been sampled."""
+        due = [slot for slot in range(PDO_COUNT) if self._due_at_sync(slot)]
+        for slot, delay_ns in zip(due, self._delays_ns(len(due)), strict=True):
+            if self._sync.within_window(delay_ns):
+                self._transmit(slot, delay_ns)
+        self.look_for_changes()
+
+    def _due_at_sync(self, slot: int) -> bool:
+        channel = self._channels[slot]
+        settings = channel.settings
+        if not settings.valid or not settings.synchronous:
+            return False
+        if not self._counting[slot]:
+            self._counting[slot] = self._sync.counter in (0, settings.sync_start)
+        if not self._counting[slot]:
+            return False
+        if settings.type == 0:
+            return channel.pack() != self._sent[slot]
+        self._syncs[slot] += 1
+        if self._syncs[slot] < settings.type:
+            return False
+        self._syncs[slot] = 0
+        return True
+
+    def look_for_changes(self) -> None:
+        """Send event-driven PDOs whose data differs from what was sent last."""
+        for slot, channel in enumerate(self._channels):
+            settings = channel.settings
+            if settings.valid and not settings.synchronous and channel.pack() != self._sent[slot]:
+                self._send_event(slot)
+
+    def _send_event(self, slot: int) -> None:
+        if self._line.now_ns >= self._free_at_ns[slot]:
+            self._transmit(slot, 0)
+        else:
+            name = (Direction.TRANSMIT, "inhibit", slot)
+            self._timers.start(name, self._free_at_ns[slot], self.look_for_changes)
+
+    def _transmit(self, slot: int, delay_ns: int) -> None:
+        channel, now_ns = self._channels[slot], self._line.now_ns
+        settings, data = channel.settings, channel.pack()
+        self._sent[slot] = data
+        self._free_at_ns[slot] = now_ns + settings.inhibit_ns
+        self._send(channel.number, Frame(settings.can_id, data), delay_ns)
+        self._start_event_timer(slot)
+
+    def _start_event_timer(self, slot: int) -> None:
+        settings = self._channels[slot].settings
+        if settings.valid and not settings.synchronous and settings.event_timer_ns:
+            at_ns = self._line.now_ns + settings.event_timer_ns
+            name = (Direction.TRANSMIT, "event", slot)
+            self._timers.start(name, at_ns, lambda: self._transmit(slot, 0))

@@ -1,0 +1,51 @@
+"""Named deadlines of one node: at most one per name; no clock is read."""
+
+from collections.abc import Callable, Hashable
+from typing import Final, NamedTuple
+
+NEVER: Final = 2**63 - 1
+MILLISECOND: Final = 1_000_000
+"""A time in nanoseconds."""
+
+
+class _Deadline(NamedTuple):
+    at_ns: int
+    order: int
+    action: Callable[[], None]
+
+
+class Timers:
+    """Named deadlines; equal times run in the order in which they were started."""
+
+    def __init__(self) -> None:
+        self._deadlines: dict[Hashable, _Deadline] = {}
+        self._order = 0
+
+    def start(self, name: Hashable, at_ns: int, action: Callable[[], None]) -> None:
+        """Run `action` at `at_ns`; replaces a deadline of the same name."""
+        self._order += 1
+        self._deadlines[name] = _Deadline(at_ns, self._order, action)
+
+    def cancel(self, name: Hashable) -> None:
+        """Cancel a deadline; one that is not running is no error."""
+        self._deadlines.pop(name, None)
+
+    def cancel_all(self) -> None:
+        """Cancel all deadlines: the node has lost its power."""
+        self._deadlines.clear()
+
+    def running(self, name: Hashable) -> bool:
+        """Return whether the deadline is pending."""
+        return name in self._deadlines
+
+    def next_ns(self) -> int:
+        """Return the time of the earliest deadline, or NEVER."""
+        return min((deadline.at_ns for deadline in self._deadlines.values()), default=NEVER)
+
+    def run_due(self, now_ns: int) -> None:
+        """Run every deadline up to `now_ns`, earliest first, including those an action starts."""
+        while self._deadlines:
+            name = min(self._deadlines, key=self._deadlines.__getitem__)
+            if self._deadlines[name].at_ns > now_ns:
+                return
+            self._deadlines.pop(name).action()

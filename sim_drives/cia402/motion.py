@@ -1,0 +1,292 @@
+"""Modes of operation, targets and limits of a drive, and the resulting order to the plant.
+
+Rules:
+1. 6060h takes effect MODE_SWITCH_NS later, in 6061h and in the loops together. A mode that 6502h
+   does not name is refused: 06090030 by SDO, ignored by PDO. 0 is "no mode": the axis holds.
+2. A cyclic mode follows its target (statusword bit 12) once the target has been written since
+   the node became operational. Until then cyclic position and velocity hold, and cyclic torque
+   gives 0. 60B1h adds to the speed of cyclic position and velocity, 60B2h to the torque of all.
+3. Halt (controlword bit 8, option 605Dh, where absent the slow ramp): slows down and holds, stays
+   in "operation enabled", and motion resumes when the bit falls.
+4. Homing begins at the rising edge of controlword bit 4; its rules are in `homing.py`.
+5. Every order carries the limits in force: torque, 6080h, 6065h/6066h, and 607Dh where it clips.
+   A minimum of 607Dh above its maximum is refused, in whatever order they are written: 06090036.
+6. Cyclic position reaches each target on a line that takes 60C2h; some drives use that time to
+   monitor the targets (`target_monitor.py`).
+"""
+
+import math
+from dataclasses import replace
+from enum import IntEnum
+from typing import Final
+
+from sim_drives.canopen.aborts import AbortCode, SdoAbortError
+from sim_drives.canopen.dictionary import ObjectDictionary
+from sim_drives.canopen.line import Line
+from sim_drives.canopen.timers import MILLISECOND, Timers
+from sim_drives.cia402.homing import Homing, Progress
+from sim_drives.cia402.measurement import Measurement
+from sim_drives.cia402.power_state import HALT_BIT, HALT_OPTION, OPERATION_BIT_4, Ramp
+from sim_drives.cia402.scaling import Scaling
+from sim_drives.plant.actuation import Actuation, AxisActuation
+from sim_drives.settings import DriveSettings, PositionLimit
+
+MODE_SWITCH_NS: Final = 5 * MILLISECOND
+"""Shorter than a SYNC period, longer than any answer to it: 6061h shows it one SYNC later."""
+HARDEST_DECELERATION_SI: Final = 1e6
+"""Deceleration of Ramp.LIMIT: above any joint's ability, so that the torque limit decides."""
+MODES_OF_OPERATION: Final = 0x6060
+MODE_DISPLAY: Final = 0x6061
+TARGET_TORQUE: Final = 0x6071
+TARGET_POSITION: Final = 0x607A
+POSITION_LIMITS: Final = 0x607D
+TARGET_VELOCITY: Final = 0x60FF
+VELOCITY_OFFSET: Final = 0x60B1
+TORQUE_OFFSET: Final = 0x60B2
+
+
+class Mode(IntEnum):
+    """Values of 6060h and 6061h that the virtual drives support."""
+
+    NONE = 0
+    HOMING = 6
+    CYCLIC_SYNC_POSITION = 8
+    CYCLIC_SYNC_VELOCITY = 9
+    CYCLIC_SYNC_TORQUE = 10
+
+
+TARGETS: Final = {
+    Mode.CYCLIC_SYNC_POSITION: TARGET_POSITION,
+    Mode.CYCLIC_SYNC_VELOCITY: TARGET_VELOCITY,
+    Mode.CYCLIC_SYNC_TORQUE: TARGET_TORQUE,
+}
+
+
+class Motion:
+    """Modes, targets and limits of one drive."""
+
+    def __init__(
+        self,
+        settings: DriveSettings,
+        dictionary: ObjectDictionary,
+        scaling: Scaling,
+        measurement: Measurement,
+        line: Line,
+        timers: Timers,
+    ) -> None:
+        self._dictionary = dictionary
+        self._scaling = scaling
+        self._measurement = measurement
+        self._line = line
+        self._timers = timers
+        self._clips = settings.position_limit is PositionLimit.CLIP
+        self._written: set[int] = set()
+        self._bit_4_prev = False
+        self.homing = Homing(settings, dictionary, scaling, measurement, line, timers)
+        self.mode = Mode.NONE
+        self._requested = Mode.NONE
+        dictionary.guard(MODES_OF_OPERATION, self._judge_mode)
+        dictionary.watch(MODES_OF_OPERATION, lambda _: self._request_mode())
+        dictionary.guard(0x6098, self._judge_homing_method)
+        dictionary.guard(POSITION_LIMITS, self._judge_position_limit)
+        for target in TARGETS.values():
+            dictionary.watch(target, lambda _, target=target: self._written.add(target))
+
+    def power_on(self) -> None:
+        """Reset to no mode and no target."""
+        self._written.clear()
+        self._bit_4_prev = False
+        self._switch(Mode.NONE)
+
+    def forget_targets(self) -> None:
+        """Clear the commanded values: the node has left operational (rule 2)."""
+        self._written.clear()
+
+    @property
+    def interpolation_s(self) -> float:
+        """Interpolation time 60C2h; 0 where it has not been set."""
+        return self._scaling.factors.interpolation_s if self._dictionary.value(0x60C2, 1) else 0.0
+
+    @property
+    def follows_positions(self) -> bool:
+        """True if cyclic position has a target, and no halt."""
+        return self.mode is Mode.CYCLIC_SYNC_POSITION and self.follows
+
+    # --- modes --------------------------------------------------------------------------------
+
+    def _judge_mode(self, _: int, value: int) -> None:
+        supported = self._dictionary.value(0x6502)
+        if value != Mode.NONE and (value < 0 or not supported >> (value - 1) & 1):
+            raise SdoAbortError(AbortCode.RANGE)
+
+    def _judge_homing_method(self, _: int, value: int) -> None:
+        if value not in self.homing.methods:
+            raise SdoAbortError(AbortCode.RANGE)
+
+    def _request_mode(self) -> None:
+        requested = Mode(self._dictionary.value(MODES_OF_OPERATION))
+        if requested is self.mode:
+            self._timers.cancel(MODES_OF_OPERATION)
+        elif not self._timers.running(MODES_OF_OPERATION) or requested is not self._requested:
+            self._requested = requested
+            at_ns = self._line.now_ns + MODE_SWITCH_NS
+            self._timers.start(MODES_OF_OPERATION, at_ns, lambda: self._switch(requested))
+
+    def _switch(self, mode: Mode) -> None:
+        self.mode = mode
+        self.homing.forget()
+        self._dictionary.put(MODE_DISPLAY, 0, mode)
+
+    # --- homing and halt ----------------------------------------------------------------------
+
+    def controlword_written(self, controlword: int, *, enabled: bool) -> None:
+        """Start homing by rule 4."""
+        bit_4 = bool(controlword & OPERATION_BIT_4)
+        rising = bit_4 and not self._bit_4_prev
+        self._bit_4_prev = bit_4
+        if self.halted:
+            self.homing.interrupt()
+        elif rising and enabled and self.mode is Mode.HOMING:
+            self.homing.start()
+
+    @property
+    def halted(self) -> bool:
+        """True if controlword bit 8 requests a halt."""
+        return bool(self._dictionary.value(0x6040) & HALT_BIT)
+
+    @property
+    def follows(self) -> bool:
+        """True if the active mode follows its target (rule 2)."""
+        return TARGETS.get(self.mode) in self._written and not self.halted
+
+    # --- the order ----------------------------------------------------------------------------
+
+    def order(self) -> AxisActuation:
+        """Return the order of the active mode, in "operation enabled"."""
+        if self.halted:
+            return self.ramp(HALT_OPTION[self._dictionary.value_or(0x605D, 0, 1)].ramp)
+        if self.mode is Mode.CYCLIC_SYNC_TORQUE:
+            return self._actuation(Actuation.TORQUE)
+        if self.follows_positions:
+            return self._position_order()
+        if self.mode is Mode.CYCLIC_SYNC_VELOCITY and self.follows:
+            return self._velocity_order()
+        if self.mode is Mode.HOMING and self.homing.progress is not Progress.NOT_STARTED:
+            return self._homing_order()
+        return self._actuation(Actuation.HOLD)
+
+    def _position_order(self) -> AxisActuation:
+        """Order of cyclic position, with the velocity and torque offsets of the master."""
+        return replace(
+            self._actuation(Actuation.POSITION),
+            target_velocity_si=self._speed_si(VELOCITY_OFFSET),
+            target_effort_si=self._scaling.effort_si(self._dictionary.value(TORQUE_OFFSET)),
+        )
+
+    def _velocity_order(self) -> AxisActuation:
+        """Order of cyclic velocity; the master's targets are the ramp."""
+        return replace(
+            self._actuation(Actuation.VELOCITY),
+            target_velocity_si=self._speed_si(TARGET_VELOCITY) + self._speed_si(VELOCITY_OFFSET),
+            target_effort_si=self._scaling.effort_si(self._dictionary.value(TORQUE_OFFSET)),
+        )
+
+    def _speed_si(self, index: int) -> float:
+        return self._scaling.velocity_si(self._dictionary.value(index))
+
+    def _homing_order(self) -> AxisActuation:
+        """Order of the running search, or at rest after the last one."""
+        acceleration_si = self._scaling.speed_si(self._dictionary.value(0x609A))
+        travel = self.homing.travel
+        if travel is None:
+            return self._actuation(Actuation.RAMP, acceleration_si)
+        order = self._actuation(Actuation.VELOCITY, acceleration_si)
+        velocity_si = self._scaling.velocity_si(travel.direction * travel.speed_raw)
+        limit_si = order.effort_limit_si
+        if travel.current_limit_ma is not None:
+            limit_si = min(limit_si, self._scaling.current_si(travel.current_limit_ma))
+        return replace(order, target_velocity_si=velocity_si, effort_limit_si=limit_si)
+
+    def coast(self) -> AxisActuation:
+        """Return the order for a power stage that is off."""
+        return self._actuation(Actuation.COAST)
+
+    def ramp(self, ramp: Ramp) -> AxisActuation:
+        """Return the order to slow down and hold; `ramp` is not COAST."""
+        return self._actuation(Actuation.RAMP, self._deceleration_si(ramp))
+
+    def _deceleration_si(self, ramp: Ramp) -> float:
+        if ramp is Ramp.SLOW:
+            return self._scaling.speed_si(self._dictionary.value(0x6084))
+        if ramp is Ramp.QUICK:
+            return self._scaling.speed_si(self._dictionary.value(0x6085))
+        return HARDEST_DECELERATION_SI
+
+    def _actuation(
+        self, actuation: Actuation, deceleration_si: float = HARDEST_DECELERATION_SI
+    ) -> AxisActuation:
+        lower_si, upper_si = self._position_limits_si()
+        factors = self._scaling.factors
+        return AxisActuation(
+            actuation=actuation,
+            target_effort_si=self._target_effort_si(actuation),
+            target_position_si=self._target_position_si(actuation),
+            target_velocity_si=0.0,
+            deceleration_si=deceleration_si,
+            interpolation_s=factors.interpolation_s,
+            effort_limit_si=factors.effort_limit_si,
+            velocity_limit_si=factors.velocity_limit_si,
+            following_error_si=factors.following_window_si,
+            following_error_time_s=factors.following_time_s,
+            position_min_si=lower_si,
+            position_max_si=upper_si,
+        )
+
+    def _target_effort_si(self, actuation: Actuation) -> float:
+        if actuation is not Actuation.TORQUE or not self.follows:
+            return 0.0
+        return self._scaling.effort_si(self.target_permille)
+
+    @property
+    def target_permille(self) -> int:
+        """6071h with its offset 60B2h."""
+        return self._dictionary.value(TARGET_TORQUE) + self._dictionary.value(TORQUE_OFFSET)
+
+    def _target_position_si(self, actuation: Actuation) -> float:
+        if actuation is not Actuation.POSITION:
+            return 0.0
+        return self._joint(self._dictionary.value(TARGET_POSITION))
+
+    def _joint(self, position_units: int) -> float:
+        counts = self._scaling.units_counts(position_units)
+        return self._scaling.position_si(counts + self._measurement.origin_counts)
+
+    def _position_limits_si(self) -> tuple[float, float]:
+        if not self._clips:
+            return -math.inf, math.inf
+        limits = (self._joint(self._dictionary.value(POSITION_LIMITS, sub)) for sub in (1, 2))
+        lower_si, upper_si = sorted(limits)
+        return lower_si, upper_si
+
+    def _judge_position_limit(self, subindex: int, value: int) -> None:
+        lower, upper = (self._dictionary.value(POSITION_LIMITS, sub) for sub in (1, 2))
+        crossed = (subindex == 1 and value > upper) or (subindex == 2 and value < lower)
+        if crossed:
+            raise SdoAbortError(AbortCode.MAXIMUM_BELOW_MINIMUM)
+
+    # --- exceeded limits --------------------------------------------------------------------------
+
+    def torque_clipped(self) -> bool:
+        """True if the torque target exceeds the limit in force."""
+        if self.mode is not Mode.CYCLIC_SYNC_TORQUE or not self.follows:
+            return False
+        wanted_si = abs(self._scaling.effort_si(self.target_permille))
+        return wanted_si > self._scaling.factors.effort_limit_si
+
+    def outside_position_limits(self) -> bool:
+        """True if the position, or in cyclic position mode its target, lies outside 607Dh."""
+        lower, upper = (self._dictionary.value(POSITION_LIMITS, sub) for sub in (1, 2))
+        positions = [self._measurement.position_counts]
+        if self.follows_positions:
+            positions.append(self._dictionary.value(TARGET_POSITION))
+        return not all(lower <= position <= upper for position in positions)

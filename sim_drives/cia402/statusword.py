@@ -1,0 +1,39 @@
+"""6041h as the bus sees it: the present statusword, or a periodically updated copy.
+
+Some drives update it in a task of their own every few milliseconds: until then SDO and PDO read
+the previous value.
+"""
+
+from typing import Final
+
+from sim_drives.canopen.dictionary import ObjectDictionary
+from sim_drives.canopen.line import Line
+from sim_drives.canopen.timers import Timers
+
+STATUSWORD: Final = 0x6041
+
+
+class Statusword:
+    """One drive's object 6041h; with `period_ns` = 0 it is always the present statusword."""
+
+    def __init__(
+        self, dictionary: ObjectDictionary, line: Line, timers: Timers, period_ns: int
+    ) -> None:
+        self._dictionary = dictionary
+        self._line = line
+        self._timers = timers
+        self._period_ns = period_ns
+        self._word = 0
+
+    def show(self, word: int) -> None:
+        """Set the present statusword."""
+        self._word = word
+        if not self._period_ns:
+            self._renew()
+        elif word != self._dictionary.value(STATUSWORD) and not self._timers.running(STATUSWORD):
+            elapsed_ns = self._line.now_ns % self._period_ns
+            at_ns = self._line.now_ns - elapsed_ns + self._period_ns
+            self._timers.start(STATUSWORD, at_ns, self._renew)
+
+    def _renew(self) -> None:
+        self._dictionary.put(STATUSWORD, 0, self._word)

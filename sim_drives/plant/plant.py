@@ -1,0 +1,319 @@
+"""The trainer behind one leg's two virtual drives: receives orders, returns encoder and current.
+
+`Trainer` holds the arrays that the compiled loop of `dynamics.py` advances. It has no clock: time
+is the argument of `advance`. All random values come from the seed, one stream for each axis.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.mechanism import LegParameters, singularity_ratio
+from sim_drives.plant.actuation import Actuation, AxisActuation, AxisFlag, AxisSample
+from sim_drives.plant.dynamics import WORK, Constants, State, advance_steps
+from sim_drives.plant.motor import DRIVE, ORDER, fresh_loops, joint_effort, take_order
+from sim_drives.plant.patient import EFFORT, compile_programme, resting_stride
+from sim_drives.plant.settings import Loops, Motor, Motors, PlantTables
+from sim_drives.plant.stick_slip import JOINT, LAW_CODES, STICKING, Bristles
+from sim_drives.plant.stops import joint_stops, leg_reach
+from sim_drives.plant.truth import Truth
+
+HIP: Final = 0
+SLIDE: Final = 1
+NS_PER_US: Final = 1000
+
+COASTING: Final = AxisActuation(
+    actuation=Actuation.COAST,
+    target_effort_si=0.0,
+    target_position_si=0.0,
+    target_velocity_si=0.0,
+    deceleration_si=1.0,
+    interpolation_s=0.01,
+    effort_limit_si=0.0,
+    velocity_limit_si=math.inf,
+    following_error_si=math.inf,
+    following_error_time_s=0.0,
+    position_min_si=-math.inf,
+    position_max_si=math.inf,
+)
+"""The order of a drive at power-on: no torque."""
+
+
+class PlantError(ValueError):
+    """Operator error: plant.toml and its robot file contradict each other; names key and value."""
+
+
+class UnknownProgrammeError(ValueError):
+    """Operator error: no patient programme of that name."""
+
+    def __init__(self, name: str, known: tuple[str, ...]) -> None:
+        super().__init__(f"patient programme `{name}` is unknown; known: {', '.join(known)}")
+
+
+def _drive_row(row: np.void, motor: Motor, effort_per_a: float) -> None:
+    row["current_time_constant_s"] = motor.current_time_constant_s
+    row["effort_per_a"] = effort_per_a
+    row["heating_k_per_a2"] = motor.resistance_ohm * motor.thermal_resistance_k_per_w
+    row["thermal_time_constant_s"] = motor.thermal_time_constant_s
+
+
+def _drives(motors: Motors, loops: Loops, effort_per_a: tuple[float, float]) -> NDArray[np.void]:
+    rows = np.zeros(2, DRIVE)
+    hip, slide = loops.hip, loops.slide
+    rows["position_gain"] = (hip.position_gain_per_s, slide.position_gain_per_s)
+    rows["velocity_gain"] = (hip.velocity_gain_nm_s_per_rad, slide.velocity_gain_n_s_per_m)
+    rows["velocity_integral_s"] = (hip.velocity_integral_s, slide.velocity_integral_s)
+    rows["position_deadband"] = (hip.position_deadband_rad, slide.position_deadband_m)
+    rows["standstill_speed"] = (hip.standstill_rad_per_s, slide.standstill_m_per_s)
+    _drive_row(rows[HIP], motors.hip, effort_per_a[HIP])
+    _drive_row(rows[SLIDE], motors.slide, effort_per_a[SLIDE])
+    return rows
+
+
+def _constants(
+    settings: PlantTables,
+    leg: LegParameters,
+    frictions: tuple[FrictionParameters, FrictionParameters],
+) -> Constants:
+    hip, slide = settings.friction.hip, settings.friction.slide
+    step = settings.step
+    if step.drive_loop_us % step.physics_us != 0:
+        raise PlantError(
+            f"`step.drive_loop_us` = {step.drive_loop_us} must be a whole multiple of "
+            f"`step.physics_us` = {step.physics_us}"
+        )
+    return Constants(
+        leg=leg,
+        frictions=frictions,
+        bristles=(
+            Bristles(hip.bristle_stiffness_nm_per_rad, hip.bristle_damping_nm_s_per_rad),
+            Bristles(slide.bristle_stiffness_n_per_m, slide.bristle_damping_n_s_per_m),
+        ),
+        stops=joint_stops(settings.stops.hip, settings.stops.slide),
+        reach=leg_reach(settings.stops.ankle, leg),
+        law=LAW_CODES[settings.friction.law],
+        step_s=step.physics_us * 1e-6,
+        loop_steps=step.drive_loop_us // step.physics_us,
+        activation_s=settings.patient.activation_s,
+    )
+
+
+def _start_state(settings: PlantTables, constants: Constants) -> State:
+    pose = (math.radians(settings.start.hip_deg), settings.start.slide_m)
+    for name, value, stop in zip(
+        ("start.hip_deg", "start.slide_m"), pose, constants.stops, strict=True
+    ):
+        if not stop.low_si <= value <= stop.high_si:
+            raise PlantError(
+                f"`{name}` lies outside its stops, {stop.low_si:.4g} to {stop.high_si:.4g}"
+            )
+    ratio = singularity_ratio(constants.leg, np.array(pose))
+    if ratio <= settings.stops.ankle.edge_ratio:
+        raise PlantError(
+            f"`start`: |sin(shank, shoe)| = {ratio:.3f} at this pose, inside "
+            f"`stops.ankle.edge_ratio` = {settings.stops.ankle.edge_ratio} (0: out of reach)"
+        )
+    joints = np.zeros(2, JOINT)
+    joints["position"] = pose
+    joints["stuck"] = int(constants.law == STICKING)
+    return State(
+        joints=joints,
+        loops=fresh_loops(),
+        stride=resting_stride(pose[HIP]),
+        work=np.zeros(1, WORK),
+        patient=np.zeros(2),
+        speed=np.zeros(2),
+    )
+
+
+class Trainer:
+    """Mechanism, two motors with their inner loops, friction, stops and patient of one leg."""
+
+    def __init__(
+        self,
+        settings: PlantTables,
+        leg: LegParameters,
+        frictions: tuple[FrictionParameters, FrictionParameters],
+        effort_per_a: tuple[float, float],
+        seed: int,
+        start_ns: int,
+    ) -> None:
+        """Build the plant at rest in its start pose, both power stages off.
+
+        Args:
+            settings: physics tables of plant.toml.
+            leg: mechanism of the plant's own robot file, with or without a patient's leg.
+            frictions: friction of hip and slide, from the same file.
+            effort_per_a: joint effort per ampere, N·m/A and N/A, positive: k_t gear (2 pi / lead).
+            seed: seed of noise and jitter; another leg takes another one.
+            start_ns: the time now; the physics grid begins here.
+
+        Raises:
+            PlantError: the tables contradict each other or the robot file.
+            UnknownProgrammeError: `patient.start` names none.
+        """
+        self._settings = settings
+        self._constants = _constants(settings, leg, frictions)
+        self._state = _start_state(settings, self._constants)
+        self._drives = _drives(settings.motor, settings.loop, effort_per_a)
+        self._orders = np.zeros(2, ORDER)
+        self._step_ns = settings.step.physics_us * NS_PER_US
+        self._start_ns = start_ns
+        self._step_index = 0
+        self._now_ns = start_ns
+        self._noise = [np.random.default_rng((seed, axis)) for axis in (HIP, SLIDE)]
+        self._programmes = {programme.name: programme for programme in settings.patient.programme}
+        self._programme_name = ""
+        self._programme = np.zeros(0, EFFORT)
+        self._programme_start = 0
+        self._repeat_s = math.inf
+        for axis in (HIP, SLIDE):
+            self.set_axis(axis, COASTING)
+        self.patient(settings.patient.start)
+
+    @property
+    def now_ns(self) -> int:
+        """The simulated time of the plant."""
+        return self._now_ns
+
+    @property
+    def programmes(self) -> tuple[str, ...]:
+        """Names of the programmes that `patient` accepts."""
+        return tuple(self._programmes)
+
+    def set_axis(self, axis: int, actuation: AxisActuation) -> None:
+        """Give an axis a new order; it acts from the next step of the grid.
+
+        Sending the same order again changes nothing; a new position target starts a new line from
+        the present set point. Another actuation clears the flags of the last one.
+        """
+        take_order(self._orders[axis], self._state.loops[axis], actuation)
+
+    def block_rotor(self, axis: int, blocked: bool) -> None:
+        """Block an axis's rotor from outside, or free it. A moving axis stops in one step."""
+        self._state.joints[axis]["blocked"] = int(blocked)
+
+    def wire(self, axis: int, motor_sense: int, encoder_sense: int) -> None:
+        """Connect motor and encoder: +1 with the right sign, -1 inverted.
+
+        An inverted encoder continues from the last value that it has shown.
+        """
+        loop = self._state.loops[axis]
+        position = self._state.joints[axis]["position"]
+        seen = loop["encoder_sense"] * position + loop["encoder_shift"]
+        loop["motor_sense"], loop["encoder_sense"] = motor_sense, encoder_sense
+        rightly = encoder_sense > 0
+        loop["encoder_shift"] = 0.0 if rightly else seen - encoder_sense * position
+
+    def offset_current(self, axis: int, offset_a: float) -> None:
+        """Add an offset to the current sensor's value, joint sign."""
+        self._state.loops[axis]["sensed_too_much"] = offset_a * self._drives[axis]["effort_per_a"]
+
+    def patient(self, name: str) -> None:
+        """Start a programme of the patient now.
+
+        Raises:
+            UnknownProgrammeError: the settings have none of that name.
+        """
+        if name not in self._programmes:
+            raise UnknownProgrammeError(name, self.programmes)
+        self._programme, self._repeat_s = compile_programme(self._programmes[name])
+        self._programme_name = name
+        self._programme_start = self._step_index
+
+    def advance(self, to_ns: int) -> int:
+        """Advance the plant to `to_ns`, or until a flag newly rises on either axis.
+
+        Returns: the time reached, `to_ns` or the end of the step in which the flag rose.
+
+        Raises:
+            ValueError: `to_ns` lies in the past (a bug of the caller).
+        """
+        if to_ns < self._now_ns:
+            raise ValueError(f"the plant is at {self._now_ns} ns and cannot go back to {to_ns} ns")
+        step_count = (to_ns - self._start_ns) // self._step_ns - self._step_index
+        rose = False
+        if step_count > 0:
+            done, rose = advance_steps(
+                self._constants,
+                self._drives,
+                self._orders,
+                self._state,
+                self._programme,
+                self._programme_start,
+                self._repeat_s,
+                self._step_index,
+                step_count,
+            )
+            self._step_index += done
+        self._now_ns = self._grid_ns if rose else to_ns
+        return self._now_ns
+
+    def sample(self, axis: int) -> AxisSample:
+        """Sample the drive's sensors now; every call draws new noise and jitter."""
+        noise = self._noise[axis]
+        sensor = self._settings.sensor
+        jitter_s = noise.uniform(0.0, sensor.latch_jitter_us * 1e-6)
+        position, velocity = self._motion(axis, self._since_grid_s + jitter_s)
+        spread = sensor.hip.position_noise_rad if axis == HIP else sensor.slide.position_noise_m
+        current = sensor.hip if axis == HIP else sensor.slide
+        loop, drive = self._state.loops[axis], self._drives[axis]
+        unpowered = loop["acting"] == Actuation.COAST
+        effort = loop["effort"] + (loop["sensed_too_much"] if unpowered else 0.0)
+        current_a = effort / drive["effort_per_a"]
+        seen = loop["encoder_sense"] * position + loop["encoder_shift"]
+        return AxisSample(
+            position_si=float(seen + noise.normal(0.0, spread)),
+            velocity_si=float(loop["encoder_sense"] * velocity),
+            current_a=float(current_a + noise.normal(0.0, current.current_noise_a)),
+            temperature_degc=float(self._settings.motor.ambient_degc + loop["warming_k"]),
+        )
+
+    def flags(self, axis: int) -> AxisFlag:
+        """Return the present flags of the axis."""
+        return AxisFlag(int(self._state.loops[axis]["flags"]))
+
+    def truth(self) -> Truth:
+        """Return the present true state, including what no drive measures."""
+        joints, loops = self._state.joints, self._state.loops
+        effort = np.array([joint_effort(loop, loop["effort"]) for loop in loops])
+        impulse = joints["effort_impulse"] + effort * self._since_grid_s
+        hip, slide = (self._motion(axis, self._since_grid_s) for axis in (HIP, SLIDE))
+        return Truth(
+            time_ns=self._now_ns,
+            position=(hip[0], slide[0]),
+            velocity=(hip[1], slide[1]),
+            patient=_pair(joints["patient"]),
+            friction=_pair(joints["friction"]),
+            effort=_pair(effort),
+            contact=_pair(joints["contact"]),
+            effort_impulse=_pair(impulse),
+            sticking=(bool(joints[HIP]["stuck"]), bool(joints[SLIDE]["stuck"])),
+            programme=self._programme_name,
+        )
+
+    def work(self) -> dict[str, float]:
+        """Work done on the mechanism since the start, J: by drives, patient, friction, contact."""
+        return {name: float(self._state.work[name][0]) for name in WORK.fields or ()}
+
+    @property
+    def _grid_ns(self) -> int:
+        return self._start_ns + self._step_index * self._step_ns
+
+    @property
+    def _since_grid_s(self) -> float:
+        return (self._now_ns - self._grid_ns) * 1e-9
+
+    def _motion(self, axis: int, ahead_s: float) -> tuple[float, float]:
+        """Return position and velocity a fraction of a step after the grid."""
+        joint = self._state.joints[axis]
+        velocity = joint["velocity"] + joint["acceleration"] * ahead_s
+        position = joint["position"] + ahead_s * (joint["velocity"] + velocity) * 0.5
+        return float(position), float(velocity)
+
+
+def _pair(values: NDArray[np.float64]) -> tuple[float, float]:
+    return float(values[0]), float(values[1])

@@ -1,0 +1,68 @@
+"""Interface between the protocol side and one leg's mechanics; `plant.Trainer` implements it."""
+
+from typing import NamedTuple, Protocol
+
+from sim_drives.plant.actuation import AxisActuation, AxisFlag, AxisSample
+
+
+class Plant(Protocol):
+    """Two axes with motors and a patient: 0 is the hip, 1 the slide."""
+
+    def set_axis(self, axis: int, actuation: AxisActuation) -> None:
+        """Give one axis its order; the same order again changes nothing."""
+        ...
+
+    def advance(self, to_ns: int) -> int:
+        """Advance to `to_ns`, or until a flag newly rises; return the time reached."""
+        ...
+
+    def sample(self, axis: int) -> AxisSample:
+        """Sample the sensors now; draws noise, so call it once per use."""
+        ...
+
+    def flags(self, axis: int) -> AxisFlag:
+        """Return the present flags."""
+        ...
+
+    def block_rotor(self, axis: int, blocked: bool) -> None:
+        """Block the joint, or free it."""
+        ...
+
+    def wire(self, axis: int, motor_sense: int, encoder_sense: int) -> None:
+        """Connect motor and encoder: +1 with the right sign, -1 inverted."""
+        ...
+
+    def offset_current(self, axis: int, offset_a: float) -> None:
+        """Add an offset to the current sensor's value, joint sign."""
+        ...
+
+
+class Axis(NamedTuple):
+    """One axis of one plant."""
+
+    plant: Plant
+    number: int
+
+    def order(self, actuation: AxisActuation) -> None:
+        """As `Plant.set_axis`."""
+        self.plant.set_axis(self.number, actuation)
+
+    def sample(self) -> AxisSample:
+        """As `Plant.sample`."""
+        return self.plant.sample(self.number)
+
+    def flags(self) -> AxisFlag:
+        """As `Plant.flags`."""
+        return self.plant.flags(self.number)
+
+    def block(self, *, blocked: bool) -> None:
+        """As `Plant.block_rotor`."""
+        self.plant.block_rotor(self.number, blocked)
+
+    def wire(self, *, motor_sense: int, encoder_sense: int) -> None:
+        """As `Plant.wire`."""
+        self.plant.wire(self.number, motor_sense, encoder_sense)
+
+    def offset_current(self, offset_a: float) -> None:
+        """As `Plant.offset_current`."""
+        self.plant.offset_current(self.number, offset_a)
