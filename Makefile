@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 # What `make quick` runs: a second's answer for what has no bus, no process and no session.
-UNITS := tests/drives tests/daemon tests/simtime
+UNITS := tests/drives tests/daemon
 # What safety rests on: the unit tests of these files alone must reach every branch of them.
 SAFETY_TESTS := $(wildcard tests/drives/test_cia402*.py tests/daemon/core/test_modes*.py \
 	tests/daemon/core/test_safety*.py tests/daemon/core/test_every_limit.py)
