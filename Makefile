@@ -69,7 +69,7 @@ pytest: $(VENV)/dev.stamp
 	@touch $(STEPS)
 	$(BIN)/pytest -n $(WORKERS) --cpu-seconds=$(STEPS)
 
-coverage: $(VENV)/dev.stamp  ## every branch of safety.py, modes.py and cia402.py, by their unit tests alone
+coverage: $(VENV)/dev.stamp  ## every branch of the safety files, by their unit tests alone
 	$(STEP) "branch coverage of the safety files" $(BIN)/coverage run -m pytest -q $(SAFETY_TESTS)
 	$(BIN)/coverage report
 
