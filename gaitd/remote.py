@@ -82,16 +82,23 @@ def client_settings(endpoints: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
+def client_config(endpoints: tuple[str, ...]) -> "zenoh.Config":
+    """Return Zenoh's configuration of a client."""
+    import zenoh
+
+    config = zenoh.Config()
+    for key, value in client_settings(endpoints).items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
 def open_client(endpoints: tuple[str, ...]) -> "zenoh.Session | None":
     """Open a session with a service; None if no service listens on the endpoints."""
     import zenoh
 
     zenoh.init_log_from_env_or("off")
-    config = zenoh.Config()
-    for key, value in client_settings(endpoints).items():
-        config.insert_json5(key, json.dumps(value))
     try:
-        return zenoh.open(config)
+        return zenoh.open(client_config(endpoints))
     except zenoh.ZError:
         return None
 

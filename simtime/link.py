@@ -113,7 +113,7 @@ class SocketLink:
         self._now_ns = self._left_ns = time.monotonic_ns()
         """Simulated time of the newest grant; the computer's time of it, without a server."""
         self._utc_ahead_ns = time.time_ns() - self._now_ns
-        with contextlib.suppress(FileNotFoundError, PageError):
+        with contextlib.suppress(OSError, PageError):  # `open` reports what is wrong with it
             self._page = SimulatedTime(page_path(path))
             self._now_ns = 0
             self._utc_ahead_ns = self._page.utc_ns() - self._page.now_ns()

@@ -116,6 +116,6 @@ class PageClock:
         wall_ns = time.monotonic_ns()
         if self._page is None and wall_ns >= self._retry_ns:
             self._retry_ns = wall_ns + PAGE_RETRY_NS
-            with contextlib.suppress(FileNotFoundError, PageError):
+            with contextlib.suppress(OSError, PageError):  # the core reports what is wrong with it
                 self._page = SimulatedTime(self._path)
         return self._page

@@ -14,7 +14,6 @@ drives, just after the core had sent the commands.
 Zenoh's own stamp of the put, in wall-clock time, divides the time beyond the work.
 """
 
-import json
 import os
 import statistics
 import subprocess
@@ -28,7 +27,7 @@ import zenoh
 
 from daemon import wire
 from daemon.ipc.record import CycleRecord
-from gaitd.remote import client_settings
+from gaitd.remote import client_config
 from gaitd_lab.benchmark import bare_put
 from gaitd_lab.demonstration.script import ActError
 from gaitd_lab.demonstration.stage import Tempo
@@ -130,7 +129,7 @@ def _delivery(made: Machinery, seconds: float) -> tuple[Delivery, int]:
     records: list[CycleRecord] = []
     tail = RecordTail(made.ring)
     tail.read()
-    with zenoh.open(_settings(made.target.endpoints)) as session:
+    with zenoh.open(client_config(made.target.endpoints)) as session:
         trainer = made.target.trainer
         _subscribe(session, wire.key(trainer, made.leg, "estimate"), came)
         _subscribe(session, wire.key(trainer, wire.HEALTH), health)
@@ -188,13 +187,6 @@ def _subscribe(session: zenoh.Session, key: str, came: list[Came]) -> None:
     session.declare_subscriber(key, hear)
 
 
-def _settings(endpoints: tuple[str, ...]) -> zenoh.Config:
-    config = zenoh.Config()
-    for key, value in client_settings(endpoints).items():
-        config.insert_json5(key, json.dumps(value))
-    return config
-
-
 def bare_puts(size: int, seconds: float) -> Spread:
     """Measure put to callback of a process that does nothing else.
 
@@ -206,7 +198,7 @@ def bare_puts(size: int, seconds: float) -> Spread:
     came: list[Came] = []
     with subprocess.Popen(tied(*words)) as putting:
         time.sleep(CONNECT_S)
-        with zenoh.open(_settings((endpoint,))) as session:
+        with zenoh.open(client_config((endpoint,))) as session:
             _subscribe(session, bare_put.KEY, came)
             putting.wait()
     if not came:

@@ -125,26 +125,6 @@ def _pair(
     )
 
 
-def within(both: tuple[Pair, Pair], spans: Sequence[Span]) -> tuple[Pair, Pair]:
-    """Select the samples inside the spans; acts that were repeated are left out."""
-    time_ns = both[0].time_ns
-    inside = np.zeros(len(time_ns), dtype=np.bool_)
-    for span in spans:
-        inside |= (time_ns >= span.begin_ns) & (time_ns < span.end_ns)
-    return _only(both[0], inside), _only(both[1], inside)
-
-
-def _only(pair: Pair, inside: NDArray[np.bool_]) -> Pair:
-    return Pair(
-        pair.time_ns[inside],
-        pair.estimate[inside],
-        pair.std[inside],
-        pair.wanted[inside],
-        pair.friction[inside],
-        pair.true_friction[inside],
-    )
-
-
 def judge(spans: Sequence[Span], both: tuple[Pair, Pair]) -> tuple[Row, ...]:
     """Evaluate both axes in every span that has bounds."""
     return tuple(

@@ -17,7 +17,7 @@ import zenoh
 from daemon import wire
 from gaitd.remote import ANSWER_TIMEOUT_S, Target, open_client
 from gaitd_lab.demonstration.feed import HEARD, TRUE, Audience, Track, TruthTail
-from gaitd_lab.demonstration.judgement import Span, judge, pairs, within
+from gaitd_lab.demonstration.judgement import Span, judge, pairs
 from gaitd_lab.demonstration.picture import Results
 from gaitd_lab.demonstration.script import (
     Act,
@@ -155,7 +155,7 @@ class Performance:
         except KeyboardInterrupt:
             trouble = "interrupted"
         self._end_span()
-        both = within(pairs(self._heard, self._true), self._spans)
+        both = pairs(self._heard, self._true)
         rows = judge(self._spans, both)
         return Results(both, self._spans, rows, self._health, trouble)
 
@@ -194,7 +194,9 @@ class Performance:
             where.time.turn(gateway_is_there=audience.is_connected)
             self._look_at(where)
             audience.catch_up(self._now_ns)
-            now = audience.situation(self._now_ns, where.time.began_ns, *outstanding.outcome())
+            now = audience.situation(
+                self._now_ns, where.time.began_ns or self._now_ns, *outstanding.outcome()
+            )
             action, over = _next(act, now)
         time.sleep(SETTLE_S)
 

@@ -28,7 +28,7 @@ from daemon.config.robot import leg_parameters
 from daemon.config.settings import Robot
 from daemon.system.clock import PageClock
 from gaitd.remote import Target
-from gaitd_lab.demonstration.script import ActError
+from gaitd_lab.demonstration.script import READY_WITHIN_S, ActError
 from gaitd_lab.processes import free_ports, memory_folder, tied
 from observer.mechanism.mechanism import gravity
 from sim_drives.time.server import process_state
@@ -88,6 +88,7 @@ class StageTime:
         self._hand = SocketLink(channel, Role.HAND, HAND_NAME)
         self._link = SocketLink(channel, Role.IN_STEP, SEAT_NAME)
         self._has_begun = False
+        self._made_wall_s = time.monotonic()
         self.began_ns = 0
         """Time at which core and gateway were connected."""
         self._began_wall_s = 0.0
@@ -109,13 +110,19 @@ class StageTime:
         return (self.now_ns() - self.began_ns) * 1e-9 / wall_s
 
     def turn(self, *, gateway_is_there: bool) -> None:
-        """Let a turn pass: by the computer's time until the act begins, then in the act's."""
+        """Let a turn pass: by the computer's time until the act begins, then in the act's.
+
+        Raises:
+            ActError: core and gateway have not come in time.
+        """
         try:
             if self._has_begun or (gateway_is_there and self._core_is_there()):
                 self._pass()
                 return
         except LinkLostError:
             pass  # the ended process is detected by its exit code
+        if not self._has_begun and time.monotonic() - self._made_wall_s > READY_WITHIN_S:
+            raise ActError(f"core and gateway are not there within {READY_WITHIN_S:g} s")
         time.sleep(TURN_S)
 
     def close(self) -> None:

@@ -12,7 +12,7 @@ from typing import Final
 import zenoh
 
 from daemon import wire
-from gaitd.remote import Target, client_settings
+from gaitd.remote import Target, client_config
 from gaitd_lab.soak import memory
 from gaitd_lab.soak.happenings import DEATHS_RATIO, Actor, Chances, Happening
 from gaitd_lab.soak.machinery import PARTS, Machinery, RecordTail
@@ -334,10 +334,7 @@ class Flood:
             self._thread = None
 
     def _send(self, duration_s: float) -> None:
-        config = zenoh.Config()
-        for key, value in client_settings(self._target.endpoints).items():
-            config.insert_json5(key, json.dumps(value))
-        with zenoh.open(config) as session:
+        with zenoh.open(client_config(self._target.endpoints)) as session:
             name = wire.key(self._target.trainer, self._leg, wire.SETPOINT)
             end_s = time.monotonic() + duration_s
             while time.monotonic() < end_s and not self._over.is_set():

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from gaitd.places import configs_folder
+from gaitd_lab.demonstration import stage
 from gaitd_lab.demonstration.feed import HEARD, TRUE, Track, TruthTail
-from gaitd_lab.demonstration.judgement import Row, Span, judge, pairs, within
+from gaitd_lab.demonstration.judgement import Row, Span, judge, pairs
 from gaitd_lab.demonstration.picture import Results, draw
 from gaitd_lab.demonstration.script import ActError, Kind
-from gaitd_lab.demonstration.stage import ManagedProcess, write_configs
+from gaitd_lab.demonstration.stage import ManagedProcess, StageTime, Tempo, write_configs
 from sim_drives.plant.truth import TruthRow
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -91,16 +92,6 @@ def test_an_estimate_without_a_truth_of_its_cycle_is_not_judged():
     assert np.isnan(pairs(heard, true)[0].wanted).all()
 
 
-def test_an_act_that_was_played_again_is_left_out():
-    both = pairs(*tracks(400))
-    spans = [Span("again", Kind.ACTIVE, 2_000_000_000, 3_000_000_000)]
-
-    hip, _ = within(both, spans)
-
-    assert len(hip.time_ns) == 100
-    assert hip.time_ns.min() >= 2_000_000_000
-
-
 def test_the_truth_is_followed_by_whole_lines(tmp_path):
     track = Track(TRUE)
     tail = TruthTail(tmp_path / "truth.csv", track)
@@ -152,6 +143,14 @@ def test_the_springs_of_the_empty_machine_carry_it_where_it_starts(tmp_path):
     load_there = gravity(leg_parameters(load(trainer).robot), pose)
 
     assert np.abs(load_there) == pytest.approx([0.0, 0.0], abs=1e-3)
+
+
+def test_a_core_that_does_not_come_ends_the_demonstration(tmp_path, monkeypatch):
+    monkeypatch.setattr(stage, "READY_WITHIN_S", 0.0)
+    passing = StageTime(tmp_path / "bus", 0, Tempo())
+
+    with pytest.raises(ActError, match="core and gateway are not there"):
+        passing.turn(gateway_is_there=False)
 
 
 def test_a_process_that_dies_is_reported_with_its_last_words(tmp_path):

@@ -13,6 +13,7 @@ from pathlib import Path
 import can
 import pytest
 
+from daemon.system.clock import PageClock
 from sim_drives.faults.script import FaultCommandError
 from sim_drives.frame import TimedFrame
 from sim_drives.time import server as time_server
@@ -346,6 +347,16 @@ def test_a_page_that_cannot_be_read_is_named_with_what_is_wrong(tmp_path, conten
 
     with pytest.raises(PageError, match=said):
         SimulatedTime(path)
+
+
+def test_a_page_that_cannot_be_opened_ends_no_program_before_it_asks_for_its_seat(tmp_path):
+    page_path(tmp_path / "bus").mkdir()
+    link = SocketLink(tmp_path / "bus", Role.IN_STEP, "core")
+
+    assert link.now_ns() > 0
+    assert PageClock(tmp_path / "bus").now_ns() > 0
+    with pytest.raises(LinkLostError):
+        link.open()
 
 
 def test_a_file_of_somebody_else_in_the_place_of_the_page_is_left_as_it_is(tmp_path):
