@@ -13,9 +13,6 @@ from daemon.core import (
     cycle_record,
     inputs,
 )
-from daemon.core.motion import (
-    leg_plan,
-)
 from daemon.core.safety import (
     checks,
 )
@@ -23,7 +20,6 @@ from daemon.core.safety.friction_monitor import watch
 from daemon.core.safety.inputs import AxisInputs, LegInputs, ServiceInputs
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.steps import (
-    commissioning,
     controllers,
     impedance,
     joints,
@@ -31,6 +27,7 @@ from daemon.core.steps import (
     monitors,
     poses,
     requests,
+    single_axis,
     supervisor,
     targets,
 )
@@ -138,7 +135,7 @@ def _tell_overdue(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
 
 def _measured(core: Core, axis: Axis, feedback: DriveFeedback, tick: Tick) -> joints.Joint:
     # Homing moves the origin of the position: that step must not count as motion.
-    before = joints.Joint() if commissioning.finds_home(core, axis, feedback) else axis.joint
+    before = joints.Joint() if single_axis.moves_origin(core, axis, feedback) else axis.joint
     return joints.measure(before, feedback, axis.scaling, tick.sync_ns)
 
 
@@ -201,7 +198,8 @@ def observe(core: Core, tick: Tick) -> None:
     """Feed each leg's observer with this cycle's samples; a missing sample is NaN."""
     for leg in core.legs:
         hip, slide = leg.axes
-        leg.artificial = leg_plan.artificial(leg)
+        exercise = leg.exercise
+        leg.artificial = (0.0, 0.0) if exercise is None else exercise.artificial_si
         leg.measured = (_sampled_si(hip), _sampled_si(slide))
         leg.effort_used = (
             hip.joint.effort_si - leg.artificial[0],
@@ -220,7 +218,7 @@ def observe(core: Core, tick: Tick) -> None:
             effort_std=effort_std(leg),
             late=tick.late,
             unreferenced=not referenced,
-            artificial=leg.artificial != (0.0, 0.0) or leg_plan.is_artificial(leg),
+            artificial=exercise is not None and exercise.is_artificial,
             input_saturated=monitors.is_saturated(leg),
             near_limit=leg.zone.entered,
         )
@@ -283,10 +281,10 @@ def _situation(core: Core, leg: Leg, index: int) -> AxisInputs:
         name=axis.name,
         feedback=feedback,
         joint=axis.joint,
-        limits=commissioning.limits_in_force(core, axis),
+        limits=single_axis.limits_in_force(core, axis),
         referenced=axis.referenced,
-        preparing=core.preparation is not None,
-        homing=commissioning.is_homing(core, axis),
+        preparing=core.single_axis is not None,
+        homing=single_axis.is_homing(core, axis),
         tracking_si=axis.tracking_si if core.mode != Mode.STOPPING else 0.0,
         wanted_velocity_si=axis.wanted_velocity_si,
         counts_sign=1 if axis.scaling.counts_per_si > 0 else -1,

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from msgspec.structs import replace
 
 from daemon.core.motion.assist import wanted_si
-from daemon.core.motion.trajectory import GaitPlay, gait_phase
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.steps import supervisor
 from daemon.core.steps.smoothing import stride_record
@@ -86,7 +85,7 @@ def _leg_assist(leg: Leg) -> LegAssistRecord:
 
 
 def _phase(leg: Leg) -> float:
-    return gait_phase(leg.plan) if isinstance(leg.plan, GaitPlay) else -1.0
+    return -1.0 if leg.exercise is None else leg.exercise.gait_phase
 
 
 def _drive(axis: Axis, age_max_cycles: int) -> DriveRecord:

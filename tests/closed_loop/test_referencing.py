@@ -5,10 +5,10 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
+from daemon.core.steps.commissioning import finds_home
 from sessions import Session, changed_configs
 
 from daemon.core.modes.persistent_state import AxisNote, PersistentState
-from daemon.core.steps.commissioning import finds_home
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
 from drives.signals import OperationMode, PowerState
 from sim_drives.frame import Frame

@@ -269,7 +269,7 @@ class Loop:
         except BusError as error:
             fail(core, Cause.BUS_DOWN, "", error.what)
             return
-        plans = settings.plans.of(core.preparation)
+        plans = settings.plans.of(core.single_axis)
         port = self._line.port(requested=core.reset_cycles_left > 0, meanwhile=self._tell_meanwhile)
         for _ in bring_up_core(core, plans, port, settings.cycle):
             self._tell_meanwhile()

@@ -6,7 +6,7 @@ from daemon.core.modes import table
 from daemon.core.modes.persistent_state import disagreement, proven
 from daemon.core.modes.table import Event
 from daemon.core.state import Axis, Core
-from daemon.core.steps import latching
+from daemon.core.steps import exercises, latching
 from daemon.core.steps.joints import Joint
 from daemon.ipc.record import Cause, Mode, Verdict
 from drives.bringup.bringup import DriveReport, Progress, bring_up
@@ -34,7 +34,7 @@ def bring_up_core(
         reports = yield from _told(core, steps)
     except BringUpRefused as refused:
         # The usual bring-up, without the limits of a homing or sign test, may still succeed.
-        preparing = core.preparation is not None
+        preparing = core.single_axis is not None
         fail(core, Cause.BRING_UP_FAILED, refused.drive, str(refused))
         if preparing:
             return False
@@ -60,7 +60,7 @@ def _wait_for_reset(core: Core, powered: DrivePowered) -> None:
         core.config.categories.of(cause), cause, powered.drive, detail=powered.state
     )
     core.mode = table.next_mode(core.mode, Event.DRIVE_FAULTY)
-    core.preparation = None
+    core.single_axis = None
     core.reset_cycles_left = 0
     noted = latching.verdict_of(core.notes.latched)
     if noted is not None and noted.cause != Cause.LAST_END_UNKNOWN:
@@ -77,7 +77,7 @@ def fail(core: Core, cause: Cause, drive: str, detail: str) -> None:
     if verdict != core.verdict:
         core.events.append(f"bring-up failed: {detail}")
     core.verdict = verdict
-    core.preparation = None
+    core.single_axis = None
     core.reset_cycles_left = 0
     core.progress = ""
     for axis in core.axes:
@@ -107,8 +107,9 @@ def _take_over(
     core.drives = DriveGroup([Drive(plan.description, now_ns) for plan in plans])
     for axis, plan, report in zip(core.axes, plans, reports, strict=True):
         _begin(core, axis, plan, report)
+    exercises.reset(core)
     for leg in core.legs:
-        leg.plan, leg.reference, leg.estimate = None, None, None
+        leg.estimate = None
         leg.observer_started, leg.observer_bad_cycles = False, 0
     core.verdict = Verdict()
     core.load_checked = False

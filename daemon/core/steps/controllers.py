@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import msgspec
 
+from daemon.core.modes.table import rules_of
 from daemon.core.motion import assist
-from daemon.core.motion.assist import ASSISTED, FULL_STIFFNESS, SetpointContext
-from daemon.core.motion.trajectory import TorquePlay
+from daemon.core.motion.assist import FULL_STIFFNESS, SetpointContext
 from daemon.core.state import Core, Leg
 from daemon.ipc.record import Mode, Setpoint
 from daemon.wire.refusals import SetpointRefusal
@@ -22,8 +22,8 @@ GROWN_STALE = "its setpoints have grown stale"
 
 def hear(core: Core, cycle: int) -> None:
     """Check the setpoints of the newest gateway state; each setpoint is checked once."""
-    by_position = core.config.gait.guidance == "position"
-    desk = SetpointContext(core.lease, cycle, core.mode, by_position)
+    takes_assist = rules_of(core.mode).takes_assist
+    context = SetpointContext(core.lease, cycle, takes_assist, core.config.by_position)
     # The assist of one lease holder must lapse before another holder may command.
     handed_over = {
         leg.name
@@ -33,14 +33,14 @@ def hear(core: Core, cycle: int) -> None:
     for leg in core.legs:
         if leg.assist.lease != core.lease:
             leg.assist = replace(leg.assist, lease=core.lease, seq=-1, accepted=None)
-        elif core.mode not in ASSISTED:
+        elif not takes_assist:
             leg.assist = replace(leg.assist, accepted=None)
     for setpoint in core.setpoints:
         if setpoint.leg not in handed_over:
-            _hear_one(core, setpoint, desk)
+            _receive(core, setpoint, context)
 
 
-def _hear_one(core: Core, setpoint: Setpoint, desk: SetpointContext) -> None:
+def _receive(core: Core, setpoint: Setpoint, context: SetpointContext) -> None:
     leg = next((leg for leg in core.legs if leg.name == setpoint.leg), None)
     if leg is None:
         core.setpoint_refused_count[SetpointRefusal.UNKNOWN_LEG] += 1
@@ -50,7 +50,7 @@ def _hear_one(core: Core, setpoint: Setpoint, desk: SetpointContext) -> None:
         return
     hip, slide = leg.axes
     limits = (hip.limits, slide.limits)
-    refusal = assist.judge(setpoint, leg.assist.seq, limits, desk, core.config.assist_rules)
+    refusal = assist.judge(setpoint, leg.assist.seq, limits, context, core.config.assist_rules)
     leg.assist = replace(leg.assist, judged=judged)
     if refusal == SetpointRefusal.NONE:
         core.setpoint_accepted_count += 1
@@ -93,8 +93,8 @@ def _lapse_of_gait(core: Core, cycle: int) -> str:
 
 
 def _waited_cycles(core: Core) -> int:
-    plan = core.legs[0].plan
-    elapsed_s = plan.elapsed_s if isinstance(plan, TorquePlay) else 0.0
+    exercise = core.legs[0].exercise
+    elapsed_s = 0.0 if exercise is None else exercise.elapsed_s
     return round(elapsed_s / core.config.period_s)
 
 
@@ -126,7 +126,7 @@ def put_in_force(core: Core, leg: Leg, cycle: int, *, powered: bool) -> None:
 def _wanted(core: Core, leg: Leg, cycle: int) -> Setpoint | None:
     """The setpoint to follow in this cycle; mode TORQUE ignores its stiffness (no guidance)."""
     newest = leg.assist.accepted
-    if newest is None or core.mode not in ASSISTED:
+    if newest is None or not rules_of(core.mode).takes_assist:
         return None
     if not assist.is_fresh(newest, cycle, core.config.assist_rules):
         return None

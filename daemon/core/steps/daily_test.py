@@ -18,9 +18,8 @@ from typing import Final
 
 from msgspec.structs import replace
 
+from daemon.core.exercises.self_test import Finding, SelfTest, result_text
 from daemon.core.modes.persistent_state import AxisTestNote, InputsNote, SelfTestNote
-from daemon.core.motion import self_test
-from daemon.core.motion.self_test import Finding, SelfTestPlay
 from daemon.core.state import Axis, Core
 from daemon.ipc.record import Cause, Mode, Verdict
 from drives.signals import Input
@@ -151,8 +150,8 @@ def conclude(core: Core, utc_ns: int) -> Verdict | None:
     found = [
         finding
         for leg in core.legs
-        if isinstance(leg.plan, SelfTestPlay)
-        for finding in self_test.findings(leg.plan)
+        if isinstance(leg.exercise, SelfTest)
+        for finding in leg.exercise.findings()
     ]
     passed = not any(one.fault for one in found)
     note = SelfTestNote(
@@ -162,7 +161,7 @@ def conclude(core: Core, utc_ns: int) -> Verdict | None:
         axes={one.name: _test_note(one, _serial_number(core, one.name)) for one in found},
     )
     core.notes = replace(core.notes, self_test=note)
-    core.events += [self_test.said(one) for one in found]
+    core.events += [result_text(one) for one in found]
     return None if passed else _verdict(core, next(one for one in found if one.fault))
 
 

@@ -20,10 +20,10 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from daemon.config.settings import Impedance
-from daemon.core.motion.trajectory import GaitPlay, Reference
+from daemon.core.exercises.exercise import Reference
 from daemon.core.safety import bounds, stop_sequence
 from daemon.core.state import Axis, Core, Leg
-from daemon.core.steps import commissioning, controllers, monitors, supervisor, targets
+from daemon.core.steps import controllers, exercises, monitors, single_axis, supervisor, targets
 from daemon.ipc.record import Cause, Verdict
 from drives.cia402.units import effort_to_permille, position_to_counts
 from drives.signals import DriveCommand, OperationMode, PowerRequest
@@ -74,8 +74,7 @@ def command(core: Core, cycle: int) -> list[DriveCommand]:
         targets.note_motion(axis, target.position_si, core.config.period_s)
         axis.mode_sent = mode
         axis.effort_sent_si, axis.position_sent_si = target
-    for leg in core.legs:
-        leg.takes_over = False
+    exercises.has_taken_over(core)
     return [_command(core, axis) for axis in core.axes]
 
 
@@ -103,7 +102,7 @@ def _mode(core: Core, axis: Axis) -> OperationMode:
 def _wishes(core: Core, leg: Leg) -> tuple[AxisSetpoint, AxisSetpoint]:
     """Setpoints of the leg's plan for both axes; no effort where no drive is to be enabled."""
     hip, slide = leg.axes
-    if commissioning.in_work(core) is not None:
+    if single_axis.moving(core) is not None:
         return _preparing_wish(core, hip), _preparing_wish(core, slide)
     reference = leg.reference
     if reference is None or not any(supervisor.enable_wanted(core, axis) for axis in leg.axes):
@@ -111,9 +110,8 @@ def _wishes(core: Core, leg: Leg) -> tuple[AxisSetpoint, AxisSetpoint]:
             0.0, slide.joint.position_si, 0.0
         )
     config = core.config
-    walking = isinstance(leg.plan, GaitPlay)
-    impedance = config.gait.impedance if walking else config.hold
-    gains = _gains(impedance, leg.stiffness_ratio * leg.spasm_ratio)
+    impedance = None if leg.exercise is None else leg.exercise.impedance
+    gains = _gains(impedance or config.hold, leg.stiffness_ratio * leg.spasm_ratio)
     (k0, d0), (k1, d1) = gains
     efforts = (
         _effort(hip, reference, 0, k0, d0) + leg.assist_si[0],
@@ -127,7 +125,7 @@ def _wishes(core: Core, leg: Leg) -> tuple[AxisSetpoint, AxisSetpoint]:
 
 
 def _preparing_wish(core: Core, axis: Axis) -> AxisSetpoint:
-    return AxisSetpoint(commissioning.target_effort_si(core, axis), axis.joint.position_si, 0.0)
+    return AxisSetpoint(single_axis.target_effort_si(core, axis), axis.joint.position_si, 0.0)
 
 
 def _effort(
@@ -171,7 +169,7 @@ def _bounded(
     taking_over = [leg.takes_over for leg in core.legs for _ in leg.axes]
     for axis, wish, mode, takes_over in zip(core.axes, wishes, modes, taking_over, strict=True):
         pushing = supervisor.enable_wanted(core, axis)
-        if core.preparation is not None:
+        if core.single_axis is not None:
             target = _prepared(core, axis, wish, pushing=pushing)
         else:
             leaving = supervisor.mode_wanted(core, axis) != OperationMode.CYCLIC_SYNC_TORQUE
@@ -185,7 +183,7 @@ def _bounded(
 
 def _prepared(core: Core, axis: Axis, wish: AxisSetpoint, *, pushing: bool) -> Target | None:
     """Targets during a homing or sign test: the small effort of that test, present position."""
-    limits = commissioning.limits_in_force(core, axis)
+    limits = single_axis.limits_in_force(core, axis)
     last_si = axis.effort_sent_si if pushing else 0.0
     effort_si = bounds.bound(wish.effort_si, last_si, limits, core.config.period_s)
     if effort_si is None:
@@ -214,7 +212,7 @@ def _power(core: Core, axis: Axis) -> PowerRequest:
     if axis.stop is not None:
         return stop_sequence.request(axis.stop.step)
     if supervisor.enable_wanted(core, axis):
-        run = core.preparation
+        run = core.single_axis
         return PowerRequest.HOME if run is not None and run.searching else PowerRequest.ENABLE
     if core.reset_cycles_left > 0:
         # In every power state: one request is one edge of the controlword (`power_state.py`).

@@ -1,18 +1,13 @@
 """Requests of clients: checked by the guards of `table.py`, executed, and answered."""
 
-from collections.abc import Sequence
-from dataclasses import replace
-
 from daemon.core.inputs import CommandInputs
 from daemon.core.modes import table
-from daemon.core.modes.table import Event
-from daemon.core.motion import leg_plan, trajectory
-from daemon.core.motion.single_axis import OVER
-from daemon.core.motion.trajectory import Approach, ExcitePlay, GaitPlay, Pair, TorquePlay
+from daemon.core.modes.guards import GuardInputs
+from daemon.core.modes.table import MODES, Event
 from daemon.core.safety import stop_sequence
 from daemon.core.safety.stop_sequence import Step
-from daemon.core.state import Axis, Core, Leg, Plan
-from daemon.core.steps import commissioning, controllers, exercises, latching
+from daemon.core.state import Axis, Core
+from daemon.core.steps import controllers, exercises, latching, single_axis
 from daemon.core.steps.transition import describe, enter
 from daemon.ipc.record import (
     Cause,
@@ -39,7 +34,7 @@ def answer(core: Core, orders: CommandInputs, cycle: int, utc_ns: int) -> None:
     """Check a new request and execute it; its outcome may be known now or later."""
     request = orders.request
     if orders.stop:
-        commissioning.cancel(core, "somebody asked to stop")
+        single_axis.cancel(core, "somebody asked to stop")
     if request is None:
         return
     if core.request is not None:
@@ -51,9 +46,9 @@ def answer(core: Core, orders: CommandInputs, cycle: int, utc_ns: int) -> None:
     if orders.stop and (request.kind == RequestKind.ENABLE or _prepares(request)):
         reason = "somebody asked to stop at the same time"
     if not reason and request.kind == RequestKind.MODE:
-        reason = _refuse_way(core, request.mode.mode)
+        reason = exercises.refusal(core, request.mode.mode)
     if not reason and _prepares(request):
-        reason = commissioning.refusal(core, request.mode)
+        reason = single_axis.refusal(core, request.mode, cycle)
     if reason:
         core.result = RequestResult(request.id, Outcome.REFUSED, reason)
         core.events.append(f"{request.kind.name.lower()} refused: {reason}")
@@ -62,47 +57,13 @@ def answer(core: Core, orders: CommandInputs, cycle: int, utc_ns: int) -> None:
     core.result = RequestResult(request.id)
     core.events.append(_requested(request.kind, request.mode))
     if _prepares(request):
-        commissioning.ask(core, request.mode, cycle, utc_ns)
+        single_axis.begin(core, request.mode, cycle, utc_ns)
     else:
         _act(core, request.kind, request.mode, cycle)
 
 
 def _prepares(request: Request) -> bool:
-    return request.kind == RequestKind.MODE and request.mode.mode in commissioning.MODES
-
-
-def _refuse_way(core: Core, wanted: Mode) -> str:
-    """The reason why an exercise has no clear way from the present pose; empty if it has.
-
-    Gait and excitation begin with an approach to mid pose, a self-test at the present pose.
-    """
-    if wanted == Mode.SELF_TEST:
-        return exercises.refuse_self_test(core)
-    if wanted not in {Mode.GAIT, Mode.EXCITE}:
-        return ""
-    for leg, motion in zip(core.legs, _ways(core), strict=True):
-        if not trajectory.way_is_clear(
-            leg.parameters, motion, core.config.thresholds.singularity_stop_ratio
-        ):
-            return f"{leg.name}: there is no clear way from here to mid pose"
-    return ""
-
-
-def _ways(core: Core) -> list[Approach]:
-    """Approaches to mid pose, with one duration for all legs.
-
-    Legs that arrive together keep the phase offset of half a stride.
-    """
-    ways = [
-        trajectory.approach(leg.parameters, core.config.gait, leg_plan.present(leg), _mid_pose(leg))
-        for leg in core.legs
-    ]
-    duration_s = max(way.duration_s for way in ways)
-    return [replace(way, duration_s=duration_s) for way in ways]
-
-
-def _mid_pose(leg: Leg) -> Pair:
-    return trajectory.gait_angles(leg.shape, 0.0, 0.0)
+    return request.kind == RequestKind.MODE and request.mode.mode in single_axis.SINGLE_AXIS_MODES
 
 
 def _requested(kind: RequestKind, wanted: ModeRequest) -> str:
@@ -121,16 +82,15 @@ def _act(core: Core, kind: RequestKind, wanted: ModeRequest, cycle: int) -> None
     elif kind == RequestKind.DISABLE:
         core.disabling = True
         enter(core, Event.DISABLE)
-        for leg in core.legs:
-            leg.plan = leg_plan.brake(leg)
-            for axis in leg.axes:
-                axis.stop = stop_sequence.begin(_milder_end(core), axis.joint, cycle)
-        commissioning.cancel(core, "somebody asked to disable")
+        exercises.brake(core)
+        for axis in core.axes:
+            axis.stop = stop_sequence.begin(_milder_end(core), axis.joint, cycle)
+        single_axis.cancel(core, "somebody asked to disable")
     elif kind == RequestKind.RESET:
         enter(core, Event.RESET)
         latching.clear(core)
         core.drives = None
-        core.preparation = None
+        core.single_axis = None
         core.verdict = Verdict()
         core.reset_cycles_left, core.reset_settle_cycles = RESET_CYCLES, 0
     else:
@@ -139,70 +99,17 @@ def _act(core: Core, kind: RequestKind, wanted: ModeRequest, cycle: int) -> None
 
 def _milder_end(core: Core) -> Step:
     """First step of a requested stop: hold both axes, or disable an axis that is enabled alone."""
-    return Step.HOLD if core.preparation is None else Step.DISABLE
+    return Step.HOLD if core.single_axis is None else Step.DISABLE
 
 
 def _begin_exercise(core: Core, wanted: ModeRequest) -> None:
-    if wanted.mode == Mode.HAND_GUIDING:
-        exercises.begin_hand_guiding(core)
-    elif wanted.mode == Mode.SELF_TEST:
-        exercises.begin_self_test(core)
-    else:
-        for leg, plan in zip(core.legs, _plans(core, wanted), strict=True):
-            leg.plan = plan
-    for leg in core.legs:
-        by_torque = core.config.gait.guidance == "impedance"
-        leg.takes_over = wanted.mode not in {Mode.HOLD, Mode.EXCITE} or (
-            wanted.mode == Mode.HOLD and by_torque
-        )
+    exercises.begin(core, wanted)
     if wanted.mode == Mode.TORQUE:
         controllers.begin_torque(core)
-    event = table.event_of(RequestKind.MODE, wanted)
-    if event is not None:
-        enter(core, event)
+    enter(core, MODES[wanted.mode].event)
 
 
-def _plans(core: Core, wanted: ModeRequest) -> Sequence[Plan]:
-    if wanted.mode == Mode.TORQUE:
-        return [TorquePlay() for _ in core.legs]
-    if wanted.mode not in {Mode.GAIT, Mode.EXCITE}:
-        return [leg_plan.hold_from(leg) for leg in core.legs]
-    plan = _gait if wanted.mode == Mode.GAIT else _excite
-    return [plan(core, leg, wanted, way) for leg, way in zip(core.legs, _ways(core), strict=True)]
-
-
-def _gait(core: Core, leg: Leg, wanted: ModeRequest, way: Approach) -> GaitPlay:
-    gait = core.config.gait
-    return GaitPlay(
-        leg=leg.parameters,
-        shape=leg.shape,
-        motion=way,
-        start=leg_plan.present(leg),
-        announce_s=gait.announce_s,
-        cadence_hz=wanted.cadence_hz,
-        amplitude_ratio=wanted.amplitude_ratio,
-        duration_s=wanted.duration_s,
-        ramp_strides=gait.ramp_strides,
-        phase_offset_strides=leg.phase_offset_strides,
-    )
-
-
-def _excite(core: Core, leg: Leg, wanted: ModeRequest, way: Approach) -> ExcitePlay:
-    scenario = core.config.excite[wanted.scenario]
-    middle = trajectory.joints_of_angles(leg.parameters, _mid_pose(leg))
-    return ExcitePlay(
-        leg=leg.parameters,
-        motion=way,
-        middle=middle,
-        middle_load=trajectory.load_at(leg.parameters, middle),
-        window=trajectory.excite_window(scenario),
-        torque=scenario.torque,
-        artificial=scenario.artificial,
-        duration_s=wanted.duration_s,
-    )
-
-
-def _circumstances(core: Core, cycle: int) -> table.GuardInputs:
+def _circumstances(core: Core, cycle: int) -> GuardInputs:
     config = core.config
     fresh = [axis for axis in core.axes if axis.feedback is not None and axis.joint.fresh]
     age_max_cycles = config.thresholds.sample_age_max_cycles
@@ -212,7 +119,7 @@ def _circumstances(core: Core, cycle: int) -> table.GuardInputs:
         for axis in core.axes
         if axis.feedback is not None and axis.feedback.sample_age_cycles <= age_max_cycles
     ]
-    return table.GuardInputs(
+    return GuardInputs(
         mode=core.mode,
         gateway_alive=cycle - core.level_cycle <= config.thresholds.gateway_silence_cycles,
         at_rest=all(
@@ -274,10 +181,10 @@ def finish_request(core: Core) -> None:
 
 
 def _begun(core: Core, mode: Mode) -> tuple[Outcome, str]:
-    run = core.preparation
+    run = core.single_axis
     if core.mode == mode:
         return Outcome.DONE, ""
-    if run is None or run.step in OVER:
+    if run is None or run.is_over:
         return Outcome.REFUSED, run.why if run is not None else "the drives could not be prepared"
     return Outcome.PENDING, ""
 

@@ -7,28 +7,18 @@ to rest. This file applies them to the state of the core, once a cycle, in that 
 from collections.abc import Sequence
 
 from daemon.core.inputs import CommandInputs
-from daemon.core.modes.table import Event
-from daemon.core.motion import (
-    leg_plan,
-    self_test,
-    single_axis,
-)
-from daemon.core.motion.hand_guiding import ReleasePlay
-from daemon.core.motion.self_test import SelfTestPlay
-from daemon.core.motion.trajectory import TorquePlay
-from daemon.core.safety import (
-    stop_sequence,
-)
+from daemon.core.modes.table import Event, rules_of
+from daemon.core.safety import stop_sequence
 from daemon.core.safety.checks import worse
 from daemon.core.safety.stop_sequence import Step
-from daemon.core.state import Axis, Core, Plan, Play
+from daemon.core.state import Axis, Core
 from daemon.core.steps import (
-    commissioning,
     controllers,
     daily_test,
-    exercise_progress,
+    exercises,
     latching,
     requests,
+    single_axis,
 )
 from daemon.core.steps.joints import Joint
 from daemon.core.steps.transition import describe, enter
@@ -46,8 +36,6 @@ STOPPING_MAX_CYCLES = 300
 A leg that still moves afterwards moves without power: the mode is FAULT, the speed is published.
 """
 
-BY_TORQUE = frozenset({Mode.TORQUE, Mode.EXCITE, Mode.HAND_GUIDING, Mode.SELF_TEST})
-"""Modes in which the drives are in torque mode, independent of the guidance of a gait."""
 _BUS_CAUSES = frozenset({Cause.BUS_DOWN, Cause.TRANSMIT_QUEUE_FULL})
 """Causes after which bring-up is repeated automatically when no drive is enabled.
 
@@ -63,11 +51,10 @@ def change_mode(
     daily_test.follow(core, utc_ns)
     requests.answer(core, orders, cycle, utc_ns)
     _move_on(core, cycle, utc_ns)
-    commissioning.move_on(core, cycle)
+    single_axis.advance(core, cycle)
     requests.finish_request(core)
     latching.follow(core, utc_ns)
-    for leg in core.legs:
-        leg.reference = leg_plan.reference_of(core, leg)
+    exercises.update_references(core)
 
 
 # --- questions ------------------------------------------------------------------------------
@@ -85,7 +72,7 @@ def enable_wanted(core: Core, axis: Axis) -> bool:
     """True if this drive should be enabled and produce torque."""
     if axis.stop is not None:
         return axis.stop.step == Step.HOLD
-    run = core.preparation
+    run = core.single_axis
     return core.mode.active and (run is None or run.axis == axis.name)
 
 
@@ -93,11 +80,10 @@ def mode_wanted(core: Core, axis: Axis) -> OperationMode:
     """The mode of operation that this drive should be in; a stop does not change the mode."""
     if axis.stop is not None:
         return axis.mode_sent
-    if commissioning.is_homing(core, axis):
+    if single_axis.is_homing(core, axis):
         return OperationMode.HOMING
-    if core.mode in BY_TORQUE or core.preparation is not None:
-        return OperationMode.CYCLIC_SYNC_TORQUE
-    if core.config.gait.guidance == "impedance":
+    by_torque = rules_of(core.mode).by_torque or core.single_axis is not None
+    if by_torque or not core.config.by_position:
         return OperationMode.CYCLIC_SYNC_TORQUE
     return OperationMode.CYCLIC_SYNC_POSITION
 
@@ -118,41 +104,25 @@ def stage(core: Core) -> Stage | None:
         return None
     if core.mode == Mode.BRINGING_UP:
         return Stage.PREPARING
-    if core.preparation is not None:
-        return single_axis.STAGE_OF[core.preparation.step]
+    if core.single_axis is not None:
+        return core.single_axis.stage
     if core.mode == Mode.HOLD:
         return None if core.load_checked else Stage.PREPARING
-    stages = [_stage_of(leg.plan) for leg in core.legs]
-    return next((one for one in stages if one is not Stage.OVER), Stage.OVER)
-
-
-def _stage_of(plan: Plan | None) -> Stage | None:
-    if isinstance(plan, TorquePlay):
-        return Stage.PLAYING
-    return plan.stage if isinstance(plan, Play) else None
+    return exercises.stage(core)
 
 
 def progress(core: Core) -> str:
     """One line of text for the operator about the present activity."""
     if core.mode in {Mode.OFF, Mode.FAULT} and core.verdict.cause != Cause.NONE:
         return describe(core.verdict)
-    plan = core.legs[0].plan
-    if core.mode.active and isinstance(plan, Play):
-        return f"{core.mode.name.lower()}: {_doing(core, plan)}"
-    if core.preparation is not None:
-        return f"{core.preparation.axis}: {core.preparation.step.value}"
+    text = exercises.text(core) if core.mode.active else ""
+    if text:
+        return f"{core.mode.name.lower()}: {text}"
+    if core.single_axis is not None:
+        return f"{core.single_axis.axis}: {core.single_axis.step.value}"
     if core.mode == Mode.HOLD and not core.load_checked:
         return "enabling: the load at rest is being compared"
     return core.progress or core.mode.name.lower().replace("_", " ")
-
-
-def _doing(core: Core, plan: Play) -> str:
-    if isinstance(plan, ReleasePlay) and plan.stage == Stage.PLAYING:
-        return f"the leg can be moved by hand for {plan.duration_s - plan.elapsed_s:.0f} s more"
-    for leg in core.legs:
-        if isinstance(leg.plan, SelfTestPlay) and leg.plan.stage == Stage.PLAYING:
-            return self_test.progress(leg.plan)
-    return f"{plan.stage.name.lower()} for {plan.elapsed_s:.0f} s"
 
 
 # --- verdicts -------------------------------------------------------------------------------
@@ -173,7 +143,7 @@ def _take_resting_verdict(core: Core, found: Verdict) -> None:
     if found.cause in LOST_DRIVE or found.cause in _BUS_CAUSES:
         core.verdict = found
         core.drives = None
-        core.preparation = None
+        core.single_axis = None
         core.reset_cycles_left = 0
         enter(core, Event.DRIVES_LOST)
     elif core.reset_cycles_left == 0:
@@ -236,15 +206,14 @@ def _hold_together(core: Core, cycle: int) -> None:
 def _first_step(core: Core, verdict: Verdict, axis: Axis) -> Step:
     """First stop step of an axis by category; an axis enabled alone begins with quick stop."""
     step = stop_sequence.possible(stop_sequence.first_step(verdict, axis.name), axis.feedback)
-    return step if core.preparation is None else max(step, Step.QUICK_STOP)
+    return step if core.single_axis is None else max(step, Step.QUICK_STOP)
 
 
 def _begin_stop(core: Core, cycle: int, steps: dict[str, Step]) -> None:
     enter(core, Event.STOP)
-    for leg in core.legs:
-        leg.plan = leg_plan.brake(leg)
-        for axis in leg.axes:
-            axis.stop = stop_sequence.begin(steps[axis.name], axis.joint, cycle)
+    exercises.brake(core)
+    for axis in core.axes:
+        axis.stop = stop_sequence.begin(steps[axis.name], axis.joint, cycle)
 
 
 def lose_bus(core: Core, what: str) -> None:
@@ -254,7 +223,7 @@ def lose_bus(core: Core, what: str) -> None:
     core.verdict = worse(core.verdict, verdict)
     core.drives = None
     core.disabling = False
-    core.preparation = None
+    core.single_axis = None
     core.reset_cycles_left = 0
     for axis in core.axes:
         axis.feedback, axis.stop, axis.joint = None, None, Joint()
@@ -275,10 +244,8 @@ def _move_on(core: Core, cycle: int, utc_ns: int) -> None:
     if core.mode == Mode.HOLD and not core.load_checked:
         _settle(core, cycle)
     _let_lapse(core, cycle)
-    changing = _changes_mode(core)
-    for leg in core.legs:
-        exercise_progress.advance(core, leg, changing=changing)
-    if core.mode.active and _exercise_is_over(core):
+    exercises.advance(core, mode_changing=_changes_mode(core))
+    if core.mode.active and exercises.is_over(core):
         _end_exercise(core, cycle, utc_ns)
     if core.mode in {Mode.STOPPING, Mode.FAULT}:
         _advance_stops(core, cycle)
@@ -291,8 +258,7 @@ def _let_lapse(core: Core, cycle: int) -> None:
     reason = controllers.lapse(core, cycle)
     if not reason:
         return
-    for leg in core.legs:
-        leg.plan, leg.takes_over = leg_plan.brake(leg), True
+    exercises.brake_and_hold(core)
     core.lapse_count += 1
     core.lapse_reason = reason
     enter(core, Event.LEASE_LAPSED)
@@ -302,8 +268,7 @@ def _settle(core: Core, cycle: int) -> None:
     """After enabling, hold the leg where it is, then compare the load at rest with g(q)."""
     if not all(axis.reached_enabled for axis in core.axes):
         core.load_settle_cycles = 0
-        for leg in core.legs:
-            leg.plan = leg_plan.hold_at(leg, leg_plan.measured(leg), (0.0, 0.0))
+        exercises.hold_here(core)
         return
     core.load_settle_cycles += 1
     if core.load_settle_cycles < LOAD_SETTLE_CYCLES:
@@ -324,20 +289,12 @@ def _changes_mode(core: Core) -> bool:
     return any(axis.mode_sent != mode_wanted(core, axis) for axis in core.axes)
 
 
-def _exercise_is_over(core: Core) -> bool:
-    """True if the exercise is over: with the first leg, or in a self-test with the last one."""
-    over = [isinstance(leg.plan, Play) and leg.plan.stage == Stage.OVER for leg in core.legs]
-    return all(over) if core.mode == Mode.SELF_TEST else any(over)
-
-
 def _end_exercise(core: Core, cycle: int, utc_ns: int) -> None:
     failed = daily_test.conclude(core, utc_ns) if core.mode == Mode.SELF_TEST else None
     if failed is not None:
         stop(core, failed, cycle)
         return
-    for leg in core.legs:
-        # In position mode the drives' own loops take over without a step of torque.
-        leg.plan, leg.takes_over = leg_plan.hold_from(leg), core.config.gait.guidance == "impedance"
+    exercises.end(core)
     enter(core, Event.EXERCISE_OVER)
 
 
@@ -385,10 +342,9 @@ def _stopped(core: Core, cycle: int) -> bool:
 def _come_to_rest(core: Core) -> None:
     if core.disabling:
         enter(core, Event.AT_REST_WELL)
-        for leg in core.legs:
-            leg.plan = None
-            for axis in leg.axes:
-                axis.stop = None
+        exercises.clear(core)
+        for axis in core.axes:
+            axis.stop = None
     else:
         enter(core, Event.AT_REST_STOPPED)
 

@@ -9,11 +9,10 @@ from situations import FEEDBACK, JOINT
 
 from daemon.core.inputs import NO_ORDERS, CommandInputs
 from daemon.core.modes.persistent_state import PersistentState
-from daemon.core.motion import leg_plan
 from daemon.core.runtime.build import build
 from daemon.core.safety.stop_sequence import Step
 from daemon.core.state import Core
-from daemon.core.steps import controllers, impedance, supervisor
+from daemon.core.steps import controllers, exercises, impedance, supervisor
 from daemon.ipc.record import (
     Cause,
     Mode,
@@ -46,8 +45,7 @@ class Bench:
         self.show(PowerState.OPERATION_ENABLED)
         for axis in self.core.axes:
             axis.referenced = axis.reached_enabled = True
-        for leg in self.core.legs:
-            leg.plan = leg_plan.hold_at(leg, leg_plan.measured(leg), (0.0, 0.0))
+        exercises.hold_here(self.core)
 
     def show(self, state: PowerState, velocity_si: float = 0.0) -> None:
         for axis in self.core.axes:

@@ -5,7 +5,8 @@ from dataclasses import FrozenInstanceError, replace
 import msgspec
 import pytest
 
-from daemon.core.modes.table import TRANSITIONS, Event, GuardInputs, event_of, refusal
+from daemon.core.modes.guards import GuardInputs
+from daemon.core.modes.table import TRANSITIONS, Event, event_of, refusal
 from daemon.ipc.record import Mode, ModeRequest, RequestKind
 
 ALL_WELL = GuardInputs(
