@@ -11,11 +11,11 @@ from daemon.core.motion.gait_shape import GaitShape
 from daemon.core.safety.effort_monitor import EffortWatch
 from daemon.core.safety.energy import StrideSum
 from daemon.core.safety.inverse_dynamics import Balance
+from daemon.core.safety.joints import Joint
 from daemon.core.safety.limits import AxisLimits
 from daemon.core.safety.soft_limits import SoftZone
 from daemon.core.safety.spasm import SpasmWatch
 from daemon.core.safety.stop_sequence import DriveStop
-from daemon.core.steps.joints import Joint
 from daemon.ipc.record import Cause, Mode, Request, RequestResult, Setpoint, Verdict
 from daemon.wire.refusals import SetpointRefusal
 from drives.cia402.drive import DriveGroup
@@ -202,3 +202,7 @@ class Core:
     def __post_init__(self) -> None:
         """Collect the axes; legs and axes are the same objects for the life of a core."""
         self.axes = tuple(axis for leg in self.legs for axis in leg.axes)
+
+    def report(self, event: str) -> None:
+        """Publish a text for people with one of the next records."""
+        self.events.append(event)

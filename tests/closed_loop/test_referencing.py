@@ -5,10 +5,10 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from daemon.core.steps.commissioning import finds_home
 from sessions import Session, changed_configs
 
 from daemon.core.modes.persistent_state import AxisNote, PersistentState
+from daemon.core.steps.single_axis import moves_origin
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
 from drives.signals import OperationMode, PowerState
 from sim_drives.frame import Frame
@@ -311,4 +311,4 @@ def test_a_home_that_is_shown_during_a_stop_hides_no_motion(incremental):
     axis = incremental.lockstep.core.axes[0]
     shown = replace(axis.feedback, statusword=axis.feedback.statusword | 0x1000)
 
-    assert not finds_home(incremental.lockstep.core, axis, shown)
+    assert not moves_origin(incremental.lockstep.core, axis, shown)

@@ -140,7 +140,7 @@ def _run(
     is_real = has_watchdog or not is_simulated
     refused = realtime.prepare(cycle.realtime_priority, cycle.realtime_cpus) if is_real else []
     for line in (bus_load_line(settings, built), *refused):
-        built.core.events.append(line)
+        built.core.report(line)
         _say(log, line, WARNING if line in refused else INFORMATIONAL)
     try:
         wishes.wait()

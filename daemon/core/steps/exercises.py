@@ -44,7 +44,7 @@ def advance(core: Core, *, mode_changing: bool) -> None:
         after = before.advance(_sample(leg, mode_changing=mode_changing), core.config.period_s)
         leg.exercise = after
         if after.stage is not before.stage and after.stage is not None:
-            core.events.append(f"{leg.name}: {core.mode.name.lower()} {after.stage.name.lower()}")
+            core.report(f"{leg.name}: {core.mode.name.lower()} {after.stage.name.lower()}")
             leg.takes_over = leg.takes_over or after.continues_effort_at_stages
 
 

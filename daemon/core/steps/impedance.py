@@ -23,7 +23,7 @@ from daemon.config.settings import Impedance
 from daemon.core.exercises.exercise import Reference
 from daemon.core.safety import bounds, stop_sequence
 from daemon.core.state import Axis, Core, Leg
-from daemon.core.steps import controllers, exercises, monitors, single_axis, supervisor, targets
+from daemon.core.steps import exercises, monitors, single_axis, supervisor, targets, wanted
 from daemon.ipc.record import Cause, Verdict
 from drives.cia402.units import effort_to_permille, position_to_counts
 from drives.signals import DriveCommand, OperationMode, PowerRequest
@@ -50,13 +50,6 @@ class Target(NamedTuple):
     position_si: float
 
 
-def assist(core: Core, cycle: int) -> None:
-    """Update the assist in force of each leg from the controllers' setpoints, once a cycle."""
-    for leg in core.legs:
-        powered = any(supervisor.enable_wanted(core, axis) for axis in leg.axes)
-        controllers.put_in_force(core, leg, cycle, powered=powered)
-
-
 def command(core: Core, cycle: int) -> list[DriveCommand]:
     """Compute the command to every drive, in the order of the axes."""
     wishes = [wish for leg in core.legs for wish in _wishes(core, leg)]
@@ -71,9 +64,7 @@ def command(core: Core, cycle: int) -> list[DriveCommand]:
         supervisor.stop(core, verdict, cycle)
         sent = [Target(0.0, axis.position_sent_si) for axis in core.axes]
     for axis, mode, target in zip(core.axes, modes, sent, strict=True):
-        targets.note_motion(axis, target.position_si, core.config.period_s)
-        axis.mode_sent = mode
-        axis.effort_sent_si, axis.position_sent_si = target
+        targets.note_sent(axis, mode, *target, core.config.period_s)
     exercises.has_taken_over(core)
     return [_command(core, axis) for axis in core.axes]
 
@@ -93,10 +84,10 @@ def blind_stop(core: Core) -> list[DriveCommand]:
 
 def _mode(core: Core, axis: Axis) -> OperationMode:
     """The mode to send; an enabled drive changes its mode only at rest."""
-    wanted = supervisor.mode_wanted(core, axis)
-    pushing = axis.reached_enabled and supervisor.enable_wanted(core, axis)
+    mode = wanted.mode_wanted(core, axis)
+    pushing = axis.reached_enabled and wanted.enable_wanted(core, axis)
     moving = axis.joint.still_cycles < STILL_CYCLES
-    return axis.mode_sent if pushing and moving else wanted
+    return axis.mode_sent if pushing and moving else mode
 
 
 def _wishes(core: Core, leg: Leg) -> tuple[AxisSetpoint, AxisSetpoint]:
@@ -105,7 +96,7 @@ def _wishes(core: Core, leg: Leg) -> tuple[AxisSetpoint, AxisSetpoint]:
     if single_axis.moving(core) is not None:
         return _preparing_wish(core, hip), _preparing_wish(core, slide)
     reference = leg.reference
-    if reference is None or not any(supervisor.enable_wanted(core, axis) for axis in leg.axes):
+    if reference is None or not any(wanted.enable_wanted(core, axis) for axis in leg.axes):
         return AxisSetpoint(0.0, hip.joint.position_si, 0.0), AxisSetpoint(
             0.0, slide.joint.position_si, 0.0
         )
@@ -168,11 +159,11 @@ def _bounded(
     bounded: list[Target] = []
     taking_over = [leg.takes_over for leg in core.legs for _ in leg.axes]
     for axis, wish, mode, takes_over in zip(core.axes, wishes, modes, taking_over, strict=True):
-        pushing = supervisor.enable_wanted(core, axis)
+        pushing = wanted.enable_wanted(core, axis)
         if core.single_axis is not None:
             target = _prepared(core, axis, wish, pushing=pushing)
         else:
-            leaving = supervisor.mode_wanted(core, axis) != OperationMode.CYCLIC_SYNC_TORQUE
+            leaving = wanted.mode_wanted(core, axis) != OperationMode.CYCLIC_SYNC_TORQUE
             ask = targets.Ask(mode, pushing, leaving, core.config.period_s, takes_over)
             target = _guided(axis, wish, ask, cycle)
         if target is None:
@@ -211,7 +202,7 @@ def _command(core: Core, axis: Axis) -> DriveCommand:
 def _power(core: Core, axis: Axis) -> PowerRequest:
     if axis.stop is not None:
         return stop_sequence.request(axis.stop.step)
-    if supervisor.enable_wanted(core, axis):
+    if wanted.enable_wanted(core, axis):
         run = core.single_axis
         return PowerRequest.HOME if run is not None and run.searching else PowerRequest.ENABLE
     if core.reset_cycles_left > 0:

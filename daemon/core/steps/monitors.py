@@ -3,7 +3,8 @@
 This file combines `inverse_dynamics.py` (effort that the motion needs), `effort_monitor.py` (effort
 that the drive gives), `energy.py` (sums over a stride), `stopping_path.py` and `soft_limits.py`
 (where the leg would come to rest, and how deep it is in its margins), and `spasm.py` (the only one
-that reads the estimate). `checks.py` checks the results.
+that reads the estimate). `checks.py` checks the results. This file is the only writer of these
+sums and counts.
 """
 
 from daemon.core.modes.table import rules_of
@@ -11,7 +12,7 @@ from daemon.core.safety import effort_monitor, inverse_dynamics, soft_limits, st
 from daemon.core.safety.energy import stride_cycles
 from daemon.core.safety.spasm import STILL_CYCLES, softened
 from daemon.core.state import Axis, Core, Leg
-from daemon.core.steps import single_axis, supervisor
+from daemon.core.steps import single_axis, wanted
 from daemon.ipc.record import Stage
 from drives.cia402.power_state import TORQUE_FREE
 from drives.signals import OperationMode, PowerState
@@ -19,8 +20,26 @@ from observer.filter.leg_observer import LegEstimate
 from observer.filter.status import Validity
 
 
-def watch_raw(core: Core, leg: Leg) -> None:
-    """Update all monitors of one leg that use only encoders and measured efforts."""
+def update(core: Core) -> None:
+    """Update all monitors that use only encoders and measured efforts."""
+    for leg in core.legs:
+        _update_leg(core, leg)
+
+
+def update_spasm(core: Core) -> None:
+    """Look for a spasm in the estimate of each leg, and soften guidance during one."""
+    for leg in core.legs:
+        if leg.estimate is not None:
+            _update_spasm(core, leg, leg.estimate)
+
+
+def clear_energy(core: Core) -> None:
+    """Begin with no energy: the drives are being enabled."""
+    for axis in core.axes:
+        axis.energy.clear()
+
+
+def _update_leg(core: Core, leg: Leg) -> None:
     hip, slide = leg.axes
     window_cycles = _window(core, leg)
     leg.balance = inverse_dynamics.follow(
@@ -108,8 +127,7 @@ def slowed(leg: Leg, efforts: tuple[float, float]) -> tuple[float, float]:
     )
 
 
-def watch_patient(core: Core, leg: Leg, estimate: LegEstimate) -> None:
-    """Look for a spasm in the estimate, and reduce the stiffness of guidance during one."""
+def _update_spasm(core: Core, leg: Leg, estimate: LegEstimate) -> None:
     for index, axis in enumerate(leg.axes):
         # Without guided motion, the person who moves the leg would look like a spasm. A sign
         # mismatch in the raw values has its own check.
@@ -162,6 +180,6 @@ def note_commands(core: Core) -> None:
             and feedback.power_state == PowerState.OPERATION_ENABLED
             and feedback.mode_display == OperationMode.CYCLIC_SYNC_TORQUE
             and axis.mode_sent == OperationMode.CYCLIC_SYNC_TORQUE
-            and supervisor.enable_wanted(core, axis)
+            and wanted.enable_wanted(core, axis)
         )
         axis.watch = effort_monitor.note_sent(axis.watch, axis.effort_sent_si, in_force=in_force)

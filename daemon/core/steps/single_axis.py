@@ -8,16 +8,18 @@
 FAULT as in other modes; the reset after it brings the drives up with their usual limits.
 """
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 from daemon.core.exercises.single_axis import AxisSample, AxisStart, SingleAxis
-from daemon.core.modes.persistent_state import prove, with_proof
+from daemon.core.modes.persistent_state import prove
 from daemon.core.modes.table import MODES, Event
-from daemon.core.safety import stop_sequence
+from daemon.core.safety.joints import is_at_rest
 from daemon.core.safety.limits import AxisLimits
-from daemon.core.safety.stop_sequence import Step
 from daemon.core.state import Axis, Core
-from daemon.core.steps import latching
-from daemon.core.steps.transition import enter
+from daemon.core.steps import persistence
 from daemon.ipc.record import Mode, ModeRequest
+from drives.bringup.bringup import DriveReport
 from drives.cia402.power_state import homing_state
 from drives.signals import DriveFeedback, HomingState, OperationMode
 
@@ -74,18 +76,18 @@ def refusal(core: Core, wanted: ModeRequest, cycle: int) -> str:
     return exercise.may_begin(_start(core, axis, cycle))
 
 
-def begin(core: Core, wanted: ModeRequest, cycle: int, utc_ns: int) -> None:
-    """Start an accepted request: a new bring-up for it, or the confirmation of a sign test."""
+def begin(core: Core, wanted: ModeRequest, cycle: int, utc_ns: int) -> Event | None:
+    """Start an accepted request; returns BRING_UP_ANEW unless it confirms a sign test."""
     axis = axis_named(core, wanted.axis)
     exercise = MODES[wanted.mode].single_axis
     if axis is None or exercise is None:
         raise RuntimeError(f"there is no axis {wanted.axis!r}: the request was not refused")
     if wanted.witnessed:
         _confirm(core, axis, utc_ns)
-        return
+        return None
     core.evidence.pop(axis.name, None)
     core.single_axis = exercise.begin(_start(core, axis, cycle))
-    bring_up_anew(core)
+    return Event.BRING_UP_ANEW
 
 
 def _start(core: Core, axis: Axis, cycle: int) -> AxisStart:
@@ -106,9 +108,8 @@ def _confirm(core: Core, axis: Axis, utc_ns: int) -> None:
     if test.moved_si is None:
         raise RuntimeError(f"{axis.name}: a homing is no evidence of a sign")
     proof = prove(axis.wiring, axis.serial_number, test.moved_si, utc_ns)
-    core.notes = with_proof(core.notes, axis.name, proof)
-    axis.sign_proven = True
-    core.events.append(f"{axis.name}: its sign is proven, {test.evidence}")
+    persistence.prove_sign(core, axis, proof)
+    core.report(f"{axis.name}: its sign is proven, {test.evidence}")
 
 
 def cancel(core: Core, why: str) -> None:
@@ -116,43 +117,58 @@ def cancel(core: Core, why: str) -> None:
     run = core.single_axis
     if run is not None and not run.is_over:
         core.single_axis = run.failed(why)
-        core.events.append(f"{run.axis}: failed: {why}")
+        core.report(f"{run.axis}: failed: {why}")
 
 
-def bring_up_anew(core: Core) -> None:
-    """Drop the drives, so that the loop brings them up again with the limits needed next."""
-    core.drives = None
-    enter(core, Event.BRING_UP_ANEW)
-    latching.clear(core)  # called only in READY, where no verdict is latched
+def drop(core: Core) -> None:
+    """No homing or sign test any more: the drives were lost or reset."""
+    core.single_axis = None
+
+
+def forget_other_drives(core: Core, reports: Sequence[DriveReport]) -> None:
+    """Drop the sign tests of axes that have another drive since; before `sensing.begin`."""
+    for axis, report in zip(core.axes, reports, strict=True):
+        if axis.serial_number != report.serial_number:
+            core.evidence.pop(axis.name, None)
 
 
 # --- time -----------------------------------------------------------------------------------------
 
 
-def advance(core: Core, cycle: int) -> None:
+class Change(NamedTuple):
+    """A change of the mode that the supervisor makes for a homing or sign test."""
+
+    event: Event
+    text: str = ""
+    """Published after it."""
+    homed: Axis | None = None
+    """The axis whose position is valid from now on."""
+
+
+def advance(core: Core, cycle: int) -> Change | None:
     """Run one cycle of a homing or sign test: begin it when the drives are up, end it when over."""
     run = core.single_axis
     axis = None if run is None else axis_named(core, run.axis)
     if run is None or axis is None:
-        return
+        return None
     if core.mode == Mode.READY:
-        _begin_or_leave(core, axis, run, cycle)
-    elif core.mode in SINGLE_AXIS_MODES:
-        core.single_axis = run = run.advance(_sample(axis))
-        if run.is_over:
-            _end(core, axis, run, cycle)
+        return _begin_or_leave(core, axis, run, cycle)
+    if core.mode not in SINGLE_AXIS_MODES:
+        return None
+    core.single_axis = run = run.advance(_sample(axis))
+    return _end(core, axis, run) if run.is_over else None
 
 
-def _begin_or_leave(core: Core, axis: Axis, run: SingleAxis, cycle: int) -> None:
+def _begin_or_leave(core: Core, axis: Axis, run: SingleAxis, cycle: int) -> Change | None:
     if run.is_over:
         core.single_axis = None
-        bring_up_anew(core)
-    elif cycle - run.requested_cycle > BEGIN_CYCLES:
+        return Change(Event.BRING_UP_ANEW)
+    if cycle - run.requested_cycle > BEGIN_CYCLES:
         cancel(core, "the drives and the leg were not ready in time: ask again")
     elif all(_rests(one) for one in core.axes):
         core.single_axis = run.enabling()
-        enter(core, MODES[run.mode].event)
-        core.events.append(f"{axis.name}: {run.title} begun")
+        return Change(MODES[run.mode].event, f"{axis.name}: {run.title} begun")
+    return None
 
 
 def _sample(axis: Axis) -> AxisSample:
@@ -168,29 +184,18 @@ def _sample(axis: Axis) -> AxisSample:
 
 
 def _rests(axis: Axis) -> bool:
-    joint = axis.joint
-    return joint.fresh and abs(joint.velocity_si) < axis.limits.standstill_si_per_s
+    return axis.joint.fresh and is_at_rest(axis.joint, axis.limits)
 
 
-def _end(core: Core, axis: Axis, run: SingleAxis, cycle: int) -> None:
+def _end(core: Core, axis: Axis, run: SingleAxis) -> Change:
     if run.why:
-        core.events.append(f"{axis.name}: failed: {run.why}")
-    else:
-        _take_result(core, axis, run)
-    core.disabling = True
-    enter(core, Event.EXERCISE_OVER)
-    for one in core.axes:
-        one.stop = stop_sequence.begin(Step.DISABLE, one.joint, cycle)
-
-
-def _take_result(core: Core, axis: Axis, run: SingleAxis) -> None:
+        core.report(f"{axis.name}: failed: {run.why}")
+        return Change(Event.EXERCISE_OVER)
     result = run.result()
     if result.moved_si is not None:
         core.evidence[axis.name] = result
-    if result.homed:
-        axis.homed = axis.referenced = True
-        axis.unreferenced_why = ""
-    core.events.append(f"{axis.name}: {result.text}")
+    core.report(f"{axis.name}: {result.text}")
+    return Change(Event.EXERCISE_OVER, homed=axis if result.homed else None)
 
 
 def target_effort_si(core: Core, axis: Axis) -> float:

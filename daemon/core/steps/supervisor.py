@@ -2,134 +2,168 @@
 
 `checks.py` finds verdicts, `table.py` has the mode transitions, `stop_sequence.py` brings one drive
 to rest. This file applies them to the state of the core, once a cycle, in that order.
+
+This file is the only writer of the mode and what belongs to it: the verdict, the stop of each axis,
+the counters of enabling and reset, and whether there are drives.
 """
 
 from collections.abc import Sequence
+from typing import Final
 
 from daemon.core.inputs import CommandInputs
-from daemon.core.modes.table import Event, rules_of
+from daemon.core.modes import latched_stop, table
+from daemon.core.modes.table import MODES, Event
 from daemon.core.safety import stop_sequence
 from daemon.core.safety.checks import worse
 from daemon.core.safety.stop_sequence import Step
 from daemon.core.state import Axis, Core
 from daemon.core.steps import (
     controllers,
-    daily_test,
     exercises,
-    latching,
+    monitors,
+    persistence,
     requests,
+    sensing,
     single_axis,
 )
-from daemon.core.steps.joints import Joint
-from daemon.core.steps.transition import describe, enter
-from daemon.ipc.record import Cause, Mode, Stage, Verdict
+from daemon.core.steps.status import describe
+from daemon.core.steps.wanted import is_driving, is_mode_changing
+from daemon.ipc.record import Cause, Mode, Request, RequestKind, Verdict
 from daemon.wire.causes import DOUBTFUL_FEEDBACK, LOST_DRIVE
-from drives.signals import OperationMode
+from drives.cia402.drive import DriveGroup
 
-LOAD_SETTLE_CYCLES = 50
+LOAD_SETTLE_CYCLES: Final = 50
 """Duration of the hold before the load at rest is compared with g(q)."""
-RESET_SETTLE_CYCLES = 20
+RESET_CYCLES: Final = 100
+"""Longest duration of a requested fault reset."""
+RESET_SETTLE_CYCLES: Final = 20
 """Cycles for which a drive must show no fault before a reset is done."""
-STOPPING_MAX_CYCLES = 300
+STOPPING_MAX_CYCLES: Final = 300
 """Longest duration of mode STOPPING.
 
 A leg that still moves afterwards moves without power: the mode is FAULT, the speed is published.
 """
 
-_BUS_CAUSES = frozenset({Cause.BUS_DOWN, Cause.TRANSMIT_QUEUE_FULL})
+_BUS_CAUSES: Final = frozenset({Cause.BUS_DOWN, Cause.TRANSMIT_QUEUE_FULL})
 """Causes after which bring-up is repeated automatically when no drive is enabled.
 
 Bus-off is not among them: the operator should check the bus first.
 """
 
 
-def change_mode(
+def supervise(
     core: Core, found: Sequence[Verdict], orders: CommandInputs, cycle: int, utc_ns: int
 ) -> None:
-    """Update mode, stops and plans from this cycle's verdicts, requests and time."""
+    """Update mode, stops and exercises from this cycle's verdicts, requests and time."""
     _take_verdicts(core, found, cycle)
-    daily_test.follow(core, utc_ns)
-    requests.answer(core, orders, cycle, utc_ns)
-    _move_on(core, cycle, utc_ns)
-    single_axis.advance(core, cycle)
-    requests.finish_request(core)
-    latching.follow(core, utc_ns)
+    persistence.check_day(core, utc_ns)
+    _take_request(core, orders, cycle, utc_ns)
+    _advance(core, cycle, utc_ns)
+    _advance_single_axis(core, cycle)
+    requests.finish(core)
+    persistence.update_latch(core, utc_ns)
     exercises.update_references(core)
 
 
-# --- questions ------------------------------------------------------------------------------
+def rest(core: Core, orders: CommandInputs, cycle: int, utc_ns: int) -> None:
+    """Answer requests while there are no drives."""
+    _take_request(core, orders, cycle, utc_ns)
+    requests.finish(core)
+    persistence.update_latch(core, utc_ns)
 
 
-def driving(core: Core) -> bool:
-    """True if a drive is, or may still be, powered by the core's request."""
-    if core.mode.active or core.mode == Mode.STOPPING:
-        return True
-    held = {Step.HOLD, Step.QUICK_STOP}
-    return core.mode == Mode.FAULT and any(a.stop and a.stop.step in held for a in core.axes)
+def _change(core: Core, event: Event) -> None:
+    """Apply a row of the mode table: the only assignment of the mode.
+
+    Raises:
+        IllegalTransitionError: there is no such row: a programming error.
+    """
+    core.mode = table.next_mode(core.mode, event)
+    core.progress = ""
 
 
-def enable_wanted(core: Core, axis: Axis) -> bool:
-    """True if this drive should be enabled and produce torque."""
-    if axis.stop is not None:
-        return axis.stop.step == Step.HOLD
-    run = core.single_axis
-    return core.mode.active and (run is None or run.axis == axis.name)
+def _enter(core: Core, event: Event) -> None:
+    """Apply a row of the mode table, and publish the change."""
+    before = core.mode
+    _change(core, event)
+    core.report(f"mode {before.name.lower()} -> {core.mode.name.lower()}: {event.value}")
 
 
-def mode_wanted(core: Core, axis: Axis) -> OperationMode:
-    """The mode of operation that this drive should be in; a stop does not change the mode."""
-    if axis.stop is not None:
-        return axis.mode_sent
-    if single_axis.is_homing(core, axis):
-        return OperationMode.HOMING
-    by_torque = rules_of(core.mode).by_torque or core.single_axis is not None
-    if by_torque or not core.config.by_position:
-        return OperationMode.CYCLIC_SYNC_TORQUE
-    return OperationMode.CYCLIC_SYNC_POSITION
+# --- requests -------------------------------------------------------------------------------
 
 
-def silenced(core: Core) -> bool:
-    """True in the last step of escalation: SYNC and heartbeat are no longer sent."""
-    return any(axis.stop is not None and axis.stop.step == Step.SILENCE for axis in core.axes)
+def _take_request(core: Core, orders: CommandInputs, cycle: int, utc_ns: int) -> None:
+    if orders.stop:
+        single_axis.cancel(core, "somebody asked to stop")
+    request = requests.receive(core, orders, cycle)
+    if request is not None:
+        _execute(core, request, cycle, utc_ns)
 
 
-def nmt_stopped(core: Core) -> tuple[int, ...]:
-    """Node ids of the drives to which NMT stop is sent."""
-    return tuple(a.node_id for a in core.axes if a.stop and a.stop.step >= Step.NMT_STOP)
+def _execute(core: Core, request: Request, cycle: int, utc_ns: int) -> None:
+    if requests.is_of_single_axis(request):
+        if single_axis.begin(core, request.mode, cycle, utc_ns) is not None:
+            _bring_up_anew(core)
+    elif request.kind == RequestKind.ENABLE:
+        _enter(core, Event.ENABLE)
+        core.verdict = Verdict()
+        core.load_checked, core.load_settle_cycles = False, 0
+        monitors.clear_energy(core)
+    elif request.kind == RequestKind.DISABLE:
+        core.disabling = True
+        _enter(core, Event.DISABLE)
+        exercises.brake(core)
+        # An axis that is enabled alone is disabled; else both axes hold first.
+        step = Step.HOLD if core.single_axis is None else Step.DISABLE
+        for axis in core.axes:
+            axis.stop = stop_sequence.begin(step, axis.joint, cycle)
+        single_axis.cancel(core, "somebody asked to disable")
+    elif request.kind == RequestKind.RESET:
+        _enter(core, Event.RESET)
+        persistence.clear_latch(core)
+        core.drives = None
+        single_axis.drop(core)
+        core.verdict = Verdict()
+        core.reset_cycles_left, core.reset_settle_cycles = RESET_CYCLES, 0
+    else:
+        exercises.begin(core, request.mode)
+        if request.mode.mode == Mode.TORQUE:
+            controllers.begin_torque(core)
+        _enter(core, MODES[request.mode.mode].event)
 
 
-def stage(core: Core) -> Stage | None:
-    """The stage of the exercise; None without an exercise, and in STOPPING and FAULT."""
-    if core.mode in {Mode.STOPPING, Mode.FAULT}:
-        return None
-    if core.mode == Mode.BRINGING_UP:
-        return Stage.PREPARING
-    if core.single_axis is not None:
-        return core.single_axis.stage
-    if core.mode == Mode.HOLD:
-        return None if core.load_checked else Stage.PREPARING
-    return exercises.stage(core)
+def _bring_up_anew(core: Core) -> None:
+    """Drop the drives, so that the loop brings them up again with the limits needed next."""
+    core.drives = None
+    _enter(core, Event.BRING_UP_ANEW)
+    persistence.clear_latch(core)  # called only in READY, where no verdict is latched
 
 
-def progress(core: Core) -> str:
-    """One line of text for the operator about the present activity."""
-    if core.mode in {Mode.OFF, Mode.FAULT} and core.verdict.cause != Cause.NONE:
-        return describe(core.verdict)
-    text = exercises.text(core) if core.mode.active else ""
-    if text:
-        return f"{core.mode.name.lower()}: {text}"
-    if core.single_axis is not None:
-        return f"{core.single_axis.axis}: {core.single_axis.step.value}"
-    if core.mode == Mode.HOLD and not core.load_checked:
-        return "enabling: the load at rest is being compared"
-    return core.progress or core.mode.name.lower().replace("_", " ")
+def _advance_single_axis(core: Core, cycle: int) -> None:
+    change = single_axis.advance(core, cycle)
+    if change is None:
+        return
+    if change.homed is not None:
+        sensing.take_home(change.homed)
+    if change.event is Event.BRING_UP_ANEW:
+        _bring_up_anew(core)
+        return
+    ended = change.event is Event.EXERCISE_OVER
+    if ended:
+        core.disabling = True
+    _enter(core, change.event)
+    if change.text:
+        core.report(change.text)
+    if ended:
+        for axis in core.axes:
+            axis.stop = stop_sequence.begin(Step.DISABLE, axis.joint, cycle)
 
 
 # --- verdicts -------------------------------------------------------------------------------
 
 
 def _take_verdicts(core: Core, found: Sequence[Verdict], cycle: int) -> None:
-    stopping_all = driving(core)
+    stopping_all = is_driving(core)
     for verdict in found:
         # Power that the core did not request is a reason to stop in every mode.
         if stopping_all or verdict.cause == Cause.UNEXPECTED_ENABLE:
@@ -143,15 +177,15 @@ def _take_resting_verdict(core: Core, found: Verdict) -> None:
     if found.cause in LOST_DRIVE or found.cause in _BUS_CAUSES:
         core.verdict = found
         core.drives = None
-        core.single_axis = None
+        single_axis.drop(core)
         core.reset_cycles_left = 0
-        enter(core, Event.DRIVES_LOST)
+        _enter(core, Event.DRIVES_LOST)
     elif core.reset_cycles_left == 0:
         core.verdict = found
-        enter(core, Event.DRIVE_FAULTY)
+        _enter(core, Event.DRIVE_FAULTY)
     else:
         return
-    core.events.append(describe(found))
+    core.report(describe(found))
 
 
 def stop(core: Core, verdict: Verdict, cycle: int) -> None:
@@ -165,14 +199,14 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
             core, cycle, {axis.name: _first_step(core, verdict, axis) for axis in core.axes}
         )
         _hold_together(core, cycle)
-        core.events.append(f"stop {verdict.category.name}: {describe(verdict)}")
+        core.report(f"stop {verdict.category.name}: {describe(verdict)}")
         return
     if _takes_its_place(core.verdict, verdict):
         core.verdict = verdict
         core.disabling = False
-        core.events.append(f"stop {verdict.category.name}: {describe(verdict)}")
+        core.report(f"stop {verdict.category.name}: {describe(verdict)}")
     elif (verdict.cause, verdict.drive) not in core.causes_told:
-        core.events.append(f"also: {describe(verdict)}")
+        core.report(f"also: {describe(verdict)}")
     core.causes_told.add((verdict.cause, verdict.drive))
     for axis in core.axes:
         step = _first_step(core, verdict, axis)
@@ -210,7 +244,7 @@ def _first_step(core: Core, verdict: Verdict, axis: Axis) -> Step:
 
 
 def _begin_stop(core: Core, cycle: int, steps: dict[str, Step]) -> None:
-    enter(core, Event.STOP)
+    _enter(core, Event.STOP)
     exercises.brake(core)
     for axis in core.axes:
         axis.stop = stop_sequence.begin(steps[axis.name], axis.joint, cycle)
@@ -219,32 +253,32 @@ def _begin_stop(core: Core, cycle: int, steps: dict[str, Step]) -> None:
 def lose_bus(core: Core, what: str) -> None:
     """Handle a lost bus: enabled drives stop by their own detection; the verdict is published."""
     verdict = Verdict(core.config.categories.of(Cause.BUS_DOWN), Cause.BUS_DOWN, detail=what)
-    core.events.append(describe(verdict))
+    core.report(describe(verdict))
     core.verdict = worse(core.verdict, verdict)
     core.drives = None
     core.disabling = False
-    core.single_axis = None
+    single_axis.drop(core)
     core.reset_cycles_left = 0
+    sensing.lose_drives(core)
     for axis in core.axes:
-        axis.feedback, axis.stop, axis.joint = None, None, Joint()
-        axis.homed = False
+        axis.stop = None
     if core.mode.active:
-        enter(core, Event.STOP)
+        _enter(core, Event.STOP)
     if core.mode == Mode.STOPPING:
-        enter(core, Event.AT_REST_STOPPED)
+        _enter(core, Event.AT_REST_STOPPED)
     elif core.mode == Mode.READY:
-        enter(core, Event.DRIVES_LOST)
+        _enter(core, Event.DRIVES_LOST)
 
 
 # --- time -----------------------------------------------------------------------------------
 
 
-def _move_on(core: Core, cycle: int, utc_ns: int) -> None:
+def _advance(core: Core, cycle: int, utc_ns: int) -> None:
     """Advance exercises, stops and a fault reset by one cycle."""
     if core.mode == Mode.HOLD and not core.load_checked:
         _settle(core, cycle)
     _let_lapse(core, cycle)
-    exercises.advance(core, mode_changing=_changes_mode(core))
+    exercises.advance(core, mode_changing=is_mode_changing(core))
     if core.mode.active and exercises.is_over(core):
         _end_exercise(core, cycle, utc_ns)
     if core.mode in {Mode.STOPPING, Mode.FAULT}:
@@ -255,13 +289,9 @@ def _move_on(core: Core, cycle: int, utc_ns: int) -> None:
 
 def _let_lapse(core: Core, cycle: int) -> None:
     """If assist has lost its lease or its setpoints: brake from where the leg is, and hold."""
-    reason = controllers.lapse(core, cycle)
-    if not reason:
-        return
-    exercises.brake_and_hold(core)
-    core.lapse_count += 1
-    core.lapse_reason = reason
-    enter(core, Event.LEASE_LAPSED)
+    if controllers.lapse(core, cycle):
+        exercises.brake_and_hold(core)
+        _enter(core, Event.LEASE_LAPSED)
 
 
 def _settle(core: Core, cycle: int) -> None:
@@ -284,18 +314,13 @@ def _settle(core: Core, cycle: int) -> None:
     core.load_checked = True
 
 
-def _changes_mode(core: Core) -> bool:
-    """True if a drive has not yet been sent the mode wanted; all legs begin together."""
-    return any(axis.mode_sent != mode_wanted(core, axis) for axis in core.axes)
-
-
 def _end_exercise(core: Core, cycle: int, utc_ns: int) -> None:
-    failed = daily_test.conclude(core, utc_ns) if core.mode == Mode.SELF_TEST else None
+    failed = persistence.conclude_self_test(core, utc_ns) if core.mode == Mode.SELF_TEST else None
     if failed is not None:
         stop(core, failed, cycle)
         return
     exercises.end(core)
-    enter(core, Event.EXERCISE_OVER)
+    _enter(core, Event.EXERCISE_OVER)
 
 
 def _advance_stops(core: Core, cycle: int) -> None:
@@ -321,7 +346,7 @@ def _report_disobedience(core: Core, axis: Axis, step: Step) -> None:
     verdict = Verdict(core.config.categories.of(cause), cause, axis.name, detail=detail)
     core.verdict = worse(core.verdict, verdict)
     core.disabling = False
-    core.events.append(describe(verdict))
+    core.report(describe(verdict))
 
 
 def _stopped(core: Core, cycle: int) -> bool:
@@ -334,19 +359,19 @@ def _stopped(core: Core, cycle: int) -> bool:
             continue
         unseen = axis.feedback.sample_age_cycles > age_max
         over = cycle - stopped.since_cycle > STOPPING_MAX_CYCLES
-        if not (stop_sequence.is_at_rest(stopped, rules) or unseen or over):
+        if not (stop_sequence.is_resting(stopped, rules) or unseen or over):
             return False
     return True
 
 
 def _come_to_rest(core: Core) -> None:
     if core.disabling:
-        enter(core, Event.AT_REST_WELL)
+        _enter(core, Event.AT_REST_WELL)
         exercises.clear(core)
         for axis in core.axes:
             axis.stop = None
     else:
-        enter(core, Event.AT_REST_STOPPED)
+        _enter(core, Event.AT_REST_STOPPED)
 
 
 def _await_reset(core: Core) -> None:
@@ -367,3 +392,67 @@ def power_off(core: Core, cycle: int) -> None:
     for axis in core.axes:
         if axis.stop is None or axis.stop.step < Step.DISABLE:
             axis.stop = stop_sequence.begin(Step.DISABLE, axis.joint, cycle)
+
+
+# --- bring-up -------------------------------------------------------------------------------------
+
+
+def begin_bring_up(core: Core) -> None:
+    """The loop begins to bring up the drives."""
+    _change(core, Event.BRING_UP_BEGUN)
+    core.report("bring-up begun")
+
+
+def show_progress(core: Core, text: str) -> None:
+    """Show the step of the bring-up."""
+    core.progress = text
+
+
+def take_drives(core: Core, drives: DriveGroup) -> None:
+    """All drives are up: READY, or FAULT where a stop is latched since an earlier start."""
+    core.drives = drives
+    for axis in core.axes:
+        axis.stop = None
+    core.verdict = Verdict()
+    core.load_checked = False
+    latched = _take_latch(core)
+    _change(core, Event.STILL_LATCHED if latched else Event.BRING_UP_DONE)
+
+
+def wait_for_reset(core: Core, drive: str, state: str, text: str) -> None:
+    """Enter FAULT because a drive still holds the leg; it holds until a reset is requested."""
+    cause = Cause.DRIVE_POWERED
+    core.verdict = Verdict(core.config.categories.of(cause), cause, drive, detail=state)
+    _change(core, Event.DRIVE_FAULTY)
+    single_axis.drop(core)
+    core.reset_cycles_left = 0
+    noted = latched_stop.verdict_of(core.notes.latched)
+    if noted is not None and noted.cause != Cause.LAST_END_UNKNOWN:
+        _take_latch(core)
+    core.report(text)
+
+
+def fail_bring_up(core: Core, cause: Cause, drive: str, detail: str) -> None:
+    """Return to OFF with a verdict; an event is published only if the verdict is a new one."""
+    if core.mode == Mode.BRINGING_UP:
+        _change(core, Event.DRIVES_LOST)
+    verdict = Verdict(core.config.categories.of(cause), cause, drive, detail=detail)
+    if verdict != core.verdict:
+        core.report(f"bring-up failed: {detail}")
+    core.verdict = verdict
+    single_axis.drop(core)
+    core.reset_cycles_left = 0
+    core.progress = ""
+    sensing.lose_homes(core)
+
+
+def _take_latch(core: Core) -> bool:
+    """Restore a latched verdict after a restart; returns True if there is one."""
+    noted = core.notes.latched
+    verdict = latched_stop.verdict_of(noted)
+    if noted is None or verdict is None:
+        return False
+    core.verdict = verdict
+    core.causes_told = {(verdict.cause, verdict.drive)}
+    core.report(f"latched since {latched_stop.since(noted.utc_ns)}: {describe(verdict)}")
+    return True
