@@ -97,15 +97,24 @@ def check(lines: Iterable[bytes]) -> Check:
         if fields is None:
             # Allowed if it is torn, which the next line has to state.
             if torn:
-                breaks.append(Break(count, "two lines after each other cannot be read"))
+                breaks.append(Break(count, "two consecutive lines cannot be read"))
             torn, torn_count, head = True, torn_count + 1, hash_of(line)
             continue
-        reason = "it was changed" if _changed(line) else _wrong(fields, head, n, torn)
+        reason = (
+            "it was changed after it was written"
+            if _changed(line)
+            else _wrong(fields, head, n, torn)
+        )
         if reason:
             breaks.append(Break(count, reason))
         first_n, n, head, torn = first_n or fields["n"], fields["n"], hash_of(line), False
     if torn:
-        breaks.append(Break(count, "the last line is torn; a gateway that starts says so after it"))
+        breaks.append(
+            Break(
+                count,
+                "the last line is incomplete; the next gateway to start adds a line that states it",
+            )
+        )
     return Check(count, torn_count, first_n, Place(n, head or BEGINNING), tuple(breaks))
 
 
@@ -118,12 +127,14 @@ def _changed(line: bytes) -> bool:
 def _wrong(fields: dict[str, Any], head: str | None, n: int, torn: bool) -> str:
     """Why a line does not follow the one before it; empty if it does."""
     if torn and fields.get("kind") != REPAIRED:
-        return "the line before it cannot be read, and this one does not say that it was torn"
+        return (
+            "the line before it cannot be read, and this line does not state that it was incomplete"
+        )
     if head is None:
         begins = fields["n"] == 1 and fields["before"] != BEGINNING
-        return "it is the first line of all, and names one before it" if begins else ""
+        return "it is the first line, but refers to an earlier one" if begins else ""
     if fields["before"] != head:
-        return "the line before it is not the one that it was written after"
+        return "the line before it is not the one that it refers to"
     # It is unknown whether a torn line had taken a number.
     if fields["n"] != n + 1 and not torn:
         return f"it is number {fields['n']} and follows number {n}"
