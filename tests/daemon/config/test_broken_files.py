@@ -367,7 +367,7 @@ TOGETHER = [
         "consumer_entries = 0",
         "heartbeat.consumer_entries",
         "0",
-        "a drive must notice that its master is gone",
+        "a drive must detect the loss of its master",
     ),
     broken(
         "a quick stop that lets the leg fall",

@@ -81,7 +81,7 @@ def test_option_codes_are_told_in_words(epos4):
     assert epos4.axes[0].option_codes == (
         "quick stop (605Ah = 6): slow down on the quick-stop ramp and stay in quick stop",
         "fault (605Eh = 2): slow down on the quick-stop ramp, then switch off",
-        "master gone (6007h = 3): quick stop, then as 605Ah says",
+        "master gone (6007h = 3): quick stop, then as defined by 605Ah",
     )
 
 
