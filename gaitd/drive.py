@@ -222,7 +222,7 @@ def _dump(drive: Drive, options: Options) -> int:
 
 def _compare(drive: Drive, options: Options) -> int:
     """Read the objects to be compared and print those that differ."""
-    dictionary, against = drive.dictionary, "what bring-up wants"
+    dictionary, against = drive.dictionary, "what bring-up expects"
     if options.eds:
         against, why = str(Path(drive.plan.description.eds)), "EDS default"
         compared = compare.read_with_values(
