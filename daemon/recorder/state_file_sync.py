@@ -5,7 +5,7 @@ page a few times a second and calls fsync when it has changed: nothing waits for
 does not block the others, because reading and fsync release the interpreter lock.
 
 Until then a power cut leaves an older page. That page is safe, too: a page written while drives are
-enabled states that the end of the run is unknown (`core/steps/latching.py`).
+enabled states that the end of the run is unknown (`core/modes/latched_stop.py`).
 """
 
 import logging
@@ -74,4 +74,4 @@ class NotesDisk:
         """Log a failure once: a power cut may now lose a latched stop."""
         if why != self._trouble:
             self._trouble = why
-            self._log.error("the notes of the core are not on the disk: %s", why)
+            self._log.error("the core's state file is not on the disk: %s", why)

@@ -8,7 +8,7 @@ from config_files import CONFIGS, Change, changed, copied
 
 from daemon.preflight.load import ConfigError, load
 from daemon.preflight.report import examine, refuse
-from gaitd.check import Section, plain, print_tables
+from gaitd.terminal import plain, print_tables
 
 EMPTY_WITH_A_PATIENTS_SPRINGS = (
     Change("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
@@ -79,7 +79,7 @@ def test_the_empty_machine_is_refused_with_a_patients_springs(tmp_path):
     assert refused.value.key == "gait.cadence_max_hz"
     assert refused.value.value == "0.5"
     assert "with hip coasting, slide on its ramp the leg goes to hip" in refused.value.allowed
-    assert "without power the leg moves to a position limit: look at the springs" in found.warnings
+    assert "without power the leg moves to a position limit: check the springs" in found.warnings
 
 
 def test_a_listener_that_others_can_reach_is_a_warning(tmp_path):
@@ -166,7 +166,7 @@ def test_the_command_shows_the_sweep_that_it_refuses(tmp_path):
 
 
 def test_a_terminal_gets_tables(capsys):
-    section = Section("Bus", ("", "what"), (("load", "10 [%]"),))
+    section = ("Bus", ("", "what"), (("load", "10 [%]"),))
 
     print_tables((section,))
 
