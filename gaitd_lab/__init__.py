@@ -5,5 +5,5 @@ other projects use in their tests. Reading order: `virtual_machine.py` (the virt
 configuration), `lockstep.py` with `lockstep_gateway.py` (the real loop against them in one thread),
 `trials.py`, `excitation.py` and `ablation_trials.py` (recordings by lock-step), `fault_matrix/`,
 `fuzz/` (random sessions), `processes.py` (child processes), `demonstration/`, `soak/`,
-`benchmark/`.
+`benchmark/`, `backstop_page.py` (docs/backstop.md).
 """
