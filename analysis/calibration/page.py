@@ -41,7 +41,7 @@ def _parts(made: Calibration, robot_name: str) -> Iterator[str]:
     yield markdown.table(head, (_row(one) for one in made.fit.results if one.shown))
     todo = advice(made.motion, made.fit.results)
     if todo:
-        yield "What this recording cannot tell, and what to record instead:"
+        yield "What cannot be identified from this recording, and what to record instead:"
         yield "\n".join(f"- {line}" for line in todo)
     held = "every fourth two seconds of it" if "fourth" in made.held_out else "another recording"
     yield f"On {held}, which took no part in the fit:"
@@ -57,7 +57,7 @@ def _row(one: Result) -> tuple[str, ...]:
     if one.calibrated:
         return (*head, f"{one.value:.5g}", f"± {one.half_interval:.2g}")
     kept = "kept" if one.value == one.before else f"{one.value:.5g}"
-    return (*head, kept, f"cannot be told: {one.reason}")
+    return (*head, kept, f"not identified: {one.reason}")
 
 
 def _scores(made: Calibration) -> Iterator[tuple[str, ...]]:
