@@ -2,5 +2,5 @@
 
 Reading order: `clock.py` (wall and simulated clocks), `bus_choice.py` (bus and clock of a
 configuration), `lock.py` (one process of a kind per directory), `journal.py` and `sd_notify.py`
-(systemd).
+(systemd), `machine/` (checks for `gaitd doctor`).
 """
