@@ -7,8 +7,6 @@ import sys
 import time
 from typing import Any, Final, NamedTuple
 
-import msgspec
-
 from daemon import wire
 from gaitd.remote import EXIT_DONE, EXIT_NO_ANSWER, EXIT_REFUSED, Target, ask, request
 
@@ -82,8 +80,7 @@ def _since(events: tuple[wire.Event, ...], last_id: str) -> tuple[wire.Event, ..
 
 
 def _status(target: Target) -> wire.Status | None:
-    answer = ask(target, "status", {"client": "gaitd"})
-    return None if answer.text is None else msgspec.json.decode(answer.text, type=wire.Status)
+    return ask(target, "status", {"client": "gaitd"}).decode(wire.Status)
 
 
 def _nobody(what: str) -> int:

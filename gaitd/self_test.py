@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
-import msgspec
 import typer
 
 from daemon import wire
@@ -21,10 +20,10 @@ from gaitd.remote import (
     EXIT_DONE,
     EXIT_NO_ANSWER,
     EXIT_REFUSED,
-    Answer,
     ConfigOption,
     EndpointOption,
     JsonOption,
+    Message,
     Target,
     TrainerOption,
     ask,
@@ -170,20 +169,19 @@ def _ids(status: wire.Status) -> set[str]:
 
 
 def _status(target: Target) -> wire.Status:
-    text = _text(ask(target, "status", {"client": CLIENT}))
-    status = msgspec.json.decode(text, type=wire.Status)
+    status = _answer(target, "status", {}, wire.Status)
     if not status.safety.valid:
         raise NoAnswerError("no records arrive from the core; look at the machine")
     return status
 
 
 def _request(target: Target, name: str, payload: dict[str, Any]) -> wire.Reply:
-    return msgspec.json.decode(
-        _text(ask(target, name, {"client": CLIENT, **payload})), type=wire.Reply
-    )
+    return _answer(target, name, payload, wire.Reply)
 
 
-def _text(answer: Answer) -> str:
-    if answer.text is None:
+def _answer(target: Target, name: str, payload: dict[str, Any], kind: type[Message]) -> Message:
+    answer = ask(target, name, {"client": CLIENT, **payload})
+    message = answer.decode(kind)
+    if message is None:
         raise NoAnswerError(answer.trouble)
-    return answer.text
+    return message

@@ -4,6 +4,6 @@ It needs the virtual drives, and nothing of the service imports it. `gaitd.testi
 other projects use in their tests. Reading order: `virtual_machine.py` (the virtual drives of a
 configuration), `lockstep.py` with `lockstep_gateway.py` (the real loop against them in one thread),
 `trials.py`, `excitation.py` and `ablation_trials.py` (recordings by lock-step), `fault_matrix/`,
-`fuzz/` (random sessions), `processes.py` (child processes), `demonstration/`, `soak/`,
-`benchmark/`.
+`fuzz/` (random sessions), `processes.py` (child processes, and those of a whole service),
+`requests.py`, `demonstration/`, `soak/`, `benchmark/`.
 """
