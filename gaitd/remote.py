@@ -142,14 +142,16 @@ def ask(target: Target, name: str, payload: dict[str, Any]) -> Answer:
     return Answer(None, f"no answer to {key} on {where}: another trainer, or it hangs")
 
 
-def request(target: Target, name: str, payload: dict[str, Any], *, as_json: bool) -> int:
+def request(
+    target: Target, name: str, payload: dict[str, Any] | None = None, *, as_json: bool
+) -> int:
     """Request enable, disable, stop, reset or mode; print the outcome.
 
     Returns: the exit code.
     """
     from daemon import wire
 
-    answer = ask(target, name, {"client": f"gaitd {name}", **payload})
+    answer = ask(target, name, {"client": f"gaitd {name}", **(payload or {})})
     reply = answer.decode(wire.Reply)
     if reply is None:
         return report_silence(name, answer.trouble, as_json=as_json)

@@ -32,7 +32,7 @@ def command(
     """
     import json as json_text
 
-    from gaitd.places import configs_folder
+    from gaitd.command_line import configs_folder
     from gaitd_lab.processes import ServiceError, Tempo
     from gaitd_lab.soak.figure import draw
     from gaitd_lab.soak.machinery import machinery, warm_up

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Final, Self
 
 from daemon.ipc.transport import RING_NAME
-from gaitd.places import configs_folder
+from gaitd.command_line import configs_folder
 from gaitd.remote import Target
 from gaitd.testing.edits import Edits, edit
 
