@@ -12,7 +12,7 @@ import typer
 if TYPE_CHECKING:
     from analysis.delay import Delay
     from analysis.experiment import Row, Run
-    from gaitd_lab.excitation import Stage
+    from gaitd_lab.excitation import EmptyMachine
 
 SCENARIO: Final = "paper"
 DELAY: Final = "delay"
@@ -51,17 +51,17 @@ def command(
     """
     from daemon.config.strict import ConfigError
     from gaitd.places import configs_folder
-    from gaitd_lab.excitation import NotPlayedError, Stage
+    from gaitd_lab.excitation import EmptyMachine, NotPlayedError
     from sim_drives.plant.settings import FrictionLaw
 
     trainer = config or configs_folder("--config", "demo.toml") / "demo.toml"
-    stage = Stage(trainer, None if law is None else FrictionLaw(law.value))
-    longest_s = stage.longest_s(SCENARIO)
+    machine = EmptyMachine(trainer, None if law is None else FrictionLaw(law.value))
+    longest_s = machine.longest_s(SCENARIO)
     if seconds is not None and seconds > longest_s:
         raise ConfigError("command line", "--seconds", seconds, f"at most {longest_s:g}")
     try:
         output.mkdir(parents=True, exist_ok=True)
-        trouble = _experiment(stage, seconds or longest_s, output)
+        trouble = _experiment(machine, seconds or longest_s, output)
     except NotPlayedError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(1) from error
@@ -73,43 +73,43 @@ def command(
         raise typer.Exit(1)
 
 
-def _experiment(stage: "Stage", seconds: float, output: Path) -> str:
+def _experiment(machine: "EmptyMachine", seconds: float, output: Path) -> str:
     """Play the scenario, print and draw its results; return the trouble, or an empty text."""
     with _progress() as told:
-        played = stage.play(SCENARIO, seconds, told("the paper's scenario", seconds))
-        delays = _delays(stage, played.run, told)
+        played = machine.play(SCENARIO, seconds, told("the paper's scenario", seconds))
+        delays = _delays(machine, played.run, told)
     run = played.run
-    duration_s = len(run.time_s) * stage.step_s
+    duration_s = len(run.time_s) * machine.step_s
     print(f"scenario     {SCENARIO}: {duration_s:.2f} s of {seconds:g} s, empty machine")
-    print(f"plant        friction law {stage.law.value}, seed {stage.seed}")
-    if stage.note:
-        print(f"note         {stage.note}")
+    print(f"plant        friction law {machine.law.value}, seed {machine.seed}")
+    if machine.note:
+        print(f"note         {machine.note}")
     if duration_s >= SHORTEST_S:
-        _print_numbers(stage, run)
+        _print_numbers(machine, run)
     _print_delays(delays)
     if duration_s >= SHORTEST_S:
-        for picture in _draw(stage, run, output):
+        for picture in _draw(machine, run, output):
             print(f"picture      {picture}")
     return played.trouble
 
 
-def _delays(stage: "Stage", run: "Run", told: "Told") -> "tuple[Delay, Delay] | str":
+def _delays(machine: "EmptyMachine", run: "Run", told: "Told") -> "tuple[Delay, Delay] | str":
     """Measure the delays in the delay scenario, or in `run` if there is none; else why not."""
     from analysis.delay import measure
     from analysis.recording import Recording, RecordingError
     from gaitd_lab.excitation import NotPlayedError
 
     try:
-        if DELAY in stage.settings.trainer.excite:
-            seconds = stage.longest_s(DELAY)
-            run = stage.play(DELAY, seconds, told("quick efforts, for the delay", seconds)).run
+        if DELAY in machine.settings.trainer.excite:
+            seconds = machine.longest_s(DELAY)
+            run = machine.play(DELAY, seconds, told("quick efforts, for the delay", seconds)).run
         recording = Recording("the scenario", run.time_s, run.measured, run.exerted)
-        return measure(recording, stage.settings.robot)
+        return measure(recording, machine.settings.robot)
     except (NotPlayedError, RecordingError) as error:
         return str(error)
 
 
-def _print_numbers(stage: "Stage", run: "Run") -> None:
+def _print_numbers(machine: "EmptyMachine", run: "Run") -> None:
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -125,10 +125,10 @@ def _print_numbers(stage: "Stage", run: "Run") -> None:
     table = Table(box=box.SIMPLE_HEAD)
     for title in ("", "hip", "slide", "target"):
         table.add_column(title, justify="left" if title in {"", "target"} else "right")
-    when = marks(stage.settings.trainer.excite[SCENARIO])
-    setup = setup_for(stage.settings.robot)
-    matched = stage.law is not FrictionLaw.LUGRE
-    for row in rows(run, when, stage.frictions, setup, matched=matched):
+    when = marks(machine.settings.trainer.excite[SCENARIO])
+    setup = setup_for(machine.settings.robot)
+    matched = machine.law is not FrictionLaw.LUGRE
+    for row in rows(run, when, machine.frictions, setup, matched=matched):
         target = row.target
         if row.met is not None:
             target = f"[green]{target}, met[/]" if row.met else f"[yellow]{target}, missed[/]"
@@ -159,21 +159,21 @@ def _print_delays(delays: "tuple[Delay, Delay] | str") -> None:
     print(f"             {advice(delays)}")
 
 
-def _draw(stage: "Stage", run: "Run", output: Path) -> tuple[Path, ...]:
+def _draw(machine: "EmptyMachine", run: "Run", output: Path) -> tuple[Path, ...]:
     from analysis.experiment import marks, moving
     from analysis.experiment_figures import draw_axis, draw_details
 
     subtitle = (
         f"scenario {SCENARIO} through CAN frames, empty machine, "
-        f"plant friction {stage.law.value}; grey: at rest"
+        f"plant friction {machine.law.value}; grey: at rest"
     )
     hip, slide, details = (
         output / f"experiment_{name}.png" for name in ("hip", "slide", "details")
     )
     draw_axis(run, 0, subtitle, hip)
     draw_axis(run, 1, subtitle, slide)
-    when = marks(stage.settings.trainer.excite[SCENARIO])
-    draw_details(run, when, moving(run, stage.frictions), stage.frictions[1], subtitle, details)
+    when = marks(machine.settings.trainer.excite[SCENARIO])
+    draw_details(run, when, moving(run, machine.frictions), machine.frictions[1], subtitle, details)
     return hip, slide, details
 
 

@@ -1,7 +1,7 @@
 """What can be wrong with the service's end of the lock-step bus, and with its time."""
 
 import pytest
-from sessions import Session
+from sessions import new_session
 
 from drives.canopen.bus import Frame
 from drives.errors import BusError
@@ -12,9 +12,9 @@ FRAME = Frame(0x080, b"")
 
 @pytest.fixture(scope="module")
 def warm_bench():
-    session = Session()
-    session.lockstep.run(0.02)
-    return session.lockstep
+    session = new_session()
+    session.run(0.02)
+    return session
 
 
 def test_a_full_queue_drops_at_once_and_keeps_what_is_urgent_until_its_deadline(warm_bench):
