@@ -2,7 +2,7 @@
 
 `plan` is pure: files and limits in, steps out. `bringup.py` executes them. The order, and why:
 
-    reset    NMT reset communication: nothing of an earlier master remains
+    reset    NMT reset communication: removes the settings of an earlier master
     boot     the boot-up message: the drive is there, in PRE-OPERATIONAL
     power    without power, or switched off where that was requested: no setting changes under load
     check    device type, identity, modes: it must be the drive of the files
@@ -75,10 +75,10 @@ class DrivePlan(NamedTuple):
 def plan(description: DriveDescription, limits: DriveLimits, cycle: CycleSettings) -> DrivePlan:
     """List all steps of one drive, in order."""
     steps = (
-        Step(StepKind.RESET, "NMT reset communication: nothing of an earlier master remains"),
-        Step(StepKind.BOOT, "boot-up message: it is there, in PRE-OPERATIONAL"),
+        Step(StepKind.RESET, "NMT reset communication: removes the settings of an earlier master"),
+        Step(StepKind.BOOT, "boot-up message: the drive is in PRE-OPERATIONAL"),
         *_identity(description),
-        Step(StepKind.POWER, "it has no power on its motor", 0x6041, bits=16, is_hex=True),
+        Step(StepKind.POWER, "its power stage is off", 0x6041, bits=16, is_hex=True),
         *_torque_base(description),
         *_units(description),
         *_all_pdos_off(description),
@@ -143,9 +143,9 @@ def _identity(description: DriveDescription) -> Iterator[Step]:
             yield Step(check, why, 0x1018, sub, value=value, is_hex=True, failure=failure)
     if identity.serial is None:
         yield Step(StepKind.ASK, "its serial number", *SERIAL_NUMBER, is_hex=True)
-    yield Step(StepKind.ALONE, "nobody else answers under its number")
+    yield Step(StepKind.ALONE, "no second node has its node id")
     modes, missing = _CYCLIC_MODES, BootFailure.MISSING_MODE
-    why = "it knows cyclic synchronous position and torque"
+    why = "it supports cyclic synchronous position and torque"
     yield Step(check, why, 0x6502, value=modes, mask=modes, is_hex=True, failure=missing)
 
 
@@ -156,7 +156,7 @@ def _torque_base(description: DriveDescription) -> Iterator[Step]:
 
 def _units(description: DriveDescription) -> Iterator[Step]:
     if description.profile.optional_objects.polarity:
-        why = "it turns no sign around: signs are the axis file's"
+        why = "it inverts no sign: signs are in the axis file"
         mask = _POLARITY_BITS
         yield Step(StepKind.CHECK, why, 0x607E, bits=8, value=0, mask=mask, is_hex=True)
     for entry in description.profile.checked:
@@ -202,7 +202,7 @@ def _sync(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]
     if has.sync_counter:
         yield _write("SYNC counts so far, or not at all", 0x1019, 0, 8, cycle.sync_counter)
     if has.sync_window:
-        why = "PDOs that come later after SYNC are dropped, in microseconds"
+        why = "synchronous window in microseconds: later PDOs are dropped"
         yield _write(why, 0x1007, 0, 32, cycle.sync_window_us)
 
 
@@ -211,7 +211,7 @@ def _mapping(description: DriveDescription, cycle: CycleSettings) -> Iterator[St
     for layout in pdos:
         yield from _mapping_of(layout, description)
         if layout is pdos.control and description.profile.pdo.rpdo_timeout:
-            why = "without RPDO1 for so many ms the drive stops by itself"
+            why = "RPDO1 timeout in ms, after which the drive stops by itself"
             yield _write(why, layout.communication_index, 5, 16, cycle.rpdo_timeout_ms)
         yield _switch_on(layout)
 
@@ -220,9 +220,9 @@ def _mapping_of(layout: PdoLayout, description: DriveDescription) -> Iterator[St
     parameters, has = layout.communication_index, description.profile.pdo
     yield _write(f"{layout} with every n-th SYNC", parameters, 2, 8, layout.transmission_type)
     if layout.transmit and has.inhibit_time:
-        yield _write(f"{layout} is never held back", parameters, 3, 16, 0)
+        yield _write(f"{layout} has no inhibit time", parameters, 3, 16, 0)
     if layout.transmit and has.event_timer:
-        yield _write(f"{layout} has no timer of its own", parameters, 5, 16, 0)
+        yield _write(f"{layout} has no event timer", parameters, 5, 16, 0)
     objects = layout.mapping_index
     yield _write(f"{layout} emptied", objects, 0, 8, 0)
     for sub, item in enumerate(layout.objects, 1):
@@ -281,7 +281,7 @@ def _settings(description: DriveDescription, cycle: CycleSettings) -> Iterator[S
             value=entry.value,
         )
     if description.profile.optional_objects.interpolation_time:
-        yield _write("interpolation time: our cycle", 0x60C2, 1, 8, cycle.period_ms)
+        yield _write("interpolation time: the core's cycle", 0x60C2, 1, 8, cycle.period_ms)
         yield _write("... in ms", 0x60C2, 2, 8, _MILLISECONDS)
 
 
@@ -291,11 +291,11 @@ def _homing(description: DriveDescription) -> Iterator[Step]:
         return
     raw = raw_homing(homing, objects.home_sign, description)
     bit = _HOMING_MODE
-    yield Step(StepKind.CHECK, "it knows homing", 0x6502, value=bit, mask=bit, is_hex=True)
+    yield Step(StepKind.CHECK, "it supports homing", 0x6502, value=bit, mask=bit, is_hex=True)
     speed = description.profile.velocity_unit.value
     yield _write("homing method", 0x6098, 0, 8, homing.method)
     yield _write(f"homing: search speed in {speed}", 0x6099, 1, 32, raw.search_speed_raw)
-    yield _write(f"homing: speed for the exact place in {speed}", 0x6099, 2, 32, raw.zero_speed_raw)
+    yield _write(f"homing: speed of the final search in {speed}", 0x6099, 2, 32, raw.zero_speed_raw)
     yield _write(f"homing: acceleration in {speed} per s", 0x609A, 0, 32, raw.acceleration_raw)
     home, threshold = objects.home, objects.current_threshold
     yield _write("position at home in counts", home.index, home.sub, home.bits, raw.home_raw)
@@ -305,7 +305,7 @@ def _homing(description: DriveDescription) -> Iterator[Step]:
 
 
 def _seeds(description: DriveDescription, raw: RawLimits) -> Iterator[Step]:
-    yield _write("no torque asked for", 0x6071, 0, description.profile.target_torque.bits, 0)
+    yield _write("target torque: none", 0x6071, 0, description.profile.target_torque.bits, 0)
     yield Step(
         kind=StepKind.SEED_POSITION,
         why="target position: where the joint is",
@@ -321,9 +321,9 @@ def _seeds(description: DriveDescription, raw: RawLimits) -> Iterator[Step]:
 def _watches(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]:
     entries = description.profile.heartbeat.consumer_entries
     for sub in range(2, entries + 1):
-        yield _write("it watches nobody else", 0x1016, sub, 32, 0)
+        yield _write("it monitors no other heartbeat", 0x1016, sub, 32, 0)
     if entries:
         value = cycle.master_node_id << 16 | cycle.drive_detection_ms
-        yield _write("it watches our heartbeat", 0x1016, 1, 32, value, is_hex=True)
+        yield _write("it monitors the master's heartbeat", 0x1016, 1, 32, value, is_hex=True)
     yield _write("its own heartbeat in ms", 0x1017, 0, 16, cycle.drive_heartbeat_ms)
     yield Step(StepKind.HEAR, "its heartbeat, in PRE-OPERATIONAL")

@@ -29,9 +29,9 @@ _HOW: Final = {
 _MEANINGS: Final = {
     ABORT_CONNECTION: {
         0: "nothing",
-        1: "fault, then as 605Eh says",
+        1: "fault, then as defined by 605Eh",
         2: "disable voltage and coast",
-        3: "quick stop, then as 605Ah says",
+        3: "quick stop, then as defined by 605Ah",
     },
     QUICK_STOP: {
         **{code: f"{how}, then switch off" for code, how in _HOW.items() if code},
@@ -53,7 +53,7 @@ _NAMES: Final = {
 
 _NEVER: Final = {
     QUICK_STOP: (0, "a quick stop that only switches off lets the leg fall"),
-    ABORT_CONNECTION: (0, "a drive that goes on without its master moves by itself"),
+    ABORT_CONNECTION: (0, "a drive that continues without its master moves uncontrolled"),
     FAULT_REACTION: (0, "a fault that only switches off lets the leg fall"),
 }
 """Option codes that every profile must write, the values that are refused, and why."""
@@ -78,7 +78,7 @@ def in_words(entry: WrittenObject) -> str | None:
     """`quick stop (605Ah = 6): slow down on ... `; None for other objects."""
     if entry.index not in _MEANINGS:
         return None
-    meaning = _MEANINGS[entry.index].get(entry.value, "the maker's own meaning")
+    meaning = _MEANINGS[entry.index].get(entry.value, "manufacturer-specific")
     return f"{_NAMES[entry.index]} ({entry.index:04X}h = {entry.value}): {meaning}"
 
 
@@ -101,7 +101,7 @@ def check_written(written: tuple[WrittenObject, ...], *, halt: bool) -> None:
             raise _refused(entry, f"not {forbidden}: {why}")
     if (HALT in by_index) != halt:
         wanted = "must be among them" if halt else "must not be among them"
-        raise _missing(written, HALT, f"{wanted}, since optional_objects.halt_option says so")
+        raise _missing(written, HALT, f"{wanted}, because of optional_objects.halt_option")
     for entry in written:
         if entry.value not in entry.legal:
             raise _refused(entry, f"one of {', '.join(map(str, entry.legal))}")
