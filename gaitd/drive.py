@@ -132,7 +132,9 @@ def command(
     eds: Annotated[bool, typer.Option("--eds", help="compare: with the EDS's defaults")] = False,
     everything: Annotated[bool, typer.Option("--all", help="compare: what is equal too")] = False,
     json: Annotated[bool, typer.Option("--json", help="dump, compare: one JSON object")] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="store, restore: do not ask")] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="store, restore: without confirmation")
+    ] = False,
     reset: Annotated[
         bool, typer.Option("--reset", help="restore: NMT reset node, so that it acts now")
     ] = False,
@@ -324,6 +326,6 @@ def _confirmed(consequence: str, options: Options) -> bool:
     if options.yes:
         return True
     if not sys.stdin.isatty():
-        allowed = "to be given where there is no terminal to ask on"
+        allowed = "to be given where there is no terminal for the confirmation"
         raise ConfigError(COMMAND_LINE, "--yes", MISSING, allowed)
     return typer.confirm("Do it?", default=False)

@@ -26,7 +26,7 @@ ANSWER_TIMEOUT_S: Final = 10.0
 
 ConfigOption = Annotated[
     Path | None,
-    typer.Option("--config", help="Trainer file of the service: tells endpoint and trainer."),
+    typer.Option("--config", help="Trainer file of the service, with its endpoint and name."),
 ]
 EndpointOption = Annotated[
     str | None,

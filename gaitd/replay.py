@@ -79,20 +79,20 @@ def _replay(recorded: list[Path], leg: str | None, wanted: Wanted, given: Given)
     """Replay all recordings, after reading all: a bad one leaves every file unchanged."""
     from analysis.replay import legs_of, read
 
-    asked = [
+    chosen = [
         (path, name, len(names) > 1)
         for path in recorded
         for names in [(leg,) if leg else legs_of(path) or (None,)]
         for name in names
     ]
-    results = [(path, (name or "") if several else "") for path, name, several in asked]
+    results = [(path, (name or "") if several else "") for path, name, several in chosen]
     targets = targets_of(wanted, results, len(recorded) > 1)
     inputs = [path for path in (*recorded, given.robot, given.baseline) if path is not None]
     check(targets, inputs)
     with progress() as stage:
         begun_s = time.perf_counter()
-        sources = [read(path, name, stage("reading")) for path, name, _ in asked]
-        reading_s = (time.perf_counter() - begun_s) / len(asked)
+        sources = [read(path, name, stage("reading")) for path, name, _ in chosen]
+        reading_s = (time.perf_counter() - begun_s) / len(chosen)
         with ExitStack() as drafts:
             lines: list[str] = []
             for source, target in zip(sources, targets, strict=True):

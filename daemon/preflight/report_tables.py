@@ -68,7 +68,7 @@ def _origin(axis: AxisMeaning) -> Section:
     rows = [
         ("drive", f"{axis.drive}, {_verified(axis)}"),
         ("torque is read from", f"{_torque(axis.torque_source, effort)}; {_path(axis)}"),
-        ("torque is asked by", _torque(axis.target_torque, effort)),
+        ("torque is commanded by", _torque(axis.target_torque, effort)),
         ("torque is limited by", limit),
         *(
             ("must hold, within 1 %", f"{base.object} = {base.expected_raw}, {base.what}")
