@@ -64,7 +64,7 @@ def test_a_sync_that_waits_is_on_the_wire_later_and_nothing_else_is(warm_bench):
 
 
 def test_a_service_that_is_held_finds_the_world_and_its_clock_farther_on(warm_bench):
-    bus, world = warm_bench.bus, warm_bench.world
+    bus, world = warm_bench.bus, warm_bench.machine.world
     begun_ns = world.now_ns
 
     bus.at(begun_ns + 1 * MS, lambda: bus.hold(35 * MS))
@@ -76,7 +76,7 @@ def test_a_service_that_is_held_finds_the_world_and_its_clock_farther_on(warm_be
 def test_a_machine_that_was_suspended_finds_the_world_farther_on_and_its_clock_where_it_was(
     warm_bench,
 ):
-    bus, world = warm_bench.bus, warm_bench.world
+    bus, world = warm_bench.bus, warm_bench.machine.world
     begun_ns = world.now_ns
 
     bus.at(begun_ns + 1 * MS, lambda: bus.pause(1000 * MS))
