@@ -99,7 +99,8 @@ def _print_numbers(machine: "EmptyMachine", run: "Run") -> None:
 
 
 def _draw(machine: "EmptyMachine", run: "Run", output: Path) -> tuple[Path, ...]:
-    from analysis.experiment import marks, moving
+    from analysis.accuracy import moving
+    from analysis.experiment import marks
     from analysis.experiment_figures import draw_axis, draw_details
 
     subtitle = (
@@ -112,5 +113,6 @@ def _draw(machine: "EmptyMachine", run: "Run", output: Path) -> tuple[Path, ...]
     draw_axis(run, 0, subtitle, hip)
     draw_axis(run, 1, subtitle, slide)
     when = marks(machine.settings.trainer.excite[SCENARIO])
-    draw_details(run, when, moving(run, machine.frictions), machine.frictions[1], subtitle, details)
+    open_gate = moving(run.true_velocity, machine.frictions)
+    draw_details(run, when, open_gate, machine.frictions[1], subtitle, details)
     return hip, slide, details
