@@ -13,6 +13,7 @@ from daemon.config.bundle import Settings
 from daemon.config.drive_plan import cycle_settings, drive_limits
 from drives.bringup.plan import plan
 from drives.bringup.steps import Step, StepKind
+from drives.canopen.objects import Object
 from drives.cia402.profile import DriveDescription
 from drives.cia402.torque import ObjectRef
 
@@ -43,7 +44,15 @@ class Row:
 
 WRITES: Final = frozenset({StepKind.WRITE, StepKind.RANGE})
 COMMUNICATION: Final = frozenset(
-    {0x1007, 0x1017, 0x1019, *range(0x1400, 0x1A10), 0x6060, 0x6071, 0x607A}
+    {
+        Object.SYNC_WINDOW,
+        Object.HEARTBEAT_PRODUCER,
+        Object.SYNC_COUNTER,
+        *range(Object.RPDO, 0x1A10),
+        Object.MODE,
+        Object.TARGET_TORQUE,
+        Object.TARGET_POSITION,
+    }
 )
 """Objects of PDOs, SYNC, heartbeats and initial targets: no limits, except 1400h:05."""
 RPDO_TIMEOUT_SUB: Final = 5
@@ -53,25 +62,31 @@ _POSITION: Final = Source(
 _TORQUE: Final = Source("torque", "[hip] torque_max_nm; [slide] force_max_n")
 _PROFILE: Final = "the profile"
 SOURCES: Final[Mapping[int, Source]] = {
-    0x1016: Source("our silence, in ms (low word)", "[cycle] drive_detection_ms"),
-    0x1029: Source("the drive's NMT state after our silence", _PROFILE),
-    0x6007: Source("what our silence does", _PROFILE),
-    0x605A: Source("what a quick stop does", _PROFILE),
-    0x605B: Source("what a shutdown does", _PROFILE),
-    0x605C: Source("what disabling the operation does", _PROFILE),
-    0x605D: Source("what a halt does", _PROFILE),
-    0x605E: Source("what a fault does", _PROFILE),
-    0x6065: Source("following error", "[hip] following_error_deg; [slide] following_error_m"),
-    0x6066: Source("how long the following error may last, in ms", _PROFILE),
-    0x607D: _POSITION,
-    0x6080: Source("speed", "[hip] velocity_max_rad_per_s; [slide] velocity_max_m_per_s"),
-    0x6085: Source(
+    Object.HEARTBEAT_CONSUMER: Source(
+        "our silence, in ms (low word)", "[cycle] drive_detection_ms"
+    ),
+    Object.ERROR_BEHAVIOUR: Source("the drive's NMT state after our silence", _PROFILE),
+    Object.ABORT_CONNECTION: Source("what our silence does", _PROFILE),
+    Object.QUICK_STOP: Source("what a quick stop does", _PROFILE),
+    Object.SHUTDOWN: Source("what a shutdown does", _PROFILE),
+    Object.DISABLE: Source("what disabling the operation does", _PROFILE),
+    Object.HALT: Source("what a halt does", _PROFILE),
+    Object.FAULT_REACTION: Source("what a fault does", _PROFILE),
+    Object.FOLLOWING_WINDOW: Source(
+        "following error", "[hip] following_error_deg; [slide] following_error_m"
+    ),
+    Object.FOLLOWING_TIME: Source("how long the following error may last, in ms", _PROFILE),
+    Object.POSITION_LIMITS: _POSITION,
+    Object.SPEED_LIMIT: Source(
+        "speed", "[hip] velocity_max_rad_per_s; [slide] velocity_max_m_per_s"
+    ),
+    Object.QUICK_STOP_DECELERATION: Source(
         "the ramp of a quick stop",
         "[hip] quick_stop_deceleration_rad_per_s2; [slide] quick_stop_deceleration_m_per_s2",
     ),
-    0x60B1: Source("no speed beside the target", _PROFILE),
-    0x60B2: Source("no torque beside the target", _PROFILE),
-    0x60C2: Source("the time to a new target position", "[cycle] period_ms"),
+    Object.VELOCITY_OFFSET: Source("no speed beside the target", _PROFILE),
+    Object.TORQUE_OFFSET: Source("no torque beside the target", _PROFILE),
+    Object.INTERPOLATION_TIME: Source("the time to a new target position", "[cycle] period_ms"),
 }
 """Sources by index; the index of the torque limit is in the profile."""
 _RPDO_TIMEOUT: Final = Source("silence of our commands, in ms", "[cycle] rpdo_timeout_ms")
@@ -98,7 +113,7 @@ def source_of(step: Step, torque_limit: ObjectRef) -> Source | None:
         return None
     if (step.index, step.sub) == (torque_limit.index, torque_limit.sub):
         return _TORQUE
-    if 0x1400 <= step.index < 0x1600 and step.sub == RPDO_TIMEOUT_SUB:
+    if Object.RPDO <= step.index < Object.RPDO_MAPPING and step.sub == RPDO_TIMEOUT_SUB:
         return _RPDO_TIMEOUT
     return SOURCES.get(step.index)
 
@@ -131,7 +146,7 @@ def _table(hip: tuple[Row, ...], slide: tuple[Row, ...]) -> str:
 
 
 def _shown(row: Row) -> str:
-    return f"{row.value:08X}h" if row.index == 0x1016 else str(row.value)
+    return f"{row.value:08X}h" if row.index == Object.HEARTBEAT_CONSUMER else str(row.value)
 
 
 def _lacks(drive: DriveDescription) -> str:

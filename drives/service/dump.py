@@ -16,6 +16,7 @@ import canopen
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODVariable, datatypes
 
 from drives.bringup.port import DrivePort
+from drives.canopen.objects import Object
 from drives.errors import DescriptionError, SdoAborted, SdoGarbled, SdoTimeout
 from drives.service.eds import load_eds
 from drives.service.scan import Progress
@@ -36,7 +37,7 @@ _UNSIGNED: Final = {
     16: datatypes.UNSIGNED16,
     32: datatypes.UNSIGNED32,
 }
-_MAPPINGS: Final = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
+_MAPPINGS: Final = (range(Object.RPDO_MAPPING, Object.TPDO), range(Object.TPDO_MAPPING, 0x1C00))
 _TEXTS: Final = frozenset((datatypes.VISIBLE_STRING, datatypes.UNICODE_STRING))
 
 
