@@ -9,11 +9,11 @@ not answer, or is another one.
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from gaitd.station import EXIT_DRIVE, opened, place_of, shown
+from gaitd.station import EXIT_DRIVE, Options, opened, place_of, shown
 
 if TYPE_CHECKING:
     from daemon.config.bundle import Settings
@@ -33,18 +33,6 @@ class Action(StrEnum):
     COMPARE = "compare"
     STORE = "store"
     RESTORE = "restore"
-
-
-class Options(NamedTuple):
-    """Options of the command line besides the action."""
-
-    output: Path | None
-    against: Path | None
-    eds: bool
-    everything: bool
-    json: bool
-    yes: bool
-    reset: bool
 
 
 READING: Final = (Action.DUMP, Action.COMPARE)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from drives.bringup.plan import DrivePlan
     from drives.canopen.bus import Bus, Clock
     from drives.canopen.sniffer import BusSniffer
-    from gaitd.drive import Options
+    from gaitd.station import Options
 
 RECHECK_NS: Final = 300_000_000
 """Time to listen again after the operator has confirmed: a service may have started meanwhile."""

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from drives.bringup.plan import DrivePlan
     from drives.canopen.bus import Bus, Clock
-    from gaitd.drive import Options
+    from gaitd.station import Options
 
 EDS_DEFAULT: Final = "EDS default"
 

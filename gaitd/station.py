@@ -22,6 +22,18 @@ EXIT_DRIVE: Final = 3
 """The drive or the bus is not in the required state."""
 
 
+class Options(NamedTuple):
+    """Options of `gaitd drive` besides its action."""
+
+    output: Path | None
+    against: Path | None
+    eds: bool
+    everything: bool
+    json: bool
+    yes: bool
+    reset: bool
+
+
 class BusPlace(NamedTuple):
     """A bus as configured, and the file or option that named it, for error texts."""
 

@@ -40,18 +40,18 @@ from typing import Final, NamedTuple
 from drives.bringup.objects import SdoTarget, examine, read, switch_off, write, write_range
 from drives.bringup.plan import CycleSettings, DrivePlan
 from drives.bringup.port import DrivePort
-from drives.bringup.steps import SERIAL_NUMBER, Step, StepKind
-from drives.canopen.emcy import decode_emergency
-from drives.canopen.emcy_codes import meaning
-from drives.canopen.nmt import NmtCommand, nmt_frame
-from drives.canopen.objects import Object
-from drives.canopen.presence import (
+from drives.bringup.presence import (
     OtherMaster,
     Texts,
     refuse_second_answer,
     refuse_second_node,
     until,
 )
+from drives.bringup.steps import SERIAL_NUMBER, Step, StepKind
+from drives.canopen.emcy import decode_emergency
+from drives.canopen.emcy_codes import meaning
+from drives.canopen.nmt import NmtCommand, nmt_frame
+from drives.canopen.objects import Object
 from drives.cia402.pdo import PdoLayout, layouts
 from drives.cia402.power_state import WITHOUT_POWER, decode_statusword
 from drives.cia402.profile import DriveDescription

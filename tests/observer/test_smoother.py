@@ -15,7 +15,7 @@ from observer.filter.leg_memory import (
 )
 from observer.filter.leg_model import LANES
 from observer.filter.leg_observer import LegObserver, setup_of
-from observer.filter.leg_smoother import LegSmoother
+from observer.leg_smoother import LegSmoother
 from observer.offline import batch
 from observer.offline.batch import Columns
 from observer.offline.smooth_batch import run_smoothed

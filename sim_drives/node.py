@@ -12,12 +12,6 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from sim_drives.canopen.aborts import AbortCode, SdoAbortError
-from sim_drives.canopen.connection import (
-    FAILURES,
-    HEARTBEAT_LOST_CODE,
-    PDO_TIMEOUT_CODE,
-    Connection,
-)
 from sim_drives.canopen.dictionary import Entry, ObjectDictionary
 from sim_drives.canopen.emergency import Errors
 from sim_drives.canopen.heartbeat import HEARTBEAT_ID, HeartbeatConsumer, HeartbeatProducer
@@ -42,6 +36,12 @@ from sim_drives.canopen.timers import MILLISECOND, Timers
 from sim_drives.cia402.drive import Drive
 from sim_drives.cia402.personality import PERSONALITIES, Personality, commissioned
 from sim_drives.cia402.power_state import POWER_STAGE_ON
+from sim_drives.connection import (
+    FAILURES,
+    HEARTBEAT_LOST_CODE,
+    PDO_TIMEOUT_CODE,
+    Connection,
+)
 from sim_drives.frame import Frame
 from sim_drives.plant.port import Axis
 from sim_drives.settings import DriveSettings, FaultKind, PersonalityName
