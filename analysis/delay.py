@@ -119,7 +119,9 @@ def delayed(effort: Values, cycles: float) -> Values:
 def in_words(delay: Delay) -> str:
     """Format one line for the operator."""
     if not delay.known:
-        return f"{delay.axis}: the recording does not tell ({delay.moving_count} rows in motion)"
+        return (
+            f"{delay.axis}: not identified from the recording ({delay.moving_count} rows in motion)"
+        )
     found = f"{delay.delay_ms:+.1f} ± {delay.std_ms:.1f} ms"
     return f"{delay.axis}: {found}, from {delay.moving_count} rows in motion"
 
@@ -133,13 +135,13 @@ def advice(delays: tuple[Delay, Delay]) -> str:
     mean_ms = float(np.average([one.delay_ms for one in known], weights=weights))
     if len(known) == 2 and abs(known[0].delay_ms - known[1].delay_ms) > STD_MAX_MS:
         return (
-            "the axes differ by more than one value can hold: look at the torque source and the "
+            "the axes differ by more than one value can hold: check the torque source and the "
             "mapping of both drives before effort_delay_ms is set"
         )
     if mean_ms < -STD_MAX_MS:
         return (
-            "efforts act before their rows: they are recorded too late, which no delay mends; "
-            "look at which row the torque of a SYNC is written to"
+            "efforts act before their rows: they are recorded too late, which no delay corrects; "
+            "check to which row the torque of a SYNC is written"
         )
     return f"set effort_delay_ms = {max(mean_ms, 0.0):.1f} in [observer] of robot.toml"
 

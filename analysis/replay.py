@@ -12,7 +12,6 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from analysis.number_text import csv_bytes
 from analysis.recording import Progress, Recording, RecordingError, read_csv, recording
 from analysis.stop_recording import about, stop_of
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
@@ -160,4 +159,3 @@ def warm_up(robot: Robot, *, smooth: bool = False) -> None:
     """Compile or load the kernels, so that this time is not part of a measured speed."""
     nothing = Columns(np.zeros(1), np.full((1, 2), np.nan), np.zeros((1, 2)))
     (run_smoothed if smooth else run)(setup_for(robot), nothing)
-    csv_bytes(np.zeros(1), np.zeros((1, 1)), np.zeros(1, dtype=np.int64))

@@ -19,9 +19,9 @@ from daemon.ipc.transport import Kept, RingError, RingHeader, RingReader
 from daemon.wire.causes import CAUSE_TEXT
 
 _ENDS = {
-    CORE_SILENT: "the core fell silent: killed, hanging, or ended in good order",
-    CORE_ENDED: "the core was gone, and nobody had seen it go",
-    "none": "no stop: as far as the ring goes",
+    CORE_SILENT: "no more records from the core: killed, not responding, or shut down",
+    CORE_ENDED: "the core ended while no gateway was running",
+    "none": "no stop: the whole ring",
 }
 
 

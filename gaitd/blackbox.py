@@ -2,10 +2,10 @@
 
     gaitd blackbox --config FILE             the files, newest last
     gaitd blackbox show FILE                 one recording as tables; --csv, --plot
-    gaitd blackbox requests --config FILE    the request log; --verify checks its hash chain
+    gaitd blackbox requests --config FILE    the request log
 
-None of these needs a running service. Exit codes: 0; 1 the chain is broken; 2 usage, configuration,
-or a file that cannot be read.
+None of these needs a running service. Exit codes: 0; 2 usage, configuration, or a file that cannot
+be read.
 """
 
 import sys
@@ -17,10 +17,8 @@ import typer
 
 if TYPE_CHECKING:
     from daemon.ipc.ring_clip import KeptFile
-    from daemon.recorder.audit_chain import Check
     from gaitd.check import Section
 
-EXIT_BROKEN: Final = 1
 EXIT_REFUSED: Final = 2
 
 
@@ -54,7 +52,6 @@ def command(
     plot: Annotated[Path | None, typer.Option(metavar="PNG", help="show: draw it")] = None,
     leg: Annotated[str | None, typer.Option(help="--csv, --plot: by default the first")] = None,
     newest: Annotated[int, typer.Option("--last", min=1, help="requests: so many lines")] = 40,
-    verify: Annotated[bool, typer.Option("--verify", help="requests: check the chain")] = False,
 ) -> None:
     """Show the recordings around each stop, and which client sent which request."""
     from analysis.recording import RecordingError
@@ -65,8 +62,6 @@ def command(
                 _list(_state(config, state), as_json=as_json)
             case Action.SHOW:
                 _show(file, leg, (export, plot), as_json=as_json)
-            case Action.REQUESTS if verify:
-                _verify(_state(config, state), as_json=as_json)
             case Action.REQUESTS:
                 _requests(_state(config, state), newest, as_json=as_json)
     except (RecordingError, RefusedError) as error:
@@ -187,16 +182,15 @@ def _show(
 
 
 def _requests(state: Path, newest: int, *, as_json: bool) -> None:
-    from daemon.recorder.audit_chain import fields_of
-    from daemon.recorder.audit_file import lines_of
+    from daemon.recorder.audit_file import fields_of, lines_of
     from daemon.wire.fields import printable
     from gaitd.check import Section
 
     lines = lines_of(state)[-newest:]
     if as_json:
-        print("\n".join(line.decode("utf-8", "backslashreplace") for _, _, line in lines))
+        print("\n".join(line.decode("utf-8", "backslashreplace") for line in lines))
         return
-    rows = tuple(tuple(map(printable, _request_row(fields_of(line)))) for _, _, line in lines)
+    rows = tuple(tuple(map(printable, _request_row(fields_of(line)))) for line in lines)
     columns = ("UTC", "", "who", "what", "became of it")
     _print((Section(f"The newest {len(rows)} lines in {state}", columns, rows),))
 
@@ -211,7 +205,7 @@ def _request_row(fields: dict[str, object] | None) -> tuple[str, ...]:
         what = f"{fields.get('name')}{_arguments(fields.get('payload'))}{count}"
         client = str(fields.get("client") or "-")
         return (at, kind, client, what, f"{fields.get('outcome', 'waits')}{reason}")
-    known = {"n", "before", "own", "utc", "kind", "core_boot_id", "cycle"}
+    known = {"utc", "kind", "core_boot_id", "cycle", "n", "before", "own"}  # three of older files
     rest = ", ".join(f"{key} {value}" for key, value in fields.items() if key not in known)
     return (at, kind, "", rest, "")
 
@@ -221,40 +215,3 @@ def _arguments(payload: object) -> str:
     if isinstance(payload, dict):
         return "".join(f" {key}={value}" for key, value in payload.items() if key != "client")
     return f" {payload!r}" if payload else ""
-
-
-def _verify(state: Path, *, as_json: bool) -> None:
-    import msgspec
-
-    from daemon.recorder.audit_chain import check
-    from daemon.recorder.audit_file import lines_of
-
-    lines = lines_of(state)
-    if not lines:
-        raise RefusedError(f"{state}: there is no request log")
-    found = check(line for _, _, line in lines)
-    where = [f"{lines[one.line - 1][0]}:{lines[one.line - 1][1]}" for one in found.breaks]
-    if as_json:
-        breaks = [
-            {"at": at, "why": one.reason} for at, one in zip(where, found.breaks, strict=True)
-        ]
-        told = {"lines": found.line_count, "torn": found.torn_count, "first_n": found.first_n}
-        told |= {"head": found.place.head, "breaks": breaks}
-        print(msgspec.json.encode(told).decode())
-    else:
-        _print_check(found, where)
-    if found.breaks:
-        raise typer.Exit(EXIT_BROKEN)
-
-
-def _print_check(found: "Check", where: list[str]) -> None:
-    for at, one in zip(where, found.breaks, strict=True):
-        print(f"{at}: {one.reason}")
-    if found.first_n > 1:
-        print(f"begins with line number {found.first_n}: files before it were removed")
-    if found.torn_count:
-        print(f"{found.torn_count} lines were torn by a power cut, or are damaged")
-    if found.breaks:
-        print(f"the chain of {found.line_count} lines breaks in {len(found.breaks)} places")
-    else:
-        print(f"the chain of {found.line_count} lines holds; the last one is {found.place.head}")

@@ -158,4 +158,4 @@ def _silence(plan: "DrivePlan", witness: "BusSniffer") -> str:
     node_id = plan.description.node_id
     if witness.node(node_id).watch.state is NmtState.STOPPED:
         return f"node {node_id} is stopped: no SDO in this state; it answers after power-on"
-    return f"nobody answers at node {node_id}; `gaitd scan` says who is there"
+    return f"no answer from node {node_id}; `gaitd scan` says who is there"

@@ -104,7 +104,7 @@ def _compared(
         variables = [variable_at(dictionary, *one.address, one.step.bits) for one in wanted]
         entries = shown(read_objects(node_id, variables, port))
         found = {(entry.index, entry.sub): entry for entry in entries}
-        return "what bring-up wants", with_plan(wanted, found)
+        return "what bring-up expects", with_plan(wanted, found)
     values, why = _values(dictionary, node_id, options)
     variables = [v for v in settings(dictionary) if (v.index, v.subindex) in values]
     entries = shown(read_objects(node_id, variables, port))

@@ -79,23 +79,23 @@ def document(chosen: Mapping[str, str]) -> str:
     parts = (
         HEAD,
         "## Diagram\n\n```mermaid\n" + "\n".join(diagram()) + "\n```\n",
-        "`enabled` stands for every mode in which a drive is enabled on purpose: what leaves the "
-        "box leaves each of them.\n",
+        "`enabled` stands for every mode in which a drive is enabled on purpose: an arrow from "
+        "the box applies to each of them.\n",
         "## Transitions\n\n" + _table(("mode", "event", "next"), _transitions()),
-        "## Requests\n\nAnybody who reaches the service may ask, one request at a time; each is "
-        "answered with `done`, or `refused` and why. `stop` is no request: it counts from "
-        "anybody, at any time, in any mode, also with a payload that nobody can read. Torque is "
-        "commanded by the holder of the lease alone.\n\n"
+        "## Requests\n\nEvery client may send requests, one at a time; each is "
+        "answered with `done`, or with `refused` and the reason. A `stop` is accepted from every "
+        "client, at any time, in any mode, also with an invalid payload. Only the holder of the "
+        "lease commands torque.\n\n"
         + _table(("request", *(_word(mode) for mode in Mode)), _possible()),
-        "`refused` here: *not possible in mode ...*. Where a request is possible, the guard looks "
-        "further. With one thing wrong it answers:\n\n"
+        "`refused` here: *not possible in mode ...*. Where a request is possible, the guard checks "
+        "further conditions. With one of them not met, the answer is:\n\n"
         + _table(("request", "in mode", "while", "is refused with"), _refusals()),
-        "## Stops\n\nCategories are those of the shipped `limits.toml`; *fixed* ones no file can "
-        "choose. S2: brake and hold, drives enabled. S1: quick stop by the drives, which then "
-        "hold. S0: no voltage. A verdict latches until `reset`, also across a restart, but for a "
-        "shutdown.\n\n"
+        "## Stops\n\nCategories are those of the shipped `limits.toml`; *fixed* ones cannot be "
+        "configured. S2: brake and hold, drives enabled. S1: quick stop by the drives, which then "
+        "hold. S0: no voltage. A verdict latches until `reset`, also across a restart, except for "
+        "a shutdown.\n\n"
         + _table(
-            ("cause", "category", "what it says", "first", "then", "if it comes back"),
+            ("cause", "category", "text", "first", "then", "if it comes back"),
             _stops(chosen),
         ),
     )

@@ -3,6 +3,7 @@
 Reading order: `mechanism/` (the leg in closed form, friction laws 11 to 13), `filter/` (the central
 difference Kalman filter over the eight states of eq. 23), `smoother.py` (with a lag of 150 ms;
 `leg_smoother.py` is the live one), `strides.py` (the patient's work in each stride), `drift.py`
-(friction drift), `baseline.py` (a passive patient), `offline/` (the same over recorded columns). `jit.py` describes how all of it is
-compiled and why its cache cannot be stale; `quantities.py` has types for units.
+(friction drift), `baseline.py` (a passive patient), `offline/` (the same over recorded columns).
+`jit.py` describes how all of it is compiled and why its cache cannot be stale; `quantities.py` has
+types for units.
 """

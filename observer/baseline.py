@@ -65,14 +65,14 @@ def baseline_of(smooth: BatchEstimates, columns: Columns) -> Baseline:
         _add(counter.completed, sums, squares, counts)
     if len(durations_s) < STRIDES_MIN:
         raise TooFewError(
-            f"has {len(durations_s)} strides; a baseline takes {STRIDES_MIN} at least"
+            f"has {len(durations_s)} strides; a baseline needs at least {STRIDES_MIN}"
         )
     for axis, name in enumerate(("hip", "slide")):
         known = int(np.count_nonzero(counts[:, axis] >= SAMPLES_MIN))
         if known < BASELINE_BINS // 2:
             raise TooFewError(
                 f"the {name}'s patient is known in {known} of {BASELINE_BINS} parts of the stride; "
-                "half of them at least must be: walk faster, or wider"
+                "at least half are needed: use a higher cadence or amplitude"
             )
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = sums / counts

@@ -125,7 +125,7 @@ def _temporary_base() -> Path:
 
 
 def _forget_old_generations(base: Path) -> None:
-    # Another process may do the same; numba recompiles missing entries.
+    # Another process may delete it at the same time; numba recompiles missing entries.
     with contextlib.suppress(FileNotFoundError):
         newest_first = sorted(base.iterdir(), key=lambda path: -path.stat().st_mtime_ns)
         for directory in newest_first[DIRECTORIES_KEPT - 1 :]:

@@ -63,7 +63,7 @@ class Machine:
                 trainer.patient(name)
         except UnknownProgrammeError as error:
             raise FaultCommandError(str(error)) from error
-        return f"patient plays {name}"
+        return f"patient programme is {name}"
 
     def _programmes(self) -> str:
         names = {name for trainer in self.trainers.values() for name in trainer.programmes}
@@ -179,6 +179,6 @@ def _check_node_ids(plant: PlantFile) -> None:
         for axis, drive in (("hip", drives.hip), ("slide", drives.slide)):
             name = f"{leg}.{axis}"
             if drive.node_id in known:
-                allowed = f"a node id of its own; drives.{known[drive.node_id]} has this one"
+                allowed = f"a unique node id; drives.{known[drive.node_id]} has this one"
                 raise MachineError(f"drives.{name}.node_id", drive.node_id, allowed)
             known[drive.node_id] = name

@@ -35,7 +35,7 @@ class ControlSocket:
                 return
             answer = "\n".join(self._answer(line) for line in _lines(data))
             if sender:
-                # The client may have gone, or read too slowly; the answer is then dropped.
+                # The client may have ended, or reads too slowly; the answer is then dropped.
                 with contextlib.suppress(OSError):
                     self._socket.sendto(answer.encode(), sender)
 

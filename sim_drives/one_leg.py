@@ -108,7 +108,7 @@ class OneLeg:
         sent: list[TimedFrame] = []
         while True:
             self._advance_plant(min(self._next_deadline_ns(), time_ns))
-            sent += self._release()  # before a fault that begins now can hold them back
+            sent += self._release()  # before a fault that begins now can delay them
             if self._next_deadline_ns() <= self.now_ns:
                 self._run_due()
             elif self.now_ns == time_ns:

@@ -163,12 +163,12 @@ class SocketLink:
 
     def _welcome(self, data: bytes) -> None:
         if not data:
-            raise LinkLostError("`gaitd sim` has hung up")
+            raise LinkLostError("`gaitd sim` has closed the connection")
         match wire.read_from_server(data):
             case wire.Welcome(now_ns, utc_ahead_ns, is_wall_clock):
                 if self._wall_clock_only and not is_wall_clock:
                     raise LinkLostError(
-                        "its time is simulated, and a watchdog goes by the computer's: "
+                        "its time is simulated, but a watchdog uses the computer's clock: "
                         "start `gaitd sim` with --wall-clock"
                     )
                 self._now_ns, self._utc_ahead_ns = now_ns, utc_ahead_ns
@@ -258,7 +258,7 @@ class SocketLink:
             left_ns = until_ns - time.monotonic_ns()
             if left_ns <= 0:
                 return
-            if not for_frame:  # frames that come meanwhile wait in the socket
+            if not for_frame:  # frames that arrive meanwhile wait in the socket
                 time.sleep(left_ns * 1e-9)
             elif poller.poll(min(left_ns, _POLL_MAX_NS) * 1e-6):
                 self.receive_waiting()
@@ -279,21 +279,21 @@ class SocketLink:
         except BlockingIOError:
             return False
         except OSError as error:
-            self._lose(f"`gaitd sim` is gone: {error}")
+            self._lose(f"`gaitd sim` has ended: {error}")
         return True
 
     def _hear(self) -> wire.FromServer:
         try:
             data = self._existing().recv(wire.MESSAGE_SIZE_MAX)
         except OSError as error:
-            self._lose(f"`gaitd sim` is gone: {error}")
+            self._lose(f"`gaitd sim` has ended: {error}")
         if not data:
             self._lose("`gaitd sim` has ended")
         return wire.read_from_server(data)
 
     def _existing(self) -> socket.socket:
         if self._socket is None:
-            raise LinkLostError("`gaitd sim` is gone")
+            raise LinkLostError("`gaitd sim` has ended")
         return self._socket
 
     def _lose(self, why: str) -> NoReturn:

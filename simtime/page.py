@@ -69,7 +69,7 @@ class PageWriter:
         weakref.finalize(self, os.close, self._file)
         data = os.pread(self._file, _LAYOUT.size, 0)
         if data and not data.startswith(_NAME):
-            raise FileExistsError(None, f"{path} is no time page, and is left as it is")
+            raise FileExistsError(None, f"{path} is no time page, and is not changed")
         self._now_ns = self._utc_ahead_ns = self._pace_thousandths = 0
         self._wall_clock, self._pid = False, _NO_PROCESS
         self.left_ns: int = 0

@@ -200,7 +200,7 @@ def read_to_server(data: bytes) -> ToServer:
         case Kind.HELLO:
             _, role, now_ns = _unpacked(_HELLO, data)
             if role not in _ROLES:
-                raise WireError(f"role {role} is none of {sorted(_ROLES)}")
+                raise WireError(f"role {role} is not in {sorted(_ROLES)}")
             name = _text(data[_HELLO.size :])
             if len(name) > NAME_LENGTH_MAX or not name.isprintable():
                 raise WireError(f"a name has at most {NAME_LENGTH_MAX} printable characters")
@@ -271,7 +271,7 @@ def _rows(frames: Iterable[Frame]) -> Iterator[bytes]:
 
 def _frames(data: bytes) -> list[Frame]:
     if len(data) % _FRAME.size:
-        raise WireError(f"frames have {_FRAME.size} bytes each; {len(data)} bytes are none")
+        raise WireError(f"frames have {_FRAME.size} bytes each; got {len(data)} bytes")
     return [_frame(*row) for row in _FRAME.iter_unpack(data)]
 
 

@@ -35,7 +35,7 @@ def _of_axis(motion: Motion, axis: int, name: str, untold: list[Result]) -> list
     if not how.enough(axis):
         return [
             f"the {name} moved over {how.range_si:.2g} {length} for {how.moving_s:.2g} s, "
-            f"no faster than {how.top_speed_si:.2g} {speed}: nothing of its friction can be told "
+            f"no faster than {how.top_speed_si:.2g} {speed}: its friction cannot be identified "
             f"from this recording; record excite friction_{name}"
         ]
     lines: list[str] = []

@@ -136,7 +136,7 @@ class Check:
         )
         if self.as_good:
             others = "; ".join(str(one) for one in self.as_good)
-            text += f". This recording cannot tell it from: {others}"
+            text += f". This recording cannot distinguish it from: {others}"
         return text
 
 
@@ -231,7 +231,9 @@ class _Regression:
             base = self._base(axis, chosen, sprung=_stiffness(robot)[axis] > 0.0)
             self.bases.append(np.linalg.qr(base)[0] if np.any(chosen) else base)
         if not any(np.any(rows) for rows in self.rows):
-            raise RecordingError(f"{motion.sources[0]}: neither axis moves; nothing can be told")
+            raise RecordingError(
+                f"{motion.sources[0]}: neither axis moves; nothing can be identified"
+            )
         left = self._left(leg_parameters(robot), robot)
         for axis in range(2):
             values = left[self.rows[axis], axis]

@@ -71,7 +71,7 @@ LEVELS: Final = (0, 2, LAW_SIZE, LAW_SIZE + 2, *(SPRINGS + at for at in (0, 2, 3
 """Values in which two such ends must agree: Coulomb, viscous, stiffness and inertia of both
 axes."""
 ROUNDS: Final = 4
-NO_SPRING: Final = "the file says that there is none"
+NO_SPRING: Final = "the file has none"
 FOLLOWS: Final = {
     1: 0,
     LAW_SIZE + 1: LAW_SIZE,
@@ -406,7 +406,7 @@ def _worst(
     if together[a, b] > CORRELATION_MAX:
         place = int(a if wide[a] >= wide[b] else b)
         other = int(b if place == a else a)
-        return place, f"it goes along with {labelled(int(which[other]))} ({together[a, b]:.3f})"
+        return place, f"it correlates with {labelled(int(which[other]))} ({together[a, b]:.3f})"
     return None
 
 

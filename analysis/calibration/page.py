@@ -46,7 +46,7 @@ def _lines(made: Calibration, robot_name: str) -> list[str]:
     ]
     todo = advice(made.motion, made.fit.results)
     if todo:
-        lines += ["What this recording cannot tell, and what to record instead:", ""]
+        lines += ["What cannot be identified from this recording, and what to record instead:", ""]
         lines += [f"- {line}" for line in todo]
         lines.append("")
     lines += _scores(made)
@@ -65,7 +65,7 @@ def _row(one: Result) -> str:
     if one.calibrated:
         return f"{head} {one.value:.5g} | ± {one.half_interval:.2g} |"
     kept = "kept" if one.value == one.before else f"{one.value:.5g}"
-    return f"{head} {kept} | cannot be told: {one.reason} |"
+    return f"{head} {kept} | not identified: {one.reason} |"
 
 
 def _scores(made: Calibration) -> list[str]:

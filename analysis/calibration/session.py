@@ -92,7 +92,7 @@ def empty_run(sources: Sequence[Source], robot: Robot) -> Motion:
         )
     if robot.observer.viscous_outside:
         raise RecordingError(
-            "the robot file says viscous_outside = true; calibration fits the law with viscous "
+            "the robot file has viscous_outside = true; calibration fits the law with viscous "
             "friction inside eq. (11): set it to false and calibrate"
         )
     motion = _prepared(sources, robot)
@@ -201,6 +201,6 @@ def _too_steep(robot: Robot) -> str:
     if least <= tuning.substeps:
         return ""
     return (
-        f"the fitted friction is so steep that [observer] substeps must be {least}, the file says "
+        f"the fitted friction is so steep that [observer] substeps must be {least}, the file has "
         f"{tuning.substeps}: change it there and calibrate again"
     )

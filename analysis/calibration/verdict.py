@@ -156,9 +156,9 @@ def something_else(seen: Disturbance, natural: Vector, motion: Motion) -> str:
             size = np.abs(np.where(seen.moving[:, axis], seen.patient[:, axis], 0.0))
             at_s = float(motion.time_s[int(np.argmax(_windowed(size)))])
             return (
-                f"the {name} feels {rms:.3g} {unit} rms that is no friction ({rms / coulomb:.0%} "
-                f"of its Coulomb level), most at {at_s:.0f} s: a patient, an artificial "
-                "disturbance, "
+                f"the {name} has {rms:.3g} {unit} rms of effort that is not friction "
+                f"({rms / coulomb:.0%} of its Coulomb level), most at {at_s:.0f} s: a patient, an "
+                "artificial disturbance, "
                 "an end stop or a wrong mechanism; calibrate from the empty, undisturbed machine"
             )
     return ""

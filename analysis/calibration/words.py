@@ -15,7 +15,7 @@ def _line(one: Result) -> str:
     if one.calibrated:
         return f"{head}{one.value:>14.5g}  ± {one.half_interval:.2g} {one.quantity.unit}"
     kept = "kept" if one.value == one.before else f"{one.value:.5g}"
-    return f"{head}{kept:>14}  cannot be told from this recording: {one.reason}"
+    return f"{head}{kept:>14}  not identified from this recording: {one.reason}"
 
 
 def scores_table(made: Calibration) -> str:

@@ -19,9 +19,9 @@ from observer.strides import BASELINE_BINS
 Bins = Annotated[tuple[float, ...], Meta(min_length=BASELINE_BINS, max_length=BASELINE_BINS)]
 
 HEAD: Final = """\
-# What is taken for a patient when one only lies there, by gait phase from one rise of the hip to
+# Estimated patient effort of a passive patient over the gait phase, from one rise of the hip to
 # the next, in {bins} parts. Recorded by `gaitd baseline` from {source};
-# stride figures of a leg that names this file are without it.
+# it is subtracted from the stride figures of a leg that names this file.
 
 """
 

@@ -215,7 +215,7 @@ def _unknown(name: str, known: list[str]) -> str:
     renamed = RENAMED.get(name)
     near = [renamed] if renamed in known else difflib.get_close_matches(name, known, n=1)
     hint = f" Did you mean `{near[0]}`?" if near else ""
-    return f"unknown key.{hint} Known here: {', '.join(known)}"
+    return f"unknown key.{hint} Known: {', '.join(known)}"
 
 
 def _allowed(value: object, kind: object) -> bool:

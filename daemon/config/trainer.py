@@ -88,5 +88,7 @@ def _check_paths(path: Path, trainer: Trainer) -> None:
     longest = len(os.fsencode(runtime / _LONGEST_SOCKET_NAME))
     if longest > SOCKET_PATH_BYTES_MAX:
         room = SOCKET_PATH_BYTES_MAX - len(_LONGEST_SOCKET_NAME) - 1
-        allowed = f"a path of at most {room} bytes, because the sockets of the seam lie in it"
+        allowed = (
+            f"a path of at most {room} bytes, because it holds the sockets of core and gateway"
+        )
         raise ConfigError(path, "paths.runtime", runtime, allowed)

@@ -81,7 +81,7 @@ CORE_BACK: Final = Happening(Priority.LOW, Kind.CORE, "records from the core arr
 def happenings(before: CycleRecord | None, now: CycleRecord) -> list[Happening]:
     """All events between two consecutive records of a core; `before` is None for the first."""
     if before is None:
-        said = [Happening(Priority.INFO, Kind.CORE, f"core is there, mode {name_of(now.mode)}")]
+        said = [Happening(Priority.INFO, Kind.CORE, f"core is running, mode {name_of(now.mode)}")]
         latched = _verdict_change(Verdict(), now.verdict)
         return said + latched + [_note(line) for line in now.events]
     stops = _verdict_change(before.verdict, now.verdict)

@@ -113,9 +113,9 @@ class LeaseManager:
         """
         held = self._held
         if held is None:
-            raise LeaseRefusedError("nobody holds the lease")
+            raise LeaseRefusedError("no client holds the lease")
         if number != held.number or client != held.client:
-            raise LeaseRefusedError(f"{held.client!r} holds the lease, by another number")
+            raise LeaseRefusedError(f"{held.client!r} holds the lease, with another number")
         self._held = None
         return Ended(held.client, "released")
 

@@ -73,10 +73,12 @@ class Reload:
                 leases.rules = new.trainer.lease
                 taken.append("lease")
             else:
-                waiting.append(f"lease waits, {leases.holder} holds it: reload again later")
+                waiting.append(
+                    f"lease unchanged while {leases.holder} holds it: reload again later"
+                )
         waiting += restarts(self._file, new, changed_files(core_hashes, self._file.path))
         self.needs_restart = "; ".join(waiting)
-        said = f"reloaded: {', '.join(taken) or 'nothing new that may change in operation'}"
+        said = f"reloaded: {', '.join(taken) or 'nothing that can change in operation'}"
         text = f"{said}; {self.needs_restart}" if waiting else said
         return Happening(Priority.LOW if waiting else Priority.INFO, Kind.NOTE, text)
 
@@ -110,7 +112,5 @@ def restarts(old: TrainerFile, new: TrainerFile, files: Iterable[str]) -> list[s
         said.append(f"needs a restart of the gateway: {', '.join(gateway)}")
     if core:
         what = ", ".join(core)
-        said.append(
-            f"needs gaitd check and a restart of the core, with nobody in the machine: {what}"
-        )
+        said.append(f"needs gaitd check and a restart of the core on the empty machine: {what}")
     return said

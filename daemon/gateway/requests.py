@@ -92,11 +92,11 @@ QUERY_SIZE_MAX: Final = 4096
 
 STOP_PATIENCE_NS: Final = 500_000_000
 
-SILENT: Final = "no records arrive from the core: it is not running, or it hangs"
-RESTARTED: Final = "the core has restarted: what was asked of the one before is void"
-UNKNOWN_FATE: Final = "nobody knows what became of it"
+SILENT: Final = "no records arrive from the core: it is not running or does not respond"
+RESTARTED: Final = "the core has restarted: requests to the previous core are void"
+UNKNOWN_FATE: Final = "it is unknown whether the request took effect"
 STOP_UNCONFIRMED: Final = (
-    "no record of the core confirms the stop; a dead core's drives stop by themselves:"
+    "no record of the core confirms the stop; if the core has ended, the drives stop by themselves:"
     " use the emergency stop if anything moves"
 )
 
@@ -129,7 +129,7 @@ def read_ask(name: str, payload: bytes) -> wire.Ask:
     except RefusedError as error:
         known = ", ".join(item.encode_name for item in msgspec.structs.fields(kind))
         what = str(error).replace(f"matching regex {wire.ONE_LINE!r}", "without control characters")
-        raise BadPayloadError(f"payload of {name}: {what}; fields known here: {known}") from error
+        raise BadPayloadError(f"payload of {name}: {what}; known fields: {known}") from error
 
 
 def mode_request(ask: wire.Ask) -> ModeRequest:
@@ -260,7 +260,9 @@ class RequestQueue:
     def _stops_seen(self, record: CycleRecord) -> list[Answer]:
         seen = [stop for stop in self._stops if record.stop_count >= stop.count]
         self._stops = [stop for stop in self._stops if record.stop_count < stop.count]
-        return [Answer(stop.ticket, Outcome.DONE, "the core has seen the stop") for stop in seen]
+        return [
+            Answer(stop.ticket, Outcome.DONE, "the core has received the stop") for stop in seen
+        ]
 
     def _outcome(self, record: CycleRecord) -> list[Answer]:
         waiting, result = self._outstanding, record.request

@@ -267,14 +267,16 @@ class Gateway:
                     del self._waiting[ticket]
                     self._desk.withdraw(ticket)
             if answers:
-                reason = f"the gateway has failed with it: {what}"
+                reason = f"internal error of the gateway: {what}"
                 self._alone(inquiry, lambda: self._reject(inquiry, reason), answers=False)
 
     def _take(self, inquiry: Inquiry, now_ns: int) -> None:
         route = requests.ROUTES.get(inquiry.name)
         if route is None:
             known = ", ".join(requests.ROUTES)
-            self._reject(inquiry, f"control/{printable(inquiry.name)} is none of: {known}")
+            self._reject(
+                inquiry, f"control/{printable(inquiry.name)} is unknown; known are {known}"
+            )
             return
         self._ticket += 1
         if route is requests.Route.STOP:

@@ -109,24 +109,24 @@ class Steering:
             self._forget()
             return Decision(Outcome.DONE, "")
         if not isinstance(ask, wire.AcquireAsk):
-            raise TypeError(f"{type(ask).__name__} asks for no lease")
+            raise TypeError(f"{type(ask).__name__} is no request for a lease")
         if ask.client in {"", wire.SOMEBODY}:
-            raise LeaseRefusedError("say in `client` who will hold the lease")
+            raise LeaseRefusedError("`client` must name the holder of the lease")
         if mode is None:
-            raise LeaseRefusedError("the core is silent, and steers nothing")
+            raise LeaseRefusedError("no records arrive from the core")
         if mode in STOPPED:
-            raise LeaseRefusedError("the machine was stopped: reset it first")
+            raise LeaseRefusedError("the machine is stopped: reset it first")
         number, duration_ms, renewed = self.leases.acquire(
             ask.client, ask.lease, ask.duration_ms, now_ns
         )
         if not renewed:
             self._forget()
-        reason = f"for {duration_ms} ms, and as long after each accepted setpoint"
+        reason = f"for {duration_ms} ms after this reply and after each accepted setpoint"
         return Decision(Outcome.DONE, reason, number, duration_ms, renewed)
 
     def stop(self) -> list[Happening]:
         """End the lease because a client has requested a stop."""
-        return self._end("somebody asked to stop")
+        return self._end("a stop was requested")
 
     def tick(self, now_ns: int) -> list[Happening]:
         """End the lease if its time is over."""
@@ -177,5 +177,5 @@ class Steering:
 def _lapsed(holder: str | None, reason: str) -> Happening:
     whose = f"assist of {holder}" if holder else "assist"
     text = f"{whose} lapsed: {reason}; it fades, the leg is braked and held"
-    remedy = "see whether the controller still runs; ask for the mode again when it does"
+    remedy = "check that the controller is running, then request the mode again"
     return Happening(Priority.MEDIUM, Kind.MODE, text, remedy)

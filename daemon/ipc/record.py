@@ -132,7 +132,7 @@ class Cause(IntEnum):
     LIMIT_SWITCH = 67
     ENERGY_LIMIT = 68
     STOPPING_PATH = 69
-    # the observer may add stops, never remove one
+    # the estimate: it may add stops, never remove one
     OBSERVER_INVALID = 70
     STATIC_LOAD_WRONG = 71
     SPASM = 72

@@ -119,11 +119,11 @@ def trimmed(header: RingHeader, cutting: ClipWriter) -> Iterator[bytes]:
     """
     text, count, first_seq = msgspec.msgpack.encode(header), len(cutting), cutting.first_seq
     if not count or _PREFIX.size + len(text) > HEADER_SIZE:
-        raise ValueError(f"{count} records under a header of {len(text)} bytes make no ring")
+        raise ValueError(f"a ring cannot hold {count} records and a header of {len(text)} bytes")
     size = -(-(cutting.longest_bytes + _SLOT.size) // _ALIGNMENT) * _ALIGNMENT
     yield (_PREFIX.pack(MAGIC, size, count, len(text)) + text).ljust(HEADER_SIZE, b"\0")
     for index in range(count):
-        # The only one of these numbers that belongs into this slot.
+        # The only one of these sequence numbers that is stored in this slot.
         seq = first_seq + (index - first_seq) % count
         data = cutting.raw(seq)
         yield (_SLOT.pack(seq if data else 0, len(data)) + data).ljust(size, b"\0")

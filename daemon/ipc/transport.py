@@ -295,8 +295,8 @@ def _bound_socket(path: Path) -> socket.socket:
     bound = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
     bound.setblocking(False)
     bound.bind(str(path))
-    # Core and gateway are of one group. Their other files are written by their creator alone
-    # (UMask= of the units), but sending a datagram needs the right to write.
+    # Core and gateway have the same group. The group may not write their other files (UMask= of
+    # the units), but a process needs write permission on a socket to send a datagram to it.
     path.chmod(_SOCKET_MODE)
     return bound
 
@@ -358,8 +358,8 @@ class CoreSeam:
         self._refusal = ""
         """Why the newest refused datagram was not a valid gateway state."""
         self._refused = RareNotice("datagrams to the core refused")
-        self._shortened = RareNotice("records had no room for their words")
-        self._crowded = RareNotice("more datagrams for the core than a cycle reads")
+        self._shortened = RareNotice("records were written without their texts, which did not fit")
+        self._crowded = RareNotice("the core received more datagrams than it reads in a cycle")
 
     @property
     def refused_count(self) -> int:
@@ -450,8 +450,8 @@ class GatewaySeam:
         if self._ring is not known:
             found = self._forward(self._ring)
         # The socket's queue is short, and its wake-ups may be those of a previous core: they only
-        # show that there is something to read. A record that is missing although a later one is
-        # there will not come.
+        # show that there is something to read. A record that is missing while a later one exists
+        # will not arrive.
         if not found and max(woken) > self._seq:
             newest = self._ring.newest_seq()
             self._seq = max(newest - SLOT_COUNT + _OVERWRITTEN_SOON, self._seq)
@@ -473,7 +473,7 @@ class GatewaySeam:
         """New lines about faults of the channel, for the operator."""
         if self._ring is None:
             return []
-        return self._damaged.due(self._ring.damaged_count, "damaged, or of another gaitd")
+        return self._damaged.due(self._ring.damaged_count, "damaged, or of another gaitd version")
 
     def send(self, level: GatewayState) -> bool:
         """Send the gateway state to the core; False if no core took it."""

@@ -38,7 +38,8 @@ def _a_fade_is_no_faster_than_assist_may_change(settings: Settings) -> None:
         if assist_si > rate_si_per_s * fade_s:
             least_ms = assist_si / rate_si_per_s * MS_PER_S
             allowed = (
-                f"at least {least_ms:.0f}, in which the {axis}'s assist_rate_max takes it away"
+                f"at least {least_ms:.0f}, the time in which the {axis} reaches zero at"
+                " assist_rate_max"
             )
             raise ConfigError(
                 settings.file.limits, "stop.assist_fade_ms", limits.stop.assist_fade_ms, allowed

@@ -24,8 +24,8 @@ from drives.service import eds
 _UNLIMITED = {
     "position_limits": "the drive has no 607Dh: only gaitd keeps its position limits",
     "speed_limit": "6080h is not written: only gaitd keeps its speed limit",
-    "following_error": "the drive has no 6065h: it does not watch its following error",
-    "interpolation_time": "the drive has no 60C2h: how it interpolates in CSP is its own matter",
+    "following_error": "the drive has no 6065h: it does not monitor its following error",
+    "interpolation_time": "the drive has no 60C2h: its interpolation in CSP is unspecified",
 }
 """Consequence of a missing optional object, by its key in the profile."""
 
@@ -129,7 +129,9 @@ def refuse_axes(settings: Settings, axes: tuple[AxisMeaning, ...]) -> None:
         if axis.objections:
             more = len(axis.objections) - 1
             others = f" (and {more} more objections)" if more else ""
-            allowed = f"a drive that has what its profile needs: {axis.objections[0]}{others}"
+            allowed = (
+                f"a drive with all objects that its profile needs: {axis.objections[0]}{others}"
+            )
             raise ConfigError(file, "eds", drive.axis.eds, allowed)
 
 
@@ -220,13 +222,13 @@ def _eds_says(
 _TORQUE_MODE = {
     "speed_limit": (
         "6080h",
-        "max_runaway counts on it",
+        "max_runaway relies on it",
         "max_runaway is computed without it",
     ),
     "position_limits": (
         "607Dh",
-        "in that mode only gaitd may be keeping the position",
-        "in that mode only gaitd keeps the position",
+        "in that mode possibly only gaitd keeps the position limits",
+        "in that mode only gaitd keeps the position limits",
     ),
 }
 """Objects and warnings, by the keys of [torque_mode] and [optional_objects]: first if it is unknown
@@ -240,9 +242,9 @@ def _torque_mode(drive: DriveDescription) -> Iterator[str]:
         if not getattr(profile.optional_objects, name) or keeps is Keeps.KEPT:
             continue
         if keeps is Keeps.UNKNOWN:
-            yield f"no document says that {place} binds it in cyclic torque: {doubt}"
+            yield f"no document states that {place} limits it in cyclic torque: {doubt}"
         else:
-            yield f"{place} does not bind it in cyclic torque: {lack}"
+            yield f"{place} does not limit it in cyclic torque: {lack}"
 
 
 def _warnings(drive: DriveDescription, brake: bool, unused: list[str]) -> Iterator[str]:
@@ -251,9 +253,9 @@ def _warnings(drive: DriveDescription, brake: bool, unused: list[str]) -> Iterat
         kind = f"{profile.vendor} {profile.family}"
         yield f"the profile of {kind} has not been verified on hardware"
     if profile.torque_source.sampling is TorqueSampling.UNKNOWN:
-        yield "no document says at what instant its torque is sampled, or how it is filtered"
+        yield "no document states when its torque is sampled or how it is filtered"
     if profile.temperature is None:
-        yield "its temperature cannot be read: temperature_max_degc is not watched"
+        yield "its temperature cannot be read: temperature_max_degc is not monitored"
     for name, warning in _UNLIMITED.items():
         if not getattr(profile.optional_objects, name):
             seen = ", though its EDS has the object" if name in unused else ""

@@ -63,19 +63,19 @@ _TORQUE: Final = Source("torque", "[hip] torque_max_nm; [slide] force_max_n")
 _PROFILE: Final = "the profile"
 SOURCES: Final[Mapping[int, Source]] = {
     Object.HEARTBEAT_CONSUMER: Source(
-        "our silence, in ms (low word)", "[cycle] drive_detection_ms"
+        "loss of the master's heartbeat, in ms (low word)", "[cycle] drive_detection_ms"
     ),
-    Object.ERROR_BEHAVIOUR: Source("the drive's NMT state after our silence", _PROFILE),
-    Object.ABORT_CONNECTION: Source("what our silence does", _PROFILE),
-    Object.QUICK_STOP: Source("what a quick stop does", _PROFILE),
-    Object.SHUTDOWN: Source("what a shutdown does", _PROFILE),
-    Object.DISABLE: Source("what disabling the operation does", _PROFILE),
-    Object.HALT: Source("what a halt does", _PROFILE),
-    Object.FAULT_REACTION: Source("what a fault does", _PROFILE),
+    Object.ERROR_BEHAVIOUR: Source("the drive's NMT state after that loss", _PROFILE),
+    Object.ABORT_CONNECTION: Source("reaction to that loss", _PROFILE),
+    Object.QUICK_STOP: Source("reaction to a quick stop", _PROFILE),
+    Object.SHUTDOWN: Source("reaction to a shutdown", _PROFILE),
+    Object.DISABLE: Source("reaction to disabling the operation", _PROFILE),
+    Object.HALT: Source("reaction to a halt", _PROFILE),
+    Object.FAULT_REACTION: Source("reaction to a fault", _PROFILE),
     Object.FOLLOWING_WINDOW: Source(
         "following error", "[hip] following_error_deg; [slide] following_error_m"
     ),
-    Object.FOLLOWING_TIME: Source("how long the following error may last, in ms", _PROFILE),
+    Object.FOLLOWING_TIME: Source("permitted duration of the following error, in ms", _PROFILE),
     Object.POSITION_LIMITS: _POSITION,
     Object.SPEED_LIMIT: Source(
         "speed", "[hip] velocity_max_rad_per_s; [slide] velocity_max_m_per_s"
@@ -84,12 +84,14 @@ SOURCES: Final[Mapping[int, Source]] = {
         "the ramp of a quick stop",
         "[hip] quick_stop_deceleration_rad_per_s2; [slide] quick_stop_deceleration_m_per_s2",
     ),
-    Object.VELOCITY_OFFSET: Source("no speed beside the target", _PROFILE),
-    Object.TORQUE_OFFSET: Source("no torque beside the target", _PROFILE),
-    Object.INTERPOLATION_TIME: Source("the time to a new target position", "[cycle] period_ms"),
+    Object.VELOCITY_OFFSET: Source("no velocity offset", _PROFILE),
+    Object.TORQUE_OFFSET: Source("no torque offset", _PROFILE),
+    Object.INTERPOLATION_TIME: Source(
+        "interpolation time of the target position", "[cycle] period_ms"
+    ),
 }
 """Sources by index; the index of the torque limit is in the profile."""
-_RPDO_TIMEOUT: Final = Source("silence of our commands, in ms", "[cycle] rpdo_timeout_ms")
+_RPDO_TIMEOUT: Final = Source("loss of the commands, in ms", "[cycle] rpdo_timeout_ms")
 
 
 def rows(settings: Settings, drive: DriveDescription, axis: int) -> tuple[Row, ...]:
@@ -162,7 +164,9 @@ def _lacks(drive: DriveDescription) -> str:
         )
         if not there
     ]
-    lines = [f"Not held: {', '.join(missing)}." if missing else "Everything below is held."]
+    lines = [
+        f"Not enforced: {', '.join(missing)}." if missing else "All limits below are enforced."
+    ]
     for place, written, keeps in (
         ("6080h", has.speed_limit, profile.torque_mode.speed_limit),
         ("607Dh", has.position_limits, profile.torque_mode.position_limits),
@@ -175,28 +179,28 @@ def _lacks(drive: DriveDescription) -> str:
 _HEAD: Final = """\
 # The limits in the drives
 
-What stops the leg when nothing of ours does: the core is killed, frozen, or sends nonsense.
+These limits stop the leg when the core does not: it was killed, hangs, or sends wrong commands.
 Bring-up writes each object below and reads it back; a drive that does not keep a value is refused.
 The values are those of the shipped `limits.toml`, in the drive's own units. This page is written
 from the steps of bring-up (`make golden`), and a test compares it.
 
-| what goes wrong | what acts, alone |
+| failure | limits that act without the core |
 | --- | --- |
 | the core is killed | 1016h (and 1400h:05), then 6007h and its ramp 6085h: both drives |
-| commands stay away, SYNC and heartbeat go on | 1400h:05 where a drive has it, or the limits |
-| the last command is repeated for ever | torque limit, 6080h, 607Dh |
-| more torque is asked for than allowed | the torque limit |
-| a target position far away | 6065h with 6066h; the ramp of 605Eh |
-| a target position outside the range | 607Dh |
+| no commands, but SYNC and heartbeat | 1400h:05 where a drive has it, or the limits |
+| the last command is repeated without end | torque limit, 6080h, 607Dh |
+| the commanded torque is above the limit | the torque limit |
+| the target position is far from the position | 6065h with 6066h; the ramp of 605Eh |
+| the target position is outside the range | 607Dh |
 
-Each row is shown in `tests/drive_backstop/test_rogue_master.py`, by a rogue master with raw frames.
+`tests/drive_backstop/test_rogue_master.py` tests each row with a faulty master and raw frames.
 
-Each drive watches for itself: a position limit or a following error stops that drive and not the
-other one. Only silence stops both.
+Each drive monitors only itself: a position limit or a following error stops that drive and not the
+other one. Only the loss of the master's heartbeat stops both.
 
-CiA 402 leaves it to the maker whether 6080h and 607Dh bind in cyclic torque: Beckhoff's EP7412
-limits its speed in cyclic position and velocity alone, Lenze's i700 and Nanotec's PD4-E in cyclic
-torque, too. A profile says "kept", "not kept" or "unknown" (`[torque_mode]`); `gaitd check` warns.
-The virtual drives keep both. How far a leg runs until silence has stopped it is bounded by
-`max_runaway_deg` and `max_runaway_m`. Where 6007h ends in a fault (EPOS4) the axis has no torque
-after its ramp: `gaitd check` says how far a leg then drifts."""
+CiA 402 does not specify whether 6080h and 607Dh act in cyclic torque mode: Beckhoff's EP7412
+limits its speed in cyclic position and velocity mode only, Lenze's i700 and Nanotec's PD4-E also in
+cyclic torque mode. A profile states "kept", "not kept" or "unknown" (`[torque_mode]`), and
+`gaitd check` warns. The virtual drives keep both. `max_runaway_deg` and `max_runaway_m` bound how
+far a leg moves until the loss of the heartbeat has stopped it. Where 6007h ends in a fault (EPOS4)
+the axis has no torque after its ramp: `gaitd check` prints how far a leg then drifts."""

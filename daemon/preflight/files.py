@@ -109,7 +109,7 @@ def _nodes_are_unique(settings: Settings) -> None:
     for leg in settings.legs:
         for _, drive, file in _drives_of(leg):
             if drive.node_id in taken:
-                allowed = f"a node id of its own; this one is {taken[drive.node_id]}'s"
+                allowed = f"a unique node id; this one is that of {taken[drive.node_id]}"
                 raise ConfigError(file, "node_id", drive.node_id, allowed)
             taken[drive.node_id] = drive.name
 
@@ -201,12 +201,12 @@ def _categories_are_complete_and_allowed(settings: Settings) -> None:
 def _why_not_chosen(name: str, known: list[str]) -> str:
     cause = Cause.__members__.get(name.upper())
     if cause is None:
-        return f"unknown cause. Known here: {', '.join(known)}"
+        return f"unknown cause. Known: {', '.join(known)}"
     if cause not in FIXED_CATEGORY:
         return "not a key: this cause never stops a motion"
-    reason = "the design does not leave it to a file"
+    reason = "the design does not make it configurable"
     if cause in DOUBTFUL_FEEDBACK:
-        reason = "an axis is never asked to hold by an encoder that cannot be trusted"
+        reason = "an axis never holds by an encoder that is not reliable"
     if cause in LOST_DRIVE:
         reason = "when one drive is lost the others ramp down at once"
     return f"not a key: fixed at {FIXED_CATEGORY[cause].name}, because {reason}"

@@ -45,7 +45,7 @@ def _check_axis(settings: Settings, leg: LegParameters, drives: LegDrives, axis:
     least_si = load_si + friction_parameters(settings.robot)[axis].stribeck
     for key, value, effort_si in _efforts(homing, drive):
         if effort_si <= least_si:
-            allowed = f"more: at home the load and friction take {least_si:.1f} of {effort_si:.1f}"
+            allowed = f"more: at home load and friction need {least_si:.1f} of {effort_si:.1f}"
             raise ConfigError(file, f"homing.{key}", value, allowed)
 
 

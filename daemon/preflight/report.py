@@ -105,7 +105,7 @@ def examine(settings: Settings) -> Report:
     return Report(
         file=str(settings.file.path),
         legs=tuple(leg.name for leg in settings.legs),
-        patient=f"{patient.mass_kg:g} kg, {patient.height_m:g} m" if patient else "nobody",
+        patient=f"{patient.mass_kg:g} kg, {patient.height_m:g} m" if patient else "none",
         axes=axes,
         stops=tuple(_stops(settings)),
         braking=braking_meanings(settings),
@@ -247,11 +247,11 @@ def _shutdown(settings: Settings, drift: DriftMeaning) -> tuple[str, ...]:
     held = f"{' and '.join(brakes)} on the brake" if brakes else "no axis has a brake"
     return (
         f"both axes ramp down together, at rest after at most {max(hip_s, slide_s):.2f} s (S1)",
-        f"then the drives go without power; {held}",
+        f"then the drives are without power; {held}",
         f"a leg left where it stands then moves up to {drift.hip_moved_deg:.1f} deg at up to "
         f"{drift.hip_speed_rad_per_s:.2f} rad/s, the slide {drift.slide_moved_m * 1e3:.0f} mm "
         f"at up to {drift.slide_speed_m_per_s:.2f} m/s",
-        f"the operator says: {settings.trainer.shutdown.effect}",
+        f"shutdown.effect: {settings.trainer.shutdown.effect}",
     )
 
 
@@ -264,7 +264,7 @@ def _warnings(settings: Settings, axes: tuple[AxisMeaning, ...], drift: DriftMea
         if not locator.startswith(LOOPBACK)
     ]
     if drift.reaches_limit:
-        warnings.append("without power the leg moves to a position limit: look at the springs")
+        warnings.append("without power the leg moves to a position limit: check the springs")
     if settings.robot.patient is None:
         warnings.append("no patient is configured: for the empty machine alone")
     if settings.file.sim is not None and not settings.file.sim.is_file():

@@ -155,13 +155,13 @@ def _allowed(settings: Settings, leg: LegDrives, axis: int, found: RunawayMeanin
         _KEYS[axis],
     )
     why = (
-        f"until {found.name} stops by itself after a dead core's last torque "
-        f"({found.detection_ms} ms and its ramp) the joint goes {far}, {key} allows {limit}"
+        f"after the core ends, {found.name} applies its last torque until it stops by itself "
+        f"({found.detection_ms} ms and its ramp); the joint moves {far}, {key} allows {limit}"
     )
     if most == 0.0:
-        others = "speed limits, ramps and drive_detection_ms are what they are"
+        others = "speed limits, ramps and drive_detection_ms keep these values"
         if not found.keeps_speed:
-            others = f"{found.name} keeps no speed limit of its own (6080h)"
+            others = f"{found.name} enforces no speed limit (6080h)"
         return f"no torque limit while {others}: {why}"
     return f"<= {most:.3g} {unit}: {why}"
 
@@ -176,7 +176,7 @@ def _shown(meaning: RunawayMeaning, value_si: float) -> str:
 def _largest_effort(settings: Settings, leg: LegDrives, axis: int) -> float:
     """The largest torque limit of this axis that stays inside max_runaway; 0: none does."""
     axes, most = _axes(settings, leg), _max_runaway_si(settings)[axis]
-    # From above: with too little torque the joint goes farther again, because its ramp lacks it.
+    # From above: with too little torque the ramp is less steep and the joint moves farther again.
     for step in range(SEARCH_STEPS - 1, 0, -1):
         effort_si = float(f"{axes[axis].effort_max_si * step / SEARCH_STEPS:.3g}")
         changed = axes[axis]._replace(effort_max_si=effort_si)

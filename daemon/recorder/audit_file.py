@@ -1,29 +1,34 @@
-"""The file of the request log: lines are appended and never changed.
+"""The file of the request log: lines of JSON are appended and never changed.
 
 Lines wait in memory until the disk's thread has written them and called fsync, all waiting lines
 together. Bytes that a full disk did not take are tried again with the next lines. Lines are lost
-only when too many wait, before they become part of the chain.
+only when too many wait.
 
 When a file is large enough it is renamed with a number (`requests.000001.jsonl`) and a new one
-begins; the chain goes on. The oldest files are removed.
+begins. The oldest files are removed.
+
+A power cut may leave the last line torn: it is not JSON, and the next gateway begins a new line
+after it. Lines have no hashes. A chain of hashes without a key is no proof, because anyone who can
+write the file can compute it again; where proof is needed, forward the lines to another computer.
 """
 
 import os
 import re
 from collections import deque
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final
 
-from daemon.recorder.audit_chain import Place, fields_of, hash_of
+import msgspec
 
+from daemon.ipc.decoding import Decoder, RefusedError
+
+ANYTHING: Final[Decoder[Any]] = Decoder(msgspec.json.decode)
+"""Decoder of JSON of any form."""
 NAME: Final = "requests.jsonl"
 FILE_BYTES_MAX: Final = 4 * 1024 * 1024
 FILES_MAX: Final = 25
 LINES_WAITING_MAX: Final = 20_000
-TAIL_BYTES: Final = 128 * 1024
-"""More than the longest line: a payload of 4096 bytes, each as \\u00xx."""
 LINES_AT_ONCE: Final = 1000
-
 
 _NUMBERED: Final = re.compile(r"requests\.(\d{6,9})\.jsonl", re.ASCII)
 
@@ -44,30 +49,22 @@ def files_of(folder: Path) -> list[Path]:
     return [*numbered(folder), *([newest] if newest.exists() else [])]
 
 
-def lines_of(folder: Path) -> list[tuple[Path, int, bytes]]:
-    """All lines of a log with file and line number, from 1; the last line may be torn.
+def lines_of(folder: Path) -> list[bytes]:
+    """All lines of a log; the last one of a gateway may be torn.
 
     Raises:
         OSError: a file cannot be read.
     """
-    found: list[tuple[Path, int, bytes]] = []
-    for path in files_of(folder):
-        lines = path.read_bytes().split(b"\n")
-        whole = lines[:-1] if not lines[-1] else lines
-        found += [(path, number, line) for number, line in enumerate(whole, 1)]
-    return found
+    return [line for path in files_of(folder) for line in path.read_bytes().splitlines()]
 
 
-class End(NamedTuple):
-    """End of a log: its last line and the place in the chain."""
-
-    place: Place
-    byte_count: int = 0
-    """Size of its last line."""
-    torn: bool = False
-    """Its last line is incomplete, or not a line of the log."""
-    ended: bool = True
-    """A newline follows its last line."""
+def fields_of(line: bytes) -> dict[str, Any] | None:
+    """The fields of a line; None if it is torn."""
+    try:
+        found = ANYTHING.decode(line)
+    except RefusedError:
+        return None
+    return found if isinstance(found, dict) else None
 
 
 class RequestFile:
@@ -83,17 +80,8 @@ class RequestFile:
         """Lines taken from those that wait, whose bytes are not all in the file yet."""
         self._file = -1
 
-    def end(self) -> End:
-        """The current end of the log.
-
-        Raises:
-            OSError: it cannot be read.
-        """
-        files = files_of(self._folder)
-        return end_of(_tail(files[-1])) if files else End(Place())
-
     def add(self, line: bytes) -> None:
-        """Add a line to those that wait; it cannot be refused, because it is part of the chain."""
+        """Add a line to those that wait."""
         self._waiting.append(line)
 
     @property
@@ -116,7 +104,8 @@ class RequestFile:
             if not self._rest:
                 self._open()
                 count = min(len(self._waiting), LINES_AT_ONCE)
-                self._rest = b"".join(self._waiting.popleft() + b"\n" for _ in range(count))
+                lines = b"".join(self._waiting.popleft() + b"\n" for _ in range(count))
+                self._rest = lines if self._is_ended() else b"\n" + lines
             while self._rest:
                 self._rest = self._rest[os.write(self._file, self._rest) :]
             os.fsync(self._file)
@@ -137,7 +126,7 @@ class RequestFile:
         self._folder.mkdir(parents=True, exist_ok=True)
         if self._path.exists() and self._path.stat().st_size >= self._bytes_max:
             self._number()
-        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC
+        flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC
         self._file = os.open(self._path, flags, 0o640)
         folder = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         try:
@@ -145,27 +134,14 @@ class RequestFile:
         finally:
             os.close(folder)
 
+    def _is_ended(self) -> bool:
+        """True if the file is empty or ends with a newline, as it does unless a line is torn."""
+        size = os.fstat(self._file).st_size
+        return not size or os.pread(self._file, 1, size - 1) == b"\n"
+
     def _number(self) -> None:
         full = numbered(self._folder)
         number = _number_of(full[-1]) + 1 if full else 1
         self._path.rename(self._folder / f"requests.{number:06d}.jsonl")
         for path in full[: len(full) + 2 - self._files_max]:
             path.unlink()
-
-
-def _tail(path: Path) -> bytes:
-    with path.open("rb") as file:
-        file.seek(max(path.stat().st_size - TAIL_BYTES, 0))
-        return file.read()
-
-
-def end_of(tail: bytes) -> End:
-    """The end of a log, from its last bytes."""
-    if not tail:
-        return End(Place())
-    ended = tail.endswith(b"\n")
-    lines = tail.removesuffix(b"\n").split(b"\n")
-    last = lines[-1]
-    known = (fields["n"] for line in reversed(lines) if (fields := fields_of(line)) is not None)
-    torn = not ended or fields_of(last) is None
-    return End(Place(next(known, 0), hash_of(last)), len(last), torn, ended)

@@ -4,7 +4,6 @@ Every query to control/* that requests an action is logged with its client, payl
 reason; `status`, `config` and `schema` only read. Kinds of lines (fields: docs/black_box.md):
 
     start, end           of a gateway
-    repaired             the line before was torn by a power cut, and is left as it is
     core                 a core was found, or its records stopped
     mode, verdict        changes of mode and verdict
     asked                a query that has no answer at the end of the turn in which it came
@@ -35,8 +34,7 @@ from daemon import wire
 from daemon.gateway.requests import ROUTES, Route
 from daemon.ipc.decoding import RefusedError
 from daemon.ipc.record import Verdict
-from daemon.recorder.audit_chain import ANYTHING, REPAIRED, Place, sealed
-from daemon.recorder.audit_file import RequestFile
+from daemon.recorder.audit_file import ANYTHING, RequestFile
 from daemon.recorder.disk import Disk
 from daemon.recorder.ring_follower import RecordHeader, identity
 from daemon.wire.fields import name_of
@@ -97,9 +95,8 @@ class RequestLog:
     """Makes the lines of the log; never waits and never raises. The time is an argument."""
 
     def __init__(self, file: RequestFile, disk: Disk, utc_ns: int, version: str) -> None:
-        """Continue at the end of the existing log."""
+        """Write the first line of this gateway."""
         self._file, self._disk, self._utc_ns = file, disk, utc_ns
-        self._place = Place()
         self._boot_id, self._cycle = "", 0
         self._newest: RecordHeader | None = None
         self._ticket = 0
@@ -110,22 +107,7 @@ class RequestLog:
         self._flushing = self._flush_failed = False
         self.lost_count = 0
         self._lost_said = 0
-        self._begin(version)
-
-    def _begin(self, version: str) -> None:
-        trouble = ""
-        try:
-            end = self._file.end()
-        except OSError as error:
-            trouble = f"{error.filename}: {error.strerror}"
-        else:
-            self._place = end.place
-            if not end.ended:
-                self._file.add(b"")  # a newline, which ends the torn line
-            if end.torn:
-                self._write(REPAIRED, torn_byte_count=end.byte_count)
-        unread = {"unread": trouble} if trouble else {}
-        self._write("start", version=version, **unread)
+        self._write("start", version=version)
 
     # --- events to log --------------------------------------------------------------------------
 
@@ -242,8 +224,7 @@ class RequestLog:
         at = datetime.fromtimestamp(self._utc_ns // 1000 / 1e6, UTC)
         head = {"utc": f"{at:%Y-%m-%dT%H:%M:%S.%fZ}", "kind": kind}
         core = {"core_boot_id": self._boot_id or None, "cycle": self._cycle}
-        line, self._place = sealed(self._place, {**head, **core, **fields})
-        self._file.add(line)
+        self._file.add(msgspec.json.encode({**head, **core, **fields}))
 
 
 def _said(payload: bytes) -> dict[str, Any]:

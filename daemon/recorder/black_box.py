@@ -74,7 +74,7 @@ class Window:
     def copy(self, count: int) -> bool:
         """Copy up to `count` more records; true when all are copied."""
         if self.copied is None:
-            # Records that have not arrived until now do not belong to it any more.
+            # Records that arrive later are not added to the clip.
             self.next_seq, self.last = self.first, min(self.last, self.trail.newest)
             ring = self.trail.ring
             # A window never has more records than the ring has slots.
@@ -191,7 +191,7 @@ class BlackBox:
         except FileNotFoundError:
             return
         except (OSError, RingError) as error:
-            self._damaged.append(f"the ring that the core before left cannot be read: {error}")
+            self._damaged.append(f"the ring of the previous core cannot be read: {error}")
             # Removed, because an unreadable file would block the next ring.
             self._remove(self._aside)
             return
@@ -256,7 +256,7 @@ class BlackBox:
             return
         self._stopped(trail, stop, now_ns)
         if not trail.grown:
-            # No record arrived from it while we ran: there is nothing to wait for.
+            # This ring received no records while the gateway ran: none are expected.
             for window in (one for one in self._windows if one.trail is trail):
                 window.due_ns = now_ns
 

@@ -53,7 +53,7 @@ class Disk:
         try:
             self._jobs.put_nowait(_Job(what, run))
         except queue.Full:
-            self._fail(what, "the disk is too slow, or hangs")
+            self._fail(what, "the disk is too slow or does not respond")
             return False
         return True
 

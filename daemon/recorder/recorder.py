@@ -74,7 +74,7 @@ def _trouble(trouble: Trouble) -> Happening:
 
 
 def _damaged(what: str) -> Happening:
-    remedy = "what was in it is lost, unless somebody mends it; look at the disk"
+    remedy = "its records are lost unless it can be repaired; check the disk"
     return Happening(Priority.LOW, Kind.NOTE, f"black box: {what}", remedy)
 
 

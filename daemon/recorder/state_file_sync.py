@@ -74,4 +74,4 @@ class NotesDisk:
         """Log a failure once: a power cut may now lose a latched stop."""
         if why != self._trouble:
             self._trouble = why
-            self._log.error("the notes of the core are not on the disk: %s", why)
+            self._log.error("the core's state file is not on the disk: %s", why)

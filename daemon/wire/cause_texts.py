@@ -39,17 +39,21 @@ class CauseText(NamedTuple):
 
 
 HELD: Final = (
-    "lie still, the leg is held; somebody supports it before `gaitd reset`, which lets it go"
+    "lie still, the leg is held; a second person supports it before `gaitd reset` releases it"
 )
-LOOSE: Final = "lie still, keep hands off the slide; the leg may not be held, somebody supports it"
-DANGER: Final = "press the emergency stop; somebody supports the leg, which is not held any more"
+LOOSE: Final = (
+    "lie still, keep hands off the slide; a second person supports the leg, which may not be held"
+)
+DANGER: Final = (
+    "press the emergency stop; a second person supports the leg, which is not held any more"
+)
 GET_OUT: Final = (
     "`gaitd reset`, `gaitd enable`, then `gaitd mode hand_guiding` and lead the leg out by hand"
 )
 GO_ON: Final = "`gaitd reset`, then `gaitd enable`; to get out, then `gaitd mode hand_guiding`"
-CALL_SERVICE: Final = "keep the recording and call whoever looks after the software"
+CALL_SERVICE: Final = "keep the recording and call the software support"
 CALL_TECHNICIAN: Final = "do not use the machine, call the technician"
-CALL_OPERATOR: Final = "call whoever set the machine up for this person"
+CALL_OPERATOR: Final = "call the operator who set up the machine for this person"
 
 CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
     Cause.NONE: CauseText(
@@ -60,21 +64,21 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         "nothing",
     ),
     Cause.STOP_REQUESTED: CauseText(
-        "somebody asked to stop",
+        "a person or a client requested a stop",
         Blame.PERSON,
         HELD,
-        f"ask why; {GO_ON}",
-        "ask who stops it, and why",
+        f"find out why; {GO_ON}",
+        "find out who requests the stops (`gaitd status`), and why",
     ),
     Cause.SHUTDOWN: CauseText(
-        "the service was asked to end",
+        "the service was shut down",
         Blame.OPERATOR,
         LOOSE,
         "start the service again",
         CALL_OPERATOR,
     ),
     Cause.GATEWAY_SILENT: CauseText(
-        "the gateway fell silent",
+        "the core receives nothing from the gateway",
         Blame.SERVICE,
         HELD,
         f"wait until `gaitd status` answers; {GO_ON}",
@@ -91,14 +95,14 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         "a command was not a finite number",
         Blame.SERVICE,
         HELD,
-        f"keep the recording; {GET_OUT}, and do not walk on",
+        f"keep the recording; {GET_OUT}, and do not continue the session",
         CALL_SERVICE,
     ),
     Cause.LAST_END_UNKNOWN: CauseText(
-        "nobody knows how the last run of the service ended",
+        "it is unknown how the last run of the service ended",
         Blame.SERVICE,
         LOOSE,
-        f"look at the person and at the machine; {GO_ON}",
+        f"check the person and the machine; {GO_ON}",
         CALL_SERVICE,
     ),
     Cause.HAND_SWITCH_OPEN: CauseText(
@@ -106,17 +110,17 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         Blame.PERSON,
         HELD,
         f"hold the hand switch; {GO_ON}",
-        "have the hand switch and its cable looked at",
+        "have the hand switch and its cable checked",
     ),
     Cause.STO_ACTIVE: CauseText(
         "safe torque off is active",
         Blame.PERSON,
         LOOSE,
         f"find out why the emergency stop was pressed, release it; {GO_ON}",
-        "have the emergency stop and its wires looked at",
+        "have the emergency stop and its wires checked",
     ),
     Cause.BUS_DOWN: CauseText(
-        "the CAN bus is not there",
+        "the CAN interface is missing or down",
         Blame.MACHINE,
         DANGER,
         f"check the adapter and that the link is up; {GO_ON}",
@@ -172,7 +176,7 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         CALL_TECHNICIAN,
     ),
     Cause.MODE_NOT_SHOWN: CauseText(
-        "a drive did not show the mode it was asked for",
+        "a drive did not change to the commanded mode of operation",
         Blame.DRIVE,
         HELD,
         GO_ON,
@@ -193,17 +197,17 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         CALL_OPERATOR,
     ),
     Cause.DRIVE_POWERED: CauseText(
-        "a drive was found holding the leg, since a stop before this start",
+        "a drive was already enabled when the service started",
         Blame.DRIVE,
         HELD,
         "`gaitd reset`, which switches the drives off",
         CALL_SERVICE,
     ),
     Cause.UNEXPECTED_ENABLE: CauseText(
-        "a drive is enabled, and not by this service",
+        "a drive was enabled by another master",
         Blame.MACHINE,
         DANGER,
-        f"find the other master on the bus and take it off; {GO_ON}",
+        f"find the other master on the bus and disconnect it; {GO_ON}",
         CALL_TECHNICIAN,
     ),
     Cause.BUS_OFF: CauseText(
@@ -221,24 +225,24 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         CALL_TECHNICIAN,
     ),
     Cause.ENCODER_FROZEN: CauseText(
-        "an encoder stands still while its drive pushes: frozen, or the joint is blocked",
+        "an encoder does not change under a changing effort: it is frozen, or the joint is blocked",
         Blame.DRIVE,
         LOOSE,
         f"free the joint, check the encoder; {GO_ON}",
         CALL_TECHNICIAN,
     ),
     Cause.ENCODER_JUMP: CauseText(
-        "an encoder jumped farther than the joint can move",
+        "an encoder changed by more than the joint can move in one cycle",
         Blame.DRIVE,
         LOOSE,
         "help the person out by hand; check the encoder; `gaitd reset`, `gaitd reference AXIS`",
         CALL_TECHNICIAN,
     ),
     Cause.UNREFERENCED: CauseText(
-        "an axis does not know its position",
+        "the position of an axis is unknown",
         Blame.OPERATOR,
         LOOSE,
-        "help the person out by hand; `gaitd reset`, then `gaitd reference AXIS` with nobody in it",
+        "help the person out by hand; `gaitd reset`, then `gaitd reference AXIS`, machine empty",
         CALL_OPERATOR,
     ),
     Cause.SIGN_WRONG: CauseText(
@@ -249,7 +253,7 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         CALL_TECHNICIAN,
     ),
     Cause.EFFORT_DEVIATION: CauseText(
-        "a drive does not give the torque it was asked for, or measures it wrongly",
+        "a drive does not produce the commanded torque, or measures it wrongly",
         Blame.DRIVE,
         HELD,
         GO_ON,
@@ -273,7 +277,7 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         "a drive's torque or force was above its limit",
         Blame.PERSON,
         HELD,
-        f"look for what resists; {GO_ON}",
+        f"find what resists the motion; {GO_ON}",
         CALL_TECHNICIAN,
     ),
     Cause.POWER_LIMIT: CauseText(
@@ -284,10 +288,10 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         CALL_OPERATOR,
     ),
     Cause.TRACKING_LIMIT: CauseText(
-        "a joint was too far from where it was guided",
+        "a joint was too far from its reference",
         Blame.PERSON,
         HELD,
-        f"look for what resists, also the person; {GO_ON}",
+        f"find what resists the motion, also the person; {GO_ON}",
         CALL_OPERATOR,
     ),
     Cause.TEMPERATURE_LIMIT: CauseText(
@@ -305,7 +309,7 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         CALL_OPERATOR,
     ),
     Cause.LIMIT_SWITCH: CauseText(
-        "a joint ran on to its limit switch",
+        "a joint moved on to its limit switch",
         Blame.MACHINE,
         HELD,
         "`gaitd reset`, `gaitd enable`, move away from it; check the reference of the axis",
@@ -315,7 +319,7 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         "the drives put more energy into the leg in one stride than allowed",
         Blame.PERSON,
         HELD,
-        f"look for what resists; {GO_ON}, with less assist",
+        f"find what resists the motion; {GO_ON}, with less assist",
         CALL_OPERATOR,
     ),
     Cause.STOPPING_PATH: CauseText(
@@ -329,7 +333,7 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         "the estimate cannot be trusted",
         Blame.SERVICE,
         HELD,
-        f"look at robot.toml and the events; {GO_ON}",
+        f"check robot.toml and the events; {GO_ON}",
         CALL_SERVICE,
     ),
     Cause.STATIC_LOAD_WRONG: CauseText(
@@ -340,7 +344,7 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         CALL_OPERATOR,
     ),
     Cause.SPASM: CauseText(
-        "the patient suddenly worked hard against the motion",
+        "the patient's effort against the motion rose suddenly",
         Blame.PERSON,
         HELD,
         f"wait until the leg is relaxed; {GO_ON}",

@@ -86,7 +86,7 @@ StageName = Annotated[
     str,
     Meta(
         description="How far the exercise of the mode is: preparing and announcing, nothing moves;"
-        " approaching its pose; playing, what was asked for; ending; over.",
+        " approaching its pose; playing what was requested; ending; over.",
         extra_json_schema=_names(Stage),
     ),
 ]
@@ -104,14 +104,14 @@ CategoryName = Annotated[
 OutcomeName = Annotated[
     str,
     Meta(
-        description="done, refused, or pending: nobody said in time what became of it.",
+        description="done, refused, or pending: not answered in time, the result is unknown.",
         extra_json_schema=_names(Outcome),
     ),
 ]
 ValidityName = Annotated[
     str,
     Meta(
-        description="ok; split_unobservable: at rest patient and friction cannot be told apart, "
+        description="ok; split_unobservable: at rest patient and friction cannot be separated, "
         "both are null and the net value is given; bad: all values of the axis are null.",
         extra_json_schema=_names(Validity),
     ),
@@ -174,7 +174,7 @@ class Stated(msgspec.Struct, frozen=True, kw_only=True):
     """Head of messages that are also sent without a record of the core, with three fields null."""
 
     seq: Annotated[int, Meta(description="Counts the messages of this key; a gap is a loss.")]
-    core_boot_id: Annotated[str | None, Meta(description="Another one: the core has restarted.")]
+    core_boot_id: Annotated[str | None, Meta(description="Changes when the core restarts.")]
     cycle: Annotated[int | None, Meta(description="Cycle of the 10 ms grid since core start.")]
     sample_time_ns: Annotated[
         int | None, Meta(description="UTC of that cycle's SYNC in ns since 1970; for records only.")
@@ -184,7 +184,7 @@ class Stated(msgspec.Struct, frozen=True, kw_only=True):
 class Sampled(Stated, frozen=True, kw_only=True):
     """Head of messages made from one record of the core."""
 
-    core_boot_id: Annotated[str, Meta(description="Another one: the core has restarted.")]
+    core_boot_id: Annotated[str, Meta(description="Changes when the core restarts.")]
     cycle: Annotated[int, Meta(description="Cycle of the 10 ms grid since core start.")]
     sample_time_ns: Annotated[
         int, Meta(description="UTC of that cycle's SYNC in ns since 1970; for records only.")

@@ -16,7 +16,7 @@ class DriveHealth(msgspec.Struct, frozen=True, kw_only=True):
         int, Meta(description="Cycles without its sample, since gateway start.")
     ]
     late_count: Annotated[int, Meta(description="TPDOs after their window, since bring-up.")]
-    lost_count: Annotated[int, Meta(description="Missed and not late: never came.")]
+    lost_count: Annotated[int, Meta(description="Missed and not late: never received.")]
     protocol_error_count: Annotated[int, Meta(description="Frames that could not be used.")]
     heartbeat_age_ms: Annotated[float | None, Meta(description="Since its last heartbeat.")]
 
@@ -35,12 +35,12 @@ class BusHealth(msgspec.Struct, frozen=True, kw_only=True):
     passive_count: Annotated[int, Meta(description="Reports of error passive.")]
     warning_count: Annotated[int, Meta(description="Reports of many errors.")]
     restart_count: Annotated[int, Meta(description="Times it was restarted after bus-off.")]
-    no_ack_count: Annotated[int, Meta(description="Frames that nobody acknowledged.")]
+    no_ack_count: Annotated[int, Meta(description="Frames that no node acknowledged.")]
     overflow_count: Annotated[int, Meta(description="Times the controller lost frames.")]
     foreign_master_count: Annotated[
-        int, Meta(description="SYNCs of somebody else, and heartbeats under our number.")
+        int, Meta(description="SYNCs of another master, and heartbeats with our node id.")
     ]
-    stray_count: Annotated[int, Meta(description="Frames of none of our drives, since bring-up.")]
+    stray_count: Annotated[int, Meta(description="Frames of unknown nodes, since bring-up.")]
     load_ratio: Annotated[
         float, Meta(description="Measured in the last second, 0..1; bus_load_ratio is the worst.")
     ]
@@ -69,16 +69,16 @@ class Health(Stated, frozen=True, kw_only=True):
         ),
     ]
     publish_max_us: Annotated[
-        float | None, Meta(description="Record into the ring, notes, systemd; last second.")
+        float | None, Meta(description="Ring, state file and systemd; last second.")
     ]
     record_count: Annotated[int, Meta(description="Records in the last second; 100 is right.")]
     bus_load_ratio: Annotated[float | None, Meta(description="0..1 of the CAN bit rate.")]
     drives: Annotated[tuple[DriveHealth, ...], Meta(description="Communication, by drive.")]
     tx_dropped_count: Annotated[int | None, Meta(description="CAN frames not sent.")]
-    record_missed_count: Annotated[int, Meta(description="Records this gateway never saw.")]
+    record_missed_count: Annotated[int, Meta(description="Records that this gateway missed.")]
     record_skipped_count: Annotated[int, Meta(description="Records too old to publish.")]
     gateway_state_dropped_count: Annotated[
-        int, Meta(description="Words to the core that it did not take.")
+        int, Meta(description="Gateway states that the core did not accept.")
     ]
     request_dropped_count: Annotated[int, Meta(description="Queries never answered: too many.")]
     not_kept_count: Annotated[

@@ -31,7 +31,7 @@ DriftCorrelation = Annotated[
     float | None,
     Meta(
         description="Patient's effort with the direction of motion, -1..1, over the last 20 s of"
-        " motion. Beyond 0.8 with nobody in the machine: calibrate."
+        " motion. Above 0.8 with an empty machine: calibrate."
     ),
 ]
 
@@ -77,7 +77,7 @@ class Estimate(Estimated, frozen=True, kw_only=True):
         ),
     ]
     observable_rank: Annotated[
-        int, Meta(description="Of 8 states; one less for each axis whose split cannot be told.")
+        int, Meta(description="Of 8 states; one less for each axis whose split is unobservable.")
     ]
     measured_hip_angle_rad: HipAngle
     measured_slide_position_m: SlidePosition

@@ -55,8 +55,10 @@ class Emergency(msgspec.Struct, frozen=True, kw_only=True):
     code: Annotated[str, Meta(description="Hexadecimal.")]
     text: Annotated[str, Meta(description="Its meaning, by the drive's vendor.")]
     reaction: Annotated[str, Meta(description="What the drive does by itself.")]
-    alarm: Annotated[bool, Meta(description="It asked for a stop; else it was a warning.")]
-    loses_reference: Annotated[bool, Meta(description="The encoder cannot be believed since.")]
+    alarm: Annotated[bool, Meta(description="True: it causes a stop; false: it is a warning.")]
+    loses_reference: Annotated[
+        bool, Meta(description="The encoder's position is invalid since then.")
+    ]
     error_register: Annotated[str, Meta(description="Object 1001h, hexadecimal.")]
     vendor_bytes: Annotated[str, Meta(description="Five bytes of the vendor's, hexadecimal.")]
 
@@ -73,7 +75,7 @@ class DriveState(Sampled, frozen=True, kw_only=True):
     ]
     statusword: Annotated[str | None, Meta(description="Object 6041h, hexadecimal.")]
     mode_display: Annotated[int | None, Meta(description="Object 6061h: 10 torque, 8 position.")]
-    fresh: Annotated[bool, Meta(description="Its samples came inside this cycle's window.")]
+    fresh: Annotated[bool, Meta(description="All its samples arrived in this cycle's window.")]
     sample_age_cycles: Annotated[int, Meta(description="Cycles since the last whole sample.")]
     late_count: Annotated[int, Meta(description="TPDOs after their window, since bring-up.")]
     heartbeat_age_ms: Annotated[float | None, Meta(description="Since its last heartbeat.")]
@@ -81,7 +83,7 @@ class DriveState(Sampled, frozen=True, kw_only=True):
     velocity_si: Annotated[float | None, Meta(description="From encoder differences.")]
     effort_si: Annotated[float | None, Meta(description="From measured current: N·m or N.")]
     target_effort_si: Annotated[float | None, Meta(description="Sent in this cycle: N·m or N.")]
-    referenced: Annotated[bool, Meta(description="The drive knows its position.")]
+    referenced: Annotated[bool, Meta(description="The axis is referenced.")]
     hand_switch_closed: Annotated[bool | None, Meta(description="As the drive input reads it.")]
     sto_released: Annotated[bool | None, Meta(description="Safe torque off is not active.")]
     temperature_degc: Annotated[float | None, Meta(description="Of the power stage.")]
@@ -92,7 +94,7 @@ class DriveState(Sampled, frozen=True, kw_only=True):
     emergency_count: Annotated[int, Meta(description="EMCY messages since bring-up.")]
     protocol_error_count: Annotated[int, Meta(description="Frames that could not be used.")]
     sign_proven: Annotated[
-        bool, Meta(description="Torque and motion have been seen to agree, by a person, too.")
+        bool, Meta(description="Torque and motion agree in sign; confirmed by a person, too.")
     ]
     emergencies: Annotated[
         tuple[Emergency, ...],
@@ -106,10 +108,10 @@ class Judgement(msgspec.Struct, frozen=True, kw_only=True):
     category: CategoryName
     cause: CauseName
     drive: Annotated[str | None, Meta(description="Drive or leg of the cause; null if of none.")]
-    value: Annotated[float | None, Meta(description="What was seen, in the unit of the limit.")]
-    limit: Annotated[float | None, Meta(description="What was allowed.")]
-    detail: Annotated[str, Meta(description="What else is known; may be empty.")]
-    text: Annotated[str, Meta(description="The cause in words.")]
+    value: Annotated[float | None, Meta(description="Measured value, in the unit of the limit.")]
+    limit: Annotated[float | None, Meta(description="The limit.")]
+    detail: Annotated[str, Meta(description="Further details; may be empty.")]
+    text: Annotated[str, Meta(description="The cause as text.")]
     remedy: Annotated[str, Meta(description="What a person can do.")]
 
 
@@ -126,11 +128,13 @@ class Safety(Stated, frozen=True, kw_only=True):
     progress: Annotated[
         str | None, Meta(description="One line for people; a program reads mode and stage.")
     ]
-    lease_holder: Annotated[str | None, Meta(description="Who may command torque; null: nobody.")]
-    gateway_age_cycles: Annotated[
-        int | None, Meta(description="Age of the newest word from the gateway at the core.")
+    lease_holder: Annotated[
+        str | None, Meta(description="Client that may command torque; null: none.")
     ]
-    stop_count: Annotated[int | None, Meta(description="Stops that the core has seen.")]
+    gateway_age_cycles: Annotated[
+        int | None, Meta(description="Age of the newest gateway state at the core.")
+    ]
+    stop_count: Annotated[int | None, Meta(description="Stop requests that the core has received.")]
     limits: Annotated[
         dict[str, Any] | None, Meta(description="Limits in force: limits.toml as it was read.")
     ]
@@ -139,11 +143,11 @@ class Safety(Stated, frozen=True, kw_only=True):
 class Event(Stated, frozen=True, kw_only=True):
     """One event. A bounded history reaches late joiners (AdvancedSubscriber)."""
 
-    id: Annotated[str, Meta(description="BOOT-RECORD-INDEX; an event that is said twice has one.")]
+    id: Annotated[str, Meta(description="BOOT-RECORD-INDEX; the same if an event is sent twice.")]
     time_ns: Annotated[int, Meta(description="UTC in ns since 1970.")]
     priority: PriorityName
     kind: KindName
-    text: Annotated[str, Meta(description="What happened, in words.")]
+    text: Annotated[str, Meta(description="What happened, as text.")]
     remedy: Annotated[str, Meta(description="What a person can do; may be empty.")]
     cause: Annotated[CauseName | None, Meta(description="Of a stop, else null.")]
     subject: Annotated[str | None, Meta(description="Drive or leg; null if of none.")]
@@ -154,13 +158,14 @@ class Reply(Stated, frozen=True, kw_only=True):
 
     request: Annotated[str, Meta(description="NAME of control/NAME.")]
     outcome: OutcomeName
-    reason: Annotated[str, Meta(description="Why it was refused, or what there is to know.")]
-    mode: Annotated[ModeName | None, Meta(description="The mode now; null when nobody knows.")]
+    reason: Annotated[str, Meta(description="Reason of a refusal, or other information.")]
+    mode: Annotated[ModeName | None, Meta(description="The present mode; null when unknown.")]
     lease: Annotated[
         int | None, Meta(description="Of acquire: the number for setpoints; a secret. Else null.")
     ] = None
     lease_duration_ms: Annotated[
-        int | None, Meta(description="Of acquire: its life without an accepted setpoint.")
+        int | None,
+        Meta(description="Of acquire: duration of the lease without an accepted setpoint."),
     ] = None
 
 
@@ -208,11 +213,11 @@ class Ask(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
     client: Annotated[
         str,
-        Meta(max_length=64, pattern=ONE_LINE, description="Who asks; stands in the event."),
+        Meta(max_length=64, pattern=ONE_LINE, description="Name of the client, for the event."),
     ] = SOMEBODY
     for_cycle: Annotated[
         Annotated[int, Meta(ge=0, le=EXACT_MAX)] | None,
-        Meta(description="Newest cycle the asker had seen; too old is refused. Null: now."),
+        Meta(description="Newest cycle known to the client; too old is refused. Null: now."),
     ] = None
 
 
@@ -221,18 +226,18 @@ class AcquireAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     lease: Annotated[
         Annotated[int, Meta(ge=1, le=EXACT_MAX)] | None,
-        Meta(description="The number that this client holds already, to renew it. Null: anew."),
+        Meta(description="Lease number that this client holds, to renew it. Null: a new lease."),
     ] = None
     duration_ms: Annotated[
         Annotated[int, Meta(ge=20, le=60_000)] | None,
-        Meta(description="Wanted life without an accepted setpoint. Null: as configured."),
+        Meta(description="Requested duration without an accepted setpoint. Null: as configured."),
     ] = None
 
 
 class ReleaseAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Payload of a query to control/release, with the `client` that acquired."""
 
-    lease: Annotated[int, Meta(ge=1, le=EXACT_MAX, description="As acquire gave it.")]
+    lease: Annotated[int, Meta(ge=1, le=EXACT_MAX, description="Number from the reply to acquire.")]
 
 
 class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -265,14 +270,14 @@ class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
         Meta(max_length=16, pattern=ONE_LINE, description="LEG/AXIS, reference and commission."),
     ] = ""
     witnessed: Annotated[
-        bool, Meta(description="Commission: a person saw the axis move as described.")
+        bool, Meta(description="Commission: a person confirms that the axis moved as described.")
     ] = False
 
 
 class SetpointMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A controller's assist on top of gravity, LEG/setpoint, in mode torque or gait."""
 
-    lease: Annotated[int, Meta(ge=1, le=EXACT_MAX, description="As acquire gave it.")]
+    lease: Annotated[int, Meta(ge=1, le=EXACT_MAX, description="Number from the reply to acquire.")]
     seq: Annotated[int, Meta(ge=0, le=EXACT_MAX, description="Strictly rising, for each leg.")]
     for_cycle: Annotated[
         int, Meta(ge=0, le=EXACT_MAX, description="`cycle` of the estimate that it answers.")

@@ -47,45 +47,45 @@ REFUSAL_TEXT: Final[dict[SetpointRefusal, RefusalText]] = {
         "its key names a leg that this trainer does not have", "see `leg_names` of `control/config`"
     ),
     SetpointRefusal.UNLEASED: RefusalText(
-        "nobody holds the lease: it was never acquired, it lapsed, or a stop ended it",
-        "acquire it, with what the machine does now in view",
+        "no client holds the lease: it was never acquired, it expired, or a stop ended it",
+        "check the state of the machine, then acquire the lease",
     ),
     SetpointRefusal.WRONG_LEASE: RefusalText(
         "its lease is not the one that is held",
-        "take the number that `acquire` gave; `safety` names the holder",
+        "use the number from the reply to `acquire`; `safety` names the holder",
     ),
     SetpointRefusal.REPEATED: RefusalText(
-        "its `seq` has been accepted before", "count `seq` up with each message of a leg"
+        "its `seq` has been accepted before", "increase `seq` with each message of a leg"
     ),
     SetpointRefusal.REORDERED: RefusalText(
-        "a setpoint with a higher `seq` has come before it",
-        "send the setpoints of a leg from one place, in order",
+        "a setpoint with a higher `seq` was received before it",
+        "send the setpoints of a leg from one program, in order",
     ),
     SetpointRefusal.STALE: RefusalText(
-        "`for_cycle` is further back than `setpoint_age_max_cycles`",
+        "`for_cycle` is older than `setpoint_age_max_cycles`",
         "answer each estimate at once, with its own `cycle`",
     ),
     SetpointRefusal.AHEAD: RefusalText(
-        "`for_cycle` is a cycle that has not been yet",
-        "take `cycle` of the newest estimate; after a restart of the core it begins anew",
+        "`for_cycle` is a cycle in the future",
+        "use `cycle` of the newest estimate; it starts at 0 after a restart of the core",
     ),
     SetpointRefusal.NON_FINITE: RefusalText(
-        "one of its numbers is not finite", "look for the NaN in the controller"
+        "one of its numbers is not finite", "find the NaN in the controller"
     ),
     SetpointRefusal.OUT_OF_RANGE: RefusalText(
         "assist is beyond `assist_max_nm` or `assist_max_n`, or `stiffness_ratio` is not in 0..1",
-        "bound it to the limits that `safety` shows; it is refused and not cut off",
+        "limit it to the values that `safety` publishes; a larger value is refused, not limited",
     ),
     SetpointRefusal.GUIDANCE_IS_POSITION: RefusalText(
-        "with guidance 'position' the drives give the torque, and nothing can be added",
-        "ask the operator for guidance 'impedance'",
+        "with guidance 'position' the drives control the torque, and no assist can be added",
+        "have the operator configure guidance 'impedance'",
     ),
     SetpointRefusal.WRONG_MODE: RefusalText(
-        "the mode is neither torque nor gait, and it asks for more than nothing",
+        "the mode is neither torque nor gait, and the setpoint is not neutral",
         "send zero assist and full stiffness until `mode` of the estimate is torque or gait",
     ),
     SetpointRefusal.FLOOD: RefusalText(
-        "more came than are looked at; the newest of who holds the lease are",
+        "more setpoints arrived than are processed; only the newest of the lease holder are",
         "send at most one setpoint for each estimate",
     ),
 }

@@ -226,7 +226,7 @@ def _run(
 
 def _reset(drive: _Found, port: DrivePort) -> None:
     drive.reset_ns = port.now_ns()
-    port.wait(drive.reset_ns)  # whatever is queued now was sent before the reset
+    port.wait(drive.reset_ns)  # frames queued now were sent before the reset
     traffic = port.traffic(drive.node_id)
     drive.boot_up_count, drive.sdo_repeat_count = traffic.boot_up_count, traffic.sdo_repeat_count
     port.send((nmt_frame(NmtCommand.RESET_COMMUNICATION, drive.node_id),))

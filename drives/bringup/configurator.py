@@ -93,7 +93,7 @@ class Configurator:
         left = self._bus.send_urgent(frames, deadline_ns, self._clock)
         if left:
             what = f"the transmit queue stays full: {left} frames of bring-up did not leave"
-            alone = "; nobody else is on the bus" if self.bus_state.alone else ""
+            alone = "; no other node is on the bus" if self.bus_state.alone else ""
             raise BusError("in bring-up", what + alone)
 
     def wait(self, until_ns: int) -> None:
@@ -212,7 +212,7 @@ class _Client(SdoClient):
     ) -> None:
         empty = canopen.ObjectDictionary()
         super().__init__(_SDO_REQUEST_ID + node_id, _SDO_REPLY_ID + node_id, empty)
-        # The reply is there, or the wait is over, before the queue is read.
+        # The reply was received, or the wait is over, before the queue is read.
         self.RESPONSE_TIMEOUT = 0
         self.network = network
         self._await_reply = await_reply
@@ -243,7 +243,7 @@ class _Client(SdoClient):
         stream = ReadableStream(self, index, subindex)
         data = bytes(stream.read() or b"")
         if stream.size not in (None, len(data)):
-            raise SdoCommunicationError(f"{stream.size} bytes announced, {len(data)} came")
+            raise SdoCommunicationError(f"{stream.size} bytes announced, {len(data)} received")
         return data
 
     def request_response(self, sdo_request: bytes) -> bytes:

@@ -2,7 +2,7 @@
 
 `plan` is pure: files and limits in, steps out. `bringup.py` executes them. The order, and why:
 
-    reset    NMT reset communication: nothing of an earlier master remains
+    reset    NMT reset communication: removes the settings of an earlier master
     boot     the boot-up message: the drive is there, in PRE-OPERATIONAL
     power    without power, or switched off where that was requested: no setting changes under load
     check    device type, identity, modes: it must be the drive of the files
@@ -75,10 +75,10 @@ class DrivePlan(NamedTuple):
 def plan(description: DriveDescription, limits: DriveLimits, cycle: CycleSettings) -> DrivePlan:
     """List all steps of one drive, in order."""
     steps = (
-        Step(StepKind.RESET, "NMT reset communication: nothing of an earlier master remains"),
-        Step(StepKind.BOOT, "boot-up message: it is there, in PRE-OPERATIONAL"),
+        Step(StepKind.RESET, "NMT reset communication: removes the settings of an earlier master"),
+        Step(StepKind.BOOT, "boot-up message: the drive is in PRE-OPERATIONAL"),
         *_identity(description),
-        _word(StepKind.POWER, "it has no power on its motor", Object.STATUSWORD, 16),
+        _word(StepKind.POWER, "its power stage is off", Object.STATUSWORD, 16),
         *_torque_base(description),
         *_units(description),
         *_all_pdos_off(description),
@@ -138,9 +138,9 @@ def _identity(description: DriveDescription) -> Iterator[Step]:
             yield Step(check, why, Object.IDENTITY, sub, value=value, is_hex=True, failure=failure)
     if identity.serial is None:
         yield Step(StepKind.ASK, "its serial number", *SERIAL_NUMBER, is_hex=True)
-    yield Step(StepKind.ALONE, "nobody else answers under its number")
+    yield Step(StepKind.ALONE, "no second node has its node id")
     modes, missing = _CYCLIC_MODES, BootFailure.MISSING_MODE
-    why = "it knows cyclic synchronous position and torque"
+    why = "it supports cyclic synchronous position and torque"
     yield _word(check, why, Object.SUPPORTED_MODES, 32, modes, modes, failure=missing)
 
 
@@ -153,7 +153,7 @@ def _torque_base(description: DriveDescription) -> Iterator[Step]:
 def _units(description: DriveDescription) -> Iterator[Step]:
     check = StepKind.CHECK
     if description.profile.optional_objects.polarity:
-        why = "it turns no sign around: signs are the axis file's"
+        why = "it inverts no sign: signs are in the axis file"
         yield _word(check, why, Object.POLARITY, 8, 0, _POLARITY_BITS)
     for entry in description.profile.checked:
         yield _step(check, entry, entry.value, entry.why, mask=entry.mask)
@@ -203,7 +203,7 @@ def _sync(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]
         why = "SYNC counts so far, or not at all"
         yield _write(why, Object.SYNC_COUNTER, 0, 8, cycle.sync_counter)
     if has.sync_window:
-        why = "PDOs that come later after SYNC are dropped, in microseconds"
+        why = "synchronous window in microseconds: later PDOs are dropped"
         yield _write(why, Object.SYNC_WINDOW, 0, 32, cycle.sync_window_us)
 
 
@@ -212,7 +212,7 @@ def _mapping(description: DriveDescription, cycle: CycleSettings) -> Iterator[St
     for layout in pdos:
         yield from _mapping_of(layout, description)
         if layout is pdos.control and description.profile.pdo.rpdo_timeout:
-            why = "without RPDO1 for so many ms the drive stops by itself"
+            why = "RPDO1 timeout in ms, after which the drive stops by itself"
             yield _write(why, layout.communication_index, 5, 16, cycle.rpdo_timeout_ms)
         yield _switch_on(layout)
 
@@ -221,9 +221,9 @@ def _mapping_of(layout: PdoLayout, description: DriveDescription) -> Iterator[St
     parameters, has = layout.communication_index, description.profile.pdo
     yield _write(f"{layout} with every n-th SYNC", parameters, 2, 8, layout.transmission_type)
     if layout.transmit and has.inhibit_time:
-        yield _write(f"{layout} is never held back", parameters, 3, 16, 0)
+        yield _write(f"{layout} has no inhibit time", parameters, 3, 16, 0)
     if layout.transmit and has.event_timer:
-        yield _write(f"{layout} has no timer of its own", parameters, 5, 16, 0)
+        yield _write(f"{layout} has no event timer", parameters, 5, 16, 0)
     objects = layout.mapping_index
     yield _write(f"{layout} emptied", objects, 0, 8, 0)
     for sub, item in enumerate(layout.objects, 1):
@@ -275,7 +275,7 @@ def _settings(description: DriveDescription, cycle: CycleSettings) -> Iterator[S
         yield _step(StepKind.WRITE, entry, entry.value, entry.why)
     if description.profile.optional_objects.interpolation_time:
         index = Object.INTERPOLATION_TIME
-        yield _write("interpolation time: our cycle", index, 1, 8, cycle.period_ms)
+        yield _write("interpolation time: the core's cycle", index, 1, 8, cycle.period_ms)
         yield _write("... in ms", index, 2, 8, _MILLISECONDS)
 
 
@@ -285,11 +285,11 @@ def _homing(description: DriveDescription) -> Iterator[Step]:
         return
     raw = raw_homing(homing, objects.home_sign, description)
     modes, bit = Object.SUPPORTED_MODES, _HOMING_MODE
-    yield _word(StepKind.CHECK, "it knows homing", modes, 32, bit, bit)
+    yield _word(StepKind.CHECK, "it supports homing", modes, 32, bit, bit)
     speed, speeds = description.profile.velocity_unit.value, Object.HOMING_SPEEDS
     yield _write("homing method", Object.HOMING_METHOD, 0, 8, homing.method)
     yield _write(f"homing: search speed in {speed}", speeds, 1, 32, raw.search_speed_raw)
-    yield _write(f"homing: speed for the exact place in {speed}", speeds, 2, 32, raw.zero_speed_raw)
+    yield _write(f"homing: speed of the final search in {speed}", speeds, 2, 32, raw.zero_speed_raw)
     why = f"homing: acceleration in {speed} per s"
     yield _write(why, Object.HOMING_ACCELERATION, 0, 32, raw.acceleration_raw)
     home, threshold = objects.home, objects.current_threshold
@@ -301,7 +301,7 @@ def _homing(description: DriveDescription) -> Iterator[Step]:
 
 def _seeds(description: DriveDescription, raw: RawLimits) -> Iterator[Step]:
     bits = description.profile.target_torque.bits
-    yield _write("no torque asked for", Object.TARGET_TORQUE, 0, bits, 0)
+    yield _write("target torque: none", Object.TARGET_TORQUE, 0, bits, 0)
     yield Step(
         kind=StepKind.SEED_POSITION,
         why="target position: where the joint is",
@@ -317,10 +317,10 @@ def _seeds(description: DriveDescription, raw: RawLimits) -> Iterator[Step]:
 def _watches(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]:
     entries, consumer = description.profile.heartbeat.consumer_entries, Object.HEARTBEAT_CONSUMER
     for sub in range(2, entries + 1):
-        yield _write("it watches nobody else", consumer, sub, 32, 0)
+        yield _write("it monitors no other heartbeat", consumer, sub, 32, 0)
     if entries:
         value = cycle.master_node_id << 16 | cycle.drive_detection_ms
-        yield _write("it watches our heartbeat", consumer, 1, 32, value, is_hex=True)
+        yield _write("it monitors the master's heartbeat", consumer, 1, 32, value, is_hex=True)
     why = "its own heartbeat in ms"
     yield _write(why, Object.HEARTBEAT_PRODUCER, 0, 16, cycle.drive_heartbeat_ms)
     yield Step(StepKind.HEAR, "its heartbeat, in PRE-OPERATIONAL")

@@ -80,7 +80,7 @@ class OtherMaster:
     def __init__(self, port: DrivePort, node_id: int) -> None:
         self._port = port
         self._node_id = node_id
-        port.wait(port.now_ns())  # whatever is queued now was sent before
+        port.wait(port.now_ns())  # frames queued now were sent before
         self._before = self._counts()
 
     def listen(self) -> Texts:
@@ -102,10 +102,10 @@ class OtherMaster:
         """
         before, now = self._before, self._counts()
         if now[0] > before[0]:
-            what = f"somebody sends heartbeats as node {self._node_id}, which is ours"
+            what = f"another device sends heartbeats with the master's node id {self._node_id}"
             raise DriveSilent("", BootFailure.FOREIGN_MASTER, what)
         if now[1] > before[1]:
-            raise DriveSilent("", BootFailure.FOREIGN_MASTER, "somebody else sends SYNC")
+            raise DriveSilent("", BootFailure.FOREIGN_MASTER, "another node sends SYNC")
 
     def _counts(self) -> tuple[int, int]:
         ours = self._port.traffic(self._node_id)

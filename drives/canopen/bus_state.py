@@ -62,7 +62,9 @@ _NOTICE: Final = {
     BusCondition.OFF: "CAN controller is bus-off, nothing is sent until it is restarted (restart-ms"
     f" of the interface, or set it down and up): {_WIRING}",
 }
-_ALONE: Final = "CAN frames are not acknowledged: nobody else is on the bus, or at another bit rate"
+_ALONE: Final = (
+    "CAN frames are not acknowledged: no other node is on the bus, or the bit rate differs"
+)
 
 
 class BusMonitor:

@@ -26,9 +26,9 @@ _HOW: Final = {
 _MEANINGS: Final[Mapping[int, Mapping[int, str]]] = {
     Object.ABORT_CONNECTION: {
         0: "nothing",
-        1: "fault, then as 605Eh says",
+        1: "fault, then as defined by 605Eh",
         2: "disable voltage and coast",
-        3: "quick stop, then as 605Ah says",
+        3: "quick stop, then as defined by 605Ah",
     },
     Object.QUICK_STOP: {
         **{code: f"{how}, then switch off" for code, how in _HOW.items() if code},
@@ -50,7 +50,7 @@ _NAMES: Final[Mapping[int, str]] = {
 
 _NEVER: Final = {
     Object.QUICK_STOP: (0, "a quick stop that only switches off lets the leg fall"),
-    Object.ABORT_CONNECTION: (0, "a drive that goes on without its master moves by itself"),
+    Object.ABORT_CONNECTION: (0, "a drive that continues without its master moves uncontrolled"),
     Object.FAULT_REACTION: (0, "a fault that only switches off lets the leg fall"),
 }
 """Option codes that every profile must write, the values that are refused, and why."""
@@ -75,7 +75,7 @@ def in_words(entry: WrittenObject) -> str | None:
     """`quick stop (605Ah = 6): slow down on ... `; None for other objects."""
     if entry.index not in _MEANINGS:
         return None
-    meaning = _MEANINGS[entry.index].get(entry.value, "the maker's own meaning")
+    meaning = _MEANINGS[entry.index].get(entry.value, "manufacturer-specific")
     return f"{_NAMES[entry.index]} ({entry.index:04X}h = {entry.value}): {meaning}"
 
 
@@ -98,8 +98,7 @@ def check_written(written: tuple[WrittenObject, ...], *, halt: bool) -> None:
             raise _refused(entry, f"not {forbidden}: {why}")
     if (Object.HALT in by_index) != halt:
         wanted = "must be among them" if halt else "must not be among them"
-        allowed = f"{wanted}, since optional_objects.halt_option says so"
-        raise _missing(written, Object.HALT, allowed)
+        raise _missing(written, Object.HALT, f"{wanted}, because of optional_objects.halt_option")
     for entry in written:
         if entry.value not in entry.legal:
             raise _refused(entry, f"one of {', '.join(map(str, entry.legal))}")

@@ -265,7 +265,7 @@ def _check_torque_objects(profile: DriveProfile) -> None:
     target = profile.target_torque
     is_target = target.index == Object.TARGET_TORQUE and target.sub == 0 and target.signed
     if not is_target or target.bits < 16:
-        allowed = "6071h:00, signed, of 16 or 32 bits: CiA 402 knows no other target"
+        allowed = "6071h:00, signed, of 16 or 32 bits: CiA 402 defines no other target"
         raise DescriptionError("profile", "target_torque", target.place, allowed)
     objects = {
         "torque_source": profile.torque_source,
@@ -277,7 +277,7 @@ def _check_torque_objects(profile: DriveProfile) -> None:
 
 def _check_silence_detection(profile: DriveProfile) -> None:
     if profile.heartbeat.consumer_entries == 0 and not profile.pdo.rpdo_timeout:
-        allowed = "at least 1, or pdo.rpdo_timeout: a drive must notice that its master is gone"
+        allowed = "at least 1, or pdo.rpdo_timeout: a drive must detect the loss of its master"
         raise DescriptionError("profile", "heartbeat.consumer_entries", 0, allowed)
 
 
@@ -306,7 +306,7 @@ def _check_inputs(profile: DriveProfile) -> None:
         if entry is not None
     ]
     if len(set(bits)) != len(bits):
-        raise DescriptionError("profile", "inputs", bits, "a bit of its own for each input")
+        raise DescriptionError("profile", "inputs", bits, "a different bit for each input")
 
 
 def _check_linear_motor(profile: DriveProfile, axis: AxisFile) -> None:

@@ -24,19 +24,19 @@ class FindingKind(Enum):
 
     MISSING = "expected drive is missing"
     OTHER_DEVICE = "another device than the files describe"
-    DUPLICATE_NODE = "node id is there twice"
-    NO_ACKNOWLEDGE = "nobody acknowledges"
+    DUPLICATE_NODE = "node id is used twice"
+    NO_ACKNOWLEDGE = "frames are not acknowledged"
     BUS_OFF = "controller was bus-off"
-    SILENT_NODE = "heard, but does not answer"
+    SILENT_NODE = "sends, but does not answer"
     FELL_SILENT = "stopped answering"
     BUS_ERRORS = "controller reports errors"
     SERVICE = "a service runs"
-    FOREIGN_MASTER = "somebody else acts as a master"
-    SDO_CLIENT = "somebody else reads or writes objects"
+    FOREIGN_MASTER = "another master is active"
+    SDO_CLIENT = "another SDO client is active"
     EMERGENCY = "emergency message"
     ERROR_PENDING = "error pending"
-    BOOTED = "booted while we listened"
-    UNEXPLAINED = "frames that nobody explains"
+    BOOTED = "booted during the scan"
+    UNEXPLAINED = "frames without a known sender"
 
 
 WRONG: Final = frozenset(
@@ -105,9 +105,9 @@ def _of_the_controller(survey: Survey) -> Iterator[Finding]:
         yield Finding(FindingKind.BUS_OFF, "the controller was bus-off: wiring, bit rate?")
     elif survey.unasked and survey.witness.heard_nothing:
         remedy = "drives without power, a cable, a terminator, another bit rate?"
-        yield Finding(FindingKind.NO_ACKNOWLEDGE, f"nobody acknowledges what we send: {remedy}")
+        yield Finding(FindingKind.NO_ACKNOWLEDGE, f"no node acknowledges our frames: {remedy}")
     elif survey.unasked:
-        text = f"the transmit queue stays full: nodes from {min(survey.unasked)} were not asked"
+        text = f"the transmit queue stays full: nodes from {min(survey.unasked)} were not queried"
         yield Finding(FindingKind.NO_ACKNOWLEDGE, text)
     elif state.condition is not BusCondition.ACTIVE:
         text = f"the controller is {state.condition.value}: frames get damaged on this bus"
@@ -129,10 +129,10 @@ def _of_masters(survey: Survey, expected: Expected) -> Iterator[Finding]:
         text = f"SYNC {witness.sync_count} times: {who}"
         yield Finding(FindingKind.FOREIGN_MASTER, text)
     if heard is not None and heard.answered:
-        text = "a device answers under the node id of our master"
+        text = "a device answers with the master's node id"
         yield Finding(FindingKind.DUPLICATE_NODE, text, master)
     if witness.nmt_count:
-        text = f"somebody sent {witness.nmt_count} NMT commands"
+        text = f"another node sent {witness.nmt_count} NMT commands"
         yield Finding(FindingKind.FOREIGN_MASTER, text)
 
 
@@ -155,22 +155,22 @@ def _of_presence(
     if heard.answered_twice:
         yield FindingKind.DUPLICATE_NODE, "two answers to one request: two devices with one id"
     if not heard.answered and not survey.unasked:
-        text = f"heard ({station.nmt_state}), but does not answer"
+        text = f"sends ({station.nmt_state}), but does not answer"
         if heard.watch.state is NmtState.STOPPED:
             text += ": no SDO in STOPPED"
         elif not station.drive:
             text += ": a master?"
         yield FindingKind.SILENT_NODE, text
     if station.node_id in survey.fell_silent:
-        yield FindingKind.FELL_SILENT, "answered, and then did not any more"
+        yield FindingKind.FELL_SILENT, "stopped answering during the scan"
     if heard.foreign_request_count:
-        text = f"somebody else sent it {heard.foreign_request_count} SDO requests"
+        text = f"another client sent it {heard.foreign_request_count} SDO requests"
         yield FindingKind.SDO_CLIENT, text
     if heard.watch.boot_up_count:
-        text = f"booted {heard.watch.boot_up_count} times while we listened"
+        text = f"booted {heard.watch.boot_up_count} times during the scan"
         yield FindingKind.BOOTED, text
     if heard.watch.strange_count:
-        text = f"{heard.watch.strange_count} frames in place of its heartbeat that are none"
+        text = f"{heard.watch.strange_count} malformed frames with the identifier of its heartbeat"
         yield FindingKind.UNEXPLAINED, text
 
 
@@ -188,7 +188,7 @@ def _of_errors(
         if emergency is None:
             yield FindingKind.UNEXPLAINED, f"an EMCY of {len(data)} bytes"
         elif emergency.code:
-            text = f"EMCY {emergency.code:04X}h while we listened: {emergency.text}"
+            text = f"EMCY {emergency.code:04X}h during the scan: {emergency.text}"
             yield FindingKind.EMERGENCY, text
 
 
@@ -214,7 +214,7 @@ def _missing(stations: Sequence[Station], expected: Expected) -> Iterator[Findin
     answering = {station.node_id for station in stations if station.answers}
     for drive in expected.drives:
         if drive.node_id not in answering:
-            text = f"nobody answers at node {drive.node_id}{_elsewhere(drive, stations)}"
+            text = f"no answer from node {drive.node_id}{_elsewhere(drive, stations)}"
             yield Finding(FindingKind.MISSING, text, drive.node_id, drive.name)
 
 
@@ -249,13 +249,13 @@ def _unexplained(survey: Survey, nodes: Sequence[int], expected: Expected) -> It
         if not _FIRST_PDO < can_id <= _LAST_PDO:
             text = f"{count} frames {can_id:03X}h: not an identifier of CANopen"
         elif owner not in known:
-            text = f"{count} frames {can_id:03X}h: a PDO of node {owner}, which is not there"
+            text = f"{count} frames {can_id:03X}h: a PDO of node {owner}, which does not exist"
         else:
             continue
         yield Finding(FindingKind.UNEXPLAINED, text)
     for node_id, heard in sorted(survey.witness.nodes.items()):
         if heard.foreign_request_count and node_id not in nodes:
-            text = f"somebody else asks node {node_id} by SDO, which is not there"
+            text = f"another SDO client queries node {node_id}, which does not exist"
             yield Finding(FindingKind.SDO_CLIENT, text)
     if survey.witness.odd_sync_count:
         text = f"{survey.witness.odd_sync_count} SYNC with data: with a counter (1019h)?"

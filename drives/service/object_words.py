@@ -60,7 +60,7 @@ class ObjectWords:
         if expected is None:
             return ""
         if not expected.is_met(value):
-            return f"bring-up wants {expected.wanted}: {expected.step.why}"
+            return f"bring-up expects {expected.wanted}: {expected.step.why}"
         return "" if expected.step.kind in _ABOUT_US else expected.step.why
 
 
@@ -116,7 +116,7 @@ def _saving(value: int) -> str:
 
 def _consumer(value: int) -> str:
     node_id, time_ms = value >> 16 & 0x7F, value & 0xFFFF
-    return f"node {node_id} within {time_ms} ms" if node_id and time_ms else "watches nobody"
+    return f"node {node_id} within {time_ms} ms" if node_id and time_ms else "monitors no node"
 
 
 _STANDARD: Final[dict[Address, Callable[[int], str]]] = {

@@ -77,11 +77,11 @@ def check_bus(witness: BusSniffer, master_node_id: int) -> None:
         "the master's heartbeat": witness.node(master_node_id).heartbeat_count,
         "SYNC": witness.sync_count,
         "NMT commands": witness.nmt_count,
-        "somebody else's SDO requests": foreign_count,
+        "SDO requests of another client": foreign_count,
     }
     for what, count in heard.items():
         if count:
-            text = f"somebody works on this bus: {what}, {count} times. End the service first"
+            text = f"the bus is in use: {what}, {count} times. Stop the service first"
             raise KeepingRefusedError(text)
 
 
@@ -101,11 +101,11 @@ def check_drive(plan: DrivePlan, keeping: Keeping, port: DrivePort) -> None:
     state = decode_statusword(read(_STATUSWORD, target))
     if state not in _WITHOUT_POWER:
         words = state.name.lower().replace("_", " ")
-        raise KeepingRefusedError(f"it is in {words}: only a drive without power is touched")
-    ways = read(Step(StepKind.REPORT, "ways of keeping", keeping.index, 1, is_hex=True), target)
+        raise KeepingRefusedError(f"it is in {words}: it must not be enabled")
+    ways = read(Step(StepKind.REPORT, "ways of storing", keeping.index, 1, is_hex=True), target)
     if not ways & _ON_COMMAND:
         place = f"{keeping.index:04X}h:01 = {ways:08X}h"
-        raise KeepingRefusedError(f"{place}: this drive does not do it on command (bit 0)")
+        raise KeepingRefusedError(f"{place}: this drive does not store on command (bit 0)")
 
 
 def keep(plan: DrivePlan, keeping: Keeping, port: DrivePort) -> None:
@@ -123,7 +123,7 @@ def keep(plan: DrivePlan, keeping: Keeping, port: DrivePort) -> None:
         raise KeepingRefusedError(f"the drive refuses: {abort}") from abort
     except (SdoTimeout, SdoGarbled) as error:
         raise DriveSilent(
-            name, BootFailure.NO_ANSWER, f"{error}: whether it was done is not known"
+            name, BootFailure.NO_ANSWER, f"{error}: it is unknown whether it was done"
         ) from error
 
 

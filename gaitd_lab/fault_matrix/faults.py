@@ -95,7 +95,9 @@ _BUS: Final = (
 
 _SENSORS: Final = (
     Fault(
-        "encoder_frozen", "the position that is reported stands", kinds.machine("frozen_encoder {}")
+        "encoder_frozen",
+        "the reported position does not change",
+        kinds.machine("frozen_encoder {}"),
     ),
     Fault(
         "encoder_jump",
@@ -139,7 +141,7 @@ _MECHANICS: Final = (
     ),
     Fault("limit_switch", "the limit switch ahead of the joint closes", kinds.limit_switch_ahead()),
     Fault(
-        "hand_switch", "the patient lets the hand switch go", kinds.machine("hand_switch_open {}")
+        "hand_switch", "the patient releases the hand switch", kinds.machine("hand_switch_open {}")
     ),
     Fault("sto", "safe torque off", kinds.machine("sto_open {}")),
     Fault(

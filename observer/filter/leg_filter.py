@@ -94,7 +94,7 @@ BOTH: Final = np.array([0, 1], dtype=np.int64)
 HIP_ONLY: Final = np.array([0], dtype=np.int64)
 SLIDE_ONLY: Final = np.array([1], dtype=np.int64)
 
-# numba takes plain integers, not flags.
+# numba supports plain integers, not flags.
 LATE_BIT: Final = Status.LATE.value
 GATED_BIT: Final = Status.GATED.value
 PREDICT_ONLY_BIT: Final = Status.PREDICT_ONLY.value

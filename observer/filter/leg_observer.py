@@ -165,7 +165,7 @@ class LegObserver:
         """
         hip, slide = _number(position[0]), _number(position[1])
         if not (math.isfinite(hip) and math.isfinite(slide)):
-            raise PoseError(f"hip {position[0]} rad, slide {position[1]} m is no pose")
+            raise PoseError(f"hip {position[0]} rad, slide {position[1]} m is not finite")
         if not _begin_at(*self.setup[:5], self._memory, hip, slide):
             raise PoseError(
                 f"hip {hip:.4f} rad, slide {slide:.4f} m: shank and shoe do not reach each other, "

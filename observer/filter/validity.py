@@ -33,7 +33,7 @@ from observer.mechanism.linkage import pose
 
 Vector = NDArray[np.float64]
 
-# numba takes plain integers, not flags.
+# numba supports plain integers, not flags.
 VALID_BIT: Final = Status.VALID.value
 WARM_UP_BIT: Final = Status.WARM_UP.value
 PREDICT_ONLY_BIT: Final = Status.PREDICT_ONLY.value

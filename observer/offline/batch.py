@@ -122,7 +122,7 @@ def prepared(columns: Columns) -> tuple[Vector, Matrix, Matrix, Integers]:
         ("caller_bits", bits.shape, (count,)),
     ):
         if shape != wanted:
-            raise ValueError(f"{name} has the shape {shape}, the times ask for {wanted}")
+            raise ValueError(f"{name} has the shape {shape}, the times need {wanted}")
     time_s = np.asarray(columns.time_s, dtype=np.float64)
     # Infinite times have no step between them; the kernels treat that as a gap.
     with np.errstate(over="ignore", invalid="ignore"):

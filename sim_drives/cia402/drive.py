@@ -128,7 +128,7 @@ class Drive:
 
     def _self_test_done(self) -> None:
         if self.state is not PowerState.NOT_READY_TO_SWITCH_ON:
-            return  # a fault has come first
+            return  # a fault occurred before it
         self._enter(PowerState.SWITCH_ON_DISABLED)
         if not self.measurement.sto_released:
             self.fault(self._personality.sto_error_code)
@@ -296,7 +296,7 @@ class Drive:
         else:
             self._enter(then.target)
 
-    # --- flags of the plant, and orders to it -----------------------------------------------------
+    # --- flags of the plant, and commands to it ---------------------------------------------------
 
     def _watch_plant(self) -> AxisFlag:
         """React to the plant's flags and return them."""

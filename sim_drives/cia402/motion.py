@@ -153,7 +153,7 @@ class Motion:
         """True if the active mode follows its target (rule 2)."""
         return TARGETS.get(self.mode) in self._written and not self.halted
 
-    # --- the order ----------------------------------------------------------------------------
+    # --- the command --------------------------------------------------------------------------
 
     def order(self) -> AxisActuation:
         """Return the order of the active mode, in "operation enabled"."""

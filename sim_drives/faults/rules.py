@@ -191,9 +191,9 @@ RULES: Final[Mapping[FaultKind, FaultRule]] = MappingProxyType(
         ),
         FaultKind.SILENT: FaultRule("nothing of the node reaches the bus", _mute),
         FaultKind.UNPLUGGED: FaultRule("cut off from the bus, both ways", _unplug),
-        FaultKind.BUS_OFF: FaultRule("its CAN controller is off the bus, and it knows", _leave_bus),
+        FaultKind.BUS_OFF: FaultRule("its CAN controller is bus-off", _leave_bus),
         FaultKind.BUS_PASSIVE: FaultRule("its CAN controller is error-passive", _be_passive),
-        FaultKind.DEAF: FaultRule("hears nothing of the bus, and still sends", _deafen),
+        FaultKind.DEAF: FaultRule("receives nothing, but sends", _deafen),
         FaultKind.REFUSES_OBJECT: FaultRule(
             "writing one object by SDO is aborted with 08000020",
             _refuse_object,
@@ -211,7 +211,7 @@ RULES: Final[Mapping[FaultKind, FaultRule]] = MappingProxyType(
             value_needed=True,
         ),
         FaultKind.EMCY_WARNING: FaultRule(
-            "an EMCY with this code, and the drive goes on as before; 0000h when it ends",
+            "an EMCY with this code, and the drive continues as before; 0000h when it ends",
             _warn,
             "error code",
             1,
@@ -219,7 +219,7 @@ RULES: Final[Mapping[FaultKind, FaultRule]] = MappingProxyType(
             value_needed=True,
         ),
         FaultKind.REBOOT: FaultRule(
-            "loses its power; comes back after the duration, or at once", _reboot, momentary=True
+            "loses its power; boots after the duration, or at once", _reboot, momentary=True
         ),
         FaultKind.WRONG_IDENTITY: FaultRule(
             "another drive, with another serial number, is in its place and boots",
@@ -229,19 +229,19 @@ RULES: Final[Mapping[FaultKind, FaultRule]] = MappingProxyType(
             0xFFFF_FFFF,
         ),
         FaultKind.IGNORES_QUICK_STOP: FaultRule(
-            "shows quick stop active, and goes on as before", _ignore_quick_stop
+            "shows quick stop active, and continues as before", _ignore_quick_stop
         ),
         FaultKind.SLOW_STATE: FaultRule(
-            "what a controlword asks for comes later",
+            "reacts late to a controlword",
             _slow_down,
             "delay in ms",
             0.001,
             60_000,
             value_needed=True,
         ),
-        FaultKind.STO_OPEN: FaultRule("safe torque off is asked for", _open_sto),
+        FaultKind.STO_OPEN: FaultRule("safe torque off becomes active", _open_sto),
         FaultKind.FROZEN_ENCODER: FaultRule(
-            "the position that is reported stands", _freeze_encoder
+            "the reported position does not change", _freeze_encoder
         ),
         FaultKind.ENCODER_GLITCH: FaultRule(
             "the next position that is sampled is wrong; with a duration, all of them",
@@ -253,14 +253,14 @@ RULES: Final[Mapping[FaultKind, FaultRule]] = MappingProxyType(
             momentary=True,
         ),
         FaultKind.ENCODER_REVERSED: FaultRule(
-            "the encoder counts the wrong way, for the drive's own loops, too", _turn_encoder
+            "the encoder counts in reverse, also for the drive's own loops", _turn_encoder
         ),
         FaultKind.WRONG_SIGN: FaultRule(
-            "the motor is connected the wrong way round: torque moves the joint the other way",
+            "the motor is connected in reverse: torque moves the joint in the opposite direction",
             _turn_motor,
         ),
         FaultKind.TORQUE_OFFSET: FaultRule(
-            "the current sensor shows too much, so the motor gets too little",
+            "the current sensor reads too much, so the motor current is too low",
             _offset_current,
             "offset in mA",
             -100_000,
@@ -271,7 +271,7 @@ RULES: Final[Mapping[FaultKind, FaultRule]] = MappingProxyType(
             "the home switch does not change", _stick_home_switch, "0: off, 1: on", 0, 1
         ),
         FaultKind.HAND_SWITCH_OPEN: FaultRule(
-            "the patient lets the hand switch go", _open_hand_switch
+            "the patient releases the hand switch", _open_hand_switch
         ),
         FaultKind.LIMIT_SWITCH_ON: FaultRule(
             "a limit switch is on wherever the joint is",
@@ -282,6 +282,8 @@ RULES: Final[Mapping[FaultKind, FaultRule]] = MappingProxyType(
             value_needed=True,
         ),
         FaultKind.BLOCKED_ROTOR: FaultRule("the joint is jammed", _block_rotor),
-        FaultKind.BRAKE_STUCK: FaultRule("the brake does not open: the axis stands", _hold_brake),
+        FaultKind.BRAKE_STUCK: FaultRule(
+            "the brake does not open: the axis does not move", _hold_brake
+        ),
     }
 )

@@ -121,7 +121,7 @@ class BusServer:
     def _must_introduce_itself(connection: Connection, message: wire.ToServer) -> None:
         if isinstance(message, wire.Hello):
             if connection.hello is not None:
-                raise wire.WireError("HELLO comes once")
+                raise wire.WireError("HELLO is sent once")
             connection.hello = message
         elif connection.hello is None:
             raise wire.WireError("the first message is HELLO")
@@ -144,7 +144,7 @@ class BusServer:
 
     def refuse(self, connection: Connection, why: str) -> None:
         """Send a client the reason and disconnect it."""
-        print(f"gaitd sim: {connection.name} is sent away: {why}", file=sys.stderr, flush=True)
+        print(f"gaitd sim: {connection.name} is disconnected: {why}", file=sys.stderr, flush=True)
         with contextlib.suppress(OSError):
             connection.end.send(wire.pack_told(why, refused=True))
         self.drop(connection)

@@ -125,7 +125,7 @@ class Seat:
             LinkLostError: it does not.
         """
         if self.trouble.is_gone:
-            raise LinkLostError("the interface is gone")
+            raise LinkLostError("the interface was removed")
 
     def hold(self, duration_ns: int) -> None:
         """Stop the seat from now on; its clock continues."""

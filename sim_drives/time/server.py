@@ -246,7 +246,7 @@ class TimeServer:
         if client.looks > HUNG_LOOKS:
             name, hung_s = client.connection.name, HUNG_LOOKS * LOOK_S
             print(
-                f"gaitd sim: {name} asks for nothing for {hung_s:g} s; time goes on without it",
+                f"gaitd sim: {name}: no request for {hung_s:g} s; time continues without it",
                 file=sys.stderr,
                 flush=True,
             )
@@ -340,7 +340,7 @@ class TimeServer:
 
     def _ask(self, client: _Client, until_ns: int, *, for_frame: bool) -> None:
         if client.seat.wait is not None:
-            self._server.refuse(client.connection, "it waits already: one WAIT, one GRANT")
+            self._server.refuse(client.connection, "it already waits: one WAIT, one GRANT")
             return
         self._conductor.ask(client.seat, until_ns, for_frame=for_frame)
         self._page.write(self.now_ns)
@@ -381,12 +381,12 @@ class TimeServer:
             match word:
                 case "hold":
                     self._holding.add(client.connection)
-                    said = "time stands"
+                    said = "time stopped"
                 case "go":
                     self._holding.discard(client.connection)
                     self._begins_held = False
                     self._pace.anchor(self.now_ns)
-                    said = "time goes on"
+                    said = "time continues"
                 case "run":
                     until_ns = self.now_ns + round(_seconds(rest) * NS_PER_S)
                     self._runs.append(_Run(client, until_ns))
@@ -430,7 +430,7 @@ class TimeServer:
             raise FaultCommandError(f"no seat {name!r}; there are: {known}")
         for seat in seats:
             seat.hold(round(duration_s * NS_PER_S))
-        return f"{name} stands still for {duration_s:g} s"
+        return f"{name} is stopped for {duration_s:g} s"
 
     def _set_costs(self, text: str) -> str:
         if text != "off" and not text.isdecimal():

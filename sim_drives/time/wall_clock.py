@@ -127,7 +127,7 @@ class ServedBus:
                 self._arrived.extend(map(_message, stamped))
                 self._hand_out(connection, stamped)
             case wire.Wait():
-                self._server.refuse(connection, "time is the wall clock: nothing is granted")
+                self._server.refuse(connection, "time is the wall clock: the server grants no time")
             case wire.Hand(line):
                 self._command(connection, line)
 

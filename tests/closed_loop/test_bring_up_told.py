@@ -85,7 +85,7 @@ def test_another_master_keeps_the_drives_down_until_it_has_gone():
     session.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=20)
 
     assert beside.mode in {Mode.OFF, Mode.BRINGING_UP}
-    assert "another master on the bus: somebody else sends SYNC" in beside.verdict.detail
+    assert "another master on the bus: another node sends SYNC" in beside.verdict.detail
 
 
 def test_an_error_that_a_drive_came_with_is_told_and_stops_nothing_later():

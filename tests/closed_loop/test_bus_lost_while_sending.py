@@ -34,4 +34,4 @@ def test_a_cycle_that_finds_the_bus_gone_with_its_commands_is_told_as_it_was(war
     assert (found.mode, found.verdict.cause) == (Mode.STOPPING, Cause.HAND_SWITCH_OPEN)
     assert any("stop S1" in text for text in found.events)
     assert (lost.cycle, lost.mode) == (found.cycle, Mode.FAULT)
-    assert any("the interface is gone" in text for text in lost.events)
+    assert any("the interface was removed" in text for text in lost.events)

@@ -150,7 +150,7 @@ def test_a_missing_acknowledgement_alone_is_told_apart_and_does_not_stop(session
 
     assert session.lockstep.record.mode == Mode.GAIT
     assert session.lockstep.record.bus.no_ack_count == 1
-    assert len(told(session, "nobody else is on the bus")) == 1
+    assert len(told(session, "no other node is on the bus")) == 1
 
 
 def test_another_master_in_operation_is_counted_and_told(session):

@@ -254,7 +254,7 @@ def test_a_drive_that_cannot_home_is_brought_up_as_before_and_the_request_refuse
     session.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
 
     assert answer.outcome == Outcome.REFUSED
-    assert "it knows homing" in answer.reason
+    assert "it supports homing" in answer.reason
     session.lockstep.run(0.2)
     assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.DONE
 

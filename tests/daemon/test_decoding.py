@@ -41,8 +41,7 @@ from daemon.ipc.record import (
 from daemon.ipc.ring_clip import kept_file, trimmed
 from daemon.ipc.state_file import NAME
 from daemon.ipc.transport import CoreSeam, GatewaySeam, RingError, RingReader
-from daemon.recorder.audit_chain import Place, check, sealed
-from daemon.recorder.audit_file import end_of
+from daemon.recorder.audit_file import fields_of
 from daemon.recorder.audit_log import _said
 from daemon.recorder.ring_follower import RingFollower
 from daemon.wire.refusals import SetpointRefusal
@@ -78,7 +77,7 @@ NOTES = msgspec.json.encode(
         ),
     )
 )
-LINE, _ = sealed(Place(), {"kind": "start", "version": "0.1.0"})
+LINE = msgspec.json.encode({"kind": "start", "version": "0.1.0"})
 CSV = (",".join(COLUMNS) + "\n" + "0.01,0.2,0.5,1.0,2.0\n0.02,,0.5,1.0,2.0\n" * 20).encode()
 
 NASTY = (
@@ -99,7 +98,6 @@ NASTY = (
     b'{"for_cycle": 1' + b"0" * 400 + b"}",
     b"\xdd\xff\xff\xff\xff",
     b"\xc1" * 40,
-    b'{"n": 9223372036854775807, "before": ""}',
 )
 
 
@@ -126,7 +124,7 @@ def query(payload: bytes) -> None:
         with contextlib.suppress(BadPayloadError):
             read_ask(name, payload)
     said = _said(payload)
-    sealed(Place(), {"kind": "asked", **said})
+    msgspec.json.encode({"kind": "asked", **said})
 
 
 def setpoint(payload: bytes) -> None:
@@ -134,8 +132,7 @@ def setpoint(payload: bytes) -> None:
 
 
 def line(data: bytes) -> None:
-    sealed(end_of(data).place, {"kind": "start"})
-    list(check(data.split(b"\n")).breaks)
+    assert isinstance(fields_of(data), dict | None)
 
 
 BYTES = {

@@ -278,7 +278,7 @@ def test_a_record_whose_words_have_no_room_or_no_bytes_is_written_without_them_a
     told = ends.core.take_notices()
     assert read.drives == whole.drives
     assert (read.verdict.cause, read.request.id) == (Cause.BUS_OFF, 7)
-    assert told == ["records had no room for their words, 1 so far"]
+    assert told == ["records were written without their texts, which did not fit, 1 so far"]
     ends.core.publish(record(2))
     assert ends.core.take_notices() == []
 
@@ -335,5 +335,7 @@ def test_who_sends_without_end_does_not_hold_the_cycle_and_is_told(tmp_path):
     levels = core.levels()
 
     assert len(levels) == transport.DRAIN_COUNT_MAX
-    assert core.take_notices() == ["more datagrams for the core than a cycle reads, 1 so far"]
+    assert core.take_notices() == [
+        "the core received more datagrams than it reads in a cycle, 1 so far"
+    ]
     core.close()

@@ -195,7 +195,7 @@ def test_without_any_acknowledgement_it_is_said_that_nobody_else_is_on_the_bus(f
     error = silent(bench)
 
     assert error.failure is BootFailure.NOBODY_THERE
-    assert "nobody else is on the bus" in str(error)
+    assert "no other node is on the bus" in str(error)
 
 
 def test_a_drive_whose_heartbeat_never_comes_is_named():

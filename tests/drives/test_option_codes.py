@@ -38,11 +38,11 @@ def settings(quick_stop=6, fault=2, master_gone=3):
             7,
             "quick stop (605Ah = 7): slow down at the current limit and stay in quick stop",
         ),
-        (0x605A, -1, "quick stop (605Ah = -1): the maker's own meaning"),
+        (0x605A, -1, "quick stop (605Ah = -1): manufacturer-specific"),
         (0x605D, 1, "halt (605Dh = 1): slow down on the slow-down ramp and stay enabled"),
         (0x605E, 4, "fault (605Eh = 4): slow down at the voltage limit, then switch off"),
         (0x6007, 2, "master gone (6007h = 2): disable voltage and coast"),
-        (0x6007, 3, "master gone (6007h = 3): quick stop, then as 605Ah says"),
+        (0x6007, 3, "master gone (6007h = 3): quick stop, then as defined by 605Ah"),
         (0x60B2, 0, None),
     ],
 )

@@ -81,7 +81,7 @@ def test_a_recording_with_too_few_strides_is_refused(recorded, tmp_path):
     ran = gaitd("baseline", short, "--robot", CONFIGS / "robot.toml", "--output", out)
 
     assert ran.code == 2
-    assert "strides; a baseline takes 5" in ran.err
+    assert "strides; a baseline needs at least 5" in ran.err
     assert not out.exists()
 
 

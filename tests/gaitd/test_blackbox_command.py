@@ -14,7 +14,6 @@ from analysis.replay import read
 from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
 from daemon.ipc.ring_clip import FOLDER
 from daemon.ipc.transport import Kept
-from daemon.recorder.audit_chain import Place, sealed
 from daemon.recorder.audit_file import NAME
 from daemon.recorder.clip_store import ClipStore
 
@@ -42,13 +41,11 @@ def state(tmp_path):
         "hand_switch_open", "right/hip", "let go", 201, at_ns, 1, 300, True, ("sto_active",)
     )
     ClipStore(tmp_path / FOLDER).keep(header, kept, cut_out(records()))
-    place = Place()
     with (tmp_path / NAME).open("wb") as file:
         for name in ("enable", "stop"):
             said = {"utc": "2026-01-01T00:00:00.000000Z", "kind": "answered", "name": name}
             said |= {"client": "display", "payload": {"client": "display"}, "outcome": "done"}
-            line, place = sealed(place, said)
-            file.write(line + b"\n")
+            file.write(msgspec.json.encode(said) + b"\n")
     return tmp_path
 
 
@@ -127,24 +124,15 @@ def test_replay_says_what_the_file_is(stop, tmp_path):
     assert "stopped      2023-11-14 22:13:22.010 UTC" in shown.out
 
 
-def test_the_log_is_shown_and_its_chain_holds(state):
+def test_the_log_is_shown_and_a_line_that_a_power_cut_tore(state):
+    with (state / NAME).open("ab") as file:
+        file.write(b'{"utc": "2026-01-01T00:0')
+
     shown = gaitd("blackbox", "requests", "--state", state)
-    whole = gaitd("blackbox", "requests", "--verify", "--state", state)
 
+    assert shown.code == 0
     assert "display" in shown.out
-    assert (whole.code, "the chain of 2 lines holds" in whole.out) == (0, True)
-
-
-def test_a_byte_that_was_flipped_is_found_with_file_and_line(state):
-    path = state / NAME
-    path.write_bytes(path.read_bytes().replace(b'"enable"', b'"enablf"'))
-
-    broken = gaitd("blackbox", "requests", "--verify", "--state", state)
-    told = json.loads(gaitd("blackbox", "requests", "--verify", "--json", "--state", state).out)
-
-    assert broken.code == 1
-    assert f"{path}:1: it was changed" in broken.out
-    assert told["breaks"][0] == {"at": f"{path}:1", "why": "it was changed"}
+    assert "the line cannot be read" in shown.out
 
 
 @pytest.mark.parametrize(
@@ -154,7 +142,6 @@ def test_a_byte_that_was_flipped_is_found_with_file_and_line(state):
         (["blackbox", "show"], "show needs a FILE"),
         (["blackbox", "show", "nowhere.ring"], "nowhere.ring: No such file"),
         (["blackbox", "show", ROBOT], "robot.toml"),
-        (["blackbox", "requests", "--verify", "--state", "."], "there is no request log"),
     ],
 )
 def test_what_cannot_be_done_is_refused_with_2_and_why(words, said, tmp_path, monkeypatch):

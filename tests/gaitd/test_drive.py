@@ -398,7 +398,7 @@ def witness_of(*frames):
         (Frame(0x080, b""), "SYNC, 1 times"),
         (Frame(0x701, b"\x05"), "the master's heartbeat, 1 times"),
         (Frame(0x000, b"\x01\x05"), "NMT commands, 1 times"),
-        (Frame(0x606, bytes.fromhex("4000100000000000")), "somebody else's SDO requests"),
+        (Frame(0x606, bytes.fromhex("4000100000000000")), "SDO requests of another client"),
     ],
 )
 def test_whoever_works_on_the_bus_is_a_reason_to_refuse(frame, said):
@@ -474,7 +474,7 @@ def test_a_drive_that_takes_seconds_is_waited_for_and_one_that_never_answers_is_
 
     keep(desk.plan, Keeping.STORE, patient)
 
-    with pytest.raises(DriveSilent, match="not known"):
+    with pytest.raises(DriveSilent, match="it is unknown"):
         keep(desk.plan, Keeping.STORE, patient)
 
 
@@ -527,9 +527,9 @@ def test_a_drive_that_does_not_come_back_after_a_reset_is_told():
     ("index", "sub", "value", "said"),
     [
         (0x1000, 0, 0x00020192, "CiA 402"),
-        (0x1003, 1, 0x00008130, "CAN heartbeat: the master was silent"),
+        (0x1003, 1, 0x00008130, "CAN heartbeat: the master's heartbeat was lost"),
         (0x1010, 1, 3, "saves on command and by itself"),
-        (0x1016, 2, 0, "watches nobody"),
+        (0x1016, 2, 0, "monitors no node"),
         (0x1016, 2, 0x00010064, "node 1 within 100 ms"),
         (0x1802, 1, 0xC0000385, "identifier 385h, off"),
         (0x1803, 2, 255, "on an event"),
@@ -554,6 +554,6 @@ def test_a_value_is_put_into_words_where_somebody_says_what_it_means(index, sub,
 def test_a_value_that_bring_up_would_change_is_told_with_what_it_wants():
     words = ObjectWords(plan_for())
 
-    assert words.of(0x6080, 0, 50_000).startswith("bring-up wants ")
+    assert words.of(0x6080, 0, 50_000).startswith("bring-up expects ")
     assert words.of(0x6080, 0, 50_000).endswith("speed limit in rpm")
     assert words.of(0x6007, 0, 3) == "without its master the drive makes a quick stop"

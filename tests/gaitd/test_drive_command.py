@@ -139,7 +139,7 @@ def test_a_drive_that_is_not_there_ends_with_3(tmp_path):
         stored = gaitd(*told(machine, "right/slide", "store", "--yes"))
 
     assert (compared.code, stored.code) == (3, 3)
-    assert "drive right/slide: nobody answers at node 9" in compared.err
+    assert "drive right/slide: no answer from node 9" in compared.err
     assert "drive right/slide: no answer for 1000h:00" in stored.err
     assert (compared.err + stored.err).count("\n") == 2
 

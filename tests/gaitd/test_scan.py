@@ -238,7 +238,7 @@ def test_where_nobody_acknowledges_no_more_is_sent_and_it_is_said(said):
 
     found = desk.scan()
 
-    assert "nobody acknowledges" in only(found, FindingKind.NO_ACKNOWLEDGE).text
+    assert "no node acknowledges" in only(found, FindingKind.NO_ACKNOWLEDGE).text
     assert len(desk.bus.sent) <= 2
     assert found.is_wrong
 
@@ -314,7 +314,7 @@ def test_sync_and_commands_of_somebody_else_are_told():
 
     assert texts == [
         "SYNC 1 times: and no heartbeat of node 1",
-        "somebody sent 1 NMT commands",
+        "another node sent 1 NMT commands",
     ]
 
 
@@ -325,8 +325,8 @@ def test_a_node_that_is_heard_and_does_not_answer_is_told_with_its_state():
 
     silent = [f.text for f in found.findings if f.kind is FindingKind.SILENT_NODE]
     assert silent == [
-        "heard (stopped), but does not answer: no SDO in STOPPED",
-        "heard (operational), but does not answer: a master?",
+        "sends (stopped), but does not answer: no SDO in STOPPED",
+        "sends (operational), but does not answer: a master?",
     ]
 
 
@@ -350,8 +350,8 @@ def test_boot_ups_and_emergencies_while_we_listened_are_told():
 
     found = desk.scan()
 
-    assert only(found, FindingKind.BOOTED).text == "booted 2 times while we listened"
-    assert only(found, FindingKind.EMERGENCY).text.startswith("EMCY 8610h while we listened")
+    assert only(found, FindingKind.BOOTED).text == "booted 2 times during the scan"
+    assert only(found, FindingKind.EMERGENCY).text.startswith("EMCY 8610h during the scan")
 
 
 def test_requests_to_a_node_that_is_not_there_are_told():
@@ -369,8 +369,8 @@ def test_a_drive_of_the_file_that_beats_and_does_not_answer_is_missing():
 
     texts = [finding.text for finding in found.findings]
     assert texts == [
-        "heard (pre operational), but does not answer",
-        "nobody answers at node 6",
+        "sends (pre operational), but does not answer",
+        "no answer from node 6",
     ]
 
 
@@ -379,7 +379,9 @@ def test_what_is_no_heartbeat_under_a_heartbeat_s_identifier_is_told():
 
     found = desk.scan()
 
-    assert only(found, FindingKind.UNEXPLAINED).text.startswith("2 frames in place of its")
+    assert only(found, FindingKind.UNEXPLAINED).text.startswith(
+        "2 malformed frames with the identifier"
+    )
     assert found.stations[0].nmt_state == "unknown"
 
 
@@ -403,7 +405,7 @@ def test_frames_that_nobody_explains_are_counted_by_identifier():
     texts = [f.text for f in desk.scan().findings if f.kind is FindingKind.UNEXPLAINED]
 
     assert texts == [
-        "2 frames 1A5h: a PDO of node 37, which is not there",
+        "2 frames 1A5h: a PDO of node 37, which does not exist",
         "1 frames 6A0h: not an identifier of CANopen",
     ]
 

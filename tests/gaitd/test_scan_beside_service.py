@@ -160,7 +160,7 @@ def test_nothing_is_stored_or_restored_beside_a_service_or_in_a_drive_that_has_p
         bus.drain()
     steps = plan(session.settings.drives[0], HIP_LIMITS, CYCLE)
 
-    with pytest.raises(KeepingRefusedError, match="somebody works on this bus"):
+    with pytest.raises(KeepingRefusedError, match="the bus is in use"):
         check_bus(witness, 1)
     for keeping in Keeping:
         with pytest.raises(KeepingRefusedError, match="operation enabled"):

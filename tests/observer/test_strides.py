@@ -338,7 +338,7 @@ def test_parts_of_the_stride_that_are_never_known_are_bridged():
 
 
 def test_too_few_strides_make_no_baseline():
-    with pytest.raises(TooFewError, match="has 2 strides; a baseline takes 5"):
+    with pytest.raises(TooFewError, match="has 2 strides; a baseline needs at least 5"):
         baseline_of(*as_recording(swing(0.25, 12.4, passive)))
 
 

@@ -70,23 +70,6 @@ def test_a_stop_by_the_hand_switch_is_kept_and_told_and_its_requests_are_in_the_
     assert ("another display", "enable", "refused") in answers
     assert ("a carer", "stop", "done") in answers
     assert "hand_switch_open" in {one.get("cause") for one in lines}
-    verify_finds_a_flipped_byte(walking)
-
-
-def verify_finds_a_flipped_byte(service: Service):
-    whole = service.ask("blackbox", "requests", "--verify")
-    assert whole.returncode == 0, whole.stdout
-    assert "holds" in whole.stdout
-    copy = service.folder / "copy"
-    copy.mkdir(exist_ok=True)
-    data = bytearray((state(service) / "requests.jsonl").read_bytes())
-    data[len(data) // 2] ^= 1
-    (copy / "requests.jsonl").write_bytes(data)
-
-    broken = gaitd("blackbox", "requests", "--verify", "--state", str(copy))
-
-    assert broken.returncode == 1
-    assert "requests.jsonl:" in broken.stdout
 
 
 def test_a_core_that_is_killed_leaves_its_last_seconds_to_the_gateway(walking):

@@ -117,7 +117,7 @@ def test_what_is_no_client_is_sent_away_and_harms_nobody(tmp_path, capfd):
         with client(("gaitd", str(tmp_path / "bus"))) as friend:
             assert ask(friend, 0x605, IDENTITY, 0x585) == ANSWER
 
-    assert capfd.readouterr().err.count("is sent away") == 2
+    assert capfd.readouterr().err.count("is disconnected") == 2
 
 
 def test_extended_and_remote_frames_mean_nothing_to_the_drives(served):

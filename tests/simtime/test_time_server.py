@@ -238,7 +238,7 @@ def test_a_hung_program_is_excused_loudly_and_time_passes_no_faster_than_real(
 
     core.wait(begun_ns(core) + MS, for_frame=False)
     assert "hung (pid" in (said := capsys.readouterr().err)
-    assert "asks for nothing for 0.1 s; time goes on without it" in said
+    assert "no request for 0.1 s; time continues without it" in said
 
     core.close()  # at this server's pace, as fast as it can, an hour would pass
     begun_wall_ns, alone_ns = time.monotonic_ns(), served.world.now_ns
@@ -363,7 +363,7 @@ def test_a_file_of_somebody_else_in_the_place_of_the_page_is_left_as_it_is(tmp_p
     path = tmp_path / "page"
     path.write_text("somebody's notes")
 
-    with pytest.raises(OSError, match="is no time page, and is left as it is"):
+    with pytest.raises(OSError, match="is no time page, and is not changed"):
         PageWriter(path)
     assert path.read_text() == "somebody's notes"
 

@@ -79,7 +79,7 @@ ONE_FILE = [
         "window_ms = 4.0\nturbo = true",
         "cycle.turbo",
         "true",
-        "unknown key. Known here: period_ms, window_ms",
+        "unknown key. Known: period_ms, window_ms",
     ),
     broken(
         "a missing number",
@@ -270,7 +270,7 @@ TOGETHER = [
             'slide = "drives/slide_epos4.toml"\n\n[hold]',
             "node_id",
             "5",
-            "a node id of its own; this one is right/hip's",
+            "a unique node id; this one is that of right/hip",
         ),
     ),
     told_of(
@@ -282,7 +282,7 @@ TOGETHER = [
             "master_node_id = 5",
             "node_id",
             "5",
-            "this one is the master's",
+            "this one is that of the master",
         ),
     ),
     told_of(
@@ -367,7 +367,7 @@ TOGETHER = [
         "consumer_entries = 0",
         "heartbeat.consumer_entries",
         "0",
-        "a drive must notice that its master is gone",
+        "a drive must detect the loss of its master",
     ),
     broken(
         "a quick stop that lets the leg fall",
@@ -457,7 +457,7 @@ TOGETHER = [
         "stop_button =",
         "stop_category.stop_button",
         '"S2"',
-        "unknown cause. Known here: stop_requested",
+        "unknown cause. Known: stop_requested",
     ),
     broken(
         "a cause without a category",
@@ -475,7 +475,7 @@ TOGETHER = [
         '[stop_category]\nencoder_jump = "S2"',
         "stop_category.encoder_jump",
         '"S2"',
-        "fixed at S0, because an axis is never asked to hold by an encoder that cannot be trusted",
+        "fixed at S0, because an axis never holds by an encoder that is not reliable",
     ),
     broken(
         "a lost drive made harmless",
@@ -605,7 +605,7 @@ TOGETHER = [
         "assist_fade_ms = 99",
         "stop.assist_fade_ms",
         "99",
-        "at least 100, in which the hip's assist_rate_max takes it away",
+        "at least 100, the time in which the hip reaches zero at assist_rate_max",
     ),
     broken(
         "setpoints that outlive a silent gateway",
@@ -804,7 +804,7 @@ def test_there_are_more_than_twenty_kinds_of_broken_files():
             'runtime = "/dev/shm/gaitd-demo"',
             f'runtime = "../{"long" * 30}"',
             "paths.runtime",
-            "bytes, because the sockets of the seam lie in it",
+            "bytes, because it holds the sockets of core and gateway",
         ),
     ],
 )

@@ -79,7 +79,7 @@ def test_the_empty_machine_is_refused_with_a_patients_springs(tmp_path):
     assert refused.value.key == "gait.cadence_max_hz"
     assert refused.value.value == "0.5"
     assert "with hip coasting, slide on its ramp the leg goes to hip" in refused.value.allowed
-    assert "without power the leg moves to a position limit: look at the springs" in found.warnings
+    assert "without power the leg moves to a position limit: check the springs" in found.warnings
 
 
 def test_a_listener_that_others_can_reach_is_a_warning(tmp_path):

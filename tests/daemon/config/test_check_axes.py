@@ -81,7 +81,7 @@ def test_option_codes_are_told_in_words(epos4):
     assert epos4.axes[0].option_codes == (
         "quick stop (605Ah = 6): slow down on the quick-stop ramp and stay in quick stop",
         "fault (605Eh = 2): slow down on the quick-stop ramp, then switch off",
-        "master gone (6007h = 3): quick stop, then as 605Ah says",
+        "master gone (6007h = 3): quick stop, then as defined by 605Ah",
     )
 
 
@@ -118,7 +118,7 @@ def test_a_temperature_that_cannot_be_read_is_told_and_warned_of(tmp_path):
 
     assert "temperature cannot be read: its limit is not watched" in table(report, "right/hip")
     assert (
-        "right/hip: its temperature cannot be read: temperature_max_degc is not watched"
+        "right/hip: its temperature cannot be read: temperature_max_degc is not monitored"
     ) in report.warnings
 
 
@@ -145,7 +145,7 @@ def test_a_drive_whose_eds_lacks_what_bring_up_needs_is_refused(tmp_path):
     assert refused.value.file == str(tmp_path / "configs/drives/hip_epos4.toml")
     assert (refused.value.key, refused.value.value) == ("eds", '"generic402.eds"')
     assert refused.value.allowed.startswith(
-        "a drive that has what its profile needs: 1018h:01 is 0000029Ah in the EDS, "
+        "a drive with all objects that its profile needs: 1018h:01 is 0000029Ah in the EDS, "
         "expected 000000FBh (vendor of this axis) (and "
     )
     assert len(report.axes[0].objections) > 1

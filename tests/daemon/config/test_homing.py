@@ -39,7 +39,7 @@ def test_a_torque_limit_below_load_and_friction_at_home_is_refused(tmp_path):
 
     assert error.file.endswith(HIP)
     assert error.key == "homing.effort_max_si"
-    assert "load and friction take 46.0" in error.allowed
+    assert "load and friction need 46.0" in error.allowed
 
 
 def test_a_stop_current_that_the_springs_alone_need_would_make_a_home_that_is_not_there(tmp_path):
@@ -48,7 +48,7 @@ def test_a_stop_current_that_the_springs_alone_need_would_make_a_home_that_is_no
     error = refused_by_check(tmp_path, EMPTY, felt)
 
     assert error.key == "homing.stop_current_a"
-    assert "take 46.0 of 25.1" in error.allowed
+    assert "need 46.0 of 25.1" in error.allowed
 
 
 def test_a_home_that_the_leg_cannot_reach_is_refused(tmp_path):

@@ -38,7 +38,9 @@ def test_a_record_that_cannot_be_read_is_left_out_counted_and_told(bench):
     said = [message.cycle for message in bench.outlet.on("right/activity")]
     told = [event.text for event in bench.outlet.events if "cannot be read" in event.text]
     assert said == [1, 2, *range(4, 105)]
-    assert told == ["records of the core cannot be read, 1 so far: damaged, or of another gaitd"]
+    assert told == [
+        "records of the core cannot be read, 1 so far: damaged, or of another gaitd version"
+    ]
     assert bench.outlet.on("health")[-1].record_missed_count == 1
 
 
@@ -192,7 +194,7 @@ def test_the_ring_that_a_core_left_and_nobody_can_read_is_told(tmp_path):
 
     (told,) = turn(tmp_path)
 
-    assert told.startswith("black box: the ring that the core before left cannot be read: ")
+    assert told.startswith("black box: the ring of the previous core cannot be read: ")
 
 
 BAD_NAMES = ("two\nlines", "end\n", "\x1b[2J", "nul\0", "\x85", "\u2028", "left\u202eright", "\x7f")

@@ -88,7 +88,7 @@ def test_sigterm_ends_the_gateway_with_0_and_leaves_no_socket(process, runtime, 
     assert time.monotonic() - begun < 2.0
     assert not (runtime / "gateway.sock").exists()
     assert not (runtime / "zenoh.sock").exists()
-    assert 'text="core is there, mode hold"' in log
+    assert 'text="core is running, mode hold"' in log
 
 
 @realtime

@@ -68,7 +68,7 @@ def test_a_reload_is_done_once_for_each_time_that_it_is_asked_for(running):
 def test_a_file_as_before_changes_nothing(running):
     [said] = running.hang_up()
 
-    assert said.text == "reloaded: nothing new that may change in operation"
+    assert said.text == "reloaded: nothing that can change in operation"
     assert said.priority is Priority.INFO
     assert running.reload.needs_restart == ""
 
@@ -80,7 +80,7 @@ def test_lease_and_log_level_are_taken_over(running):
     [said] = running.hang_up()
 
     assert said.text == "reloaded: log, lease"
-    assert running.hang_up()[0].text == "reloaded: nothing new that may change in operation"
+    assert running.hang_up()[0].text == "reloaded: nothing that can change in operation"
     assert running.desk.rules.duration_ms == 700
     assert logging.getLogger().level == logging.ERROR
 
@@ -90,7 +90,7 @@ def test_a_lease_that_is_held_keeps_its_rules_and_the_next_reload_takes_them(run
     running.change("demo.toml", "duration_ms = 500", "duration_ms = 700")
 
     [said] = running.hang_up()
-    assert "lease waits, controller holds it" in said.text
+    assert "lease unchanged while controller holds it" in said.text
     assert running.desk.rules.duration_ms == 500
 
     running.desk.release("controller", number)
@@ -131,7 +131,7 @@ def test_endpoints_need_a_restart_of_the_gateway_and_motion_one_of_the_core(runn
     [said] = running.hang_up()
 
     assert "needs a restart of the gateway: zenoh" in said.text
-    assert "a restart of the core, with nobody in the machine: gait, limits.toml" in said.text
+    assert "a restart of the core on the empty machine: gait, limits.toml" in said.text
     assert said.priority is Priority.LOW
     assert running.reload.needs_restart
 

@@ -288,7 +288,7 @@ def test_a_status_says_safety_drives_legs_and_the_newest_events(bench, ask):
     assert said.safety.mode == "hold"
     assert [drive.name for drive in said.drives] == ["right/hip", "right/slide"]
     assert [leg.leg for leg in said.legs] == ["right"]
-    assert said.events[-1].text == "core is there, mode hold"
+    assert said.events[-1].text == "core is running, mode hold"
     assert said.version == "0.1.0"
     assert [message.seq for message in bench.outlet.on("safety")] == [1]
 
