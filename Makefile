@@ -1,15 +1,15 @@
-# The only entry. `make help` lists what there is.
+# All commands of the project; `make help` lists them.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# What `make quick` runs: a second's answer for what has no bus, no process and no session.
+# Tests of `make quick`: without bus, process and session.
 UNITS := tests/drives tests/daemon
-# What safety rests on: the unit tests of these files alone must reach every branch of them.
+# Unit tests of the safety files, which alone must reach every branch of them.
 SAFETY_TESTS := $(wildcard tests/drives/test_cia402*.py tests/daemon/core/test_modes*.py \
 	tests/daemon/core/test_safety*.py tests/daemon/core/test_every_limit.py)
-# Of pytest: one for each processor, up to 16.
+# Processes of pytest: one for each processor, up to 16.
 WORKERS ?= auto --maxprocesses 16
-# Notes the CPU-seconds of a step; pytest prints them with its own.
+# Records the CPU-seconds of a step; pytest prints them with its own.
 STEPS := $(VENV)/cpu_seconds
 STEP = $(BIN)/python scripts/cpu_seconds.py $(STEPS)
 COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
@@ -32,10 +32,10 @@ $(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/dev.txt
 	@touch $@
 
-demo: $(VENV)/run.stamp  ## watch it: virtual drives, the service, a scripted patient, a live view
+demo: $(VENV)/run.stamp  ## the demonstration: virtual drives, the service, a scripted patient, a live view
 	$(BIN)/gaitd demo
 
-quick: check $(VENV)/dev.stamp  ## lint, types, import contracts, units: while you write
+quick: check $(VENV)/dev.stamp  ## lint, types, import contracts, unit tests
 	$(BIN)/pytest -q -n $(WORKERS) $(UNITS)
 
 test: clean-steps check coverage pytest  ## all that a contributor must pass; prints its CPU-seconds
@@ -43,14 +43,14 @@ test: clean-steps check coverage pytest  ## all that a contributor must pass; pr
 test-rigs: $(VENV)/dev.stamp  ## SocketCAN and systemd (after `make rigs`, root)
 	$(BIN)/pytest -m "rig_vcan or rig_systemd" --rigs=required
 
-test-realtime: $(VENV)/dev.stamp  ## what needs the wall clock; on a quiet machine
+test-realtime: $(VENV)/dev.stamp  ## tests that need the wall clock; on a quiet machine
 	$(BIN)/pytest -m realtime
 
-test-all: check coverage  ## a night: whole fault matrix, long fuzz, statistics, ablation, mutants
+test-all: check coverage  ## at night: whole fault matrix, long fuzz, statistics, ablation, mutants
 	$(BIN)/pytest -n $(WORKERS) -m "not realtime and not rig_vcan and not rig_systemd"
 	$(BIN)/python scripts/mutants.py
 
-check: lint types imports  ## what needs no running: lint, types, import contracts
+check: lint types imports  ## static checks: lint, types, import contracts
 
 clean-steps:
 	@rm -f $(STEPS)
@@ -73,7 +73,7 @@ coverage: $(VENV)/dev.stamp  ## every branch of the safety files, by their unit 
 	$(STEP) "branch coverage of the safety files" $(BIN)/coverage run -m pytest -q $(SAFETY_TESTS)
 	$(BIN)/coverage report
 
-mutants: coverage  ## mutation testing of the same files; docs/mutants.md argues what survives
+mutants: coverage  ## mutation testing of the same files; docs/mutants.md explains the survivors
 	$(BIN)/python scripts/mutants.py
 
 bench: $(VENV)/dev.stamp  ## the project's benchmarks, as ratios in one run
@@ -83,16 +83,16 @@ format: $(VENV)/dev.stamp  ## format, and fix what the linter can fix
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-install:  ## the service on this machine (root, Debian); leaves it stopped. DESTDIR= stages a package
+install:  ## install the service on this machine (root, Debian); leaves it stopped. DESTDIR= stages a package
 	DESTDIR=$(DESTDIR) bash scripts/install.sh install
 
-uninstall:  ## take the service off this machine; keeps configuration and state
+uninstall:  ## remove the service from this machine; keeps configuration and state
 	DESTDIR=$(DESTDIR) bash scripts/install.sh uninstall
 
 purge:  ## the same, with configuration, state and users
 	DESTDIR=$(DESTDIR) bash scripts/install.sh purge
 
-rigs:  ## install what the rigs need (root, Debian)
+rigs:  ## install the packages for the rigs (root, Debian)
 	bash scripts/rigs.sh
 
 lock: $(VENV)/dev.stamp  ## write requirements/*.txt anew from pyproject.toml

@@ -65,6 +65,24 @@ def write_page(
     return paths
 
 
+def tables(results: Results) -> Iterator[tuple[str, tuple[str, ...], tuple[tuple[str, ...], ...]]]:
+    """Return a table of text for each question: title, column heads, rows."""
+    heads = ("", "moving", "at rest", "friction", "net", "3σ patient", "OK share", "NIS")
+    for question in (*QUESTIONS, *WRONG):
+        situations, choices = answered(question, results)
+        rows: list[tuple[str, ...]] = []
+        for situation in situations:
+            rows.append((situation, *("",) * (len(heads) - 1)))
+            for choice in choices:
+                errors = results[situation, choice]
+                shown = (errors.patient, errors.patient_at_rest, errors.friction, errors.net)
+                shares = (pair(errors.patient_covered, 2), pair(errors.ok_share, 2))
+                nis = three_digits(errors.nis)
+                rows.append((f"  {choice}", *map(pair, shown), *shares, nis))
+        if rows:
+            yield question.title, heads, tuple(rows)
+
+
 def figure_name(question: Question) -> str:
     """File name of a question's figure."""
     return f"ablation_{question.key}.png"

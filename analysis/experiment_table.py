@@ -67,8 +67,23 @@ def rows(
         *_motion_rows(judged, open_gate),
         *_effort_rows(judged, open_gate, frictions, matched),
         *_time_rows(run, marks, moving(run, frictions), setup),
-        *_honesty_rows(judged, open_gate),
+        *_coverage_rows(judged, open_gate),
     )
+
+
+def cells(row: Row) -> tuple[str, str, str, str]:
+    """Format a line: name, hip, slide, and the target with whether it is met."""
+
+    def number(value: float | None, unit: str) -> str:
+        return "–" if value is None else f"{value:.3g} {unit}".rstrip()
+
+    hip, slide = number(row.hip, row.hip_unit), number(row.slide, row.slide_unit)
+    one_axis = (not row.hip_unit or not row.slide_unit) and (row.hip is None or row.slide is None)
+    if one_axis:
+        hip = "" if not row.hip_unit and row.slide_unit else hip
+        slide = "" if not row.slide_unit else slide
+    verdict = {None: "", True: ", met", False: ", missed"}[row.met]
+    return row.name, hip, slide, f"{row.target}{verdict}"
 
 
 def _peak_rows(run: Run, marks: Marks) -> Iterator[Row]:
@@ -158,7 +173,7 @@ def _time_rows(run: Run, marks: Marks, open_gate: Flags, setup: Setup) -> Iterat
     yield _limited("cross talk from the other axis", talk, CROSS_MAX, *EFFORT)
 
 
-def _honesty_rows(run: Run, open_gate: Flags) -> Iterator[Row]:
+def _coverage_rows(run: Run, open_gate: Flags) -> Iterator[Row]:
     nis = run.nis[np.isfinite(run.nis)]
     mean = float(np.mean(nis)) if len(nis) else None
     yield Row("NIS, mean of both axes", mean, None, "", "", "2 is ideal", None)

@@ -10,4 +10,19 @@ Reading order:
     config/     TOML files into frozen structs
     preflight/  what is refused before anything starts, and the report of `gaitd check`
     system/     clocks, journal, sd_notify, the lock of a directory, the choice of a bus
+
+To add, in this order:
+    a stop cause     `Cause` in ipc/record.py; its category in wire/causes.py (fixed) or
+                     `[stop_category]` of limits.toml (chosen); its text in wire/cause_texts.py;
+                     where it is detected, usually core/safety/checks.py; `gaitd modes`
+    an exercise      `Mode` in ipc/record.py; wire/messages.py (its request); its motion in
+                     core/motion/; core/modes/table.py; where it begins, core/steps/exercises.py
+    a message field  wire/messages.py, leg_messages.py or health_messages.py; where it is filled,
+                     gateway/translate.py, strides.py or health.py. A value of the core first
+                     becomes the last field of ipc/record.py, filled in core/cycle_record.py
+    a request        `ROUTES` in gateway/requests.py and its payload in wire/messages.py; one for
+                     the core also `RequestKind` in ipc/record.py and core/steps/requests.py
+    a limit          config/limit_settings.py and configs/limits.toml; SI in core/safety/limits.py;
+                     its use in core/safety/checks.py or bounds.py. A rule over several files is in
+                     preflight/files.py; a limit in the drive, in config/drive_plan.py
 """

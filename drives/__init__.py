@@ -6,4 +6,12 @@ Nothing in this package knows about legs. Reading order:
     cia402/           power state, PDOs, units, torque, profiles; `drive.py` is the cycle's part
     bringup/          from unknown to OPERATIONAL as a plan of steps
     service/          for the operator: scan, dump, compare, store, restore
+
+To add, in this order:
+    a drive profile  configs/drives/profiles/NAME.toml by the fields of cia402/profile.py, and an
+                     axis file that names it; EMCY codes in canopen/emcy_codes.py; what it needs
+                     written in bringup/plan.py; a virtual one in sim_drives/cia402/personality.py
+    a homing method  `methods` in [homing] of the drive's profile, checked by cia402/homing.py; new
+                     settings also in bringup/plan.py; daemon/preflight/homing.py (is the effort
+                     sufficient); `METHODS` in sim_drives/cia402/homing.py
 """

@@ -1,6 +1,7 @@
-"""The command line: `__main__.py` finds the command, and one short file implements each command.
+"""The command line: `__main__.py` finds the command; one thin file for each command or family.
 
-Shared by commands: `remote.py` (clients of a running service), `one_axis.py` (`commission` and
-`reference`), `station.py` (`scan` and `drive`), `machine.py` (checks of `doctor`), `places.py`
-(files of the project). What `demo`, `bench`, `soak`, `matrix` and `torture` run is in `gaitd_lab/`.
+Families: `control.py` (enable, disable, stop, reset, mode), `preparation.py` (commission,
+reference, self-test). Shared by commands: `command_line.py` (options, errors, files),
+`terminal.py` (tables and progress bars), `remote.py` (clients of a running service). What a command
+computes is in the package of its subject. `gaitd.testing` is for the tests of other projects.
 """

@@ -1,7 +1,7 @@
-"""The command line: one short file per subcommand, of which only the chosen one is imported.
+"""The command line: `COMMANDS` is the table of all commands; only the chosen one is imported.
 
-`gaitd NAME` imports `gaitd/NAME.py` (with an underscore for a dash) and runs its function
-`command`, or the function with the file's own name. typer reads the options from its signature.
+`gaitd NAME` imports the file of its row and runs the function `command`, or in the file of a family
+the function with the command's name. typer reads the options from its signature.
 In every command a configuration error is one line on stderr and exit code 2.
 """
 
@@ -19,40 +19,40 @@ from daemon.config.strict import ConfigError
 EXIT_CONFIGURATION: Final = 2
 
 COMMANDS: Final = {
-    "run": "The service: core and gateway.",
-    "core": "The real-time half of the service alone.",
-    "gateway": "The other half: Zenoh, events, black box.",
-    "check": "Validate a configuration and say what it means at the joint.",
-    "scan": "Who is on a bus, and is it the machine of the configuration. Reads only.",
-    "drive": "One drive's objects: dump, compare, store, restore.",
-    "sim": "The virtual drives of a configuration, in real time.",
-    "demo": "Virtual drives, service and a scripted patient; a live view; the errors at the end.",
-    "replay": "The observer over a recorded file, as fast as it can.",
-    "blackbox": "What was kept around each stop, and who asked for what.",
-    "experiment": "The paper's experiment on the empty virtual machine: figures and numbers.",
-    "delay": "How much later than its row an effort acts, measured from a recording.",
-    "baseline": "What is taken for a patient while one only lies there, recorded once.",
-    "ablation": "Every choice of the observer on and off: errors beside each other.",
-    "calibrate": "Friction, springs and encoder noise from recordings of the empty machine.",
-    "doctor": "What this machine can and cannot do for gaitd.",
-    "honesty": "Whether what the observer says of itself is true: sigmas, gaps, rest, drift.",
-    "matrix": "Every fault in every mode on both axes, in lock-step: is what happens right.",
-    "torture": "Random commands and faults in lock-step, watched by invariants.",
-    "rig": "Run a command where there is SocketCAN, or a systemd, though this machine has none.",
-    "soak": "An hour of gait by the real processes, with faults drawn from a seed.",
-    "bench": "The project's benchmarks.",
-    "status": "What a running service does.",
-    "enable": "Let a running service enable its drives.",
-    "disable": "Stop in an orderly way and switch the drives off.",
-    "stop": "Stop now.",
-    "reset": "Reset a latched stop once its cause is gone.",
-    "commission": "Prove the sign of one axis of the empty machine, before anything is enabled.",
-    "reference": "Home one axis of the empty machine.",
-    "mode": "Choose what the enabled leg does: hold, gait, excite, hand_guiding, self_test.",
-    "self-test": "The test of the day, step by step: hand switch, emergency stop, each axis.",
-    "modes": "The modes, requests and causes of stops as tables; written into docs/modes.md.",
+    "run": ("run", "The service: core and gateway."),
+    "core": ("core", "The real-time half of the service alone."),
+    "gateway": ("gateway", "The other half: Zenoh, events, black box."),
+    "check": ("check", "Validate a configuration, and print its values at the joint."),
+    "scan": ("scan", "Nodes on a bus, compared with the configuration. Reads only."),
+    "drive": ("drive", "One drive's objects: dump, compare, store, restore."),
+    "sim": ("sim", "The virtual drives of a configuration, in real time."),
+    "demo": ("demo", "Virtual drives, service and a scripted patient, with a live view."),
+    "replay": ("replay", "The observer over a recorded file, as fast as it can."),
+    "blackbox": ("blackbox", "Recordings around each stop, and the log of requests."),
+    "experiment": ("experiment", "The paper's experiment on the empty virtual machine."),
+    "delay": ("delay", "How much later than its row an effort acts, from a recording."),
+    "baseline": ("baseline", "Estimated effort of a passive patient, recorded once."),
+    "ablation": ("ablation", "Every choice of the observer on and off: errors compared."),
+    "calibrate": ("calibrate", "Friction, springs and encoder noise of the empty machine."),
+    "doctor": ("doctor", "What this machine can and cannot do for gaitd."),
+    "consistency": ("consistency", "The observer's sigmas, gaps, rest and drift, checked."),
+    "matrix": ("matrix", "Every fault in every mode on both axes, in lock-step, checked."),
+    "fuzz": ("fuzz", "Random commands and faults in lock-step, with invariants checked."),
+    "rig": ("rig", "Run a command where there is SocketCAN, or systemd."),
+    "soak": ("soak", "An hour of gait by the real processes, with faults drawn from a seed."),
+    "bench": ("bench", "The project's benchmarks."),
+    "status": ("status", "The state of a running service."),
+    "enable": ("control", "Let a running service enable its drives."),
+    "disable": ("control", "Stop in an orderly way and switch the drives off."),
+    "stop": ("control", "Stop now."),
+    "reset": ("control", "Reset a latched stop once its cause is gone."),
+    "commission": ("preparation", "Prove the sign of one axis of the empty machine."),
+    "reference": ("preparation", "Home one axis of the empty machine."),
+    "mode": ("control", "Choose what the enabled leg does: hold, gait, excite, hand_guiding."),
+    "self-test": ("preparation", "The daily test: hand switch, emergency stop, each axis."),
+    "modes": ("modes", "Modes, requests and causes of stops as tables: docs/modes.md."),
 }
-"""Commands in the order of `gaitd --help`. Each name is a file of this package."""
+"""File of this package and short help of each command, in the order of `gaitd --help`."""
 
 
 def build(chosen: str | None) -> typer.Typer:
@@ -63,8 +63,9 @@ def build(chosen: str | None) -> typer.Typer:
         help="Drive service of a home gait trainer.",
     )
     app.callback()(_common)
-    for name, line in COMMANDS.items():
-        app.command(name, short_help=line)(_function(name) if name == chosen else _only_a_name)
+    for name, (file, line) in COMMANDS.items():
+        run = _function(file, name) if name == chosen else _not_chosen
+        app.command(name, short_help=line)(run)
     return app
 
 
@@ -84,13 +85,12 @@ def _words() -> list[str]:
     return next((line.split() for line in lines if line), sys.argv)
 
 
-def _function(name: str) -> Callable[..., None]:
-    name = name.replace("-", "_")
-    members = vars(importlib.import_module(f"gaitd.{name}"))
-    return cast("Callable[..., None]", members.get("command") or members[name])
+def _function(file: str, name: str) -> Callable[..., None]:
+    members = vars(importlib.import_module(f"gaitd.{file}"))
+    return cast("Callable[..., None]", members.get("command") or members[name.replace("-", "_")])
 
 
-def _only_a_name() -> None:
+def _not_chosen() -> None:
     raise AssertionError("typer runs only the command that was chosen")
 
 

@@ -1,49 +1,42 @@
 """`gaitd baseline`: estimated torque and force of a passive patient, recorded once."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-EXIT_REFUSED = 2
+from gaitd.command_line import Recorded, errors_in_one_line
 
 
 def command(
-    recorded: Annotated[Path, typer.Argument(metavar="IN", help="a .csv, or a ring of records")],
+    recorded: Recorded,
     robot: Annotated[Path, typer.Option(help="robot.toml that the service runs with")],
     output: Annotated[Path, typer.Option(help="baseline.toml to write")],
     leg: Annotated[str | None, typer.Option(help="of a ring with two legs")] = None,
 ) -> None:
     """Average torque and force by gait phase from a passive run, for `baseline` of a [[leg]]."""
     from analysis.recording import RecordingError
-    from observer.baseline import TooFewError
 
-    try:
+    with errors_in_one_line(RecordingError):
         _record(recorded, robot, output, leg)
-    except TooFewError as error:
-        print(f"{recorded}: {error}", file=sys.stderr)
-        raise typer.Exit(EXIT_REFUSED) from error
-    except RecordingError as error:
-        print(error, file=sys.stderr)
-        raise typer.Exit(EXIT_REFUSED) from error
-    except OSError as error:
-        print(f"{error.filename}: {error.strerror}", file=sys.stderr)
-        raise typer.Exit(EXIT_REFUSED) from error
 
 
 def _record(recorded: Path, robot_file: Path, output: Path, leg: str | None) -> None:
+    from analysis.recording import RecordingError
     from analysis.replay import columns_of, read, setup_for
     from daemon.config.baseline import baseline_text
     from daemon.config.settings import Robot
     from daemon.config.strict import decoded, read_toml
-    from observer.baseline import baseline_of
+    from observer.baseline import TooFewError, baseline_of
     from observer.offline.smooth_batch import run_smoothed
 
     document = read_toml(robot_file)
     robot = decoded(document, Robot)
     columns = columns_of(read(recorded, leg))
-    baseline = baseline_of(run_smoothed(setup_for(robot), columns), columns)
+    try:
+        baseline = baseline_of(run_smoothed(setup_for(robot), columns), columns)
+    except TooFewError as error:
+        raise RecordingError(f"{recorded}: {error}") from error
     output.write_text(baseline_text(baseline, document.sha256, recorded.name), encoding="utf-8")
     hip, slide = abs(baseline.mean).max(axis=0).tolist()
     print(f"recording    {recorded}: {baseline.stride_count} strides, {baseline.cadence_hz:.3f} Hz")

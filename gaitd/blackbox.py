@@ -8,18 +8,20 @@ None of these needs a running service. Exit codes: 0; 2 usage, configuration, or
 be read.
 """
 
-import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from daemon.ipc.ring_clip import KeptFile
-    from gaitd.check import Section
+from gaitd.command_line import errors_in_one_line
+from gaitd.terminal import show
 
-EXIT_REFUSED: Final = 2
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from daemon.ipc.record import CycleRecord
+    from daemon.ipc.ring_clip import KeptFile
 
 
 class Action(StrEnum):
@@ -56,7 +58,7 @@ def command(
     """Show the recordings around each stop, and which client sent which request."""
     from analysis.recording import RecordingError
 
-    try:
+    with errors_in_one_line(RecordingError, RefusedError):
         match action:
             case Action.LIST:
                 _list(_state(config, state), as_json=as_json)
@@ -64,12 +66,6 @@ def command(
                 _show(file, leg, (export, plot), as_json=as_json)
             case Action.REQUESTS:
                 _requests(_state(config, state), newest, as_json=as_json)
-    except (RecordingError, RefusedError) as error:
-        print(error, file=sys.stderr)
-        raise typer.Exit(EXIT_REFUSED) from error
-    except OSError as error:
-        print(f"{error.filename}: {error.strerror}", file=sys.stderr)
-        raise typer.Exit(EXIT_REFUSED) from error
 
 
 def _state(config: Path | None, state: Path | None) -> Path:
@@ -80,15 +76,6 @@ def _state(config: Path | None, state: Path | None) -> Path:
     from daemon.config.trainer import load_trainer
 
     return load_trainer(config).state
-
-
-def _print(tables: "tuple[Section, ...]") -> None:
-    from gaitd.check import plain, print_tables
-
-    if sys.stdout.isatty():
-        print_tables(tables)
-    else:
-        print("\n\n".join(plain(section) for section in tables))
 
 
 # --- files ----------------------------------------------------------------------------------------
@@ -103,11 +90,9 @@ def _list(state: Path, *, as_json: bool) -> None:
     if as_json:
         print(msgspec.json.encode([_fields(file) for file in files]).decode())
         return
-    from gaitd.check import Section
-
     columns = ("stopped (UTC)", "cause", "drive", "before", "after", "driven", "size", "file")
     title = f"{len(files)} stops in {state / FOLDER}"
-    _print((Section(title, columns, tuple(map(_row, files))),))
+    show(((title, columns, tuple(map(_row, files))),))
 
 
 def _row(file: "KeptFile") -> tuple[str, ...]:
@@ -153,28 +138,33 @@ def _show(
     import msgspec
 
     from analysis.stop_recording import about, read_stop
-    from gaitd.stop_story import sections, write_csv
+    from analysis.stop_tables import tables, write_csv
+    from daemon.gateway.events import happenings
 
     if file is None:
         raise RefusedError("show needs a FILE: one of `gaitd blackbox`, or a ring of records")
-    told = read_stop(file)
-    one = leg or told.header.leg_names[0]
-    if one not in told.header.leg_names:
-        raise RefusedError(f"{file}: has no leg {one}, only {', '.join(told.header.leg_names)}")
+    stop = read_stop(file)
+    one = leg or stop.header.leg_names[0]
+    if one not in stop.header.leg_names:
+        raise RefusedError(f"{file}: has no leg {one}, only {', '.join(stop.header.leg_names)}")
     export, plot = written
     for path in (path for path in written if path is not None):
         if path.exists() and path.samefile(file):
             raise RefusedError(f"{path}: is the recording itself; name another file")
     if as_json:
-        print(msgspec.json.encode({"about": dict(about(told)), "kept": told.kept}).decode())
+        print(msgspec.json.encode({"about": dict(about(stop)), "kept": stop.kept}).decode())
     else:
-        _print(sections(told))
+
+        def events(before: "CycleRecord", now: "CycleRecord") -> "Iterator[tuple[str, str]]":
+            return ((item.priority.value, item.text) for item in happenings(before, now))
+
+        show(tables(stop, events))
     if export is not None:
-        print(f"\n{write_csv(told, one, export)} rows of the {one} leg in {export}")
+        print(f"\n{write_csv(stop, one, export)} rows of the {one} leg in {export}")
     if plot is not None:
         from analysis.stop_figure import draw
 
-        draw(told, one, plot)
+        draw(stop, one, plot)
         print(f"picture of the {one} leg in {plot}")
 
 
@@ -184,15 +174,14 @@ def _show(
 def _requests(state: Path, newest: int, *, as_json: bool) -> None:
     from daemon.recorder.audit_file import fields_of, lines_of
     from daemon.wire.fields import printable
-    from gaitd.check import Section
 
     lines = lines_of(state)[-newest:]
     if as_json:
         print("\n".join(line.decode("utf-8", "backslashreplace") for line in lines))
         return
     rows = tuple(tuple(map(printable, _request_row(fields_of(line)))) for line in lines)
-    columns = ("UTC", "", "who", "what", "became of it")
-    _print((Section(f"The newest {len(rows)} lines in {state}", columns, rows),))
+    columns = ("UTC", "", "client", "request", "outcome")
+    show(((f"The newest {len(rows)} lines in {state}", columns, rows),))
 
 
 def _request_row(fields: dict[str, object] | None) -> tuple[str, ...]:

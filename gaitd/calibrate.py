@@ -1,12 +1,13 @@
 """`gaitd calibrate`: friction, springs and encoder noise from recordings of the empty machine."""
 
 import sys
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from gaitd.command_line import errors_in_one_line
+from gaitd.terminal import progress
 
 if TYPE_CHECKING:
     from analysis.calibration.session import Calibration
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
     from daemon.config.settings import Robot
 
 EXIT_NOT_BETTER = 1
-EXIT_REFUSED = 2
 SUFFIX = ".robot.toml"
 
 
@@ -42,17 +42,11 @@ def command(
     from analysis.recording import RecordingError
 
     output = output or recorded[0].with_name(recorded[0].name + SUFFIX)
-    try:
+    with errors_in_one_line(RecordingError, RobotFileError):
         if check:
             _check(recorded, robot)
         else:
             _calibrate(recorded, robot, output, page, held_out or [])
-    except (RecordingError, RobotFileError) as error:
-        print(error, file=sys.stderr)
-        raise typer.Exit(EXIT_REFUSED) from error
-    except OSError as error:
-        print(f"{error.filename}: {error.strerror}", file=sys.stderr)
-        raise typer.Exit(EXIT_REFUSED) from error
 
 
 def _check(recorded: list[Path], robot_file: Path) -> None:
@@ -74,8 +68,14 @@ def _calibrate(
 
     if output.exists() and output.samefile(robot_file):
         raise RobotFileError(f"{output}: is the file to begin with; give --output another name")
-    with _progress() as progress:
-        made = calibrate(_sources(recorded), _robot(robot_file), _sources(held_out), progress)
+    with progress() as stage:
+        update = stage("calibrating")
+        made = calibrate(
+            _sources(recorded),
+            _robot(robot_file),
+            _sources(held_out),
+            lambda misfit, share: update(share, f"calibrating  {misfit}"),
+        )
     _report(made)
     if page is not None:
         from analysis.calibration.page import write_page
@@ -116,25 +116,6 @@ def _report(made: "Calibration") -> None:
         share = len(made.contact_s) / len(made.motion.time_s)
         print(
             f"contact      {share:.0%} of the rows, from {made.contact_s[0]:.0f} s on, not judged: "
-            "an end stop, or somebody touched it"
+            "an end stop, or it was touched"
         )
     print(scores_table(made))
-
-
-@contextmanager
-def _progress() -> Generator[Callable[[str, float], None]]:
-    """Progress bar with the misfit, shown only on a terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    console = Console(stderr=True)
-    columns = (TextColumn("calibrating  {task.description:<18}"), BarColumn())
-    with Progress(
-        *columns,
-        TimeElapsedColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    ) as bar:
-        task = bar.add_task("", total=1.0)
-        yield lambda words, share: bar.update(task, description=words, completed=share)

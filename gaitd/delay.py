@@ -1,17 +1,15 @@
 """`gaitd delay`: delay between an effort's row and its action, measured from a recording."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-EXIT_REFUSED = 2
-EXIT_UNKNOWN = 1
+from gaitd.command_line import EXIT_FAILED, Recorded, errors_in_one_line, robot_file
 
 
 def command(
-    recorded: Annotated[Path, typer.Argument(metavar="IN", help="a .csv, or a ring of records")],
+    recorded: Recorded,
     robot: Annotated[
         Path | None,
         typer.Option(help="robot.toml; by default the ring's own, else configs/robot_empty.toml"),
@@ -28,21 +26,17 @@ def command(
     from analysis.replay import read
     from daemon.config.settings import Robot
     from daemon.config.strict import load_toml
-    from gaitd.places import configs_folder
 
-    try:
+    with errors_in_one_line(RecordingError):
         source = read(recorded, leg)
         made_by, name = source.robot, f"as the service had it, {source.leg} leg"
         if robot is not None or made_by is None:
-            path = robot or configs_folder("--robot", "robot_empty.toml") / "robot_empty.toml"
+            path = robot_file(robot, "robot_empty.toml")
             made_by, name = load_toml(path, Robot), str(path)
         delays = measure(source.recording, made_by)
-    except RecordingError as error:
-        print(error, file=sys.stderr)
-        raise typer.Exit(EXIT_REFUSED) from error
     print(f"robot        {name}")
     for one in delays:
         print(f"delay        {in_words(one)}")
     print(f"             {advice(delays)}")
     if not any(one.known for one in delays):
-        raise typer.Exit(EXIT_UNKNOWN)
+        raise typer.Exit(EXIT_FAILED)

@@ -42,7 +42,7 @@ def command(
     ] = False,
 ) -> None:
     """Play gait without and with the patient, then the paper's experiment; check the errors."""
-    from gaitd.places import configs_folder
+    from gaitd.command_line import configs_folder
     from gaitd_lab.demonstration.performance import Performance
     from gaitd_lab.demonstration.picture import draw
     from gaitd_lab.demonstration.report import report

@@ -5,8 +5,8 @@ from typing import Annotated, Final
 
 import typer
 
-from gaitd.finding import Finding, Grade
-from gaitd.machine import findings
+from daemon.system.machine.checks import findings
+from daemon.system.machine.finding import Finding, Grade
 
 MARKS: Final = {
     Grade.GOOD: "[green]✔[/]",
@@ -20,7 +20,7 @@ LEGEND: Final = (
 )
 
 
-def doctor(
+def command(
     json: Annotated[bool, typer.Option("--json", help="print one JSON object")] = False,
 ) -> None:
     """Check what this machine can and cannot do for gaitd, and print a remedy for each lack."""

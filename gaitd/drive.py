@@ -9,21 +9,52 @@ not answer, or is another one.
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 
 import typer
 
-from gaitd.station import EXIT_DRIVE, Options, opened, place_of, shown
+from daemon.config.strict import MISSING, ConfigError
+from daemon.system.bus_choice import bus_of, opened
+from drives.bringup.configurator import Configurator
+from drives.canopen.sniffer import BusSniffer, WitnessedBus
+from drives.errors import (
+    BootFailure,
+    BringUpRefused,
+    BusError,
+    DescriptionError,
+    DriveSilent,
+    SdoTimeout,
+)
+from drives.service import compare, dump, parameters
+from drives.service.eds import load_eds
+from drives.service.object_words import ObjectWords
+from drives.service.parameters import Keeping
+from drives.service.scan import listen
+from gaitd.command_line import COMMAND_LINE, EXIT_FAILED, ConfigFile
+from gaitd.terminal import run_with_progress, show
 
 if TYPE_CHECKING:
-    from daemon.config.bundle import Settings
-    from drives.bringup.plan import DrivePlan
-    from drives.canopen.bus import Bus, Clock
-    from drives.canopen.sniffer import BusSniffer
+    from canopen.objectdictionary import ObjectDictionary
 
-COMMAND_LINE: Final = "command line"
+    from drives.bringup.plan import DrivePlan
+    from drives.canopen.bus import Clock
+
+EXIT_DRIVE: Final = 3
+"""The drive or the bus is not in the required state."""
 LISTEN_NS: Final = 500_000_000
 """Time to listen for another master or SDO client before anything is read or written."""
+RECHECK_NS: Final = 300_000_000
+"""Time to listen again after the operator has confirmed: a service may have started meanwhile."""
+
+CONSEQUENCE: Final = {
+    Keeping.STORE: "overwrites what it has stored with what it holds now (1010h:01)",
+    Keeping.RESTORE: "gives up what it has stored for its maker's defaults (1011h:01): motor data "
+    "and limits, too",
+}
+DONE: Final = {
+    Keeping.STORE: "stored",
+    Keeping.RESTORE: "will take its maker's defaults at the next power-on or NMT reset node",
+}
 
 
 class Action(StrEnum):
@@ -33,6 +64,18 @@ class Action(StrEnum):
     COMPARE = "compare"
     STORE = "store"
     RESTORE = "restore"
+
+
+class Options(NamedTuple):
+    """Options of the command line besides the action."""
+
+    output: Path | None
+    against: Path | None
+    eds: bool
+    everything: bool
+    json: bool
+    yes: bool
+    reset: bool
 
 
 READING: Final = (Action.DUMP, Action.COMPARE)
@@ -49,10 +92,37 @@ BELONGS: Final = {
 """Field of `Options` and permitted actions for each option."""
 
 
+class Drive(NamedTuple):
+    """The drive of the command line, and its bus."""
+
+    plan: "DrivePlan"
+    bus: WitnessedBus
+    clock: "Clock"
+    sniffer: BusSniffer
+    port: Configurator
+
+    @property
+    def title(self) -> str:
+        """Name and node id."""
+        return f"{self.plan.description.name} (node {self.plan.description.node_id})"
+
+    @property
+    def dictionary(self) -> "ObjectDictionary":
+        """Objects of its EDS.
+
+        Raises:
+            ConfigError: the EDS cannot be used.
+        """
+        try:
+            return load_eds(self.plan.description.eds, self.plan.description.node_id)
+        except DescriptionError as error:
+            raise _unusable(error) from error
+
+
 def command(
     name: Annotated[str, typer.Argument(metavar="NAME", help="right/hip, or a node id")],
     action: Annotated[Action, typer.Argument(help="what to do with it", show_choices=True)],
-    config: Annotated[Path, typer.Option("--config", help="trainer file", dir_okay=False)],
+    config: ConfigFile,
     output: Annotated[
         Path | None, typer.Option("--output", help="dump: to a DCF, which compare can read")
     ] = None,
@@ -62,7 +132,9 @@ def command(
     eds: Annotated[bool, typer.Option("--eds", help="compare: with the EDS's defaults")] = False,
     everything: Annotated[bool, typer.Option("--all", help="compare: what is equal too")] = False,
     json: Annotated[bool, typer.Option("--json", help="dump, compare: one JSON object")] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="store, restore: do not ask")] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="store, restore: without confirmation")
+    ] = False,
     reset: Annotated[
         bool, typer.Option("--reset", help="restore: NMT reset node, so that it acts now")
     ] = False,
@@ -71,16 +143,25 @@ def command(
 
     compare without --eds and --with compares with the values that bring-up would write or check.
     """
+    from daemon.config.drive_plan import plan_of
     from daemon.preflight.load import read_all
-    from drives.errors import BringUpRefused, BusError, DriveSilent
 
     options = Options(output, against, eds, everything, json, yes, reset)
     refuse_foreign(options, action)
     settings = read_all(config)
     plan = plan_of(name, settings)
     try:
-        with opened(place_of(settings)) as (bus, clock):
-            code = _act(action, plan, options, bus, clock, settings)
+        with opened(bus_of(settings.file)) as (bus, clock):
+            sniffer = BusSniffer()
+            observed = WitnessedBus(bus, clock, sniffer)
+            drive = Drive(plan, observed, clock, sniffer, Configurator(observed, clock))
+            run_with_progress(listen(observed, clock, LISTEN_NS))
+            if action in KEEPING:
+                code = _keep(
+                    drive, Keeping[action.name], options, settings.trainer.cycle.master_node_id
+                )
+            else:
+                code = _read(drive, action, options)
     except (BringUpRefused, BusError, DriveSilent) as error:
         print(error, file=sys.stderr)
         raise typer.Exit(EXIT_DRIVE) from error
@@ -93,8 +174,6 @@ def refuse_foreign(options: Options, action: Action) -> None:
     Raises:
         ConfigError: one was given to another action, or --eds together with --with.
     """
-    from daemon.config.strict import ConfigError
-
     for option, (field, actions) in BELONGS.items():
         value = getattr(options, field)
         if value and action not in actions:
@@ -103,59 +182,150 @@ def refuse_foreign(options: Options, action: Action) -> None:
         raise ConfigError(COMMAND_LINE, "--eds", True, "not together with --with")
 
 
-def plan_of(name: str, settings: "Settings") -> "DrivePlan":
-    """Return the plan of the drive with this name or node id.
-
-    Raises:
-        ConfigError: no drive has that name or node id; the text lists the known ones.
-    """
-    from daemon.config.drive_plan import cycle_settings, drive_limits
-    from daemon.config.strict import ConfigError
-    from drives.bringup.plan import plan
-
-    hip, slide = drive_limits(settings.limits)
-    cycle = cycle_settings(settings.trainer.cycle)
-    for leg in settings.legs:
-        for drive, limits in ((leg.hip, hip), (leg.slide, slide)):
-            if name in (drive.name, str(drive.node_id)):
-                return plan(drive, limits, cycle)
-    known = ", ".join(f"{drive.name} (node {drive.node_id})" for drive in settings.drives)
-    raise ConfigError(COMMAND_LINE, "NAME", name, f"a drive of {settings.file.path}: {known}")
+# --- dump and compare -----------------------------------------------------------------------------
 
 
-def _act(
-    action: Action,
-    plan: "DrivePlan",
-    options: Options,
-    bus: "Bus",
-    clock: "Clock",
-    settings: "Settings",
-) -> int:
-    from drives.canopen.sniffer import BusSniffer, WitnessedBus
-    from drives.errors import BootFailure, DriveSilent, SdoTimeout
-    from drives.service.scan import listen
-    from gaitd.drive_keeping import keep
-    from gaitd.drive_reading import compare, dump, refuse_company
-
-    witness = BusSniffer()
-    heard = WitnessedBus(bus, clock, witness)
-    shown(listen(heard, clock, LISTEN_NS))
-    if action in KEEPING:
-        master_node_id = settings.trainer.cycle.master_node_id
-        return keep(action.name, plan, options, heard, clock, witness, master_node_id)
-    refuse_company(plan, witness)
-    act = dump if action is Action.DUMP else compare
+def _read(drive: Drive, action: Action, options: Options) -> int:
+    node = drive.sniffer.node(drive.plan.description.node_id)
+    dump.check_alone(drive.plan, node)
     try:
-        return act(plan, options, heard, clock)
+        return (_dump if action is Action.DUMP else _compare)(drive, options)
     except SdoTimeout as error:
-        name = plan.description.name
-        raise DriveSilent(name, BootFailure.NO_ANSWER, _silence(plan, witness)) from error
+        name = drive.plan.description.name
+        reason = dump.silence(drive.plan, node)
+        raise DriveSilent(name, BootFailure.NO_ANSWER, reason) from error
 
 
-def _silence(plan: "DrivePlan", witness: "BusSniffer") -> str:
-    from drives.signals import NmtState
+def _dump(drive: Drive, options: Options) -> int:
+    """Read all readable objects; print them, or write them to a file."""
+    dictionary, node_id = drive.dictionary, drive.plan.description.node_id
+    entries = run_with_progress(
+        dump.read_objects(node_id, dump.readable(dictionary), drive.port, as_filled=True)
+    )
+    words = ObjectWords(drive.plan)
+    if options.output is not None:
+        try:
+            with options.output.open("w", encoding="utf-8") as file:
+                dump.write_dcf(entries, dictionary, node_id, file)
+        except OSError as error:
+            allowed = f"a file that can be written ({error.strerror})"
+            raise ConfigError(COMMAND_LINE, "--output", options.output, allowed) from error
+    if options.json:
+        _print_json(drive, objects=[_entry_fields(entry, words) for entry in entries])
+    elif options.output is not None:
+        read_count = sum(entry.value is not None for entry in entries)
+        print(f"{drive.title}: {read_count} of {len(entries)} objects in {options.output}")
+    else:
+        columns = ("object", "name", "value", "hex", "meaning")
+        rows = tuple(_entry_row(entry, words) for entry in entries)
+        show(((f"{drive.title}: {len(rows)} objects", columns, rows),))
+    return 0
 
-    node_id = plan.description.node_id
-    if witness.node(node_id).watch.state is NmtState.STOPPED:
-        return f"node {node_id} is stopped: no SDO in this state; it answers after power-on"
-    return f"no answer from node {node_id}; `gaitd scan` says who is there"
+
+def _compare(drive: Drive, options: Options) -> int:
+    """Read the objects to be compared and print those that differ."""
+    dictionary, against = drive.dictionary, "what bring-up expects"
+    if options.eds:
+        against, why = str(Path(drive.plan.description.eds)), "EDS default"
+        compared = compare.read_with_values(
+            drive.plan, dictionary, drive.port, dump.defaults(dictionary), why
+        )
+    elif options.against is not None:
+        against, why = str(options.against), f"as in {options.against.name}"
+        try:
+            values = dump.read_dcf(against, drive.plan.description.node_id)
+        except DescriptionError as error:
+            raise _unusable(error) from error
+        compared = compare.read_with_values(drive.plan, dictionary, drive.port, values, why)
+    else:
+        compared = compare.read_with_plan(drive.plan, dictionary, drive.port)
+    found = sorted(run_with_progress(compared), key=lambda one: one.place)
+    different = [one for one in found if not one.same]
+    listed = found if options.everything else different
+    if options.json:
+        _print_json(drive, against=against, compared_count=len(found), objects=listed)
+    else:
+        title = f"{drive.title}: {len(different)} of {len(found)} objects differ from {against}"
+        columns = ("object", "name", "wanted", "found", "why")
+        rows = tuple((one.place, one.name, one.wanted, one.found, one.why) for one in listed)
+        if rows:
+            show(((title, columns, rows),))
+        else:
+            print(title)
+    return EXIT_FAILED if different else 0
+
+
+def _unusable(error: DescriptionError) -> ConfigError:
+    """Convert an unusable file into a configuration error, since the operator named the file."""
+    return ConfigError(str(error.value), "", "", error.allowed)
+
+
+def _meaning(entry: dump.Entry, words: ObjectWords) -> str:
+    if not isinstance(entry.value, int):
+        return entry.trouble
+    return words.of(entry.index, entry.sub, entry.value)
+
+
+def _entry_row(entry: dump.Entry, words: ObjectWords) -> tuple[str, ...]:
+    value = "-" if entry.value is None else str(entry.value)
+    hexadecimal = ""
+    if isinstance(entry.value, int) and entry.bits:
+        hexadecimal = compare.in_hex(entry.value, entry.bits)
+    return (entry.place, entry.name, value, hexadecimal, _meaning(entry, words))
+
+
+def _entry_fields(entry: dump.Entry, words: ObjectWords) -> dict[str, Any]:
+    return {
+        "index": entry.index,
+        "sub": entry.sub,
+        "name": entry.name,
+        "value": entry.value,
+        "bits": entry.bits,
+        "meaning": "" if entry.trouble else _meaning(entry, words),
+        "trouble": entry.trouble,
+    }
+
+
+def _print_json(drive: Drive, **parts: object) -> None:
+    import msgspec
+
+    description = drive.plan.description
+    head = {"drive": description.name, "node_id": description.node_id}
+    print(msgspec.json.encode({**head, **parts}).decode())
+
+
+# --- store and restore ----------------------------------------------------------------------------
+
+
+def _keep(drive: Drive, keeping: Keeping, options: Options, master_node_id: int) -> int:
+    """Check bus and drive, ask for confirmation, check both again, then store or restore."""
+    try:
+        parameters.check_bus(drive.sniffer, master_node_id)
+        parameters.check_drive(drive.plan, keeping, drive.port)
+        if not _confirmed(f"{drive.title}: {CONSEQUENCE[keeping]}.", options):
+            print("nothing was done")
+            return EXIT_FAILED
+        run_with_progress(listen(drive.bus, drive.clock, RECHECK_NS))
+        parameters.check_bus(drive.sniffer, master_node_id)
+        parameters.check_drive(drive.plan, keeping, drive.port)
+        patient = Configurator(drive.bus, drive.clock, parameters.SDO_TIMEOUT_NS)
+        parameters.keep(drive.plan, keeping, patient)
+    except parameters.KeepingRefusedError as refused:
+        print(f"{drive.title}: not done: {refused}", file=sys.stderr)
+        return EXIT_FAILED
+    if options.reset:
+        run_with_progress(parameters.reset_node(drive.plan, drive.port))
+        print(f"{drive.title}: has its maker's defaults now, and is in pre-operational")
+    else:
+        print(f"{drive.title}: {DONE[keeping]}")
+    return 0
+
+
+def _confirmed(consequence: str, options: Options) -> bool:
+    print(consequence)
+    if options.yes:
+        return True
+    if not sys.stdin.isatty():
+        allowed = "to be given where there is no terminal for the confirmation"
+        raise ConfigError(COMMAND_LINE, "--yes", MISSING, allowed)
+    return typer.confirm("Do it?", default=False)

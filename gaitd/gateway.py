@@ -60,7 +60,7 @@ def command(
                 file.runtime,
                 file.state,
                 clock,
-                ending.asked,
+                ending.is_requested,
                 file.trainer.lease,
                 os.environ.get("NOTIFY_SOCKET"),
                 reload,
@@ -75,12 +75,12 @@ class _Ending:
     """Flag that SIGTERM or SIGINT sets."""
 
     def __init__(self) -> None:
-        self._asked = False
-        signal.signal(signal.SIGTERM, self._ask)
-        signal.signal(signal.SIGINT, self._ask)
+        self._is_requested = False
+        signal.signal(signal.SIGTERM, self._request)
+        signal.signal(signal.SIGINT, self._request)
 
-    def asked(self) -> bool:
-        return self._asked
+    def is_requested(self) -> bool:
+        return self._is_requested
 
-    def _ask(self, _signal: int, _frame: FrameType | None) -> None:
-        self._asked = True
+    def _request(self, _signal: int, _frame: FrameType | None) -> None:
+        self._is_requested = True

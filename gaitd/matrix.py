@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gaitd.command_line import EXIT_FAILED, DemoFile, demo_file
+from gaitd.terminal import progress, show
+
 if TYPE_CHECKING:
     from gaitd_lab.fault_matrix.cell import Cell, Found
 
@@ -14,9 +17,7 @@ JOBS_MAX = 2
 
 
 def command(
-    config: Annotated[
-        Path | None, typer.Option(help="trainer file; by default configs/demo.toml", dir_okay=False)
-    ] = None,
+    config: DemoFile = None,
     fault: Annotated[list[str] | None, typer.Option(help="only this row; more than once")] = None,
     mode: Annotated[list[str] | None, typer.Option(help="only this column; more than once")] = None,
     axis: Annotated[str, typer.Option(help="only this axis: right/hip or right/slide")] = "",
@@ -29,7 +30,6 @@ def command(
     json: Annotated[bool, typer.Option("--json", help="every cell as one JSON object")] = False,
 ) -> None:
     """Run the cells of the fault matrix. Exit code 0 only if each keeps every law, else 1."""
-    from gaitd.places import configs_folder
     from gaitd_lab.fault_matrix.judgement import broken
     from gaitd_lab.fault_matrix.page import command as again
     from gaitd_lab.fault_matrix.run import cells
@@ -38,8 +38,7 @@ def command(
     wanted = cells(fault or (), mode or (), axis)
     if output is not None and wanted != cells():
         raise typer.BadParameter("a page needs all faults, modes and axes", param_hint="--output")
-    trainer = config or configs_folder("--config", "demo.toml") / "demo.toml"
-    found = _played(trainer, wanted, seed, min(jobs, os.cpu_count() or 1))
+    found = _run(demo_file(config), wanted, seed, min(jobs, os.cpu_count() or 1))
     bad = [(one, reasons) for one in found if (reasons := broken(one))]
     if json:
         _print_json(found)
@@ -50,7 +49,7 @@ def command(
     for one, reasons in bad:
         print(f"{again(one)}: {'; '.join(reasons)}", file=sys.stderr)
     print(f"{len(found)} cells, {len(bad)} of them break a law", file=sys.stderr)
-    raise typer.Exit(1 if bad else 0)
+    raise typer.Exit(EXIT_FAILED if bad else 0)
 
 
 SHOWN_MAX = 200
@@ -74,22 +73,19 @@ def _check_names(faults: list[str], modes: list[str], axis: str) -> None:
                 )
 
 
-def _played(trainer: Path, wanted: "list[Cell]", seed: int, jobs: int) -> "list[Found]":
+def _run(trainer: Path, wanted: "list[Cell]", seed: int, jobs: int) -> "list[Found]":
     """Run the cells and return them in the order of `wanted`, with progress on stderr."""
-    from rich.console import Console
-    from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
-
     from gaitd_lab.fault_matrix.run import run
 
-    columns = (*Progress.get_default_columns(), MofNCompleteColumn(), TimeElapsedColumn())
     found: list[Found] = []
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("cells", total=len(wanted))
+    with progress() as stage:
+        update = stage("cells", len(wanted))
         for part in run(trainer, wanted, seed, jobs):
             found += part
-            progress.advance(task, len(part))
-            if not progress.console.is_terminal:
-                print(f"{len(found)} of {len(wanted)} cells", file=sys.stderr)
+            count = f"{len(found)} of {len(wanted)} cells"
+            update(len(found), count)
+            if not sys.stderr.isatty():
+                print(count, file=sys.stderr)
     place = {cell: number for number, cell in enumerate(wanted)}
     return sorted(found, key=lambda one: place[one.cell])
 
@@ -106,15 +102,10 @@ def _print_json(found: "list[Found]") -> None:
 
 
 def _print_cells(found: "list[Found]") -> None:
-    from gaitd.check import Section, plain, print_tables
     from gaitd_lab.fault_matrix.page import entry
 
     rows = tuple((one.fault, one.mode, one.axis or "both", entry([one])) for one in found)
-    section = Section("Fault matrix", ("fault", "mode", "axis", "what it did"), rows)
-    if sys.stdout.isatty():
-        print_tables((section,))
-    else:
-        print(plain(section))
+    show((("Fault matrix", ("fault", "mode", "axis", "what it did"), rows),))
 
 
 def _write(found: "list[Found]", output: Path) -> None:

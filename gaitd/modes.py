@@ -18,14 +18,14 @@ def command(
     """Print the modes, the permitted requests, and each stop's remedy for the operator."""
     from daemon.config.limit_settings import Limits
     from daemon.config.strict import decoded, read_toml
-    from gaitd.mode_tables import document
-    from gaitd.places import configs_folder
+    from gaitd.command_line import configs_folder
+    from gaitd_lab.mode_page import page
 
     limits = decoded(read_toml(configs_folder("configs", "limits.toml") / "limits.toml"), Limits)
-    page = document(limits.stop_category)
+    text = page(limits.stop_category)
     if output is None:
-        sys.stdout.write(page)
+        sys.stdout.write(text)
         return
     output.mkdir(parents=True, exist_ok=True)
-    (output / NAME).write_text(page, encoding="utf-8")
+    (output / NAME).write_text(text, encoding="utf-8")
     print(f"{output / NAME} is written")

@@ -26,7 +26,7 @@ ANSWER_TIMEOUT_S: Final = 10.0
 
 ConfigOption = Annotated[
     Path | None,
-    typer.Option("--config", help="Trainer file of the service: tells endpoint and trainer."),
+    typer.Option("--config", help="Trainer file of the service, with its endpoint and name."),
 ]
 EndpointOption = Annotated[
     str | None,
@@ -124,7 +124,9 @@ def ask(target: Target, name: str, payload: dict[str, Any]) -> Answer:
     return Answer(None, f"no answer to {selector} on {where}: another trainer, or it hangs")
 
 
-def request(target: Target, name: str, payload: dict[str, Any], *, as_json: bool) -> int:
+def request(
+    target: Target, name: str, payload: dict[str, Any] | None = None, *, as_json: bool
+) -> int:
     """Request enable, disable, stop, reset or mode; print the outcome.
 
     Returns: the exit code.
@@ -133,7 +135,7 @@ def request(target: Target, name: str, payload: dict[str, Any], *, as_json: bool
 
     from daemon import wire
 
-    answer = ask(target, name, {"client": f"gaitd {name}", **payload})
+    answer = ask(target, name, {"client": f"gaitd {name}", **(payload or {})})
     if answer.text is None:
         return report_silence(name, answer.trouble, as_json=as_json)
     reply = msgspec.json.decode(answer.text, type=wire.Reply)

@@ -57,16 +57,16 @@ def _run(rig: "Rig", name: str, words: list[str], folder: Path) -> int:
     lines = f"{rig.set_up}cd {shlex.quote(str(here))}\nexec {shlex.join(words)}"
     script, log, rig_log = prepare(lines, folder), folder / "log", folder / "rig"
     log.touch()
-    with rig_log.open("wb") as said, log.open("rb") as seen:
+    with rig_log.open("wb") as output, log.open("rb") as log_file:
         running = subprocess.Popen(
             rig.command(script, folder, (here,)),
             stdin=subprocess.DEVNULL,
             env={**os.environ, "PATH": PATH},
-            stdout=said,
+            stdout=output,
             stderr=subprocess.STDOUT,
         )
         try:
-            _show(running, name, seen)
+            _show(running, name, log_file)
         finally:
             running.terminate()
             running.wait()
@@ -77,7 +77,7 @@ def _run(rig: "Rig", name: str, words: list[str], folder: Path) -> int:
     return over.exit_code
 
 
-def _show(running: subprocess.Popen[bytes], name: str, seen: IO[bytes]) -> None:
+def _show(running: subprocess.Popen[bytes], name: str, log_file: IO[bytes]) -> None:
     """Copy the command's output to stdout while it runs."""
     from rich.console import Console
 
@@ -85,11 +85,11 @@ def _show(running: subprocess.Popen[bytes], name: str, seen: IO[bytes]) -> None:
     out = sys.stdout.buffer
     with console.status(f"{name} starts") as status:
         while running.poll() is None:
-            said = seen.read()
-            if said:
+            written = log_file.read()
+            if written:
                 status.stop()
-                out.write(said)
+                out.write(written)
                 out.flush()
             time.sleep(POLL_S)
-    out.write(seen.read())
+    out.write(log_file.read())
     out.flush()

@@ -7,17 +7,22 @@ is another one, or the bus does not work.
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from gaitd.check import Section
-from gaitd.station import EXIT_DRIVE, BusPlace, opened, place_of, show, shown
+from daemon.config.strict import MISSING, ConfigError
+from daemon.system.bus_choice import BusPlace, bus_of, opened
+from gaitd.command_line import COMMAND_LINE, configs_folder
+from gaitd.terminal import Table, run_with_progress, show
 
 if TYPE_CHECKING:
     from drives.canopen.bus import Bus, Clock
     from drives.service.inventory import Finding, Inventory
     from drives.service.stations import Expected, ProfileFile, Station
+
+EXIT_DRIVE: Final = 3
+"""The bus, or a drive on it, is not in the required state."""
 
 
 def command(
@@ -35,7 +40,7 @@ def command(
     """List the stations on the bus and compare them with the configuration. Writes no object."""
     from drives.errors import BusError
 
-    place, expected = _sought(config, interface, channel, bitrate)
+    place, expected = _wanted(config, interface, channel, bitrate)
     try:
         with opened(place) as (bus, clock):
             found = scan(bus, clock, place.bitrate_bit_per_s, expected)
@@ -46,7 +51,8 @@ def command(
     if json:
         print(as_json(found, foreign_count))
     else:
-        show(sections(found, place, expected, foreign_count))
+        tables = sections(found, place, expected, foreign_count)
+        show(table for table in tables if table[2])
     raise typer.Exit(EXIT_DRIVE if found.is_wrong else 0)
 
 
@@ -59,13 +65,12 @@ def scan(bus: "Bus", clock: "Clock", bitrate_bit_per_s: int, expected: "Expected
     from drives.service.inventory import take_stock
     from drives.service.scan import survey
 
-    return take_stock(shown(survey(bus, clock, bitrate_bit_per_s)), expected)
+    return take_stock(run_with_progress(survey(bus, clock, bitrate_bit_per_s)), expected)
 
 
-def _sought(
+def _wanted(
     config: Path | None, interface: str | None, channel: str | None, bitrate: int | None
 ) -> "tuple[BusPlace, Expected]":
-    from daemon.config.strict import MISSING, ConfigError
     from daemon.preflight.load import read_all
     from drives.service.stations import Expected
 
@@ -73,28 +78,25 @@ def _sought(
     if config is not None:
         for option, value in named.items():
             if value is not None:
-                allowed = "nothing: --config says it already"
-                raise ConfigError("command line", option, value, allowed)
+                raise ConfigError(COMMAND_LINE, option, value, "nothing: --config says it already")
         settings = read_all(config)
         master = settings.trainer.cycle.master_node_id
-        return place_of(settings), Expected(settings.drives, master, _profiles())
+        return bus_of(settings.file), Expected(settings.drives, master, _profiles())
     if interface is None or channel is None or bitrate is None:
         missing = next(option for option, value in named.items() if value is None)
         allowed = "--config FILE, or all of --interface, --channel and --bitrate"
-        raise ConfigError("command line", missing, MISSING, allowed)
+        raise ConfigError(COMMAND_LINE, missing, MISSING, allowed)
     if bitrate <= 0:
-        raise ConfigError("command line", "--bitrate", bitrate, "bit/s, for example 1000000")
-    place = BusPlace(interface, channel, bitrate, "command line", "--channel")
+        raise ConfigError(COMMAND_LINE, "--bitrate", bitrate, "bit/s, for example 1000000")
+    place = BusPlace(interface, channel, bitrate, COMMAND_LINE, "--channel")
     return place, Expected(profiles=_profiles())
 
 
 def _profiles() -> "tuple[ProfileFile, ...]":
     """Drive profiles in configs/drives/profiles; none if there is no such folder."""
-    from daemon.config.strict import ConfigError
     from daemon.preflight.load import load_toml
     from drives.cia402.profile import DriveProfile
     from drives.service.stations import ProfileFile
-    from gaitd.places import configs_folder
 
     try:
         folder = configs_folder("--config", "drives/profiles") / "drives" / "profiles"
@@ -109,15 +111,14 @@ def _profiles() -> "tuple[ProfileFile, ...]":
 
 def sections(
     found: "Inventory", place: BusPlace, expected: "Expected", foreign_count: int
-) -> tuple[Section, ...]:
+) -> tuple[Table, ...]:
     """Format the inventory as tables of text."""
     count = len(found.stations)
     where = f"{place.interface} {place.channel}"
-    devices = "nobody" if not count else f"{count} node{'s' if count > 1 else ''}"
+    devices = "no node" if not count else f"{count} node{'s' if count > 1 else ''}"
     columns = ("node", "drive", "NMT", "device", "power state", "error", "profile")
-    stations = Section(
-        f"On {where}: {devices}", columns, tuple(_state_row(s, expected) for s in found.stations)
-    )
+    states = tuple(_state_row(station, expected) for station in found.stations)
+    stations = (f"On {where}: {devices}", columns, states)
     columns = ("node", "vendor", "name", "product", "revision", "serial", "hardware", "software")
     rows = tuple(_identity_row(station) for station in found.stations if station.answers)
     findings = [_finding_line(finding) for finding in found.findings]
@@ -125,16 +126,14 @@ def sections(
         findings.append(f"{foreign_count} extended, remote or CAN FD frames: not CANopen")
     return (
         stations,
-        Section("Identity", columns, rows),
-        Section(
-            "Findings", ("",), tuple((line,) for line in findings or [_all_well(found, expected)])
-        ),
+        ("Identity", columns, rows),
+        ("Findings", ("",), tuple((line,) for line in findings or [_all_well(found, expected)])),
     )
 
 
 def _all_well(found: "Inventory", expected: "Expected") -> str:
     if not found.stations:
-        return "nobody on the bus answers, beats or sends anything"
+        return "no node answers, sends a heartbeat or anything else"
     if not expected.drives:
         return "none"
     names = ", ".join(drive.name for drive in expected.drives)
@@ -156,7 +155,7 @@ def _state_row(station: "Station", expected: "Expected") -> tuple[str, ...]:
 
 def _device(station: "Station") -> str:
     if station.profile_number is None:
-        return "-" if not station.answers else "answers, says no type"
+        return "-" if not station.answers else "answers, without a type"
     return f"CiA {station.profile_number}" if station.profile_number else "no device profile"
 
 

@@ -32,7 +32,7 @@ def command(
     """
     import json as json_text
 
-    from gaitd.places import configs_folder
+    from gaitd.command_line import configs_folder
     from gaitd_lab.demonstration.script import ActError
     from gaitd_lab.demonstration.stage import Tempo
     from gaitd_lab.soak.figure import draw

@@ -2,8 +2,9 @@
 
 It needs the virtual drives, and nothing of the service imports it. `gaitd.testing` is the part that
 other projects use in their tests. Reading order: `virtual_machine.py` (the virtual drives of a
-configuration), `lockstep.py` with `lockstep_gateway.py` (the real loop against them in one thread),
-`trials.py`, `excitation.py` and `ablation_trials.py` (recordings by lock-step), `fault_matrix/`,
-`fuzz/` (random sessions), `processes.py` (child processes), `demonstration/`, `soak/`,
-`benchmark/`.
+configuration), `simulation.py` (the same on its bus: `gaitd sim`), `lockstep.py` with
+`lockstep_gateway.py` (the real loop against them in one thread), `trials.py`, `excitation.py` and
+`ablation_trials.py` (recordings by lock-step), `fault_matrix/`, `fuzz/` (random sessions),
+`processes.py` (child processes), `demonstration/`, `soak/`, `benchmark/`. `mode_page.py` writes
+docs/modes.md.
 """

@@ -12,7 +12,9 @@ from typing import Final, NamedTuple
 import msgspec
 import numpy as np
 
+from analysis.delay import Delay, measure
 from analysis.experiment import Run
+from analysis.recording import Recording, RecordingError
 from daemon.config.bundle import Settings
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
@@ -31,6 +33,8 @@ from sim_drives.plant.settings import FrictionLaw
 from sim_drives.plant.truth import TruthLog, TruthRow
 
 EMPTY: Final = "robot_empty.toml"
+DELAY: Final = "delay"
+"""Scenario with quick efforts, from which delays are measured."""
 READY_S: Final = 10.0
 BEGIN_S: Final = 30.0
 SETTLE_S: Final = 0.2
@@ -154,6 +158,25 @@ class Stage:
         count = round(seconds / STEP_S)
         run = _run(lockstep.records[begun:], truth.rows, count)
         return Played(run, "" if len(run.time_s) == count else _why(lockstep, run))
+
+    def delays(
+        self, run: Run, begin: Callable[[str, float], Callable[[float], None]]
+    ) -> tuple[Delay, Delay] | str:
+        """Measure the delays in the delay scenario, or in `run` if there is none; else why not.
+
+        Args:
+            run: of another scenario.
+            begin: receives title and seconds of the scenario, and returns a callback for progress.
+        """
+        try:
+            if DELAY in self.settings.trainer.excite:
+                seconds = self.longest_s(DELAY)
+                told = begin("quick efforts, for the delay", seconds)
+                run = self.play(DELAY, seconds, told).run
+            recording = Recording("the scenario", run.time_s, run.measured, run.exerted)
+            return measure(recording, self.settings.robot)
+        except (NotPlayedError, RecordingError) as error:
+            return str(error)
 
 
 def _begin(lockstep: Lockstep, scenario: str, seconds: float) -> int:

@@ -6,4 +6,8 @@ difference Kalman filter over the eight states of eq. 23), `smoother.py` (with a
 (friction drift), `baseline.py` (a passive patient), `offline/` (the same over recorded columns).
 `jit.py` describes how all of it is compiled and why its cache cannot be stale; `quantities.py` has
 types for units.
+
+To add an integrator: `Integrator`, its step and its stability bound in `filter/leg_model.py`; its
+use in `filter/leg_filter.py`; `integrator` in daemon/config/settings.py; its row in
+analysis/ablation_choices.py.
 """

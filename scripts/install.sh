@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# Puts gaitd on a machine, and takes it off again. For Debian 12 or newer, as root:
+# Installs gaitd on a machine, and removes it. For Debian 12 or newer, as root:
 #
 #   install.sh install      environment and files; leaves the service stopped, and disabled as it was
 #   install.sh files        the files alone, for an environment that is at $PREFIX already
-#   install.sh uninstall    takes away all but configuration and state
+#   install.sh uninstall    removes all but configuration and state
 #   install.sh purge        these, too, and the users
 #
-# DESTDIR=/somewhere stages the files for a package; nothing of the running system is touched then.
+# DESTDIR=/somewhere stages the files for a package and leaves the running system unchanged.
 set -Eeuo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -29,7 +29,7 @@ live() { [ -z "$DESTDIR" ]; }
 running() { live && [ -d /run/systemd/system ]; }
 
 idle() {
-    # What a running service imports or executes must not change under it, nor under a patient.
+    # The files of a running service must not change, and no patient may be in the machine.
     local unit
     running || return 0
     for unit in gaitd-core gaitd-gateway gaitd-sim; do
@@ -38,7 +38,7 @@ idle() {
 }
 
 environment() {
-    # Beside the old one, which goes when the link has been turned: there is always a whole one.
+    # Beside the old one, which is removed after the link is changed: one is always complete.
     local version target base
     "$PYTHON" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || refuse "$PYTHON is older than 3.11"
     "$PYTHON" -c 'import ensurepip, venv' 2> /dev/null || refuse "$PYTHON has no venv: apt-get install python3-venv"
@@ -51,7 +51,7 @@ environment() {
     "$DESTDIR$target/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/run.txt
     "$DESTDIR$target/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation .
     if ! live; then
-        # Staged for another place: what pip has written into the scripts is the place it is at now.
+        # Staged for another path: pip has written the present path into the scripts.
         grep -rlIZ "$DESTDIR$target" "$DESTDIR$target/bin" "$DESTDIR$target/pyvenv.cfg" | xargs -0 sed -i "s#$DESTDIR$target#$target#g"
     fi
     ln -sfn "$target" "$DESTDIR$PREFIX.new"
@@ -64,7 +64,7 @@ files() {
     for name in "${PARTS[@]}"; do
         put "systemd/$name" "$UNITS/$name"
     done
-    # Every other service is kept off the CAN bus; ours have a file of that name in their own folder.
+    # Every other service is denied the CAN bus; the units of gaitd have a file of that name of their own.
     put systemd/drop-ins/no-can.conf "$UNITS/service.d/$NO_CAN"
     for name in core sim; do
         put systemd/drop-ins/may-can.conf "$UNITS/gaitd-$name.service.d/$NO_CAN"
@@ -74,7 +74,7 @@ files() {
     for name in systemd/network/80-gaitd-can0.*; do
         put "$name" "$NETWORK/$(basename "$name")"
     done
-    # For a desk, to be copied by hand: a virtual bus, or the simulated one.
+    # For development, to be copied by hand: a virtual bus, or the simulated one.
     for name in systemd/network/80-gaitd-vcan0.* systemd/drop-ins/bus-{vcan0,simulated}.conf; do
         put "$name" "$DOCUMENTS/examples/$(basename "$name")"
     done
@@ -90,7 +90,7 @@ files() {
 }
 
 configuration() {
-    # What is there stays, edited or not; what this version ships is beside it as FILE.dist.
+    # Existing files stay, edited or not; a file of this version that differs is added as FILE.dist.
     local file target
     while IFS= read -r file; do
         target="/etc/gaitd/${file#configs/}"
@@ -106,7 +106,7 @@ configuration() {
 }
 
 settle() {
-    # What only the machine itself can have: users, folders, completion, compiled kernels.
+    # Only on the machine itself: users, folders, completion, compiled kernels.
     completion
     systemd-sysusers gaitd.conf
     systemd-tmpfiles --create gaitd.conf

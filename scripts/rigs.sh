@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Installs what the rigs need: a kernel with SocketCAN under QEMU, and a container with systemd as PID 1.
+# Installs the packages for the rigs: a kernel with SocketCAN under QEMU, and a container with systemd as PID 1.
 # For Debian on amd64, as root; `make rigs` runs it. Running it again changes nothing.
 set -Eeuo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."

@@ -161,7 +161,14 @@ def test_a_broad_catch_is_where_one_failure_has_to_end_and_nowhere_else():
 
 GUIDED = (
     *("daemon/config", "daemon/gateway", "daemon/ipc", "daemon/preflight", "daemon/recorder"),
-    *("daemon/system", "daemon/wire", "daemon/zenoh_io", "daemon/core", "daemon/core/modes"),
+    *(
+        "daemon/system",
+        "daemon/system/machine",
+        "daemon/wire",
+        "daemon/zenoh_io",
+        "daemon/core",
+        "daemon/core/modes",
+    ),
     *("daemon/core/motion", "daemon/core/runtime", "daemon/core/safety", "daemon/core/steps"),
     *("drives", "drives/bringup", "drives/canopen", "drives/cia402", "drives/service"),
     *("observer", "observer/filter", "observer/mechanism", "observer/offline"),

@@ -2,9 +2,11 @@
 
 import math
 
+from daemon.config.bundle import Settings
 from daemon.config.limit_settings import Limits
 from daemon.config.settings import Cycle
-from drives.bringup.plan import CycleSettings
+from daemon.config.strict import ConfigError
+from drives.bringup.plan import CycleSettings, DrivePlan, plan
 from drives.cia402.profile import DriveDescription
 from drives.cia402.units import DriveLimits, axis_scaling, expected_base
 
@@ -49,3 +51,18 @@ def effort_per_motor_nm(description: DriveDescription) -> float:
     """Effort at the joint (N m or N) per N m at the motor, without its sign."""
     counts_per_si = axis_scaling(description, expected_base(description)).counts_per_si
     return math.tau * abs(counts_per_si) / description.axis.transmission.counts_per_rev
+
+
+def plan_of(name: str, settings: Settings) -> DrivePlan:
+    """Return the bring-up plan of the drive with a name or node id of the command line.
+
+    Raises:
+        ConfigError: no drive has that name or node id; the text lists the known ones.
+    """
+    hip, slide = drive_limits(settings.limits)
+    for leg in settings.legs:
+        for drive, limits in ((leg.hip, hip), (leg.slide, slide)):
+            if name in (drive.name, str(drive.node_id)):
+                return plan(drive, limits, cycle_settings(settings.trainer.cycle))
+    known = ", ".join(f"{drive.name} (node {drive.node_id})" for drive in settings.drives)
+    raise ConfigError("command line", "NAME", name, f"a drive of {settings.file.path}: {known}")

@@ -1,5 +1,6 @@
 """Interfaces to the operating system.
 
-`clock.py` (wall and simulated clocks), `bus_choice.py` (bus and clock of a configuration),
-`lock.py` (one process of a kind per directory), `journal.py` and `sd_notify.py` (systemd).
+Reading order: `clock.py` (wall and simulated clocks), `bus_choice.py` (bus and clock of a
+configuration), `lock.py` (one process of a kind per directory), `journal.py` and `sd_notify.py`
+(systemd), `machine/` (checks for `gaitd doctor`).
 """

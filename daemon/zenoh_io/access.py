@@ -7,11 +7,11 @@ act as gateway or controller for another one: it cannot publish the gateway's me
 its place, hold its token, or receive setpoints and with them the number of the lease.
 
 Rules:
-1. Every client may stop. A new role gets every row for EVERYBODY.
+1. Every client may stop. A new role gets every row for ALL_ROLES.
 2. A subscription may have any key expression, because only outgoing messages are restricted. A
    query may not: a wide key expression would be several requests in one.
 3. No key of an incoming message matches a key of an outgoing one.
-4. Links without a certificate cannot be distinguished: all of them have the role EVERYBODY.
+4. Links without a certificate cannot be distinguished: all of them have the role CLIENT.
 """
 
 from enum import Enum
@@ -24,7 +24,7 @@ from daemon.gateway.requests import ROUTES, Route
 class Role(Enum):
     """Roles of clients that Zenoh can distinguish."""
 
-    EVERYBODY = "everybody"
+    CLIENT = "client"
 
 
 class Flow(Enum):
@@ -61,14 +61,14 @@ class Right(NamedTuple):
 ANY_KEY: Final = "**"
 HISTORY: Final = f"{wire.EVENTS}/@adv/**"
 """Keys on which Zenoh's advanced publisher offers events to late joiners."""
-TOLD: Final = (
+PUBLISHED: Final = (
     *(f"*/{name}" for name in ("estimate", "activity", "friction", "stride")),
     "drives/*/*",
     *(wire.SAFETY, wire.EVENTS, HISTORY, wire.HEALTH),
 )
 """Keys that the gateway publishes on."""
 SETPOINTS: Final = (f"*/{wire.SETPOINT}",)
-EVERYBODY: Final = frozenset(Role)
+ALL_ROLES: Final = frozenset(Role)
 
 
 def _requests(route: Route) -> tuple[str, ...]:
@@ -82,19 +82,23 @@ def _right(
 
 
 RIGHTS: Final = (
-    _right("listen", EVERYBODY, Flow.IN, {Message.SUBSCRIBER, Message.TOKEN_SUBSCRIBER}, ANY_KEY),
-    _right("tell", EVERYBODY, Flow.OUT, {Message.PUT}, *TOLD),
-    _right("ask whether alive", EVERYBODY, Flow.IN, {Message.TOKEN_QUERY}, ANY_KEY),
-    _right("be alive", EVERYBODY, Flow.OUT, {Message.TOKEN}, wire.ALIVE, HISTORY),
-    _right("ask for history", EVERYBODY, Flow.IN, {Message.QUERY}, HISTORY),
-    _right("stop", EVERYBODY, Flow.IN, {Message.QUERY}, *_requests(Route.STOP)),
-    _right("ask", EVERYBODY, Flow.IN, {Message.QUERY}, *_requests(Route.GATEWAY)),
-    _right("lease", EVERYBODY, Flow.IN, {Message.QUERY}, *_requests(Route.LEASE)),
-    _right("machine", EVERYBODY, Flow.IN, {Message.QUERY}, *_requests(Route.CORE)),
-    _right("offer", EVERYBODY, Flow.OUT, {Message.QUERYABLE}, f"{wire.CONTROL}/*", HISTORY),
-    _right("answer", EVERYBODY, Flow.OUT, {Message.REPLY}, f"{wire.CONTROL}/*", wire.EVENTS),
-    _right("steer", EVERYBODY, Flow.IN, {Message.PUT}, *SETPOINTS),
-    _right("be steered", EVERYBODY, Flow.OUT, {Message.SUBSCRIBER}, *SETPOINTS),
+    _right(
+        "subscribe", ALL_ROLES, Flow.IN, {Message.SUBSCRIBER, Message.TOKEN_SUBSCRIBER}, ANY_KEY
+    ),
+    _right("publish", ALL_ROLES, Flow.OUT, {Message.PUT}, *PUBLISHED),
+    _right("query liveliness", ALL_ROLES, Flow.IN, {Message.TOKEN_QUERY}, ANY_KEY),
+    _right("declare liveliness", ALL_ROLES, Flow.OUT, {Message.TOKEN}, wire.ALIVE, HISTORY),
+    _right("query history", ALL_ROLES, Flow.IN, {Message.QUERY}, HISTORY),
+    _right("stop", ALL_ROLES, Flow.IN, {Message.QUERY}, *_requests(Route.STOP)),
+    _right("query", ALL_ROLES, Flow.IN, {Message.QUERY}, *_requests(Route.GATEWAY)),
+    _right("lease", ALL_ROLES, Flow.IN, {Message.QUERY}, *_requests(Route.LEASE)),
+    _right("request", ALL_ROLES, Flow.IN, {Message.QUERY}, *_requests(Route.CORE)),
+    _right(
+        "declare queryables", ALL_ROLES, Flow.OUT, {Message.QUERYABLE}, f"{wire.CONTROL}/*", HISTORY
+    ),
+    _right("answer", ALL_ROLES, Flow.OUT, {Message.REPLY}, f"{wire.CONTROL}/*", wire.EVENTS),
+    _right("send setpoints", ALL_ROLES, Flow.IN, {Message.PUT}, *SETPOINTS),
+    _right("receive setpoints", ALL_ROLES, Flow.OUT, {Message.SUBSCRIBER}, *SETPOINTS),
 )
 
 

@@ -1,6 +1,6 @@
-"""CiA 402, master side.
+"""CiA 402, master side: power state, PDOs, units and the files that describe a drive.
 
-`power_state.py` (statusword in, one controlword out), `pdo.py`, `units.py`, `torque.py`,
-`option_codes.py`, `homing.py`; `profile.py` and `axis_file.py` (the files of a drive); `drive.py`
-(one drive, and all drives of a bus, in the cycle).
+Reading order: `power_state.py` (statusword in, one controlword out), `pdo.py`, `units.py`,
+`torque.py`, `option_codes.py`, `homing.py`; `profile.py` and `axis_file.py` (the files of a drive);
+`drive.py` (one drive, and all drives of a bus, in the cycle).
 """

@@ -1,6 +1,6 @@
-"""Service functions for an operator at the bus.
+"""Service functions for an operator at the bus: scan, dump, compare, store, restore.
 
-`scan.py`, `stations.py` and `inventory.py` (which nodes are on a bus), `dump.py`, `compare.py` and
-`eds.py` (what a drive holds and should hold), `parameters.py` (store and restore),
+Reading order: `scan.py`, `stations.py` and `inventory.py` (which nodes are on a bus), `dump.py`,
+`compare.py` and `eds.py` (what a drive holds and should hold), `parameters.py` (store and restore),
 `object_words.py` and `vendors.py` (numbers as text).
 """

@@ -1,18 +1,23 @@
 """Comparison of a drive's objects with the bring-up plan, an EDS, or an earlier dump.
 
-Pure. `expectations` takes from a plan everything that bring-up would write or check, with the final
-value of each object: a mapping is emptied, filled and counted, and only the count remains. Objects
-that are only reported, or depend on the joint's position (the target position), are not expected.
+`read_with_plan` and `read_with_values` read the drive; the rest is pure. `expectations` takes from
+a plan everything that bring-up would write or check, with the final value of each object: a mapping
+is emptied, filled and counted, and only the count remains. Objects that are only reported, or
+depend on the joint's position (the target position), are not expected.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from canopen.objectdictionary import ObjectDictionary
+
 from drives.bringup.plan import DrivePlan
+from drives.bringup.port import DrivePort
 from drives.bringup.steps import ALL_BITS, PDO_OFF, Step, StepKind
 from drives.cia402.profile import BASE_TOLERANCE_RATIO
-from drives.service.dump import Address, Entry, Value
+from drives.service.dump import Address, Entry, Value, read_objects, settings, variable_at
+from drives.service.scan import Progress
 
 
 class Expectation(NamedTuple):
@@ -98,6 +103,29 @@ def _parts(step: Step) -> Iterator[Step]:
         yield replace(step, kind=StepKind.WRITE, sub=step.sub + 1, value=step.second)
     else:
         yield step
+
+
+def read_with_plan(
+    plan: DrivePlan, dictionary: ObjectDictionary, port: DrivePort
+) -> Generator[Progress, None, tuple[Compared, ...]]:
+    """Read what a plan expects, and compare; raises as `read_objects`."""
+    wanted = expectations(plan)
+    variables = [variable_at(dictionary, *one.address, one.step.bits) for one in wanted]
+    entries = yield from read_objects(plan.description.node_id, variables, port)
+    return with_plan(wanted, {(entry.index, entry.sub): entry for entry in entries})
+
+
+def read_with_values(
+    plan: DrivePlan,
+    dictionary: ObjectDictionary,
+    port: DrivePort,
+    values: Mapping[Address, Value],
+    why: str,
+) -> Generator[Progress, None, tuple[Compared, ...]]:
+    """Read the settings that have a value in `values`, and compare; raises as `read_objects`."""
+    variables = [v for v in settings(dictionary) if (v.index, v.subindex) in values]
+    entries = yield from read_objects(plan.description.node_id, variables, port)
+    return with_values(values, entries, why)
 
 
 def with_plan(

@@ -15,11 +15,21 @@ from typing import Final, TextIO, cast
 import canopen
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODVariable, datatypes
 
+from drives.bringup.plan import DrivePlan
 from drives.bringup.port import DrivePort
 from drives.canopen.objects import Object
-from drives.errors import DescriptionError, SdoAborted, SdoGarbled, SdoTimeout
+from drives.canopen.sniffer import Heard
+from drives.errors import (
+    BootFailure,
+    DescriptionError,
+    DriveSilent,
+    SdoAborted,
+    SdoGarbled,
+    SdoTimeout,
+)
 from drives.service.eds import load_eds
 from drives.service.scan import Progress
+from drives.signals import NmtState
 
 FIRST_INDEX: Final = 0x1000
 """Lower indices are data types and dummy entries."""
@@ -59,6 +69,25 @@ class Entry:
     def place(self) -> str:
         """`6065h:00`."""
         return f"{self.index:04X}h:{self.sub:02X}"
+
+
+def check_alone(plan: DrivePlan, heard: Heard) -> None:
+    """Check that no other SDO client uses the drive: both would break each other's transfers.
+
+    Raises:
+        DriveSilent: another client reads or writes the drive's objects now.
+    """
+    if heard.foreign_request_count:
+        reason = "another client reads or writes its objects now (a service's bring-up?): try later"
+        raise DriveSilent(plan.description.name, BootFailure.FOREIGN_MASTER, reason)
+
+
+def silence(plan: DrivePlan, heard: Heard) -> str:
+    """Explain why a drive does not answer."""
+    node_id = plan.description.node_id
+    if heard.watch.state is NmtState.STOPPED:
+        return f"node {node_id} is stopped: no SDO in this state; it answers after power-on"
+    return f"no answer from node {node_id}; `gaitd scan` lists the nodes that are there"
 
 
 def read_objects(

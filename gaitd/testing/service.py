@@ -29,7 +29,7 @@ from daemon.ipc.record import CycleRecord
 from daemon.ipc.transport import RING_NAME, RingError, RingReader
 from daemon.system.clock import AgeClock, MonotonicClock, PageClock
 from gaitd import remote
-from gaitd.places import configs_folder
+from gaitd.command_line import configs_folder
 from gaitd.remote import Target
 from gaitd.testing.edits import Edits, edit
 from gaitd_lab.processes import free_ports, tied

@@ -9,7 +9,7 @@ Each session is a seed: the real loop on the virtual machine in lock-step, among
 stops, faults, lost frames, late loops, controllers good and bad, and deaths of each process.
 `gaitd_lab/fuzz/invariants.py` says what must never happen and how it is judged: from the frames
 on the wire and the truth of the plant. The tests run some minutes of it
-(`tests/gaitd/test_torture.py`)."""
+(`tests/gaitd/test_fuzz.py`)."""
 TRACE_SHOWN = 60
 """Trace lines printed before a violation."""
 
@@ -17,7 +17,7 @@ TRACE_SHOWN = 60
 def rerun(broken: Broken) -> str:
     """Return the command that runs one session again."""
     seconds = broken.session_s
-    return f"gaitd torture --seed {broken.seed} --minutes {seconds / 60:g}"
+    return f"gaitd fuzz --seed {broken.seed} --minutes {seconds / 60:g}"
 
 
 def told(broken: Broken) -> str:

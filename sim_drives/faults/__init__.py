@@ -1,4 +1,5 @@
-"""Fault injection of the virtual machine.
+"""Fault injection of the virtual drives.
 
-`rules.py` (what each kind does) and `script.py` (which drive has which, and when).
+`rules.py` (effect of each kind) and `script.py` (which drive has which fault, and when). The kinds
+are in `sim_drives/settings.py`.
 """

@@ -1,6 +1,6 @@
 """Physics of the trainer behind one leg's two drives.
 
-`plant.py`, `dynamics.py` (one compiled loop), `motor.py`, `stick_slip.py` (the plant's friction
-laws), `stops.py`, `patient.py`, `settings.py` (the physics tables of plant.toml), `truth.py` (the
-true state), `port.py` and `actuation.py` (the interface to the protocol side).
+Reading order: `plant.py`, `dynamics.py` (one compiled loop), `motor.py`, `stick_slip.py` (the
+plant's friction laws), `stops.py`, `patient.py`, `settings.py` (the physics tables of plant.toml),
+`truth.py` (the true state), `port.py` and `actuation.py` (the interface to the protocol side).
 """

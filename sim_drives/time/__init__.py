@@ -1,5 +1,5 @@
-"""Time of the virtual machine.
+"""Time of the virtual drives: simulated and shared with other processes, or the computer's.
 
-`conductor.py` (when each seat may continue), `server.py` and `bus_server.py` (the same between
-processes), `wall_clock.py` (by the computer's clock).
+Reading order: `conductor.py` (when each seat may continue), `server.py` and `bus_server.py` (the
+same between processes), `wall_clock.py` (by the computer's clock).
 """

@@ -1,4 +1,4 @@
-"""The measures of honesty, on the shipped robot, and on robots that are lied about."""
+"""The measures of consistency, on the shipped robot, and on robots that are lied about."""
 
 from pathlib import Path
 

@@ -7,8 +7,8 @@ from sessions import Session, changed_configs, elsewhere
 
 from daemon.core.modes.table import TRANSITIONS, event_of
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
-from gaitd.mode_tables import ASKS
 from gaitd_lab.lockstep import Lockstep
+from gaitd_lab.mode_page import ASKS
 
 EMPTY = (
     ("demo.toml", '"robot.toml"', '"robot_empty.toml"'),

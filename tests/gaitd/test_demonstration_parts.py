@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitd.places import configs_folder
+from gaitd.command_line import configs_folder
 from gaitd_lab.demonstration import stage
 from gaitd_lab.demonstration.feed import HEARD, TRUE, Track, TruthTail
 from gaitd_lab.demonstration.judgement import Row, Span, judge, pairs

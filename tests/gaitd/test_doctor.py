@@ -4,8 +4,8 @@ from pathlib import Path
 
 from command_line import gaitd
 
-from gaitd import machine
-from gaitd.finding import Finding, Grade
+from daemon.system.machine import checks as machine
+from daemon.system.machine.finding import Finding, Grade
 
 
 def put(root, path, text):

@@ -212,4 +212,4 @@ def test_somebody_else_s_transfers_keep_it_from_dumping(machine):
         task.stop()
 
     assert ended.code == 3
-    assert "somebody else reads or writes its objects now" in ended.err
+    assert "another client reads or writes its objects now" in ended.err

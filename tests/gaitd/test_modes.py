@@ -9,11 +9,11 @@ from command_line import gaitd
 
 from daemon.core.modes.table import TRANSITIONS
 from daemon.ipc.record import Cause, Mode
-from gaitd.mode_tables import ASKS, WELL, diagram, document
+from gaitd_lab.mode_page import ASKS, WELL, diagram, page
 
 PROJECT = Path(__file__).parents[2]
 LIMITS = tomllib.loads((PROJECT / "configs/limits.toml").read_text())
-PAGE = document(LIMITS["stop_category"])
+PAGE = page(LIMITS["stop_category"])
 
 
 def test_the_page_in_the_docs_is_the_one_of_the_tables():

@@ -10,7 +10,7 @@ from daemon.gateway.translate import Stamp
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.record import Cause, CycleRecord, Mode, RequestResult, StopCategory, Verdict
 from daemon.wire.causes import CAUSE_TEXT
-from gaitd import self_test
+from gaitd import preparation
 from gaitd.__main__ import build
 from gaitd.remote import EXIT_REFUSED, Answer
 
@@ -72,8 +72,8 @@ def run(monkeypatch):
 
     def against(*modes):
         service = Service(*modes)
-        monkeypatch.setattr(self_test, "ask", service.ask)
-        monkeypatch.setattr(self_test.time, "sleep", lambda _: None)
+        monkeypatch.setattr(preparation, "ask", service.ask)
+        monkeypatch.setattr(preparation.time, "sleep", lambda _: None)
         return CliRunner().invoke(build("self-test"), ["self-test"]), service
 
     return against

@@ -289,7 +289,7 @@ def test_a_repeat_gives_the_same_bits_whatever_the_blocks(monkeypatch):
 
 
 def test_rough_recordings_leave_every_number_a_number():
-    from tests.observer.test_torture import rough
+    from tests.observer.test_extremes import rough
 
     smooth = run_smoothed(SETUP, rough(PATIENT, 20_000, 9))
 

@@ -8,7 +8,7 @@ from config_files import CONFIGS, Change, changed, copied
 
 from daemon.preflight.load import ConfigError, load
 from daemon.preflight.report import examine, refuse
-from gaitd.check import Section, plain, print_tables
+from gaitd.terminal import plain, print_tables
 
 EMPTY_WITH_A_PATIENTS_SPRINGS = (
     Change("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
@@ -166,7 +166,7 @@ def test_the_command_shows_the_sweep_that_it_refuses(tmp_path):
 
 
 def test_a_terminal_gets_tables(capsys):
-    section = Section("Bus", ("", "what"), (("load", "10 [%]"),))
+    section = ("Bus", ("", "what"), (("load", "10 [%]"),))
 
     print_tables((section,))
 

@@ -8,7 +8,7 @@ from config_files import CONFIGS, Change, changed, copied
 
 from daemon.preflight.load import ConfigError, load
 from daemon.preflight.report import examine, refuse
-from gaitd.check import sections
+from daemon.preflight.report_tables import sections
 
 GENERIC = (
     Change("demo.toml", "drives/hip_epos4.toml", "drives/hip_generic.toml"),

@@ -2,8 +2,8 @@
 
 import json
 
-from gaitd.finding import Grade
-from gaitd.machine_can import can_interfaces
+from daemon.system.machine.can_interfaces import can_interfaces
+from daemon.system.machine.finding import Grade
 
 
 def can(**changes):

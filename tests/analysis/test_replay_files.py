@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from gaitd.replay_files import FileError, Targets, Wanted, appearing, check, targets_of
+from analysis.replay_files import FileError, Targets, Wanted, appearing, check, targets_of
 
 NOTHING = Wanted(None, None, None)
 

@@ -8,7 +8,7 @@ import json
 import subprocess
 from typing import Any, Final
 
-from gaitd.finding import Finding, Grade
+from daemon.system.machine.finding import Finding, Grade
 
 SUBJECT: Final = "CAN interfaces"
 QUEUE_LENGTH_MIN: Final = 32
@@ -25,10 +25,10 @@ def ip_links() -> str:
     for kind in ("can", "vcan"):
         command = ["ip", "-details", "-json", "link", "show", "type", kind]
         try:
-            said = subprocess.run(command, capture_output=True, text=True, check=False).stdout
+            output = subprocess.run(command, capture_output=True, text=True, check=False).stdout
         except FileNotFoundError:
             return ""
-        found += _links(said)
+        found += _links(output)
     return json.dumps(found)
 
 

@@ -1,4 +1,4 @@
-"""`gaitd torture`: some minutes of the random hour, and proof that its invariants can be broken."""
+"""`gaitd fuzz`: some minutes of the random hour, and proof that its invariants can be broken."""
 
 import math
 import random
@@ -547,10 +547,10 @@ def test_a_violation_is_told_with_its_last_seconds_and_the_command_to_see_it_aga
     bench.tell(5, 0x000F)
     broken = Broken(bench.watch.violations[0], 41, "EPOS4, position", 90.0, ("one", "two"))
 
-    assert rerun(broken) == "gaitd torture --seed 41 --minutes 1.5"
+    assert rerun(broken) == "gaitd fuzz --seed 41 --minutes 1.5"
     for text in ("seed 41", "enables unasked", "one", "two", rerun(broken)):
         assert text in told(broken)
-    assert "Violations: **1**" in page(Tally(broken=[broken]), "gaitd torture")
+    assert "Violations: **1**" in page(Tally(broken=[broken]), "gaitd fuzz")
     assert "violations: 1" in summary(Tally(broken=[broken]))
 
 

@@ -3,15 +3,20 @@
 import csv
 import math
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from gaitd.check import Section
+from analysis.recording import COLUMNS
+from analysis.stop_recording import StopRecording, about, remedy_of
+from daemon.ipc.record import CycleRecord, DriveRecord
+from daemon.wire.fields import POWER_STATES
 
-if TYPE_CHECKING:
-    from analysis.stop_recording import StopRecording
-    from daemon.ipc.record import CycleRecord, DriveRecord
+Table = tuple[str, tuple[str, ...], tuple[tuple[str, ...], ...]]
+"""Title, column heads, rows of text."""
+EventTexts = Callable[[CycleRecord, CycleRecord], Iterable[tuple[str, str]]]
+"""Priority and text of the events between two records, as the gateway publishes them."""
 
 AROUND_S: Final = (
     *(-10.0, -5.0, -2.0, -1.0, -0.5, -0.2, -0.1, -0.05, -0.03, -0.02, -0.01, 0.0),
@@ -23,33 +28,34 @@ _UNITS: Final = {"hip": ("rad", "rad/s", "N·m")}
 _SLIDE_UNITS: Final = ("m", "m/s", "N")
 
 
-def sections(told: "StopRecording") -> tuple[Section, ...]:
+def tables(recording: StopRecording, events: EventTexts) -> tuple[Table, ...]:
     """Format the recording of a stop as tables of text."""
-    from analysis.stop_recording import about, remedy_of
-
-    head = (*about(told), *((("remedy", r),) if (r := remedy_of(told.kept.cause)) else ()))
-    names = [drive.name for drive in told.stop.drives]
+    head = (
+        *about(recording),
+        *((("remedy", r),) if (r := remedy_of(recording.kept.cause)) else ()),
+    )
+    names = [drive.name for drive in recording.stop.drives]
     return (
-        Section(told.path.name, ("", ""), head),
-        Section("Mode and verdict", ("s", "mode", "verdict", "said"), tuple(_modes(told))),
-        *(_drive_section(told, name) for name in names),
-        Section("The last events", ("s", "", ""), tuple(_events(told))),
+        (recording.path.name, ("", ""), head),
+        ("Mode and verdict", ("s", "mode", "verdict", "said"), tuple(_modes(recording))),
+        *(_drive_table(recording, name) for name in names),
+        ("The last events", ("s", "", ""), tuple(_events(recording, events))),
     )
 
 
-def _shown(told: "StopRecording") -> "list[CycleRecord]":
+def _nearest(recording: StopRecording) -> list[CycleRecord]:
     """The records nearest to AROUND_S, and the first and the last, each once."""
-    times_s = [told.from_stop_s(record) for record in told.records]
+    times_s = [recording.from_stop_s(record) for record in recording.records]
     wanted = [at_s for at_s in AROUND_S if times_s[0] <= at_s <= times_s[-1] + 1e-3]
-    half_s = told.header.period_ns * 0.5e-9
+    half_s = recording.header.period_ns * 0.5e-9
     near = {min(bisect_left(times_s, at_s - half_s), len(times_s) - 1) for at_s in wanted}
-    return [told.records[index] for index in sorted({0, *near, len(times_s) - 1})]
+    return [recording.records[index] for index in sorted({0, *near, len(times_s) - 1})]
 
 
-def _modes(told: "StopRecording") -> Iterator[tuple[str, ...]]:
+def _modes(recording: StopRecording) -> Iterator[tuple[str, ...]]:
     """One row for each change of mode or verdict."""
     before: tuple[object, ...] = ()
-    for record in told.records:
+    for record in recording.records:
         verdict = record.verdict
         now = (record.mode, verdict.category, verdict.cause, verdict.drive)
         if now != before:
@@ -57,28 +63,26 @@ def _modes(told: "StopRecording") -> Iterator[tuple[str, ...]]:
             where = f" ({verdict.drive})" if verdict.drive else ""
             judged = f"{verdict.category.name} {verdict.cause.name.lower()}{where}"
             yield (
-                f"{told.from_stop_s(record):+.2f}",
+                f"{recording.from_stop_s(record):+.2f}",
                 record.mode.name.lower(),
                 judged if verdict.category else "-",
                 verdict.detail or record.progress,
             )
 
 
-def _drive_section(told: "StopRecording", name: str) -> Section:
+def _drive_table(recording: StopRecording, name: str) -> Table:
     position, speed, effort = _UNITS.get(name.rpartition("/")[2], _SLIDE_UNITS)
     columns = ("s", position, speed, f"{effort} measured", f"{effort} commanded", "drive", "inputs")
     rows = (
-        (f"{told.from_stop_s(record):+.2f}", *_drive_cells(drive))
-        for record in _shown(told)
+        (f"{recording.from_stop_s(record):+.2f}", *_drive_cells(drive))
+        for record in _nearest(recording)
         for drive in record.drives
         if drive.name == name
     )
-    return Section(name, columns, tuple(rows))
+    return name, columns, tuple(rows)
 
 
-def _drive_cells(drive: "DriveRecord") -> tuple[str, ...]:
-    from daemon.wire.fields import POWER_STATES
-
+def _drive_cells(drive: DriveRecord) -> tuple[str, ...]:
     troubles = {
         "no sample": not drive.fresh,
         "hand switch open": not drive.hand_switch_closed,
@@ -100,18 +104,14 @@ def _number(value: float | None, digits: int) -> str:
     return "-" if value is None or not math.isfinite(value) else f"{value:+.{digits}f}"
 
 
-def _events(told: "StopRecording") -> Iterator[tuple[str, ...]]:
-    """The newest events around the stop, with the texts that the gateway publishes."""
-    from itertools import pairwise
-
-    from daemon.gateway.events import happenings
-
-    said = [
-        (f"{told.from_stop_s(now):+.2f}", item.priority.value, item.text)
-        for before, now in pairwise(told.records)
-        for item in happenings(before, now)
+def _events(recording: StopRecording, events: EventTexts) -> Iterator[tuple[str, ...]]:
+    """The newest events around the stop."""
+    rows = [
+        (f"{recording.from_stop_s(now):+.2f}", *event)
+        for before, now in pairwise(recording.records)
+        for event in events(before, now)
     ]
-    yield from said[-EVENT_COUNT:] or [("", "", "none")]
+    yield from rows[-EVENT_COUNT:] or [("", "", "none")]
 
 
 # --- CSV ------------------------------------------------------------------------------------------
@@ -120,15 +120,13 @@ MORE_COLUMNS: Final = ("from_stop_s", "mode", "category", "cause")
 """Columns added to those of a recording; readers of recordings ignore them."""
 
 
-def write_csv(told: "StopRecording", leg: str, path: Path) -> int:
+def write_csv(recording: StopRecording, leg: str, path: Path) -> int:
     """Write the recording of one leg in the format of `gaitd replay`; return the number of rows.
 
     Raises:
         OSError: the file cannot be written.
     """
-    from analysis.recording import COLUMNS
-
-    rows = list(_rows(told, leg))
+    rows = list(_rows(recording, leg))
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow((*COLUMNS, *MORE_COLUMNS))
@@ -136,11 +134,11 @@ def write_csv(told: "StopRecording", leg: str, path: Path) -> int:
     return len(rows)
 
 
-def _rows(told: "StopRecording", leg: str) -> Iterator[tuple[str, ...]]:
+def _rows(recording: StopRecording, leg: str) -> Iterator[tuple[str, ...]]:
     """Rows of the cycles in which the observer ran, as a replay of the ring selects them."""
-    index = told.header.leg_names.index(leg)
+    index = recording.header.leg_names.index(leg)
     first_ns, last_ns = None, 0
-    for record in told.records:
+    for record in recording.records:
         if len(record.legs) <= index or record.sync_mono_ns <= last_ns:
             continue
         last_ns = record.sync_mono_ns
@@ -148,7 +146,7 @@ def _rows(told: "StopRecording", leg: str) -> Iterator[tuple[str, ...]]:
         one = record.legs[index]
         yield (
             *_cells(((last_ns - first_ns) * 1e-9, *one.measured, *one.effort_used)),
-            f"{told.from_stop_s(record):.6f}",
+            f"{recording.from_stop_s(record):.6f}",
             record.mode.name.lower(),
             record.verdict.category.name,
             record.verdict.cause.name.lower(),

@@ -1,4 +1,4 @@
-"""docs/modes.md: the modes of the service as a diagram and tables, from the core's own tables.
+"""Page docs/modes.md: the modes of the service as a diagram and tables, from the core's own tables.
 
 No fact is repeated in this file: rows, requests, refusals, categories and texts are read from
 `daemon/core/modes/table.py`, `daemon/wire/causes.py` and a limits file. The refusals are found by
@@ -70,7 +70,7 @@ WRONG: Final[Mapping[str, Mapping[str, Any]]] = {
 }
 
 
-def document(chosen: Mapping[str, str]) -> str:
+def page(chosen: Mapping[str, str]) -> str:
     """Return the whole page.
 
     Args:

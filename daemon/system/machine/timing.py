@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 from typing import Final
 
-from gaitd.finding import Finding, Grade, read
+from daemon.system.machine.finding import Finding, Grade, read
 
 SLOW_CLOCKS: Final = frozenset({"hpet", "acpi_pm", "jiffies", "refined-jiffies"})
 IDLE_LATENCY_MAX_US: Final = 200

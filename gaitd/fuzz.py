@@ -1,10 +1,13 @@
-"""`gaitd torture`: random commands and faults on the virtual machine, with invariants checked."""
+"""`gaitd fuzz`: random commands and faults on the virtual machine, with invariants checked."""
 
 import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from daemon.config.strict import ConfigError
+from gaitd.command_line import COMMAND_LINE, EXIT_FAILED, DemoFile, demo_file
 
 
 def command(
@@ -15,9 +18,7 @@ def command(
     output: Annotated[
         Path | None, typer.Option(metavar="DIR", help="write random_hour.md there", file_okay=False)
     ] = None,
-    config: Annotated[
-        Path | None, typer.Option(help="trainer file; by default configs/demo.toml", dir_okay=False)
-    ] = None,
+    config: DemoFile = None,
 ) -> None:
     """Fuzz the service in lock-step until the time is over, or an invariant is broken.
 
@@ -25,27 +26,24 @@ def command(
     with it another make of drives, another guidance, or an empty machine. Exit code 0 only if no
     invariant was broken; otherwise the last seconds and the command that repeats them are printed.
     """
-    from daemon.config.strict import ConfigError
-    from gaitd.places import configs_folder
     from gaitd_lab.fuzz.report import page, summary, told
     from gaitd_lab.fuzz.series import sessions
     from gaitd_lab.fuzz.tally import Tally
 
-    trainer = config or configs_folder("--config", "demo.toml") / "demo.toml"
+    trainer = demo_file(config)
     if trainer.name != "demo.toml":
-        raise ConfigError("command line", "--config", str(trainer), "a demo.toml, with its folder")
+        raise ConfigError(COMMAND_LINE, "--config", str(trainer), "a demo.toml, with its folder")
     tally = Tally()
     for played in sessions(trainer.parent, seed, minutes * 60, session_minutes * 60, processes):
         tally.add(played.tally)
-        said = (
-            f"seed {played.seed}, {played.variant}: {played.tally.simulated_s:.0f} s, violations "
-        )
-        print(f"{said}{len(played.tally.broken) or 'none'}", file=sys.stderr, flush=True)
+        made = f"seed {played.seed}, {played.variant}: {played.tally.simulated_s:.0f} s"
+        violations = len(played.tally.broken) or "none"
+        print(f"{made}, violations {violations}", file=sys.stderr, flush=True)
         if output is not None:  # after each session: a run that is cut short leaves its page, too
             output.mkdir(parents=True, exist_ok=True)
-            told_as = " ".join(("gaitd", *sys.argv[1:]))
-            (output / "random_hour.md").write_text(page(tally, told_as), encoding="utf-8")
+            run = " ".join(("gaitd", *sys.argv[1:]))
+            (output / "random_hour.md").write_text(page(tally, run), encoding="utf-8")
     for broken in tally.broken:
         print(told(broken))
     print(summary(tally))
-    sys.exit(1 if tally.broken else 0)
+    raise typer.Exit(EXIT_FAILED if tally.broken else 0)

@@ -1,4 +1,4 @@
-"""Checks of `gaitd doctor`: each reads one fact about this machine and grades it.
+"""Checks of this machine for `gaitd doctor`: each reads one fact and grades it.
 
 A check of the operating system takes the root of its file system, so that a test can supply other
 /proc and /sys files. The only change made to the machine is temporary: this process's own
@@ -19,10 +19,10 @@ import time
 from pathlib import Path
 from typing import Final
 
-from gaitd import machine_timing as timing
-from gaitd.finding import Finding, Grade, read
-from gaitd.machine_can import can_interfaces, ip_links
-from gaitd.machine_timing import MEMLOCK_MIN_MB
+from daemon.system.machine import timing
+from daemon.system.machine.can_interfaces import can_interfaces, ip_links
+from daemon.system.machine.finding import Finding, Grade, read
+from daemon.system.machine.timing import MEMLOCK_MIN_MB
 
 REALTIME_PRIORITY: Final = 60
 STATE: Final = Path("var/lib/gaitd")
@@ -152,12 +152,12 @@ def tmpfs(root: Path) -> Finding:
 
 def numba_cache() -> Finding:
     """Check the folder of compiled kernels: without one, every start compiles for a minute."""
-    told = os.environ.get("NUMBA_CACHE_DIR", "")
-    place = Path(told) if told else Path.home() / ".cache"
+    named = os.environ.get("NUMBA_CACHE_DIR", "")
+    place = Path(named) if named else Path.home() / ".cache"
     while not place.exists() and place != place.parent:
         place = place.parent
     if os.access(place, os.W_OK | os.X_OK):
-        return Finding("numba cache", told or "~/.cache", Grade.GOOD)
+        return Finding("numba cache", named or "~/.cache", Grade.GOOD)
     remedy = "CacheDirectory= and NUMBA_CACHE_DIR in the unit"
     return Finding("numba cache", f"{place} cannot be written", Grade.LIMITED, remedy)
 
@@ -166,10 +166,10 @@ def systemd(root: Path) -> Finding:
     """Check the version of systemd, and that it runs this machine."""
     if not shutil.which("systemctl"):
         return Finding("systemd", "none", Grade.MISSING, "use `gaitd run` under your supervisor")
-    said = subprocess.run(
+    words = subprocess.run(
         ["systemctl", "--version"], capture_output=True, text=True, check=False
     ).stdout.split()
-    version = int(said[1]) if len(said) > 1 and said[1].isdigit() else 0
+    version = int(words[1]) if len(words) > 1 and words[1].isdigit() else 0
     if read(root / "proc/1/comm") != "systemd":
         remedy = "not needed: `gaitd run` starts both halves"
         return Finding("systemd", f"{version}, not the first process", Grade.MISSING, remedy)

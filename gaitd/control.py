@@ -1,6 +1,7 @@
-"""`gaitd mode NAME`: choose what the enabled leg does."""
+"""`gaitd enable`, `disable`, `stop`, `reset`, `mode`: one request to a running service."""
 
-from typing import Annotated, Any
+from collections.abc import Callable
+from typing import Annotated
 
 import typer
 
@@ -14,7 +15,30 @@ from gaitd.remote import (
 )
 
 
-def command(
+def _command(name: str, documentation: str) -> Callable[..., None]:
+    """Return the command of a request without arguments."""
+
+    def command(
+        config: ConfigOption = None,
+        endpoint: EndpointOption = None,
+        trainer: TrainerOption = None,
+        as_json: JsonOption = False,
+    ) -> None:
+        raise typer.Exit(request(find_target(config, endpoint, trainer), name, as_json=as_json))
+
+    command.__doc__ = documentation
+    return command
+
+
+enable = _command("enable", "Let a running service enable its drives; it then holds the pose.")
+disable = _command("disable", "Stop a running service in an orderly way and switch its drives off.")
+stop = _command(
+    "stop", "Stop now, in any mode of the service. This does not replace the emergency stop."
+)
+reset = _command("reset", "Reset a latched stop once its cause is gone. No drive is enabled by it.")
+
+
+def mode(
     name: Annotated[str, typer.Argument(help="hold, gait, excite, hand_guiding or self_test")],
     cadence: Annotated[float, typer.Option(help="Strides per second, for gait.")] = 0.0,
     amplitude: Annotated[float, typer.Option(help="0 to 1 of the full gait, for gait.")] = 0.0,
@@ -26,7 +50,7 @@ def command(
     as_json: JsonOption = False,
 ) -> None:
     """Choose the enabled leg's mode: hold, gait (announced 3 s ahead), excite, hand_guiding."""
-    payload: dict[str, Any] = {
+    payload = {
         "mode": name,
         "cadence_hz": cadence,
         "amplitude_ratio": amplitude,

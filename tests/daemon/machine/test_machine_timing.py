@@ -2,8 +2,8 @@
 
 import pytest
 
-from gaitd import machine_timing as timing
-from gaitd.finding import Grade
+from daemon.system.machine import timing
+from daemon.system.machine.finding import Grade
 
 BOARD = {
     "proc/version": "Linux version 6.1.0-21-rt-arm64 (debian-kernel) #1 SMP PREEMPT_RT Debian",

@@ -1,0 +1,78 @@
+"""What `gaitd replay` prints about a recording and its estimates, as lines of text."""
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from analysis.consistency import drift_of
+from analysis.replay import Source
+from daemon.config.robot import friction_parameters
+from daemon.config.settings import Robot
+from observer.drift import asks_for_calibration, correlation, friction_error
+from observer.filter.leg_model import STEP_S
+from observer.filter.status import Status, Validity
+from observer.offline.batch import BatchEstimates
+from observer.strides import Stride
+
+
+def recording_lines(
+    source: Source, estimates: BatchEstimates, robot: str, computing_s: float, whole_s: float
+) -> Iterator[str]:
+    """Describe the recording, the share of valid estimates, and the speed.
+
+    Args:
+        source: the recording.
+        estimates: of all its rows.
+        robot: where the robot's numbers are from.
+        computing_s: time of the estimation.
+        whole_s: time with reading and writing.
+    """
+    made = source.recording
+    count = len(made.time_s)
+    bad = np.count_nonzero((estimates.status & Status.VALID) == 0)
+    missing = np.count_nonzero(np.isnan(made.position).any(axis=1))
+    rest = np.count_nonzero(estimates.validity == Validity.SPLIT_UNOBSERVABLE, axis=0)
+    nis = estimates.nis[np.isfinite(estimates.nis) & ((estimates.status & Status.GATED) == 0)]
+    for title, words in source.about:
+        yield f"{title:<12} {words}"
+    yield f"recording    {made.source}: {count} rows, {made.duration_s:.2f} s"
+    yield f"robot        {robot}"
+    yield f"missing      {missing} samples"
+    yield f"not valid    {bad} rows"
+    yield f"at rest      hip {rest[0] / count:.1%}, slide {rest[1] / count:.1%} of the rows"
+    yield f"mean NIS     {np.mean(nis):.2f} (2 is ideal)" if len(nis) else "mean NIS     -"
+    yield (
+        f"speed        {made.duration_s / computing_s:.0f} x real time computing, "
+        f"{made.duration_s / whole_s:.0f} x with reading and writing"
+    )
+
+
+def drift_lines(estimates: BatchEstimates, robot: Robot) -> Iterator[str]:
+    """Format the drift monitor's result for the friction of each axis."""
+    laws = friction_parameters(robot)
+    advice = ": calibrate" if robot.patient is None else ": a patient, or time to calibrate"
+    units = (("hip", "N·m"), ("slide", "N"))
+    found = drift_of(estimates, laws, STEP_S)
+    for (axis, unit), law, drift in zip(units, laws, found, strict=True):
+        rho = correlation(drift)
+        if math.isnan(rho):
+            yield f"friction     {axis}: too little motion to tell its level"
+            continue
+        yield (
+            f"friction     {axis}: {friction_error(drift):+.2f} {unit} from its law, correlation "
+            f"with the motion {rho:+.2f}{advice if asks_for_calibration(drift, law) else ''}"
+        )
+
+
+def stride_lines(
+    found: Sequence[tuple[int, Stride]], files: tuple[Path | None, Path | None]
+) -> Iterator[str]:
+    """Describe the strides, and name the files that have them."""
+    yield f"strides      {len(found)} in {' and '.join(str(path) for path in files if path)}"
+    if found:
+        hip_j = sum(stride.hip.work_positive_j for _, stride in found) / len(found)
+        slide_j = sum(stride.slide.work_positive_j for _, stride in found) / len(found)
+        work = f"{hip_j:.2f} and {slide_j:.2f} J a stride"
+        yield f"             patient's work with the motion: {work}"

@@ -1,0 +1,68 @@
+"""Shared by all commands: options, exit codes, errors in one line, files of the project.
+
+`remote.py` is shared by the clients of a running service, `terminal.py` prints tables and progress.
+"""
+
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from daemon.config.strict import MISSING, ConfigError
+
+COMMAND_LINE: Final = "command line"
+EXIT_FAILED: Final = 1
+EXIT_REFUSED: Final = 2
+"""Usage, configuration, or a file that cannot be read or written."""
+
+ConfigFile = Annotated[
+    Path, typer.Option("--config", help="trainer file of the service", dir_okay=False)
+]
+DemoFile = Annotated[
+    Path | None,
+    typer.Option("--config", help="trainer file; by default configs/demo.toml", dir_okay=False),
+]
+Recorded = Annotated[Path, typer.Argument(metavar="IN", help="a .csv, or a ring of records")]
+
+
+@contextmanager
+def errors_in_one_line(*errors: type[Exception], code: int = EXIT_REFUSED) -> Generator[None]:
+    """End the command with one line on stderr: `code` for `errors`, 2 for an unusable file."""
+    try:
+        yield
+    except errors as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(code) from error
+    except OSError as error:
+        print(f"{error.filename}: {error.strerror}", file=sys.stderr)
+        raise typer.Exit(EXIT_REFUSED) from error
+
+
+def configs_folder(option: str, wanted: str) -> Path:
+    """Find the folder of configurations: in the clone, the installation or the current folder.
+
+    Args:
+        option: the option that would have named the file.
+        wanted: the file in that folder.
+
+    Raises:
+        ConfigError: no folder has the file.
+    """
+    ours = Path(__file__).resolve().parent
+    for folder in (ours.parent / "configs", ours / "configs", Path.cwd() / "configs"):
+        if (folder / wanted).exists():
+            return folder
+    raise ConfigError(COMMAND_LINE, option, MISSING, f"a file, as there is no configs/{wanted}")
+
+
+def demo_file(config: Path | None) -> Path:
+    """Return the trainer file of the command line, by default the demonstration's."""
+    return config or configs_folder("--config", "demo.toml") / "demo.toml"
+
+
+def robot_file(robot: Path | None, shipped: str) -> Path:
+    """Return the robot file of the command line, by default one of those that are shipped."""
+    return robot or configs_folder("--robot", shipped) / shipped

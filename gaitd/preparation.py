@@ -1,0 +1,331 @@
+"""`gaitd commission`, `reference` and `self-test`: what a machine needs before it is used.
+
+Each requests a mode of a running service, prints the progress, and ends with the mode.
+Exit codes as in `remote.py`; 1 also if the axis was not homed or does not move as it should, if the
+self-test failed, or if the operator did not do a step of it in time.
+"""
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from typing import Annotated, Any, Final, NamedTuple
+
+import msgspec
+import typer
+
+from daemon import wire
+from gaitd.remote import (
+    EXIT_DONE,
+    EXIT_NO_ANSWER,
+    EXIT_REFUSED,
+    Answer,
+    ConfigOption,
+    EndpointOption,
+    JsonOption,
+    Target,
+    TrainerOption,
+    ask,
+    find_target,
+    request,
+)
+
+AxisName = Annotated[str, typer.Argument(metavar="AXIS", help="LEG/AXIS, for example right/hip")]
+Print = Callable[[str], None]
+
+MOTIONS: Final = {
+    "hip": "the thigh is first raised towards the trunk (the hip bends), then lowered again",
+    "slide": "the slide first moves so that the knee stretches, then comes back",
+}
+"""Motion of each joint in its positive direction and back, in the axes of robot.toml."""
+HOMING_MAX_S: Final = 360.0
+"""Longer than any homing may take."""
+CALM_POLLS: Final = 2
+"""Polls in a calm mode before the end counts: between bring-ups the service passes `ready`."""
+CALM_MODES: Final = frozenset({"ready", "fault"})
+HOMING_POLL_S: Final = 0.25
+POLL_S: Final = 0.5
+STEP_MAX_S: Final = 120.0
+"""Time for each step of the self-test that the operator does."""
+CLIENT: Final = "gaitd self-test"
+PASSED: Final = "self-test passed"
+FOUND: Final = ": self-test "
+UNSEEN: Final = "not seen to act today: "
+
+PROMPTS: Final = (
+    ("pressed", "Press the emergency stop, and release it again."),
+    ("released", "Release the emergency stop."),
+    ("switch open", "Let go of the hand switch, then hold it again."),
+    ("switch closed", "Hold the hand switch."),
+    ("hand switch is open", "Hold the hand switch."),
+    ("safe torque off", "Release the emergency stop."),
+    ("moving", "Keep the leg still."),
+)
+"""Prompt for the operator, by a part of the reason with which the service refuses to enable."""
+
+
+class NoAnswerError(Exception):
+    """The service does not answer."""
+
+
+class Ending(NamedTuple):
+    """How the mode of one axis has ended."""
+
+    good: bool
+    text: str
+    """Event text of the service about the axis; if the axis stopped before its end, the reason."""
+
+    @property
+    def exit_code(self) -> int:
+        """0 for success, else 1."""
+        return EXIT_DONE if self.good else EXIT_REFUSED
+
+
+# --- one axis of the empty machine ----------------------------------------------------------------
+
+
+def reference(
+    axis: AxisName,
+    config: ConfigOption = None,
+    endpoint: EndpointOption = None,
+    trainer: TrainerOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Home one axis by its drive: slowly and with limited torque, in the empty machine.
+
+    The service needs the configuration of the empty machine, and the hand switch held.
+    """
+    target = find_target(config, endpoint, trainer)
+    ending = run_axis(target, "reference", axis, "homed", as_json=as_json)
+    print(json.dumps({"axis": axis, "homed": ending.good}) if as_json else ending.text)
+    raise typer.Exit(ending.exit_code)
+
+
+def commission(
+    axis: AxisName,
+    witnessed: Annotated[
+        bool,
+        typer.Option(
+            "--witnessed",
+            help="I watch, and will see it as described: do not ask. Needed with --json.",
+        ),
+    ] = False,
+    config: ConfigOption = None,
+    endpoint: EndpointOption = None,
+    trainer: TrainerOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Push one axis forth and back with a small bounded torque, and prove the sign of its motion.
+
+    For the empty machine with its springs turned down. The encoder must move with the torque, and
+    the operator must see the joint move as described. Only then can the drives be enabled.
+    """
+    target = find_target(config, endpoint, trainer)
+    described = MOTIONS.get(axis.rpartition("/")[2], "it first goes forth, then back")
+    if not as_json:
+        print(f"Watch the machine: if all is right, {described}.")
+    ending = run_axis(target, "commission", axis, "moves with its torque", as_json=as_json)
+    seen = ending.good and witnessed
+    if as_json:
+        print(json.dumps({"axis": axis, "moves_with_its_torque": ending.good, "witnessed": seen}))
+    else:
+        print(ending.text)
+        if ending.good and not witnessed:
+            seen = typer.confirm(f"Did you see that {described}?")
+    if not seen:
+        raise typer.Exit(EXIT_REFUSED)
+    payload = {"mode": "commission", "axis": axis, "witnessed": True}
+    raise typer.Exit(request(target, "mode", payload, as_json=as_json))
+
+
+def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) -> Ending:
+    """Request the mode and wait for its end.
+
+    Args:
+        target: the service.
+        mode: `reference` or `commission`.
+        axis: LEG/AXIS.
+        good: beginning of the service's event text about the axis in case of success.
+        as_json: print the replies as one JSON object a line, and nothing else.
+
+    Raises:
+        Exit: the service refused, does not answer, or the mode did not end in time.
+    """
+
+    def show(text: str) -> None:
+        if not as_json:
+            print(text, file=sys.stderr)
+
+    before, calm, shown = None, 0, ""
+    try:
+        before = _ids(_status(target, "gaitd"))
+        code = request(target, "mode", {"mode": mode, "axis": axis}, as_json=as_json)
+        if code != EXIT_DONE:
+            raise typer.Exit(code)
+        for _ in range(round(HOMING_MAX_S / HOMING_POLL_S)):
+            time.sleep(HOMING_POLL_S)
+            status = _valid_status(target, "gaitd")
+            shown = _show_progress(status, shown, show)
+            calm = calm + 1 if status.safety.mode in CALM_MODES else 0
+            if calm > CALM_POLLS:
+                return _axis_ending(status, axis, good, before)
+        print(f"{axis}: it did not end within {HOMING_MAX_S:g} s", file=sys.stderr)
+    except NoAnswerError:
+        what = mode if before is None else axis
+        print(f"{what}: the service does not answer; look at it before you go on", file=sys.stderr)
+    raise typer.Exit(EXIT_NO_ANSWER)
+
+
+def _axis_ending(status: wire.Status, axis: str, good: str, before: set[str]) -> Ending:
+    for text in reversed(_new_texts(status, before)):
+        if text.startswith((f"{axis}: {good}", f"{axis}: failed")):
+            return Ending(text.startswith(f"{axis}: {good}"), text)
+    verdict = status.safety.verdict
+    why = f"{verdict.text}: {verdict.remedy}" if verdict and verdict.category != "none" else ""
+    return Ending(False, f"{axis}: stopped before its end. {why}".strip())
+
+
+# --- self-test ------------------------------------------------------------------------------------
+
+
+def self_test(
+    config: ConfigOption = None,
+    endpoint: EndpointOption = None,
+    trainer: TrainerOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Run the daily test: hand switch, emergency stop, then each axis moves a little by itself."""
+    target = find_target(config, endpoint, trainer)
+
+    def show(text: str) -> None:
+        print(text, file=sys.stderr if as_json else sys.stdout, flush=True)
+
+    try:
+        passed, lines = run_self_test(target, show)
+    except NoAnswerError as error:
+        print(f"self-test: {error}", file=sys.stderr)
+        raise typer.Exit(EXIT_NO_ANSWER) from error
+    if as_json:
+        print(json.dumps({"passed": passed, "findings": lines}, ensure_ascii=False))
+    else:
+        print("The self-test is passed." if passed else "The self-test is NOT passed.")
+    raise typer.Exit(EXIT_DONE if passed else EXIT_REFUSED)
+
+
+def run_self_test(target: Target, show: Print) -> tuple[bool, list[str]]:
+    """Run all steps; return whether the test passed, and the service's event texts about it.
+
+    The steps follow from the service's refusals: until the service has seen hand switch and
+    emergency stop act, it refuses to enable and names the inputs that it has not seen. Enable is
+    requested, but never reset: a latched stop is shown with its remedy, and the test ends.
+
+    Raises:
+        NoAnswerError: the service does not answer.
+    """
+    trouble = "" if _valid_status(target).safety.mode == "hold" else _enable(target, show)
+    if trouble:
+        show(trouble)
+        return False, [trouble]
+    show("Now each axis moves a little, forth and back. Lie relaxed, and hold the hand switch.")
+    before = _ids(_valid_status(target))
+    reply = _reply(target, "mode", {"mode": "self_test"})
+    if reply.outcome != "done":
+        show(f"refused: {reply.reason}")
+        return False, [reply.reason]
+    shown = ""
+    for _ in range(round(STEP_MAX_S / POLL_S)):
+        time.sleep(POLL_S)
+        status = _valid_status(target)
+        shown = _show_progress(status, shown, show)
+        if status.safety.mode != "self_test":
+            return _test_ending(status, before, show)
+    return False, []
+
+
+def _enable(target: Target, show: Print) -> str:
+    """Request enable until nothing is missing; prompt the operator for the missing steps.
+
+    Returns: the reason why it is not enabled; empty if it is.
+    """
+    shown = ""
+    for _ in range(round(STEP_MAX_S / POLL_S)):
+        safety = _valid_status(target).safety
+        if safety.mode != "ready":
+            # Another client's request, or a stop: an enable request now would be outside this test.
+            return stop_text(safety) or f"not possible in mode {safety.mode}"
+        reply = _reply(target, "enable", {})
+        if reply.outcome == "done":
+            return ""
+        text = prompt(reply.reason)
+        if text != shown:
+            shown = text
+            show(text)
+        time.sleep(POLL_S)
+    return f"not done within {STEP_MAX_S:g} s"
+
+
+def stop_text(safety: wire.Safety) -> str:
+    """Text and remedy of the stop that is in force; empty if there is none."""
+    verdict = safety.verdict
+    if verdict is None or verdict.category == "none":
+        return ""
+    where = f"{verdict.drive}: " if verdict.drive else ""
+    detail = f" ({verdict.detail})" if verdict.detail else ""
+    return f"{where}{verdict.text}{detail}: {verdict.remedy}"
+
+
+def prompt(reason: str) -> str:
+    """Prompt for the operator after a refusal; the service's reason if no prompt matches."""
+    missing = reason.removeprefix(UNSEEN).split(", ") if reason.startswith(UNSEEN) else [reason]
+    for key, text in PROMPTS:
+        if any(key in one for one in missing):
+            return text
+    return f"waiting: {reason}"
+
+
+def _test_ending(status: wire.Status, before: set[str], show: Print) -> tuple[bool, list[str]]:
+    lines = [text for text in _new_texts(status, before) if FOUND in text]
+    for line in filter(None, (*lines, stop_text(status.safety))):
+        show(line)
+    return bool(lines) and all(PASSED in line for line in lines), lines
+
+
+# --- both -----------------------------------------------------------------------------------------
+
+
+def _show_progress(status: wire.Status, shown: str, show: Print) -> str:
+    """Show the progress if it has changed; return what is shown now."""
+    progress = status.safety.progress or ""
+    if progress != shown:
+        show(f"  {progress}")
+    return progress
+
+
+def _ids(status: wire.Status) -> set[str]:
+    return {event.id for event in status.events}
+
+
+def _new_texts(status: wire.Status, before: set[str]) -> list[str]:
+    return [event.text for event in status.events if event.id not in before]
+
+
+def _status(target: Target, client: str = CLIENT) -> wire.Status:
+    return msgspec.json.decode(_text(ask(target, "status", {"client": client})), type=wire.Status)
+
+
+def _valid_status(target: Target, client: str = CLIENT) -> wire.Status:
+    status = _status(target, client)
+    if not status.safety.valid:
+        raise NoAnswerError("no records arrive from the core; look at the machine")
+    return status
+
+
+def _reply(target: Target, name: str, payload: dict[str, Any]) -> wire.Reply:
+    text = _text(ask(target, name, {"client": CLIENT, **payload}))
+    return msgspec.json.decode(text, type=wire.Reply)
+
+
+def _text(answer: Answer) -> str:
+    if answer.text is None:
+        raise NoAnswerError(answer.trouble)
+    return answer.text

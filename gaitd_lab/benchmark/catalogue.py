@@ -1,0 +1,103 @@
+"""All benchmarks by name: each measures, and returns its result and its table."""
+
+import importlib.util
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, TypeVar
+
+from rich.table import Table
+
+from daemon.config.settings import Robot
+from daemon.config.strict import load_toml
+from daemon.preflight.load import load
+from gaitd_lab.benchmark import (
+    cycle_parts,
+    lateness,
+    peer_table,
+    peers,
+    replay_speed,
+    scaling,
+    tables,
+    whole_service,
+)
+
+T = TypeVar("T")
+Tables = Table | list[Table] | str
+Measured = tuple[object, Tables]
+
+SKIPPED: Final = "skipped: benchmarks/ is part of the repository, and is not installed"
+
+
+def measurements(configs: Path, seconds: float) -> dict[str, Callable[[], Measured]]:
+    """Return the benchmarks by name, in the order of the output.
+
+    Args:
+        configs: folder of the shipped configurations.
+        seconds: real time for each measurement on the bus.
+    """
+
+    def robot() -> Robot:
+        return load_toml(configs / "robot.toml", Robot)
+
+    def with_table(title: str, found: T, table: Callable[[str, T], Tables]) -> Measured:
+        return found, table(title, found)
+
+    def late(burner_count: int, beside: str) -> Measured:
+        title = f"SYNC in real time on the simulated bus{beside}"
+        found = lateness.measure(configs, seconds, burner_count)
+        return with_table(title, found, tables.lateness)
+
+    busy = os.cpu_count() or 1
+    return {
+        "observer_step": lambda: _steps(configs),
+        "scaling": lambda: with_table(
+            "recordings and legs in one process, each step of each",
+            scaling.measure(robot()),
+            tables.scaling,
+        ),
+        "cycle": lambda: with_table(
+            "Python time of one cycle, two drives, gait",
+            cycle_parts.measure(load(configs / "demo.toml")),
+            tables.cycle,
+        ),
+        "lateness": lambda: late(0, ""),
+        "lateness_under_load": lambda: late(busy, f", beside {busy} processes that compute"),
+        "replay": lambda: with_table(
+            "replay of ten minutes", replay_speed.measure(robot()), tables.replay
+        ),
+        "service": lambda: with_table(
+            "the service as processes: start, memory, delivery",
+            whole_service.measure(configs, seconds),
+            tables.service,
+        ),
+        "peers": lambda: _peers(configs, seconds),
+    }
+
+
+def _steps(configs: Path) -> Measured:
+    """Measure the observer's step with `benchmarks/`; a text if that folder is not installed."""
+    title = "the observer's step, against hand-written C and FilterPy"
+    root = Path(__file__).resolve().parents[2]
+    if not (root / "benchmarks" / "observer_step.py").exists():
+        return SKIPPED, f"{title}: {SKIPPED}"
+    if importlib.util.find_spec("benchmarks") is None:
+        sys.path.insert(0, str(root))
+    from gaitd_lab.benchmark import steps
+
+    found = steps.measure(configs / "robot.toml")
+    return found, tables.steps(title, found)
+
+
+def _peers(configs: Path, seconds: float) -> Measured:
+    """Measure other CANopen masters with `benchmarks/`; a text if that folder is not installed."""
+    title = "masters of the same virtual drives"
+    if not peers.PEER.exists():
+        return SKIPPED, f"{title}: {SKIPPED}"
+
+    def show(text: str) -> None:
+        print(f"measuring: {text}", file=sys.stderr, flush=True)
+
+    cells = peers.measure(configs, seconds, peers.EMERGENCY_COUNT, peers.ROUND_COUNT, show)
+    return {"cells": cells, "ratios": peer_table.ratios(cells)}, peer_table.tables(title, cells)
