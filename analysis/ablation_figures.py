@@ -11,9 +11,20 @@ from matplotlib.figure import Figure
 from analysis.ablation import Results
 from analysis.ablation_choices import SHIPPED
 from analysis.ablation_questions import Question
-from analysis.drawing import BAD, ESTIMATE, FAINT, FRICTION, GOOD, MEASURED, TEXT, TRUTH, style
+from analysis.drawing import (
+    AXES,
+    BAD,
+    ESTIMATE,
+    FAINT,
+    FRICTION,
+    GOOD,
+    MEASURED,
+    TEXT,
+    TRUTH,
+    style,
+    x_label,
+)
 
-AXES: Final = (("hip", "N·m"), ("slide", "N"))
 COLOURS: Final = (ESTIMATE, TRUTH, MEASURED, FRICTION, GOOD, BAD)
 DPI: Final = 110
 BAR_MAX: Final = 0.25
@@ -45,8 +56,8 @@ def draw_question(question: Question, results: Results, path: Path) -> None:
     figure = Figure(figsize=(9.0, 5.6), dpi=DPI, layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     for axis, panel in enumerate(panels):
-        name, unit = AXES[axis]
-        style(panel, f"{name}: rms error of the {question.measured}", unit)
+        name = AXES[axis].name
+        style(panel, f"{name}: rms error of the {question.measured}", AXES[axis].effort)
         panel.grid(visible=False, axis="x")
         values = np.array(
             [
@@ -56,16 +67,7 @@ def draw_question(question: Question, results: Results, path: Path) -> None:
         )
         _bars(panel, values, choices)
     panels[1].set_xticks(range(len(situations)), [_wrapped(one) for one in situations])
-    figure.suptitle(question.title, x=0.01, ha="left", fontsize=12, color=TEXT, fontweight="bold")
-    figure.legend(
-        *panels[0].get_legend_handles_labels(),
-        loc="outside lower center",
-        ncols=len(choices),
-        frameon=False,
-        fontsize=9,
-        labelcolor=TEXT,
-    )
-    figure.savefig(path)
+    _save(figure, question.title, panels[0], path)
 
 
 def draw_coverage(situations: Sequence[str], results: Results, path: Path) -> None:
@@ -78,7 +80,7 @@ def draw_coverage(situations: Sequence[str], results: Results, path: Path) -> No
     panels = figure.subplots(1, 2, sharey=True)
     rows = np.arange(len(situations))
     for axis, panel in enumerate(panels):
-        style(panel, AXES[axis][0])
+        style(panel, AXES[axis].name)
         panel.axvline(COVERED, color=FAINT, linewidth=1.0, linestyle="--")
         for place, (field, label, colour, marker) in enumerate(QUANTITIES):
             shares = [getattr(results[one, SHIPPED], field)[axis] for one in situations]
@@ -87,21 +89,21 @@ def draw_coverage(situations: Sequence[str], results: Results, path: Path) -> No
                 shares, rows + offset, marker, color=colour, label=label, markersize=4.5, alpha=0.9
             )
         panel.set_xlim(0.37, 1.02)
-        panel.set_xlabel("share of samples within 3 sigma", fontsize=8, color=TEXT)
+        x_label(panel, "share of samples within 3 sigma")
     panels[0].set_yticks(rows, situations)
     panels[0].set_ylim(len(situations) - 0.5, -0.5)
-    figure.suptitle(
-        "Measured 3-sigma coverage, as shipped (dashed: 0.9973)",
-        x=0.01,
-        ha="left",
-        fontsize=12,
-        color=TEXT,
-        fontweight="bold",
-    )
+    _save(figure, "Measured 3-sigma coverage, as shipped (dashed: 0.9973)", panels[0], path)
+
+
+def _save(figure: Figure, title: str, panel: Axes, path: Path) -> None:
+    """Write a figure with a title above and the legend of one panel below."""
+    figure.suptitle(title, x=0.01, ha="left", fontsize=12, color=TEXT, fontweight="bold")
+    handles, labels = panel.get_legend_handles_labels()
     figure.legend(
-        *panels[0].get_legend_handles_labels(),
+        handles,
+        labels,
         loc="outside lower center",
-        ncols=len(QUANTITIES),
+        ncols=len(labels),
         frameon=False,
         fontsize=9,
         labelcolor=TEXT,

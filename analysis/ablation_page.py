@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
+from analysis import markdown
 from analysis.ablation import Errors, Results, Summary
 from analysis.ablation_choices import SHIPPED
 from analysis.ablation_figures import answered, draw_coverage, draw_question, three_digits
@@ -61,7 +62,7 @@ def write_page(
     for question in asked:
         paths.append(folder / figure_name(question))
         draw_question(question, results, paths[-1])
-    paths[0].write_text("\n".join(_lines(results, summaries, asked, command)) + "\n", "utf-8")
+    paths[0].write_text(markdown.page(*_parts(results, summaries, asked, command)), "utf-8")
     return paths
 
 
@@ -97,33 +98,30 @@ def pair(values: Pair, digits: int | None = None) -> str:
     return " / ".join(map(text, values))
 
 
-def _lines(
+def _parts(
     results: Results, summaries: Sequence[Summary], asked: Sequence[Question], command: str
 ) -> Iterator[str]:
     yield from _introduction(command)
     yield from _overview(results, summaries)
-    for question in asked:
-        if question in WRONG:
-            continue
-        yield from _section(question, results, "##")
-    yield from _coverage(results, summaries)
     wrong = [question for question in asked if question in WRONG]
+    for question in asked:
+        if question not in wrong:
+            yield from _section(question, results, "##")
+    yield from _coverage(results, summaries)
     if wrong:
-        yield from ("", "## What if the parameters are wrong")
+        yield "## What if the parameters are wrong"
     for question in wrong:
         yield from _section(question, results, "###")
 
 
 def _introduction(command: str) -> Iterator[str]:
     yield "# The observer's choices, each on and off"
-    yield ""
     yield _prose(
         f"Made by `{command}`: this page, its tables and its figures. The real loop runs on the "
         "virtual machine over CAN frames; each situation is recorded once, with what was true "
         "beside it, and replayed through observers of which one choice is changed. The same "
         "command gives the same numbers."
     )
-    yield ""
     yield _prose(
         "All errors are root mean squares of estimate minus truth, **hip in N·m / slide in N**. "
         "*Moving*: the joint's true gate a(v) is above 0.5. *OK*: the observer itself calls the "
@@ -136,21 +134,20 @@ def _introduction(command: str) -> Iterator[str]:
 
 
 def _overview(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
-    yield from ("", "## As shipped, in every situation", "")
-    heads = [head for head, _ in COLUMNS]
-    yield _row(["situation", "judged s", *heads, "velocity", "NIS", "OK share"])
-    yield _row(["---", "---:"] + ["---:"] * (len(heads) + 3))
+    yield "## As shipped, in every situation"
+    head = ("situation", "judged s", *(head for head, _ in COLUMNS), "velocity", "NIS", "OK share")
+    rows: list[list[str]] = []
     for one in summaries:
         errors = results[one.situation, SHIPPED]
         cells = [*_error_cells(errors), three_digits(errors.nis), pair(errors.ok_share, 2)]
-        yield _row([one.situation, f"{one.judged_s:.1f}", *cells])
+        rows.append([one.situation, f"{one.judged_s:.1f}", *cells])
+    yield markdown.table(head, rows, text_columns=1)
     ended = [
         f"`{one.situation}` after {one.judged_s:.0f} s ({one.ended})"
         for one in summaries
         if one.ended
     ]
     if ended:
-        yield ""
         yield _prose(
             f"The service stopped {', '.join(ended)}: an axis that sticks ideally gives no count "
             "for as long as an encoder that is frozen. The rows until then are used."
@@ -159,23 +156,22 @@ def _overview(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
 
 def _section(question: Question, results: Results, level: str) -> Iterator[str]:
     situations, choices = answered(question, results)
-    yield from ("", f"{level} {question.title}", "", _prose(question.text), "")
+    yield f"{level} {question.title}"
+    yield _prose(question.text)
     yield f"![{question.title}]({figure_name(question)})"
-    yield ""
-    heads = [*(head for head, _ in COLUMNS), "velocity", *(head for head, _ in SHARES), "NIS"]
-    yield _row(["situation", "choice", *heads])
-    yield _row(["---", "---"] + ["---:"] * len(heads))
+    columns = (*(head for head, _ in COLUMNS), "velocity", *(head for head, _ in SHARES), "NIS")
+    rows: list[list[str]] = []
     for situation in situations:
         for choice in choices:
             errors = results[situation, choice]
             shares = (pair(getattr(errors, field), 2) for _, field in SHARES)
-            yield _row(
-                [situation, choice, *_error_cells(errors), *shares, three_digits(errors.nis)]
-            )
+            nis = three_digits(errors.nis)
+            rows.append([situation, choice, *_error_cells(errors), *shares, nis])
+    yield markdown.table(("situation", "choice", *columns), rows, text_columns=2)
 
 
 def _coverage(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
-    yield from ("", "## Measured 3-sigma coverage", "")
+    yield "## Measured 3-sigma coverage"
     yield _prose(
         "The share of samples at which the truth lies within 3 sigma of the estimate, as shipped; "
         "0.997 if errors were Gaussian and sigma right. Errors last for some samples, so a share "
@@ -184,16 +180,16 @@ def _coverage(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
         "the error at rest in the tables above, as a hint. Above 0.997 sigma is too large: "
         "process noise allows for a patient who changes all the time, and most do not."
     )
-    yield from ("", f"![Coverage]({COVERAGE_FIGURE})", "")
-    yield _row(["situation", *(head for head, _ in COVERAGES), "samples at rest"])
-    yield _row(["---"] + ["---:"] * (len(COVERAGES) + 1))
+    yield f"![Coverage]({COVERAGE_FIGURE})"
+    rows: list[list[str]] = []
     for one in summaries:
         errors = results[one.situation, SHIPPED]
         shares = (pair(getattr(errors, field), 3) for _, field in COVERAGES)
-        yield _row([one.situation, *shares, pair(one.rest_count, 0)])
-    yield from ("", f"Where it is below {LOW:g}, and why:", "")
-    low = list(_low(results, summaries))
-    yield from low or ["- nowhere."]
+        rows.append([one.situation, *shares, pair(one.rest_count, 0)])
+    head = ("situation", *(head for head, _ in COVERAGES), "samples at rest")
+    yield markdown.table(head, rows, text_columns=1)
+    yield f"Where it is below {LOW:g}, and why:"
+    yield "\n".join(_low(results, summaries)) or "- nowhere."
 
 
 def _low(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
@@ -228,7 +224,3 @@ def _error_cells(errors: Errors) -> list[str]:
 
 def _prose(text: str) -> str:
     return textwrap.fill(text, TEXT_WIDTH, break_long_words=False, break_on_hyphens=False)
-
-
-def _row(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"

@@ -47,9 +47,9 @@ QUESTIONS: Final = (
     Question(
         "coriolis",
         "Coriolis torque: full, or dropped as in the paper",
-        "Without it a passive patient seems to push at the hip in every swing, four times as "
-        "hard at twice the cadence, and 3 sigma no longer cover the truth. It costs nothing: the "
-        "two-circle constraint gives it in closed form.",
+        "Without it a passive patient seems to push at the hip in every swing, four times as hard "
+        "at twice the cadence, and 3 sigma no longer cover the truth. It needs no extra computing "
+        "time: the two-circle constraint gives it in closed form.",
         "patient",
         PATIENT,
         _gaits("paper", "0.25 0.5", "passive active"),
@@ -58,12 +58,12 @@ QUESTIONS: Final = (
     Question(
         "rest",
         "Velocity-gated noise: what rests is friction's",
-        "A minute at rest shows the false activity that the gate takes away. A joint that really "
-        "sticks (paper_sticking) is what it is for: without the gate a load that friction holds "
-        "counts as a patient, and 3 sigma do not cover that. The price: net and velocity are "
-        "noisier at rest, and a patient who pushes before the joint moves (the paper's scenario) "
-        "is seen later, though within 3 sigma. The paper's noise is best here only where nobody "
-        "pushes; the section on the paper's tuning shows what becomes of an active patient.",
+        "A minute at rest shows the false activity that the gate removes. The gate is for a joint "
+        "that sticks (paper_sticking): without it a load that friction holds counts as a patient, "
+        "and 3 sigma do not cover that. The price: net and velocity are noisier at rest, and a "
+        "patient who pushes before the joint moves (the paper's scenario) is estimated later, "
+        "though within 3 sigma. The paper's noise is best here only with a passive patient; the "
+        "section on the paper's tuning shows an active one.",
         "patient_at_rest",
         AT_REST,
         (REST, EXCITED, *_gaits("paper_sticking lugre", "0.25", "passive")),
@@ -123,9 +123,9 @@ QUESTIONS: Final = (
     Question(
         "paper",
         "The paper's tuning: friction's noise far above the patient's",
-        "It looks best while the patient is passive, because it follows nobody: an active "
-        "patient is half taken for friction. The paper's observer drops the Coriolis torque as "
-        "well.",
+        "It has the smallest error while the patient is passive, because the patient's state "
+        "hardly changes: half of an active patient's effort is estimated as friction. The paper's "
+        "observer drops the Coriolis torque as well.",
         "patient",
         PATIENT,
         _gaits("paper", "0.25 0.5", "passive active"),
@@ -135,11 +135,11 @@ QUESTIONS: Final = (
         "time",
         "Sample times: true, nominal, or nominal with the jitter told",
         "Samples 1 ms (one sigma) off the grid. With their true times nothing is lost. With the "
-        "grid's times the filter rejects samples, starts anew and calls itself inconsistent: its "
-        "NIS says so, and nearly no sample is OK. Told of the jitter (`sample_jitter_us`) it "
-        "stays whole and its sigma is honest again, at up to twice the error of the patient and "
-        "three to six times that of velocity; told of a jitter that the true times have already "
-        "taken away, it pays that for nothing.",
+        "grid's times the filter rejects samples, restarts and reports itself inconsistent by its "
+        "NIS: nearly no sample is OK. With the jitter configured (`sample_jitter_us`) it runs "
+        "without restarts and its sigma is consistent again, at up to twice the error of the "
+        "patient and three to six times that of velocity; with a configured jitter that the true "
+        "times already remove, the errors rise without a benefit.",
         "patient",
         PATIENT,
         (BASIS, JITTER_TRUE, JITTER_NOMINAL),
@@ -148,13 +148,13 @@ QUESTIONS: Final = (
     Question(
         "effort",
         "Efforts: a cycle late, or with a ripple",
-        "Efforts that act a cycle later than their rows say double the slide's error, and NIS "
-        "hardly shows it; with `effort_delay_ms = 10` the result is that of the clean recording. "
-        "Told of a delay that is not there, the observer is as wrong. Ripple of 0.1 N·m and 8 N on "
-        "each sample makes sigma too small; told of it, it covers again. In motion the error "
-        "stays, since nobody knows the ripple; told of one that is not there, the slide's error "
-        "nearly doubles, because the observer trusts its samples of effort less. Both options are "
-        "off unless the machine asks for them.",
+        "Efforts that act a cycle later than their rows double the slide's error, and NIS hardly "
+        "shows it; with `effort_delay_ms = 10` the result is that of the clean recording. With a "
+        "configured delay that does not exist, the error is as large. Ripple of 0.1 N·m and 8 N on "
+        "each sample makes sigma too small; with the ripple configured, it covers again. In motion "
+        "the error stays, because the ripple itself is unknown; with a configured ripple that does "
+        "not exist, the slide's error nearly doubles, because the samples of effort get less "
+        "weight. Both options are off unless the machine needs them.",
         "patient",
         PATIENT,
         (BASIS, LATE, RIPPLED),
@@ -163,9 +163,9 @@ QUESTIONS: Final = (
     Question(
         "glitches",
         "Glitches of the encoders: gated, or believed",
-        "A wrong sample of 0.01 to 0.3 rad (or m) each second. With `gate_nis = 60` they leave "
-        "no trace. With the gate at 1000 some get through; the observer is thrown off, and says "
-        "so: nearly no sample is OK.",
+        "A wrong sample of 0.01 to 0.3 rad (or m) each second. With `gate_nis = 60` they have no "
+        "effect. With the gate at 1000 some pass; the estimate is wrong, and its status shows it: "
+        "nearly no sample is OK.",
         "patient",
         PATIENT,
         (BASIS, GLITCHES),

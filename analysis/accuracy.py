@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.mechanism.friction import STANDSTILL_GATE, FrictionParameters, gate_of
+
 Times = NDArray[np.int64]
 Values = NDArray[np.float64]
 
@@ -65,6 +67,18 @@ def score(estimate: Values, truth: Values) -> Score:
         worst=float(np.max(np.abs(error))),
         bias=float(np.mean(error)),
         correlation=_correlation(known, true),
+    )
+
+
+def moving(
+    velocity: Values, frictions: tuple[FrictionParameters, FrictionParameters]
+) -> NDArray[np.bool_]:
+    """Mark where the true speed, shape (n, 2), opens the gate a(v), eq. (12), to a half or more."""
+    return np.column_stack(
+        [
+            [gate_of(friction, speed) >= STANDSTILL_GATE for speed in speeds.tolist()]
+            for friction, speeds in zip(frictions, velocity.T, strict=True)
+        ]
     )
 
 

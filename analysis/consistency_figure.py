@@ -5,11 +5,10 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from analysis.consistency import SETTLE_ROWS, Consistency, Drifted, Gap, Rest, time_of
-from analysis.drawing import ESTIMATE, FAINT, FRICTION, GOOD, MEASURED, TEXT, legend, line, style
+from analysis.drawing import ESTIMATE, FAINT, FRICTION, GOOD, MEASURED, legend, line, style, x_label
 from observer.drift import CORRELATION_MAX
 from observer.filter.leg_model import STEP_S
 
@@ -25,7 +24,6 @@ def draw(
         OSError: the file cannot be written.
     """
     figure = Figure(figsize=(11, 7.6), dpi=DPI, layout="constrained")
-    FigureCanvasAgg(figure)
     (a, b), (c, d) = figure.subplots(2, 2)
     _chi_squares(a, consistency)
     _rest(b, rest)
@@ -46,7 +44,7 @@ def _chi_squares(axes: Axes, found: Consistency) -> None:
         line(axes, time_s, values, colour, name)
     axes.axvspan(0.0, SETTLE_ROWS * STEP_S, color=FAINT, alpha=0.15, linewidth=0)
     axes.set_ylim(0.0, 14.0)
-    axes.set_xlabel("time [s]; grey: not counted; bands: 95 %", fontsize=8, color=TEXT)
+    x_label(axes, "time [s]; grey: not counted; bands: 95 %")
     legend(axes)
 
 
@@ -58,7 +56,7 @@ def _rest(axes: Axes, rest: Rest) -> None:
     net = rest.estimates.net_std[:, 0]
     line(axes, rest.time_s, net, GOOD, "±1σ of the net torque")
     line(axes, rest.time_s, -net, GOOD)
-    axes.set_xlabel("time [s]", fontsize=8, color=TEXT)
+    x_label(axes, "time [s]")
     legend(axes)
 
 
@@ -83,7 +81,5 @@ def _drift(axes: Axes, drifted: list[Drifted]) -> None:
         axes.plot(levels, found, color=colour, marker="o", markersize=4, linewidth=1.2, label=name)
     axes.axhspan(-CORRELATION_MAX, CORRELATION_MAX, color=GOOD, alpha=0.10, linewidth=0)
     axes.set_ylim(-1.1, 1.1)
-    axes.set_xlabel(
-        "true level above the calibrated one [%]; green: no advice", fontsize=8, color=TEXT
-    )
+    x_label(axes, "true level above the calibrated one [%]; green: no advice")
     legend(axes)

@@ -1,9 +1,12 @@
 """Common parts of all pictures: colours, axes, and lines of any length at a fixed cost."""
 
-from typing import Final
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 Values = NDArray[np.float64]
@@ -18,8 +21,44 @@ FAINT: Final = "#9aa3ad"
 GRID: Final = "#e3e6ea"
 TEXT: Final = "#1f2937"
 
+SIGMAS: Final = 3.0
+DPI: Final = 130
+
 BUCKETS: Final = 3000
 """Points of a drawn line; a longer line is drawn as the extremes of this many stretches."""
+
+
+class Axis(NamedTuple):
+    """Names of an axis of the leg, and the units of its quantities."""
+
+    name: str
+    position: str
+    velocity: str
+    effort: str
+    effort_name: str
+
+
+AXES: Final = (
+    Axis("hip", "rad", "rad/s", "N·m", "torque"),
+    Axis("slide", "m", "m/s", "N", "force"),
+)
+
+
+def leg_figure(size: tuple[float, float], heights: Sequence[float]) -> tuple[Figure, Any]:
+    """Make a figure of a leg over time: a column of panels for each axis, with one time axis."""
+    figure = Figure(figsize=size, layout="constrained")
+    grid = figure.subplots(len(heights), 2, sharex=True, squeeze=False, height_ratios=heights)
+    return figure, grid.T
+
+
+def save(figure: Figure, title: str, path: Path) -> None:
+    """Write a figure of a leg as PNG.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    figure.suptitle(title, fontsize=12, color=TEXT)
+    figure.savefig(path, dpi=DPI, format="png")
 
 
 def style(axes: Axes, title: str = "", unit: str = "") -> None:
@@ -35,6 +74,19 @@ def style(axes: Axes, title: str = "", unit: str = "") -> None:
         axes.set_title(title, loc="left", fontsize=10, color=TEXT, fontweight="bold")
     if unit:
         axes.set_ylabel(unit, fontsize=8, color=TEXT)
+
+
+def x_label(axes: Axes, words: str) -> None:
+    """Name the horizontal axis."""
+    axes.set_xlabel(words, fontsize=8, color=TEXT)
+
+
+def strips(axes: Axes, names: Sequence[str], time: Values, words: str) -> None:
+    """Scale the lowest panel, a strip of height 1 for each name over the whole time."""
+    axes.set_yticks(range(len(names)), names)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.set_xlim(float(time[0]), float(max(time[-1], time[0] + 1e-3)))
+    x_label(axes, words)
 
 
 def extremes(time: Values, values: Values, buckets: int = BUCKETS) -> tuple[Values, Values]:
@@ -72,6 +124,18 @@ def line(
     """A line, drawn at a fixed cost."""
     shown = extremes(time, values)
     axes.plot(*shown, color=colour, linewidth=width, label=label or None, solid_joinstyle="round")
+
+
+def patient(
+    axes: Axes, time: Values, value: Values, std: Values, valid: NDArray[np.bool_], net: Values
+) -> None:
+    """Draw the estimated effort of the patient; thick where it can be split from friction."""
+    split = np.where(valid, value, np.nan)
+    band(axes, time, value - SIGMAS * std, value + SIGMAS * std, ESTIMATE, "±3σ")
+    line(axes, time, value, ESTIMATE, "", 0.5)
+    line(axes, time, split, ESTIMATE, "patient, where it can be split from friction", 1.5)
+    axes.axhline(0, color=FAINT, linewidth=0.6)
+    limit_to(axes, split, net)
 
 
 def legend(axes: Axes) -> None:

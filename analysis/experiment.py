@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from daemon.config.settings import Excite
 from observer.filter.leg_observer import Setup
 from observer.filter.status import Validity
-from observer.mechanism.friction import STANDSTILL_GATE, FrictionParameters, gate_of
 from observer.offline import batch
 from observer.offline.batch import BatchEstimates, Columns
 
@@ -126,16 +125,6 @@ def marks(scenario: Excite) -> Marks:
         comes[0].start_s if comes else nan,
         comes[0].end_s if comes else nan,
         sines[0].start_s if sines else nan,
-    )
-
-
-def moving(run: Run, frictions: tuple[FrictionParameters, FrictionParameters]) -> Flags:
-    """Mark where the true speed opens the gate a(v) to more than a half, shape (n, 2)."""
-    return np.column_stack(
-        [
-            [gate_of(friction, float(speed)) >= STANDSTILL_GATE for speed in speeds]
-            for friction, speeds in zip(frictions, run.true_velocity.T, strict=True)
-        ]
     )
 
 

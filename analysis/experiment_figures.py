@@ -1,15 +1,15 @@
 """Pictures of the experiment: one for each axis with the paper's five panels, and two details."""
 
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from analysis.drawing import (
+    AXES,
     BAD,
     ESTIMATE,
     FAINT,
@@ -35,29 +35,15 @@ Flags = NDArray[np.bool_]
 DPI: Final = 84
 SUBTITLE_IN: Final = 0.38
 """Distance below the upper edge."""
+TIME: Final = "time since the scenario began [s]"
+FIGURES: Final = (4, 5)
+"""Numbers in the paper, by axis."""
 REST: Final = "#eceff2"
 DERIVATIVE: Final = "#c9cfd6"
 BEFORE_S: Final = 0.15
 PEAK_AFTER_S: Final = 0.25
 ONSET_BEFORE_S: Final = 0.5
 ONSET_AFTER_S: Final = 1.0
-
-
-class Axis(NamedTuple):
-    """Names of an axis in a picture."""
-
-    figure: str
-    name: str
-    position: str
-    velocity: str
-    effort: str
-    effort_name: str
-
-
-AXES: Final = (
-    Axis("Fig. 4", "hip", "rad", "rad/s", "N·m", "torque"),
-    Axis("Fig. 5", "slide", "m", "m/s", "N", "force"),
-)
 
 
 def draw_axis(run: Run, index: int, subtitle: str, path: Path) -> Figure:
@@ -72,8 +58,7 @@ def draw_axis(run: Run, index: int, subtitle: str, path: Path) -> Figure:
     Raises:
         OSError: the file cannot be written.
     """
-    axis = AXES[index]
-    figure = _figure((11, 13))
+    figure = Figure(figsize=(11, 13), layout="constrained")
     panels = list(figure.subplots(5, 1, sharex=True, height_ratios=[1, 1.15, 1, 1.15, 1.25]))
     for panel in panels:
         _shade_rest(panel, run, index)
@@ -82,11 +67,10 @@ def draw_axis(run: Run, index: int, subtitle: str, path: Path) -> Figure:
     _input(panels[2], run, index)
     _friction(panels[3], run, index)
     _disturbance(panels[4], run, index)
-    panels[4].set_xlabel("time since the scenario began [s]", fontsize=8.5, color=TEXT)
+    panels[4].set_xlabel(TIME, fontsize=8.5, color=TEXT)
     panels[4].set_xlim(0.0, float(run.time_s[-1]) + STEP_S)
-    _title(figure, f"The paper's {axis.figure}, played again: {axis.name}", subtitle)
-    figure.savefig(path, dpi=DPI, format="png", pil_kwargs={"optimize": True})
-    return figure
+    title = f"The paper's Fig. {FIGURES[index]}, played again: {AXES[index].name}"
+    return _save(figure, title, subtitle, path)
 
 
 def draw_details(
@@ -110,25 +94,19 @@ def draw_details(
     Raises:
         OSError: the file cannot be written.
     """
-    figure = _figure((13, 9))
+    figure = Figure(figsize=(13, 9), layout="constrained")
     grid = figure.subplots(3, 2, squeeze=False, height_ratios=[1, 1.2, 1.2])
     _peak_detail([grid[row][0] for row in range(3)], run, marks)
     _memory_detail([grid[row][1] for row in range(3)], run, marks, open_gate, slide_friction)
-    _title(figure, "Two details, magnified", subtitle)
-    figure.savefig(path, dpi=DPI, format="png", pil_kwargs={"optimize": True})
-    return figure
+    return _save(figure, "Two details, magnified", subtitle, path)
 
 
-def _figure(size: tuple[float, float]) -> Figure:
-    figure = Figure(figsize=size, layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def _title(figure: Figure, title: str, subtitle: str) -> None:
+def _save(figure: Figure, title: str, subtitle: str, path: Path) -> Figure:
     figure.suptitle(f"{title}\n", fontsize=13, color=TEXT, fontweight="bold")
     below = 1 - SUBTITLE_IN / figure.get_size_inches()[1]
     figure.text(0.5, below, subtitle, ha="center", va="center", fontsize=9, color=MEASURED)
+    figure.savefig(path, dpi=DPI, format="png", pil_kwargs={"optimize": True})
+    return figure
 
 
 # --- the five panels --------------------------------------------------------------------------
@@ -308,7 +286,7 @@ def _finish(panels: list[Axes], shown: Run) -> None:
     for panel in panels:
         panel.set_xlim(float(shown.time_s[0]), float(shown.time_s[-1]))
         legend(panel)
-    panels[-1].set_xlabel("time since the scenario began [s]", fontsize=8.5, color=TEXT)
+    panels[-1].set_xlabel(TIME, fontsize=8.5, color=TEXT)
 
 
 def _nothing(panels: list[Axes]) -> None:

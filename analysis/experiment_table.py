@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from analysis.accuracy import moving
 from analysis.experiment import (
     START_S,
     Flags,
@@ -18,7 +19,6 @@ from analysis.experiment import (
     covered,
     cross_talk,
     fall_s,
-    moving,
     peak,
     rms,
     transfer,
@@ -61,12 +61,12 @@ def rows(
         matched: True if the plant's friction law is the observer's.
     """
     judged = run.between(START_S, np.inf)
-    open_gate = moving(judged, frictions)
+    open_gate = moving(judged.true_velocity, frictions)
     return (
         *_peak_rows(run, marks),
         *_motion_rows(judged, open_gate),
         *_effort_rows(judged, open_gate, frictions, matched),
-        *_time_rows(run, marks, moving(run, frictions), setup),
+        *_time_rows(run, marks, moving(run.true_velocity, frictions), setup),
         *_coverage_rows(judged, open_gate),
     )
 

@@ -1,40 +1,38 @@
 """Picture of a replay: pose, speed, friction and patient of both axes, and their validity."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from analysis.drawing import (
+    AXES,
     BAD,
     BUCKETS,
     ESTIMATE,
     FAINT,
     FRICTION,
     MEASURED,
-    TEXT,
-    band,
+    leg_figure,
     legend,
-    limit_to,
     line,
+    patient,
+    save,
     stretches,
+    strips,
     style,
 )
 from analysis.recording import Recording
 from observer.filter.status import Status, Validity
 from observer.offline.batch import BatchEstimates
 
-AXES: Final = (("hip", "rad", "rad/s", "N·m"), ("slide", "m", "m/s", "N"))
-"""Name, and units of position, speed and effort."""
-SIGMAS: Final = 3.0
+STRIP_HEIGHT: Final = 0.22
 GAP_PERIODS: Final = 5.0
 """Limit of the time between two rows; more is drawn as a gap."""
-DPI: Final = 130
 HARMLESS: Final = frozenset({Status.VALID, Status.WARM_UP, Status.ARTIFICIAL})
 
 
@@ -44,27 +42,15 @@ def draw(recording: Recording, estimates: BatchEstimates, path: Path) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    figure = Figure(figsize=(14, 10.5), layout="constrained")
-    FigureCanvasAgg(figure)
-    rows, strip = 4, 0.22
-    grid = figure.subplots(
-        rows + 1,
-        2,
-        sharex=True,
-        squeeze=False,
-        height_ratios=[1, 1, 1, 1.35, strip * _bits(estimates)],
-    )
-    for index in range(2):
-        _column([grid[row][index] for row in range(rows)], *_with_gaps(recording, estimates), index)
-        _status_strip(grid[rows][index], recording, estimates)
+    heights = (1, 1, 1, 1.35, STRIP_HEIGHT * _bits(estimates))
+    figure, columns = leg_figure((14, 10.5), heights)
+    for index, panels in enumerate(columns):
+        _column(panels[:4], *_with_gaps(recording, estimates), index)
+        _status_strip(panels[4], recording, estimates)
     name = Path(recording.source).name
     minutes, seconds = divmod(round(recording.duration_s, 1), 60)
-    figure.suptitle(
-        f"{name} · {len(recording.time_s)} samples · {minutes:.0f} min {seconds:04.1f} s",
-        fontsize=12,
-        color=TEXT,
-    )
-    figure.savefig(path, dpi=DPI, format="png")
+    words = f"{name} · {len(recording.time_s)} samples · {minutes:.0f} min {seconds:04.1f} s"
+    save(figure, words, path)
 
 
 def _with_gaps(recording: Recording, estimates: BatchEstimates) -> tuple[Recording, BatchEstimates]:
@@ -98,11 +84,11 @@ def _with_gaps(recording: Recording, estimates: BatchEstimates) -> tuple[Recordi
 
 
 def _column(
-    panels: list[Axes], recording: Recording, estimates: BatchEstimates, index: int
+    panels: Sequence[Axes], recording: Recording, estimates: BatchEstimates, index: int
 ) -> None:
-    name, position, velocity, effort = AXES[index]
+    name, position, velocity, effort, _ = AXES[index]
     time = recording.time_s - recording.time_s[0]
-    place, speed, friction, patient = panels
+    place, speed, friction, push = panels
 
     style(place, f"{name} position", position)
     line(place, time, recording.position[:, index], MEASURED, "measured", 2.2)
@@ -112,16 +98,12 @@ def _column(
     style(friction, f"{name} friction", effort)
     line(friction, time, estimates.state[:, 4 + index], FRICTION)
 
-    style(patient, f"{name} patient", effort)
+    style(push, f"{name} patient", effort)
+    line(push, time, estimates.net[:, index], FAINT, "net: patient − friction", 0.8)
     value, std = estimates.state[:, 6 + index], estimates.std[:, 6 + index]
-    split = np.where(estimates.validity[:, index] == Validity.OK, value, np.nan)
-    band(patient, time, value - SIGMAS * std, value + SIGMAS * std, ESTIMATE, "±3σ")
-    line(patient, time, estimates.net[:, index], FAINT, "net: patient − friction", 0.8)
-    line(patient, time, value, ESTIMATE, "", 0.5)
-    line(patient, time, split, ESTIMATE, "patient, where it can be split from friction", 1.5)
-    patient.axhline(0, color=FAINT, linewidth=0.6)
-    limit_to(patient, split, estimates.net[:, index])
-    for panel in (place, patient):
+    valid = estimates.validity[:, index] == Validity.OK
+    patient(push, time, value, std, valid, estimates.net[:, index])
+    for panel in (place, push):
         legend(panel)
 
 
@@ -147,7 +129,4 @@ def _status_strip(panel: Axes, recording: Recording, estimates: BatchEstimates) 
             stretches((estimates.status & bit) != 0, time), (row - 0.4, 0.8), color=colour
         )
     names = ["not valid", *((bit.name or "").lower().replace("_", " ") for bit in bits)]
-    panel.set_yticks(range(len(names)), names)
-    panel.set_ylim(len(names) - 0.5, -0.5)
-    panel.set_xlim(float(time[0]), float(max(time[-1], time[0] + 1e-3)))
-    panel.set_xlabel("time [s]", fontsize=8, color=TEXT)
+    strips(panel, names, time, "time [s]")

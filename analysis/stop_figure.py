@@ -8,32 +8,28 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from analysis.drawing import (
+    AXES,
     BAD,
-    ESTIMATE,
     FAINT,
     FRICTION,
     GOOD,
     MEASURED,
     TEXT,
-    band,
+    leg_figure,
     legend,
-    limit_to,
     line,
+    patient,
+    save,
+    strips,
     style,
 )
 from analysis.stop_recording import StopRecording, cause_words, known, utc_words
 from daemon.ipc.record import CycleRecord, DriveRecord, StopCategory
 from daemon.wire.fields import POWER_STATES, Validity
 
-AXES: Final = (("hip", "rad", "rad/s", "N·m"), ("slide", "m", "m/s", "N"))
-"""Name, and units of position, speed and effort."""
-SIGMAS: Final = 3.0
-DPI: Final = 130
 _PATIENT: Final = 6
 """Index into the observer's states: hip, then slide."""
 _CATEGORY: Final = {
@@ -50,25 +46,18 @@ def draw(told: StopRecording, leg: str, path: Path) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    figure = Figure(figsize=(14, 11), layout="constrained")
-    FigureCanvasAgg(figure)
-    grid = figure.subplots(5, 2, sharex=True, squeeze=False, height_ratios=[1, 1, 1, 1.2, 0.75])
+    figure, columns = leg_figure((14, 11), (1, 1, 1, 1.2, 0.75))
     time = np.array([told.from_stop_s(record) for record in told.records])
     index = told.header.leg_names.index(leg)
-    for axis in range(2):
-        panels = [grid[row][axis] for row in range(5)]
+    for axis, panels in enumerate(columns):
         _column(panels[:4], told.records, time, (leg, index, axis))
-        _strips(panels[4], told.records, time, f"{leg}/{AXES[axis][0]}")
+        _strips(panels[4], told.records, time, f"{leg}/{AXES[axis].name}")
         for panel in panels:
             panel.axvline(0.0, color=BAD, linewidth=1.1, zorder=0.5)
     kept = told.kept
     where = f", {kept.drive}" if kept.drive else ""
-    figure.suptitle(
-        f"{cause_words(kept.cause)}{where} · {utc_words(kept.stop_utc_ns)} · {leg} leg",
-        fontsize=12,
-        color=TEXT,
-    )
-    figure.savefig(path, dpi=DPI, format="png")
+    words = f"{cause_words(kept.cause)}{where} · {utc_words(kept.stop_utc_ns)} · {leg} leg"
+    save(figure, words, path)
 
 
 def _column(
@@ -78,10 +67,10 @@ def _column(
     place: tuple[str, int, int],
 ) -> None:
     leg, index, axis = place
-    name, position_unit, velocity_unit, effort_unit = AXES[axis]
+    name, position_unit, velocity_unit, effort_unit, _ = AXES[axis]
     drives = [_drive(record, f"{leg}/{name}") for record in records]
     legs = [record.legs[index] if len(record.legs) > index else None for record in records]
-    where, speed, effort, patient = panels
+    where, speed, effort, push = panels
 
     style(where, f"{name} position", position_unit)
     reference = _of(legs, lambda one: one.reference[axis])
@@ -93,16 +82,12 @@ def _column(
     line(effort, time, _of(drives, lambda one: one.target_effort_si), GOOD, "commanded", 1.8)
     line(effort, time, _of(drives, lambda one: one.effort_si), FRICTION, "measured", 1.1)
 
-    style(patient, f"{name} effort of the patient", effort_unit)
+    style(push, f"{name} effort of the patient", effort_unit)
     value = _of(legs, lambda one: one.state[_PATIENT + axis])
     std = _of(legs, lambda one: one.std[_PATIENT + axis])
-    usable = _of(legs, lambda one: 1.0 if one.validity[axis] == Validity.OK else np.nan)
-    band(patient, time, value - SIGMAS * std, value + SIGMAS * std, ESTIMATE, "±3σ")
-    line(patient, time, value, ESTIMATE, "", 0.5)
-    line(patient, time, value * usable, ESTIMATE, "where it can be told", 1.5)
-    patient.axhline(0, color=FAINT, linewidth=0.6)
-    limit_to(patient, value * usable, _of(legs, lambda one: one.net[axis]))
-    for panel in (where, effort, patient):
+    valid = _of(legs, lambda one: one.validity[axis]) == Validity.OK
+    patient(push, time, value, std, valid, _of(legs, lambda one: one.net[axis]))
+    for panel in (where, effort, push):
         legend(panel)
 
 
@@ -136,10 +121,7 @@ def _strips(
     )
     for row, (_, words, colours) in enumerate(rows):
         _strip(panel, row, list(zip(words, colours, strict=True)), time)
-    panel.set_yticks(range(len(rows)), [name for name, _, _ in rows])
-    panel.set_ylim(len(rows) - 0.5, -0.5)
-    panel.set_xlim(float(time[0]), float(max(time[-1], time[0] + 1e-3)))
-    panel.set_xlabel("seconds from the stop", fontsize=8, color=TEXT)
+    strips(panel, [name for name, _, _ in rows], time, "seconds from the stop")
 
 
 def _states(records: Sequence[CycleRecord], name: str) -> tuple[list[str], list[str]]:

@@ -6,12 +6,11 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from analysis.drawing import BAD, ESTIMATE, FAINT, GOOD, TEXT, legend, style
+from analysis.drawing import AXES, BAD, ESTIMATE, FAINT, GOOD, TEXT, legend, style, x_label
 from observer.filter.status import Validity
 from observer.offline.batch import BatchEstimates
 from observer.strides import AxisStride, Stride
@@ -19,7 +18,6 @@ from observer.strides import AxisStride, Stride
 DPI: Final = 100
 SHOWN_MAX: Final = 60
 """More bars are not distinguishable: only the last strides are drawn."""
-AXES: Final = (("hip", "N·m"), ("slide", "N"))
 
 
 def draw(
@@ -40,12 +38,11 @@ def draw(
         OSError: the file cannot be written.
     """
     figure = Figure(figsize=(11, 7), dpi=DPI, layout="constrained")
-    FigureCanvasAgg(figure)
     panels = figure.subplots(2, 2, width_ratios=[1.6, 1.0])
     shown = strides[-SHOWN_MAX:]
-    for axis, (name, unit) in enumerate(AXES):
-        _bars(panels[axis][0], shown, len(strides) - len(shown), name)
-        _over_phase(panels[axis][1], shown, time_s, smooth, axis, unit)
+    for axis, names in enumerate(AXES):
+        _bars(panels[axis][0], shown, len(strides) - len(shown), names.name)
+        _over_phase(panels[axis][1], shown, time_s, smooth, axis, names.effort)
     figure.savefig(path, format="png")
     return figure
 
@@ -66,7 +63,7 @@ def _bars(panel: Axes, shown: Sequence[tuple[int, Stride]], before: int, name: s
         ):
             panel.plot([number, number], [value - std, value + std], color=TEXT, linewidth=1.2)
     panel.axhline(0.0, color=FAINT, linewidth=0.8)
-    panel.set_xlabel("stride", fontsize=8, color=TEXT)
+    x_label(panel, "stride")
     panel.xaxis.set_major_locator(MaxNLocator(integer=True))
     legend(panel)
 
@@ -88,7 +85,7 @@ def _over_phase(
         patient = np.where(known, smooth.state[rows, 6 + axis], np.nan)
         panel.plot(phase, patient, color=ESTIMATE, linewidth=0.8, alpha=0.5)
     panel.set_xlim(0.0, 100.0)
-    panel.set_xlabel("stride [%], from a rise of the hip; gaps: at rest", fontsize=8, color=TEXT)
+    x_label(panel, "stride [%], from a rise of the hip; gaps: at rest")
 
 
 def _of(stride: Stride, name: str) -> AxisStride:

@@ -13,18 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from analysis.accuracy import moving
 from analysis.recording import Recording
 from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
 from observer.filter.states import POSITION, VELOCITY
-from observer.mechanism.friction import gate_of
 
 Values = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Pair = tuple[float, float]
 
-MOVING_GATE: Final = 0.5
-"""A joint moves where its true gate a(v), eq. (12), is above this."""
 JITTER_MAX_S: Final = 0.004
 """Largest distance of a sample from its stamp, which keeps the order of samples."""
 
@@ -54,13 +52,7 @@ class Trial:
     @property
     def moving(self) -> Flags:
         """True where the true gate of each axis is open, shape (n, 2)."""
-        axes = zip(friction_parameters(self.robot), self.truth[:, VELOCITY].T, strict=True)
-        return np.column_stack(
-            [
-                [gate_of(friction, speed) > MOVING_GATE for speed in speeds]
-                for friction, speeds in axes
-            ]
-        )
+        return moving(self.truth[:, VELOCITY], friction_parameters(self.robot))
 
 
 def with_ripple(trial: Trial, ripple: Pair, seed: int) -> Trial:

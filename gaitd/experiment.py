@@ -98,7 +98,8 @@ def _print_numbers(stage: "Stage", run: "Run") -> None:
 
 
 def _draw(stage: "Stage", run: "Run", output: Path) -> tuple[Path, ...]:
-    from analysis.experiment import marks, moving
+    from analysis.accuracy import moving
+    from analysis.experiment import marks
     from analysis.experiment_figures import draw_axis, draw_details
 
     subtitle = (
@@ -111,5 +112,6 @@ def _draw(stage: "Stage", run: "Run", output: Path) -> tuple[Path, ...]:
     draw_axis(run, 0, subtitle, hip)
     draw_axis(run, 1, subtitle, slide)
     when = marks(stage.settings.trainer.excite[SCENARIO])
-    draw_details(run, when, moving(run, stage.frictions), stage.frictions[1], subtitle, details)
+    open_gate = moving(run.true_velocity, stage.frictions)
+    draw_details(run, when, open_gate, stage.frictions[1], subtitle, details)
     return hip, slide, details

@@ -5,10 +5,11 @@ No fact is repeated in this file: rows, requests, refusals, categories and texts
 calling the guard with inputs in which one thing is wrong.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
+from analysis import markdown
 from daemon.core.modes.table import TRANSITIONS, Event, GuardInputs, event_of, refusal
 from daemon.core.safety.limits import Categories
 from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
@@ -76,30 +77,29 @@ def page(chosen: Mapping[str, str]) -> str:
     Args:
         chosen: `stop_category` of the limits file that is shown.
     """
-    parts = (
+    return markdown.page(
         HEAD,
-        "## Diagram\n\n```mermaid\n" + "\n".join(diagram()) + "\n```\n",
+        "## Diagram\n\n```mermaid\n" + "\n".join(diagram()) + "\n```",
         "`enabled` stands for every mode in which a drive is enabled on purpose: an arrow from "
-        "the box applies to each of them.\n",
-        "## Transitions\n\n" + _table(("mode", "event", "next"), _transitions()),
+        "the box applies to each of them.",
+        "## Transitions\n\n" + markdown.table(("mode", "event", "next"), _transitions()),
         "## Requests\n\nEvery client may send requests, one at a time; each is "
         "answered with `done`, or with `refused` and the reason. A `stop` is accepted from every "
         "client, at any time, in any mode, also with an invalid payload. Only the holder of the "
         "lease commands torque.\n\n"
-        + _table(("request", *(_word(mode) for mode in Mode)), _possible()),
+        + markdown.table(("request", *(_word(mode) for mode in Mode)), _possible()),
         "`refused` here: *not possible in mode ...*. Where a request is possible, the guard checks "
         "further conditions. With one of them not met, the answer is:\n\n"
-        + _table(("request", "in mode", "while", "is refused with"), _refusals()),
+        + markdown.table(("request", "in mode", "while", "is refused with"), _refusals()),
         "## Stops\n\nCategories are those of the shipped `limits.toml`; *fixed* ones cannot be "
         "configured. S2: brake and hold, drives enabled. S1: quick stop by the drives, which then "
         "hold. S0: no voltage. A verdict latches until `reset`, also across a restart, except for "
         "a shutdown.\n\n"
-        + _table(
+        + markdown.table(
             ("cause", "category", "text", "first", "then", "if it comes back"),
             _stops(chosen),
         ),
     )
-    return "\n".join(parts)
 
 
 def diagram() -> Iterator[str]:
@@ -196,15 +196,6 @@ def _stops(chosen: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
         if cause in LOST_DRIVE:
             category += "; NMT stop to the lost drive"
         yield cause.name.lower(), category, text.title, text.first, text.then, text.again
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [_row(head), _row(["---"] * len(head)), *map(_row, rows)]
-    return "\n".join(lines) + "\n"
-
-
-def _row(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
 def _word(mode: Mode) -> str:

@@ -10,15 +10,11 @@ from matplotlib.figure import Figure
 from analysis.calibration.quantities import law_of
 from analysis.calibration.session import Calibration
 from analysis.calibration.start import left_over
-from analysis.drawing import BAD, ESTIMATE, MEASURED, TEXT, legend, limit_to, style
+from analysis.drawing import AXES, BAD, ESTIMATE, MEASURED, TEXT, legend, limit_to, style, x_label
 from observer.mechanism.friction import static_friction_of
 
 DPI: Final = 100
 POINTS_MAX: Final = 2000
-TITLES: Final = ("Hip", "Slide")
-EFFORTS: Final = ("N·m", "N")
-SPEEDS: Final = ("rad/s", "m/s")
-PLACES: Final = ("rad", "m")
 
 
 def draw_friction(made: Calibration, path: Path) -> None:
@@ -28,7 +24,7 @@ def draw_friction(made: Calibration, path: Path) -> None:
     for axis, axes in enumerate(figure.subplots(1, 2)):
         speed = made.motion.velocity[:, axis]
         chosen = _thinned(np.flatnonzero(made.motion.settled))
-        style(axes, f"{TITLES[axis]} friction over velocity", EFFORTS[axis])
+        style(axes, f"{AXES[axis].name.title()} friction over velocity", AXES[axis].effort)
         axes.plot(
             speed[chosen], left[chosen, axis], ".", color=MEASURED, ms=2, alpha=0.35, label="motion"
         )
@@ -44,7 +40,7 @@ def draw_friction(made: Calibration, path: Path) -> None:
             axes.plot(grid, values, color=colour, linewidth=1.5, label=words)
         axes.set_xlim(-top, top)
         limit_to(axes, left[chosen, axis], share=0.995)
-        axes.set_xlabel(f"velocity, {SPEEDS[axis]}", fontsize=8, color=TEXT)
+        x_label(axes, f"velocity, {AXES[axis].velocity}")
         legend(axes)
     figure.savefig(path, dpi=DPI)
 
@@ -55,8 +51,8 @@ def draw_residuals(made: Calibration, path: Path) -> None:
     rows = figure.subplots(2, 2)
     for axis in range(2):
         over = (
-            (made.motion.smooth[:, axis], f"position, {PLACES[axis]}"),
-            (made.motion.velocity[:, axis], f"velocity, {SPEEDS[axis]}"),
+            (made.motion.smooth[:, axis], f"position, {AXES[axis].position}"),
+            (made.motion.velocity[:, axis], f"velocity, {AXES[axis].velocity}"),
         )
         for column, (values, words) in enumerate(over):
             _residual(rows[axis][column], made, axis, values, words)
@@ -64,8 +60,8 @@ def draw_residuals(made: Calibration, path: Path) -> None:
 
 
 def _residual(axes: Axes, made: Calibration, axis: int, over: np.ndarray, words: str) -> None:
-    title = f"{TITLES[axis]}: false effort over {words.partition(',')[0]}"
-    style(axes, title, EFFORTS[axis])
+    title = f"{AXES[axis].name.title()}: false effort over {words.partition(',')[0]}"
+    style(axes, title, AXES[axis].effort)
     shown: list[np.ndarray] = []
     for seen, colour, label in (
         (made.seen_before, BAD, "before"),
@@ -81,7 +77,7 @@ def _residual(axes: Axes, made: Calibration, axis: int, over: np.ndarray, words:
         legend(axes)
     else:
         axes.text(0.5, 0.5, "did not move", transform=axes.transAxes, ha="center", color=TEXT)
-    axes.set_xlabel(words, fontsize=8, color=TEXT)
+    x_label(axes, words)
 
 
 def _thinned(rows: np.ndarray) -> np.ndarray:

@@ -29,8 +29,6 @@ Matrix = NDArray[np.float64]
 
 STATES: Final = 6
 LANES: Final = 8
-NOISES: Final = 6
-"""Measured positions, efforts, and frictions, hip and slide each."""
 
 
 @kernel

@@ -43,7 +43,7 @@ class HipLimits(Table, frozen=True):
     static_load_tolerance_nm: Annotated[float, Meta(gt=0, le=60)]
     """Enable is refused when the load at hold differs from g(q) by more."""
     max_runaway_deg: Annotated[float, Meta(gt=0, le=180)]
-    """How far the joint may go after the core has died, before its drive has stopped it."""
+    """How far the joint may go after the core has ended, before its drive has stopped it."""
     brake: bool
     assist_max_nm: Annotated[float, Meta(gt=0, le=60)]
     """Maximum of a controller's setpoint, on top of g(q) and guidance; a larger one is refused."""

@@ -83,7 +83,7 @@ def _check_paths(path: Path, trainer: Trainer) -> None:
         if directory.exists() and not directory.is_dir():
             raise ConfigError(path, key, directory, "a directory, or a name that is still free")
     if state == runtime or runtime in state.parents:
-        outside = f"a directory outside {runtime}, which is gone after a restart of the machine"
+        outside = f"a directory outside {runtime}, which is lost in a restart of the machine"
         raise ConfigError(path, "paths.state", trainer.paths.state, outside)
     longest = len(os.fsencode(runtime / _LONGEST_SOCKET_NAME))
     if longest > SOCKET_PATH_BYTES_MAX:

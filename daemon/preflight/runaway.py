@@ -1,4 +1,4 @@
-"""How far a leg runs when the core dies at the worst moment: pure functions of the settings.
+"""How far a leg runs when the core ends at the worst moment: pure functions of the settings.
 
 The drives do not detect the core's silence before 1016h (or 1400h:05) has run out. Until then each
 continues with its last torque command, at most its own torque limit; then both make the quick stop
@@ -14,7 +14,7 @@ of 6007h. Rules of the computation:
 4. A run ends where both are at rest, or where the mechanism does: at the leg stretched so far that
    the service would have stopped. Beyond that the machine's own end stops act, not the drives.
 
-The distance is measured from the pose at which the core died to the farthest one, in the joint's
+The distance is measured from the pose at which the core ended to the farthest one, in the joint's
 own coordinate. Position limits in the drives (607Dh), which would shorten it, are not counted: not
 every make keeps one in torque mode (docs/backstop.md).
 """
@@ -92,7 +92,7 @@ def worst_runaways(
     Args:
         leg: the mechanism, with the patient's leg.
         frictions: of hip and slide.
-        poses: where the core may die: rad, m.
+        poses: where the core may end: rad, m.
         axes: both drives.
         stop_ratio: |sin| of shank and shoe below which a run ends.
     """

@@ -1,4 +1,4 @@
-"""Compares how far a leg runs after the core has died with max_runaway of limits.toml.
+"""Compares how far a leg runs after the core has ended with max_runaway of limits.toml.
 
 For `gaitd check`. The distance is computed by `runaway.py`. A configuration that exceeds
 max_runaway is refused by its torque limit, the key to change first.
@@ -22,14 +22,14 @@ from drives.cia402.profile import DriveDescription, Keeps
 from drives.cia402.units import DriveLimits
 
 POSES: Final = 24
-"""Number of poses over the stride at which the core may die."""
+"""Number of poses over the stride at which the core may end."""
 SEARCH_STEPS: Final = 64
 """Steps of the search for an allowed torque limit, as fractions of the refused one."""
 _MS: Final = 1e-3
 
 
 class RunawayMeaning(msgspec.Struct, frozen=True):
-    """How far one axis runs when the core dies at the worst moment; rad or m."""
+    """How far one axis runs when the core ends at the worst moment; rad or m."""
 
     name: str
     rotary: bool
@@ -73,7 +73,7 @@ def runaway_meanings(settings: Settings) -> tuple[RunawayMeaning, ...]:
 
 
 def refuse_runaways(settings: Settings, meanings: tuple[RunawayMeaning, ...]) -> None:
-    """Refuse a torque limit with which the leg goes farther than max_runaway after the core died.
+    """Refuse a torque limit with which the leg goes beyond max_runaway after the core has ended.
 
     Raises:
         ConfigError: naming the torque limit, how far it goes, and what would be allowed.

@@ -11,7 +11,7 @@ a stop go into the same file, as long as that spans no more than SPAN_NS. Nothin
 record in a file is identified by its core and its number.
 
 Rings are read here from their oldest record on, whatever the rest of the gateway has read. So a
-gateway that was not running finds the stops of that time. One that starts after both processes died
+gateway that was not running finds the stops of that time. One that starts after both have ended
 finds the ring of that core: at its place, or renamed by the core that has started since
 (`transport.ASIDE_NAME`); that file is removed when everything to keep is on the disk.
 

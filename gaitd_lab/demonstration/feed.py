@@ -108,11 +108,6 @@ class Audience:
         self._target, self._leg = target, leg
         self._session: zenoh.Session | None = None
 
-    @property
-    def hears_the_core(self) -> bool:
-        """True if records of a core arrive."""
-        return self.safety is not None and self.safety.valid
-
     def connect(self) -> bool:
         """Try to connect once; False if the service does not listen."""
         if self._session is not None:

@@ -6,16 +6,17 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
 
 from analysis.drawing import (
     BAD,
+    DPI,
     ESTIMATE,
     FAINT,
     FRICTION,
     GOOD,
+    SIGMAS,
     TEXT,
     TRUTH,
     Values,
@@ -24,13 +25,12 @@ from analysis.drawing import (
     limit_to,
     line,
     style,
+    x_label,
 )
 from daemon import wire
 from gaitd_lab.demonstration.judgement import AXES, BOUNDS, Pair, Row, Span
 from gaitd_lab.demonstration.script import Kind
 
-SIGMAS: Final = 3.0
-DPI: Final = 130
 QUIET_S: Final = 1.0
 SHADES: Final = {
     Kind.INTERLUDE: "#f3f4f6",
@@ -64,7 +64,6 @@ def draw(results: Results, path: Path) -> None:
         OSError: the file cannot be written.
     """
     figure = Figure(figsize=(14, 10.5), layout="constrained")
-    FigureCanvasAgg(figure)
     grid = figure.subplots(4, 2, squeeze=False, height_ratios=[1.5, 1.0, 1.0, 0.9])
     begin_ns = min((span.begin_ns for span in results.spans), default=0)
     for index, pair in enumerate(results.pairs):
@@ -130,7 +129,7 @@ def _column(panels: list[Axes], results: Results, pair: Pair, index: int, begin_
     line(rubbing, time, curves.true_friction, TRUTH, "truth", 2.2)
     line(rubbing, time, curves.friction, FRICTION, "estimate", 1.0)
     legend(rubbing)
-    rubbing.set_xlabel("time [s]", fontsize=8, color=TEXT)
+    x_label(rubbing, "time [s]")
 
 
 def _seconds(span: Span, begin_ns: int) -> tuple[float, float]:

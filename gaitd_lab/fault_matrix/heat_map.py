@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -41,7 +40,7 @@ def draw(found: Sequence[Found], path: Path) -> None:
     _panel(figure, right, distance, modes, (LEAST_DEG, MOST_DEG), "hip moved until rest, deg")
     left.set_yticks(range(len(FAULTS)), labels=list(FAULTS), fontsize=7)
     figure.suptitle("The slower axis of each fault and mode; grey: goes on, nothing to stop")
-    FigureCanvasAgg(figure).print_png(str(path))
+    figure.savefig(path, format="png")
 
 
 def _is_stop(one: Found) -> bool:

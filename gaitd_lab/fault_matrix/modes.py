@@ -284,6 +284,3 @@ COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
     }
 )
 """Columns by name, in the order of the pages."""
-
-LEFT_OUT: Final[frozenset[Mode]] = frozenset()
-"""Modes without a column."""

@@ -1,8 +1,9 @@
 """docs/fault_matrix.md: the result of every fault in every mode, as tables made from the cells."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
+from analysis import markdown
 from daemon.ipc.record import Mode
 from gaitd_lab.fault_matrix.cell import Found
 from gaitd_lab.fault_matrix.exceptions import EXCEPTIONS
@@ -63,15 +64,14 @@ def page(found: Sequence[Found]) -> str:
     bad = [(one, reasons) for one in found if (reasons := broken(one))]
     cells = {(one.fault, one.mode, one.axis): one for one in found}
     seed = found[0].seed if found else 0
-    parts = [
+    return markdown.page(
         _HEAD.format(seed=seed, count=len(found), open_count=len(bad)),
         *(_table(table, cells) for table in TABLES),
         _columns(),
         _rows(),
         _exceptions(),
         _open(bad),
-    ]
-    return "\n".join(parts)
+    )
 
 
 def entry(cells: Sequence[Found]) -> str:
@@ -120,37 +120,35 @@ def _mark(cells: Sequence[Found]) -> str:
     return " **open**" if any(broken(one) for one in cells) else ""
 
 
+def _section(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    return f"## {title}\n\n{markdown.table(head, rows)}"
+
+
 def _table(table: Table, cells: Mapping[tuple[str, str, str], Found]) -> str:
-    head = ["fault", *table.columns]
-    lines = [f"## {table.title}", "", _line(head), _line(["---"] * len(head))]
-    for fault in FAULTS:
-        row = [
-            entry(
-                [one for (name, mode, _), one in cells.items() if (name, mode) == (fault, column)]
-            )
-            for column in table.columns
-        ]
-        lines.append(_line([f"`{fault}`", *row]))
-    return "\n".join([*lines, ""])
+    rows = [
+        [f"`{fault}`", *(_both(fault, column, cells) for column in table.columns)]
+        for fault in FAULTS
+    ]
+    return _section(table.title, ["fault", *table.columns], rows)
 
 
-def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+def _both(fault: str, column: str, cells: Mapping[tuple[str, str, str], Found]) -> str:
+    """The entry of a fault in a mode, on both axes."""
+    return entry([one for (name, mode, _), one in cells.items() if (name, mode) == (fault, column)])
 
 
 def _columns() -> str:
-    lines = ["## The modes", "", _line(["mode", "how it is"]), _line(["---"] * 2)]
-    lines += [_line([f"`{one.name}`", one.text]) for one in COLUMNS.values()]
-    return "\n".join([*lines, ""])
+    rows = [(f"`{one.name}`", one.text) for one in COLUMNS.values()]
+    return _section("The modes", ("mode", "how it is"), rows)
 
 
 def _rows() -> str:
-    head = ["fault", "what it is", "lasts", "right"]
-    lines = ["## The faults, and what is right", "", _line(head), _line(["---"] * len(head))]
-    for fault in FAULTS.values():
-        lasts = f"{fault.lasts_s:g} s"
-        lines.append(_line([f"`{fault.name}`", fault.text, lasts, _right(ROWS[fault.name])]))
-    return "\n".join([*lines, ""])
+    rows = [
+        (f"`{one.name}`", one.text, f"{one.lasts_s:g} s", _right(ROWS[one.name]))
+        for one in FAULTS.values()
+    ]
+    head = ("fault", "what it is", "lasts", "right")
+    return _section("The faults, and what is right", head, rows)
 
 
 def _right(law: Law) -> str:
@@ -166,35 +164,20 @@ def _right(law: Law) -> str:
 
 
 def _exceptions() -> str:
-    head = ["fault", "mode", "axis", "right here", "why"]
-    lines = ["## Where it is not the row's usual one", "", _line(head), _line(["---"] * len(head))]
-    lines += [
-        _line([f"`{fault}`", f"`{mode}`", axis or "both", _right(law).partition(":")[0], law.why])
+    rows = [
+        (f"`{fault}`", f"`{mode}`", axis or "both", _right(law).partition(":")[0], law.why)
         for (fault, mode, axis), law in EXCEPTIONS.items()
     ]
-    return "\n".join([*lines, ""])
+    head = ("fault", "mode", "axis", "right here", "why")
+    return _section("Where it is not the row's usual one", head, rows)
 
 
 def _open(bad: Sequence[tuple[Found, list[str]]]) -> str:
-    lines = ["## Open", ""]
-    if not bad:
-        return "\n".join([*lines, "Every cell keeps every law.", ""])
-    lines += [f"- `{command(one)}`: {'; '.join(reasons)}" for one, reasons in bad]
-    return "\n".join([*lines, ""])
+    lines = [f"- `{command(one)}`: {'; '.join(reasons)}" for one, reasons in bad]
+    return "\n".join(("## Open", "", *(lines or ["Every cell keeps every law."])))
 
 
 def command(one: Found) -> str:
     """Return the command that runs one cell again."""
     axis = f" --axis {one.axis}" if one.axis else ""
     return f"gaitd matrix --fault {one.fault} --mode {one.mode}{axis} --seed {one.seed}"
-
-
-def tables_of(text: str) -> Iterator[list[list[str]]]:
-    """Return the tables of a page: rows of cells, the header first."""
-    table: list[list[str]] = []
-    for line in [*text.splitlines(), ""]:
-        if line.startswith("| "):
-            table.append([cell.strip() for cell in line.strip("| ").split(" | ")])
-        elif table:
-            yield table
-            table = []

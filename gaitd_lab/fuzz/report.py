@@ -2,6 +2,7 @@
 
 from collections import Counter
 
+from analysis import markdown
 from gaitd_lab.fuzz.tally import Broken, Tally
 
 _PREFACE = """\
@@ -42,17 +43,16 @@ def summary(tally: Tally) -> str:
 
 def page(tally: Tally, command: str) -> str:
     """Return docs/random_hour.md."""
-    parts = [
+    return markdown.page(
         "# The random hour",
         f"Written by `{command}`; the numbers are of that run.",
         _PREFACE,
         f"{tally.simulated_s:.0f} s of simulated time in {tally.session_count} sessions, "
         f"{tally.cycle_count} cycles, {tally.stolen_count} frames lost on the way. "
         f"Violations: **{len(tally.broken) or 'none'}**.",
-        *(_table(title, counts) for title, counts in _counts(tally)),
-    ]
-    parts += [f"```\n{told(broken)}\n```" for broken in tally.broken]
-    return "\n\n".join(parts) + "\n"
+        *(_section(title, counts) for title, counts in _counts(tally)),
+        *(f"```\n{told(broken)}\n```" for broken in tally.broken),
+    )
 
 
 def _counts(tally: Tally) -> tuple[tuple[str, Counter[str]], ...]:
@@ -73,6 +73,6 @@ def _block(title: str, counts: Counter[str]) -> str:
     return "\n".join((title, *rows))
 
 
-def _table(title: str, counts: Counter[str]) -> str:
-    rows = (f"| {name} | {count} |" for name, count in counts.most_common())
-    return "\n".join((f"## {title}", "", "| what | how often |", "| --- | --- |", *rows))
+def _section(title: str, counts: Counter[str]) -> str:
+    rows = [(name, str(count)) for name, count in counts.most_common()]
+    return f"## {title}\n\n{markdown.table(('what', 'how often'), rows)}"

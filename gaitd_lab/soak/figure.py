@@ -5,7 +5,6 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from gaitd_lab.soak.play import Soaked
@@ -35,7 +34,7 @@ def draw(found: Soaked, path: Path) -> None:
         _lateness(axes, found)
     _memory(memory, found)
     _stops(stops, found)
-    FigureCanvasAgg(figure).print_png(str(path))
+    figure.savefig(path, format="png")
 
 
 def _lateness(axes: Axes, found: Soaked) -> None:

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from analysis import markdown
 from gaitd_lab.soak import memory
 from gaitd_lab.soak.memory import Life
 from gaitd_lab.soak.play import Soaked
@@ -180,20 +181,17 @@ def page(found: Soaked, command: str, figure: str) -> str:
     """Return docs/soak.md."""
     today = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
     machine = f"{platform.machine()}, {found.processors} processors, Python"
-    parts = [
+    blocks = [
+        *_blocks(found),
+        ("What went wrong", _counted(Counter(one.name for _, one in found.happenings))),
+    ]
+    return markdown.page(
         "# The soak",
         f"Written by `{command}` on {today}; {machine} {platform.python_version()}.",
         _HOW.format(in_time=_BY_THE_WALL if found.wall_clock else _SIMULATED),
         f"![memory and stops]({figure})",
-        *(_table(title, rows) for title, rows in _blocks(found)),
-        _table("What went wrong", _counted(Counter(one.name for _, one in found.happenings))),
-    ]
-    return "\n\n".join(parts) + "\n"
-
-
-def _table(title: str, rows: Sequence[tuple[str, str]]) -> str:
-    lines = (f"| {name} | {value} |" for name, value in rows)
-    return "\n".join((f"## {title}", "", "| what | found |", "| --- | --- |", *lines))
+        *(f"## {title}\n\n{markdown.table(('what', 'found'), rows)}" for title, rows in blocks),
+    )
 
 
 def plain(found: Soaked) -> dict[str, Any]:

@@ -8,11 +8,11 @@ from bringup_bench import Bench, refused
 from drive_files import CYCLE, HIP_LIMITS, drive
 from sessions import CONFIGS, Session, elmo_drives, generic_drives
 
-from daemon.preflight.backstop import COMMUNICATION, WRITES, page, rows, source_of
 from daemon.preflight.load import load
 from drives.bringup.plan import plan
 from drives.bringup.steps import StepKind
 from drives.errors import BootFailure
+from gaitd_lab.backstop_page import COMMUNICATION, WRITES, page, rows, source_of
 from sim_drives.frame import Frame
 
 MS = 1_000_000

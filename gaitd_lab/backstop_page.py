@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+from analysis import markdown
 from daemon.config.bundle import Settings
 from daemon.config.drive_plan import cycle_settings, drive_limits
 from drives.bringup.plan import plan
@@ -131,20 +132,20 @@ def _rows(step: Step, torque_limit: ObjectRef) -> Iterator[Row]:
 
 def page(makes: Mapping[str, Settings]) -> str:
     """The text of docs/backstop.md: for each make the limits of both drives."""
-    parts = [_HEAD]
+    parts: list[str] = []
     for make, settings in makes.items():
         leg = settings.legs[0]
         hip, slide = rows(settings, leg.hip, 0), rows(settings, leg.slide, 1)
-        parts.append(f"## {make}\n\n{_lacks(leg.hip)}\n\n{_table(hip, slide)}")
-    return "\n\n".join(parts) + "\n"
+        parts += [f"## {make}", _lacks(leg.hip), _table(hip, slide)]
+    return markdown.page(_HEAD, *parts)
 
 
 def _table(hip: tuple[Row, ...], slide: tuple[Row, ...]) -> str:
-    lines = ["| object | bounds | hip | slide | from |", "| --- | --- | --- | --- | --- |"]
-    for one, other in zip(hip, slide, strict=True):
-        values = f"{_shown(one)} | {_shown(other)}"
-        lines.append(f"| {one.place} | {one.bounds} | {values} | {one.key} |")
-    return "\n".join(lines)
+    lines = [
+        (one.place, one.bounds, _shown(one), _shown(other), one.key)
+        for one, other in zip(hip, slide, strict=True)
+    ]
+    return markdown.table(("object", "bounds", "hip", "slide", "from"), lines)
 
 
 def _shown(row: Row) -> str:
