@@ -74,7 +74,7 @@ def observer_lost() -> Play:
         def again() -> None:
             if ruined:
                 ruin.begin(scene, axis)
-                scene.bench.bus.at(scene.bench.world_ns + RUIN_NS, again)
+                scene.session.bus.at(scene.session.world_ns + RUIN_NS, again)
 
         def leave() -> None:
             nonlocal ruined
@@ -109,7 +109,7 @@ def notebook_full() -> Play:
     """The state file cannot be written, and there is something to write."""
 
     def begin(scene: Scene, _axis: str) -> None:
-        scene.bench.lockstep.notebook.is_full = True
+        scene.session.notebook.is_full = True
         scene.core.notes = PersistentState(scene.core.notes.axes)
 
     return Play(begin, nothing)
@@ -119,6 +119,6 @@ def ring_full() -> Play:
     """A record cannot be written into the ring."""
 
     def begin(scene: Scene, _axis: str) -> None:
-        scene.bench.gateway.ring_is_full = True
+        scene.session.gateway.ring_is_full = True
 
     return Play(begin, nothing)
