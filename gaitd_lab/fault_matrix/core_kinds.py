@@ -11,7 +11,6 @@ from daemon.core.motion import leg_plan
 from daemon.core.motion.trajectory import Reference
 from daemon.core.state import Core, Leg
 from gaitd_lab.fault_matrix.kinds import MS, NAN, Play, Scene, nothing, undo
-from observer.filter.states import STATE_COUNT
 
 
 def nan_in_guidance() -> Play:
@@ -56,8 +55,8 @@ def observer_state(value: float) -> Play:
 
     def begin(scene: Scene, _axis: str) -> None:
         for leg in scene.core.legs:
-            memory, _, _ = leg.observer.buffers
-            memory[:STATE_COUNT] = value
+            memory, _ = leg.observer.buffers
+            memory["mean"][:] = value
 
     return Play(begin, nothing)
 
