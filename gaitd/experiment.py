@@ -13,7 +13,7 @@ from gaitd.terminal import progress, show
 
 if TYPE_CHECKING:
     from analysis.experiment import Run
-    from gaitd_lab.excitation import Stage
+    from gaitd_lab.excitation import EmptyMachine
 
 SCENARIO: Final = "paper"
 SHORTEST_S: Final = 1.0
@@ -45,73 +45,74 @@ def command(
     The machine's clock is simulated: half a minute takes a few seconds. Exit code 0 only if the
     scenario was played to its end.
     """
-    from gaitd_lab.excitation import NotPlayedError, Stage
+    from gaitd_lab.excitation import EmptyMachine, NotPlayedError
     from sim_drives.plant.settings import FrictionLaw
 
-    stage = Stage(demo_file(config), None if law is None else FrictionLaw(law.value))
-    longest_s = stage.longest_s(SCENARIO)
+    machine = EmptyMachine(demo_file(config), None if law is None else FrictionLaw(law.value))
+    longest_s = machine.longest_s(SCENARIO)
     if seconds is not None and seconds > longest_s:
         raise ConfigError(COMMAND_LINE, "--seconds", seconds, f"at most {longest_s:g}")
     with errors_in_one_line(NotPlayedError, code=EXIT_FAILED):
         output.mkdir(parents=True, exist_ok=True)
-        trouble = _experiment(stage, seconds or longest_s, output)
+        trouble = _experiment(machine, seconds or longest_s, output)
     if trouble:
         print(trouble, file=sys.stderr)
         raise typer.Exit(EXIT_FAILED)
 
 
-def _experiment(stage: "Stage", seconds: float, output: Path) -> str:
+def _experiment(machine: "EmptyMachine", seconds: float, output: Path) -> str:
     """Play the scenario, print and draw its results; return the trouble, or an empty text."""
     from analysis.delay import advice, in_words
 
     with progress() as begin:
-        played = stage.play(SCENARIO, seconds, begin("the paper's scenario", seconds))
-        delays = stage.delays(played.run, begin)
-    duration_s = len(played.run.time_s) * stage.step_s
+        played = machine.play(SCENARIO, seconds, begin("the paper's scenario", seconds))
+        delays = machine.delays(played.run, begin)
+    duration_s = len(played.run.time_s) * machine.step_s
     print(f"scenario     {SCENARIO}: {duration_s:.2f} s of {seconds:g} s, empty machine")
-    print(f"plant        friction law {stage.law.value}, seed {stage.seed}")
-    if stage.note:
-        print(f"note         {stage.note}")
+    print(f"plant        friction law {machine.law.value}, seed {machine.seed}")
+    if machine.note:
+        print(f"note         {machine.note}")
     if duration_s >= SHORTEST_S:
-        _print_numbers(stage, played.run)
+        _print_numbers(machine, played.run)
     if isinstance(delays, str):
         print(f"delay        not measured: {delays}")
     else:
         print("".join(f"delay        {in_words(one)}\n" for one in delays), end="")
         print(f"             {advice(delays)}")
     if duration_s >= SHORTEST_S:
-        for picture in _draw(stage, played.run, output):
+        for picture in _draw(machine, played.run, output):
             print(f"picture      {picture}")
     return played.trouble
 
 
-def _print_numbers(stage: "Stage", run: "Run") -> None:
+def _print_numbers(machine: "EmptyMachine", run: "Run") -> None:
     from analysis.experiment import marks
     from analysis.experiment_table import cells, rows
     from analysis.replay import setup_for
     from sim_drives.plant.settings import FrictionLaw
 
-    when, setup = marks(stage.settings.trainer.excite[SCENARIO]), setup_for(stage.settings.robot)
-    matched = stage.law is not FrictionLaw.LUGRE
-    table = rows(run, when, stage.frictions, setup, matched=matched)
+    when = marks(machine.settings.trainer.excite[SCENARIO])
+    setup = setup_for(machine.settings.robot)
+    matched = machine.law is not FrictionLaw.LUGRE
+    table = rows(run, when, machine.frictions, setup, matched=matched)
     show((("", ("", "hip", "slide", "target"), tuple(map(cells, table))),))
 
 
-def _draw(stage: "Stage", run: "Run", output: Path) -> tuple[Path, ...]:
+def _draw(machine: "EmptyMachine", run: "Run", output: Path) -> tuple[Path, ...]:
     from analysis.accuracy import moving
     from analysis.experiment import marks
     from analysis.experiment_figures import draw_axis, draw_details
 
     subtitle = (
         f"scenario {SCENARIO} through CAN frames, empty machine, "
-        f"plant friction {stage.law.value}; grey: at rest"
+        f"plant friction {machine.law.value}; grey: at rest"
     )
     hip, slide, details = (
         output / f"experiment_{name}.png" for name in ("hip", "slide", "details")
     )
     draw_axis(run, 0, subtitle, hip)
     draw_axis(run, 1, subtitle, slide)
-    when = marks(stage.settings.trainer.excite[SCENARIO])
-    open_gate = moving(run.true_velocity, stage.frictions)
-    draw_details(run, when, open_gate, stage.frictions[1], subtitle, details)
+    when = marks(machine.settings.trainer.excite[SCENARIO])
+    open_gate = moving(run.true_velocity, machine.frictions)
+    draw_details(run, when, open_gate, machine.frictions[1], subtitle, details)
     return hip, slide, details

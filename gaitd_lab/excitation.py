@@ -16,28 +16,24 @@ from analysis.delay import Delay, measure
 from analysis.experiment import Run
 from analysis.recording import Recording, RecordingError
 from daemon.config.bundle import Settings
-from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
 from daemon.config.strict import ConfigError, load_toml
 from daemon.config.trainer import beside
-from daemon.ipc.record import Cause, CycleRecord, Mode, ModeRequest, Outcome, RequestKind
-from daemon.ipc.record import Stage as ExerciseStage
+from daemon.ipc.record import Cause, CycleRecord, Mode, Stage
 from daemon.preflight.files import check_together
 from daemon.preflight.load import read_all
-from gaitd_lab.lockstep import Lockstep, NotReachedError
-from gaitd_lab.virtual_machine import load_plant
+from gaitd_lab.lockstep import LockstepSession, NotReachedError, RefusedError
+from gaitd_lab.lockstep_gateway import Gateway
+from gaitd_lab.virtual_machine import load_plant, virtual_machine
 from observer.filter.leg_model import STEP_S
 from observer.mechanism.friction import FrictionParameters
-from sim_drives.build import MachineError, build_machine
 from sim_drives.plant.settings import FrictionLaw
 from sim_drives.plant.truth import TruthLog, TruthRow
 
 EMPTY: Final = "robot_empty.toml"
 DELAY: Final = "delay"
 """Scenario with quick efforts, from which delays are measured."""
-READY_S: Final = 10.0
-BEGIN_S: Final = 30.0
-SETTLE_S: Final = 0.2
 TURN_S: Final = 0.25
 """Simulated time between two progress reports."""
 STICKING_FROZEN_CYCLES: Final = 200
@@ -58,7 +54,7 @@ class NotPlayedError(Exception):
     """The scenario did not begin; the message gives the reason."""
 
 
-class Stage:
+class EmptyMachine:
     """The empty machine of a configuration, whose plant may have another friction law."""
 
     def __init__(self, config: Path, law: FrictionLaw | None = None) -> None:
@@ -72,7 +68,6 @@ class Stage:
         path, plant = load_plant(read.file)
         own = load_toml(beside(path, plant.robot), Robot)
         self._robot = _empty(own, path, plant.robot)
-        self._folder, self._path = path.parent, path
         friction = msgspec.structs.replace(plant.friction, law=law or plant.friction.law)
         self._plant = msgspec.structs.replace(plant, friction=friction)
         if self.law is FrictionLaw.PAPER_STICKING:
@@ -140,24 +135,26 @@ class Stage:
             NotPlayedError: the service refused it, or stopped before.
         """
         truth = TruthLog(None)
+        machine = virtual_machine(
+            self.settings.file,
+            plant=self._plant,
+            robot=self._robot,
+            truth={self.settings.legs[0].name: truth},
+        )
+        session = LockstepSession(self.settings, machine, gateway=Gateway(heard))
         try:
-            machine = build_machine(
-                self._plant,
-                self._folder,
-                leg_parameters(self._robot),
-                self.frictions,
-                truth={self.settings.legs[0].name: truth},
-            )
-        except MachineError as error:
-            raise ConfigError(self._path, error.key, error.value, error.allowed) from error
-        lockstep = Lockstep(self.settings, machine.world, heard)
-        begun = _begin(lockstep, scenario, seconds)
-        while lockstep.record.mode == Mode.EXCITE:
-            lockstep.run(TURN_S)
-            told(min((len(lockstep.records) - begun) * STEP_S, seconds))
+            session.excite(scenario, seconds)
+        except RefusedError as error:
+            raise NotPlayedError(str(error)) from error
+        except NotReachedError as error:
+            raise NotPlayedError(f"the scenario did not begin {error}") from error
+        begun = len(session.records) - 1
+        while session.record.mode == Mode.EXCITE:
+            session.run(TURN_S)
+            told(min((len(session.records) - begun) * STEP_S, seconds))
         count = round(seconds / STEP_S)
-        run = _run(lockstep.records[begun:], truth.rows, count)
-        return Played(run, "" if len(run.time_s) == count else _why(lockstep, run))
+        run = _run(session.records[begun:], truth.rows, count)
+        return Played(run, "" if len(run.time_s) == count else _why(session, run))
 
     def delays(
         self, run: Run, begin: Callable[[str, float], Callable[[float], None]]
@@ -179,24 +176,8 @@ class Stage:
             return str(error)
 
 
-def _begin(lockstep: Lockstep, scenario: str, seconds: float) -> int:
-    """Bring up, enable and begin; return the index of the scenario's first record."""
-    wanted = ModeRequest(Mode.EXCITE, duration_s=seconds, scenario=scenario)
-    try:
-        lockstep.run_until(lambda record: record.mode == Mode.READY, READY_S)
-        lockstep.run(SETTLE_S)
-        for kind, request in ((RequestKind.ENABLE, None), (RequestKind.MODE, wanted)):
-            answer = lockstep.request(kind, request)
-            if answer.outcome != Outcome.DONE:
-                raise NotPlayedError(f"{kind.name.lower()} was refused: {answer.reason}")
-        lockstep.run_until(_playing, BEGIN_S)
-    except NotReachedError as error:
-        raise NotPlayedError(f"the scenario did not begin {error}") from error
-    return len(lockstep.records) - 1
-
-
 def _playing(record: CycleRecord) -> bool:
-    return record.mode == Mode.EXCITE and record.stage is ExerciseStage.PLAYING
+    return record.mode == Mode.EXCITE and record.stage is Stage.PLAYING
 
 
 def _run(records: list[CycleRecord], truth: list[TruthRow], count: int) -> Run:
@@ -228,8 +209,8 @@ def _run(records: list[CycleRecord], truth: list[TruthRow], count: int) -> Run:
     )
 
 
-def _why(lockstep: Lockstep, run: Run) -> str:
-    verdict, at_s = lockstep.record.verdict, run.time_s[-1] if len(run.time_s) else 0.0
+def _why(session: LockstepSession, run: Run) -> str:
+    verdict, at_s = session.record.verdict, run.time_s[-1] if len(run.time_s) else 0.0
     if verdict.cause == Cause.NONE:
         return f"the scenario ended at {at_s:.2f} s: an axis has left its window"
     cause = verdict.cause.name.lower().replace("_", " ")

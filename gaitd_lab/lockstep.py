@@ -8,22 +8,36 @@ in between is the production code. The same inputs give the same results bit for
 
 import errno
 from collections.abc import Callable, Mapping
-from typing import Final
+from typing import Final, Self
 
 from daemon.config.bundle import Settings
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.runtime.build import build
 from daemon.core.runtime.loop import Loop
-from daemon.core.runtime.loop_settings import Log, Supervisor
 from daemon.core.runtime.process import loop_settings
 from daemon.core.runtime.systemd import Supervision
-from daemon.ipc.record import CycleRecord, ModeRequest, Outcome, RequestKind, RequestResult
+from daemon.ipc.record import (
+    CycleRecord,
+    Mode,
+    ModeRequest,
+    Outcome,
+    RequestKind,
+    RequestResult,
+    Stage,
+)
 from daemon.system.clock import SimulatedClock
 from drives.canopen.simulated import SimulatedBus
 from gaitd_lab.lockstep_gateway import BOOT_ID, Gateway
+from gaitd_lab.virtual_machine import virtual_machine
+from sim_drives.build import Machine
+from sim_drives.plant.truth import TruthLog
 from sim_drives.time.conductor import UTC_OF_START_NS, Conductor, DirectLink, World
 
 NS_PER_S: Final = 1_000_000_000
+SETTLE_S: Final = 0.2
+"""Time in mode ready before a session continues."""
+BEGIN_S: Final = 30.0
+"""Time limit of the approach to an exercise."""
 
 
 class WorldBus(SimulatedBus):
@@ -93,45 +107,62 @@ class MemoryStateFile:
         self.notes = notes
 
 
-class Lockstep:
-    """One service and one virtual machine, run under the control of a script."""
+class LockstepSession:
+    """One service and its virtual machine from power-on, run under the control of a script.
+
+    session = LockstepSession(load(configs / "demo.toml")).walk(cadence_hz=0.25)
+    session.command("emcy right/hip 0.3 0x2310")
+    stopped = session.run_until(lambda record: not record.mode.active, within_s=0.1)
+    """
 
     def __init__(
         self,
         settings: Settings,
-        world: World,
-        on_record: Callable[[CycleRecord], None] | None = None,
+        machine: Machine | None = None,
+        *,
+        world: World | None = None,
         notes: PersistentState | None = None,
-        bus: WorldBus | None = None,
         gateway: Gateway | None = None,
-        supervisor: Supervisor | None = None,
-        log: Log | None = None,
         boot_id: str = BOOT_ID,
     ) -> None:
-        """Build the service; nothing runs yet.
+        """Build machine and service; nothing runs yet.
 
         Args:
             settings: settings of the service.
-            world: the virtual machine.
-            on_record: receives each record.
+            machine: the virtual machine; else that of the settings' plant.toml, with its truth.
+            world: replaces the machine's own on the bus: one that alters frames on their way.
             notes: persistent state of an earlier core.
-            bus: a bus to this world, with its scheduled actions; else a new one.
             gateway: replaces the standard gateway.
-            supervisor: receives the notifications to systemd.
-            log: receives the journal messages.
             boot_id: boot id of this core, which ignores gateway states for another one.
         """
-        self.notebook = MemoryStateFile(notes or PersistentState())
-        built = build(settings, boot_id, self.notebook.notes)
-        self.world = world
-        self.core = built.core
-        self.bus = bus or WorldBus(world)
-        self.gateway = gateway or Gateway(on_record)
-        grid = loop_settings(settings, built, self.notebook, self.bus.open)
+        self.settings = settings
+        self.truth = TruthLog(None)
+        """True state of the first leg at each SYNC, if the session has built the machine."""
+        self.machine = machine or virtual_machine(
+            settings.file, truth={settings.legs[0].name: self.truth}
+        )
+        self.bus = WorldBus(world or self.machine.world)
+        self._start(notes or PersistentState(), gateway or Gateway(), boot_id)
+
+    def _start(self, notes: PersistentState, gateway: Gateway, boot_id: str) -> None:
+        self.notebook = MemoryStateFile(notes)
+        self.gateway = gateway
         self.clock = WorldClock(self.bus)
-        effect = settings.trainer.shutdown.effect
-        supervision = Supervision(supervisor or _NoSupervisor(), log or _NoLog(), effect)
-        self.loop = Loop(built.core, grid, self.gateway, self.clock, supervision)
+        built = build(self.settings, boot_id, notes)
+        self.core = built.core
+        grid = loop_settings(self.settings, built, self.notebook, self.bus.open)
+        effect = self.settings.trainer.shutdown.effect
+        supervision = Supervision(_NoSupervisor(), _NoLog(), effect)
+        self.loop = Loop(built.core, grid, gateway, self.clock, supervision)
+
+    def restart_core(self) -> None:
+        """Start a new core and gateway on the same bus, with the state file of the last core."""
+        self._start(self.notebook.notes, Gateway(), BOOT_ID)
+
+    @property
+    def world_ns(self) -> int:
+        """The world's time, independent of the service's clock."""
+        return self.machine.world.now_ns
 
     @property
     def record(self) -> CycleRecord:
@@ -162,6 +193,18 @@ class Lockstep:
                 return self.record
         raise NotReachedError(within_s, self.record)
 
+    def until(self, mode: Mode, within_s: float = 10.0) -> None:
+        """Run until the service is in a mode.
+
+        Raises:
+            NotReachedError: the mode was not reached in that time.
+        """
+        self.run_until(lambda record: record.mode == mode, within_s)
+
+    def command(self, line: str) -> None:
+        """Inject or clear a fault, or start a programme of the patient: see `Machine.command`."""
+        self.machine.command(line)
+
     def request(
         self, kind: RequestKind, wanted: ModeRequest | None = None, within_s: float = 10.0
     ) -> RequestResult:
@@ -170,12 +213,55 @@ class Lockstep:
         self.run_until(lambda _: self.gateway.outcome().outcome != Outcome.PENDING, within_s)
         return self.gateway.outcome()
 
+    def execute(self, kind: RequestKind, wanted: ModeRequest | None = None) -> None:
+        """Send a request that must be accepted.
+
+        Raises:
+            RefusedError: it was refused.
+        """
+        answer = self.request(kind, wanted)
+        if answer.outcome != Outcome.DONE:
+            raise RefusedError(f"{kind.name.lower()} was refused: {answer.reason}")
+
+    # --- reaching a mode; each raises NotReachedError or RefusedError ---------------------------
+
+    def until_ready(self) -> Self:
+        """Run from power-on until the service is ready."""
+        self.until(Mode.READY)
+        self.run(SETTLE_S)
+        return self
+
+    def enable(self) -> Self:
+        """Run from power-on to mode hold, unless the service holds already."""
+        if not self.records or self.record.mode != Mode.HOLD:
+            self.until_ready().execute(RequestKind.ENABLE)
+        return self
+
+    def walk(self, *, cadence_hz: float = 0.25, duration_s: float = 0.0) -> Self:
+        """Run to the first stride of a gait, and on for a time."""
+        gait = ModeRequest(Mode.GAIT, cadence_hz=cadence_hz, amplitude_ratio=1.0, duration_s=600.0)
+        self.enable().execute(RequestKind.MODE, gait)
+        self.run_until(lambda record: record.gait_phase >= 0, BEGIN_S)
+        self.run(duration_s)
+        return self
+
+    def excite(self, scenario: str, duration_s: float) -> Self:
+        """Run to the first cycle of an [excite] scenario of this duration."""
+        wanted = ModeRequest(Mode.EXCITE, duration_s=duration_s, scenario=scenario)
+        self.enable().execute(RequestKind.MODE, wanted)
+        self.run_until(lambda record: record.stage is Stage.PLAYING, BEGIN_S)
+        return self
+
     def shut_down(self, within_s: float = 10.0) -> None:
         """Shut down as on SIGTERM: stop all motion, switch off, release the drives."""
         end_ns = self.bus.now_ns + round(within_s * NS_PER_S)
         while not self.loop.may_end() and self.bus.now_ns < end_ns:
             self.loop.turn(shutdown=True)
         self.loop.leave()
+
+
+class RefusedError(Exception):
+    """The service refused a request of a script; the message gives the reason."""
 
 
 class NotReachedError(Exception):

@@ -1,5 +1,6 @@
 """The gateway side of the IPC channel in a lock-step run: stores records, sends requests."""
 
+import errno
 from collections.abc import Callable
 from typing import Final
 
@@ -19,6 +20,9 @@ Controller = Callable[[CycleRecord], tuple[Setpoint, ...]]
 """A scripted controller: receives a record, returns the setpoints that the gateway forwards."""
 
 
+Change = Callable[[list[GatewayState]], list[GatewayState]]
+
+
 class Gateway:
     """The gateway side of the IPC channel: stores every record, and sends requests of a script."""
 
@@ -28,6 +32,10 @@ class Gateway:
         """Boot id of the connected core."""
         self.silent = False
         """True for a gateway that hangs: it sends no state."""
+        self.change: Change | None = None
+        """Alters the gateway states of a turn before the core receives them."""
+        self.ring_is_full = False
+        """True if the ring refuses each record."""
         self.lease = 0
         """The present lease number in the gateway state; 0: none."""
         self.controller: Controller | None = None
@@ -42,7 +50,13 @@ class Gateway:
     # --- interface of the loop ----------------------------------------------------------------
 
     def publish(self, record: CycleRecord) -> None:
-        """Store a record, and pass it to the script."""
+        """Store a record, and pass it to the script.
+
+        Raises:
+            OSError: the ring cannot be written.
+        """
+        if self.ring_is_full:
+            raise OSError(errno.ENOSPC, "no space left for the ring")
         self.records.append(record)
         if self._on_record is not None:
             self._on_record(record)
@@ -51,13 +65,14 @@ class Gateway:
 
     def levels(self) -> list[GatewayState]:
         """Return one gateway state for each turn, made when the newest record had been read."""
-        if self.silent or not self.records:
-            return []
-        self._seq += 1
-        cycle = self.records[-1].cycle
-        stop_count, request = self._stop_count, self._request
-        told = self._seq, cycle, stop_count, request, self._setpoints, self.lease
-        return [GatewayState(self.core_boot_id, *told)]
+        states: list[GatewayState] = []
+        if not self.silent and self.records:
+            self._seq += 1
+            cycle = self.records[-1].cycle
+            stop_count, request = self._stop_count, self._request
+            sent = self._seq, cycle, stop_count, request, self._setpoints, self.lease
+            states = [GatewayState(self.core_boot_id, *sent)]
+        return states if self.change is None else self.change(states)
 
     def take_notices(self) -> list[str]:
         """Return no notices: this gateway exchanges objects, so no bytes can be refused."""

@@ -18,26 +18,21 @@ import numpy as np
 
 from analysis.recording import Recording
 from analysis.trial import Flags, Trial, Values
-from daemon.config.bundle import Settings
 from daemon.config.limit_settings import Limits
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
-from daemon.config.strict import ConfigError, load_toml
+from daemon.config.strict import load_toml
 from daemon.config.trainer import beside
-from daemon.ipc.record import CycleRecord, Mode, ModeRequest, Outcome, RequestKind, Stage
+from daemon.ipc.record import CycleRecord, Mode
 from daemon.preflight.files import check_together
 from daemon.preflight.load import read_all
-from gaitd_lab.lockstep import Lockstep
-from gaitd_lab.virtual_machine import load_plant
+from gaitd_lab.lockstep import LockstepSession, RefusedError
+from gaitd_lab.virtual_machine import load_plant, virtual_machine
 from observer.mechanism.mechanism import gravity
-from sim_drives.build import MachineError, build_machine
 from sim_drives.plant.settings import FrictionLaw
 from sim_drives.plant.truth import TruthLog, TruthRow
 
 EMPTY: Final = "robot_empty.toml"
-READY_S: Final = 10.0
-BEGIN_S: Final = 30.0
-SETTLE_S: Final = 0.2
 TURN_S: Final = 0.25
 """Simulated time between two progress reports."""
 MOTION_HIP_RAD_PER_S: Final = 0.05
@@ -109,12 +104,7 @@ class Trials:
             TrialError: the service refused it. A service that stops later shortens the trial.
         """
         run = self._run(situation.name, self._robot, situation)
-        wanted = ModeRequest(
-            Mode.GAIT, cadence_hz=situation.cadence_hz, amplitude_ratio=1.0, duration_s=600.0
-        )
-        run.ask(RequestKind.ENABLE)
-        run.ask(RequestKind.MODE, wanted)
-        begun = run.until(lambda record: record.gait_phase >= 0)
+        begun = run.begin(lambda session: session.walk(cadence_hz=situation.cadence_hz))
         run.on(duration_s, Mode.GAIT, told)
         return run.trial(begun, while_moving=True)
 
@@ -126,10 +116,7 @@ class Trials:
             ConfigError: there is no empty machine beside the robot file.
         """
         run = self._run(f"scenario {scenario}, empty", self._empty(), Situation())
-        wanted = ModeRequest(Mode.EXCITE, duration_s=duration_s, scenario=scenario)
-        run.ask(RequestKind.ENABLE)
-        run.ask(RequestKind.MODE, wanted)
-        begun = run.until(lambda record: record.stage is Stage.PLAYING)
+        begun = run.begin(lambda session: session.excite(scenario, duration_s))
         run.on(duration_s, Mode.EXCITE, told)
         return run.trial(begun, while_moving=True)
 
@@ -140,8 +127,7 @@ class Trials:
             TrialError: the service refused it.
         """
         run = self._run("at rest", self._robot, Situation())
-        run.ask(RequestKind.ENABLE)
-        begun = run.until(lambda record: record.mode == Mode.HOLD)
+        begun = run.begin(lambda session: session.enable().until(Mode.HOLD))
         run.on(duration_s, Mode.HOLD, told)
         return run.trial(begun + round(REST_BEGINS_S / run.period_s), while_moving=False)
 
@@ -151,17 +137,10 @@ class Trials:
         patient = msgspec.structs.replace(self._plant.patient, start=situation.programme)
         plant = msgspec.structs.replace(self._plant, friction=friction, patient=patient)
         truth = TruthLog(None)
-        try:
-            machine = build_machine(
-                plant,
-                self._path.parent,
-                leg_parameters(robot),
-                friction_parameters(robot),
-                truth={settings.legs[0].name: truth},
-            )
-        except MachineError as error:
-            raise ConfigError(self._path, error.key, error.value, error.allowed) from error
-        return _Run(name, settings, Lockstep(settings, machine.world), truth)
+        machine = virtual_machine(
+            settings.file, plant=plant, robot=robot, truth={settings.legs[0].name: truth}
+        )
+        return _Run(name, LockstepSession(settings, machine), truth)
 
     def _empty(self) -> Robot:
         path = beside(self._config, self._settings.trainer.robot).with_name(EMPTY)
@@ -204,32 +183,27 @@ def _limits_for(limits: Limits, robot: Robot) -> Limits:
 
 
 class _Run:
-    """One service and one machine, from power-on."""
+    """A trial that is being recorded."""
 
-    def __init__(self, name: str, settings: Settings, lockstep: Lockstep, truth: TruthLog) -> None:
-        self._name, self._settings = name, settings
-        self._lockstep, self._truth = lockstep, truth
-        self.period_s: Final = 1e-3 * settings.trainer.cycle.period_ms
-        self.until(lambda record: record.mode == Mode.READY, READY_S)
-        lockstep.run(SETTLE_S)
+    def __init__(self, name: str, session: LockstepSession, truth: TruthLog) -> None:
+        self._name, self._session, self._truth = name, session, truth
+        self.period_s: Final = 1e-3 * session.settings.trainer.cycle.period_ms
 
-    def ask(self, kind: RequestKind, wanted: ModeRequest | None = None) -> None:
-        answer = self._lockstep.request(kind, wanted)
-        if answer.outcome != Outcome.DONE:
-            raise TrialError(f"{self._name}: {kind.name.lower()} was refused: {answer.reason}")
-
-    def until(self, reached: Callable[[CycleRecord], bool], within_s: float = BEGIN_S) -> int:
-        """Run until a record meets a condition; return its index."""
-        self._lockstep.run_until(reached, within_s)
-        return len(self._lockstep.records) - 1
+    def begin(self, begin: Callable[[LockstepSession], object]) -> int:
+        """Run from power-on to the begin of the trial; return the index of its first record."""
+        try:
+            begin(self._session)
+        except RefusedError as error:
+            raise TrialError(f"{self._name}: {error}") from error
+        return len(self._session.records) - 1
 
     def on(self, duration_s: float, mode: Mode, told: Told | None) -> None:
         """Run for a time, or until the service leaves the mode."""
         turns = max(round(duration_s / TURN_S), 1)
         for turn in range(turns):
-            if self._lockstep.record.mode != mode:
+            if self._session.record.mode != mode:
                 break
-            self._lockstep.run(min(TURN_S, duration_s))
+            self._session.run(min(TURN_S, duration_s))
             if told is not None:
                 told((turn + 1) / turns)
 
@@ -238,17 +212,19 @@ class _Run:
         rows = {row.sync_mono_ns: row for row in self._truth.rows}
         paired = [
             (index, record, rows[record.sync_mono_ns])
-            for index, record in enumerate(self._lockstep.records)
+            for index, record in enumerate(self._session.records)
             if record.legs and record.sync_mono_ns in rows
         ]
         recording, truth = _columns(self._name, [(record, row) for _, record, row in paired])
         judged = np.array([index >= begun for index, _, _ in paired])
         if while_moving:
             judged &= _from_first_to_last(judged & (np.abs(truth[:, 2]) > MOTION_HIP_RAD_PER_S))
-        return Trial(self._name, recording, truth, self._settings.robot, judged, self._why())
+        return Trial(
+            self._name, recording, truth, self._session.settings.robot, judged, self._why()
+        )
 
     def _why(self) -> str:
-        verdict = self._lockstep.record.verdict
+        verdict = self._session.record.verdict
         return "" if not verdict.cause else f"{verdict.drive}: {verdict.cause.name.lower()}"
 
 

@@ -26,6 +26,8 @@ def load_plant(trainer: TrainerFile) -> tuple[Path, PlantFile]:
 def virtual_machine(
     trainer: TrainerFile,
     *,
+    plant: PlantFile | None = None,
+    robot: Robot | None = None,
     seed: int | None = None,
     start_ns: int = 0,
     truth: Mapping[str, TruthLog] | None = None,
@@ -35,6 +37,8 @@ def virtual_machine(
 
     Args:
         trainer: the trainer file.
+        plant: replaces its plant.toml.
+        robot: replaces the plant's robot file.
         seed: replaces plant.toml's own.
         start_ns: the first time of the machine's clock.
         truth: receives the truth at each SYNC, by leg.
@@ -43,8 +47,9 @@ def virtual_machine(
     Raises:
         ConfigError: plant.toml, its robot file, or an EDS.
     """
-    path, plant = load_plant(trainer)
-    robot = load_toml(beside(path, plant.robot), Robot)
+    path, own = load_plant(trainer)
+    plant = plant or own
+    robot = robot or load_toml(beside(path, plant.robot), Robot)
     try:
         return build_machine(
             plant,

@@ -3,6 +3,7 @@
 Reading order:
     cycle           one cycle, the whole story
     state, tick     the state kept from cycle to cycle; time and bus data of a cycle
+    core_config     the part of the configuration that the core uses
     inputs          command inputs from the gateway
     safety/         pure: reasons to stop, limits, bounds, the stop sequence
     modes/          pure: the table of modes and its guards; the persistent state

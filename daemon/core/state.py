@@ -24,7 +24,7 @@ from drives.cia402.units import AxisScaling
 from drives.signals import DriveFeedback, OperationMode
 from observer.drift import NO_DRIFT, Drift
 from observer.filter.leg_observer import LegEstimate, LegObserver
-from observer.filter.leg_smoother import LegSmoother
+from observer.leg_smoother import LegSmoother
 from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.mechanism import LegParameters
 from observer.strides import Stride, StrideCounter

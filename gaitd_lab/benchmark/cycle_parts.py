@@ -17,11 +17,10 @@ import numpy as np
 from daemon.config.bundle import Settings
 from daemon.core import cycle, cycle_record, inputs
 from daemon.core.steps import impedance, supervisor
-from daemon.ipc.record import CycleRecord, Mode, ModeRequest, RequestKind
+from daemon.ipc.record import CycleRecord
 from daemon.ipc.transport import RingHeader, RingWriter
 from drives.cia402.drive import DriveGroup
-from gaitd_lab.lockstep import Lockstep
-from gaitd_lab.virtual_machine import virtual_machine
+from gaitd_lab.lockstep import LockstepSession
 
 WHOLE: Final = "the whole cycle"
 PARTS: Final[tuple[tuple[str, Any, str], ...]] = (
@@ -56,18 +55,10 @@ class Part(NamedTuple):
 
 def measure(settings: Settings) -> tuple[Part, ...]:
     """Measure the parts of the cycle in gait with two drives; the last but one is the whole."""
-    machine = virtual_machine(settings.file)
-    lockstep = Lockstep(settings, machine.world)
-    lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
-    lockstep.run(0.2)
-    lockstep.request(RequestKind.ENABLE)
-    walk = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=600.0)
-    lockstep.request(RequestKind.MODE, walk)
-    lockstep.run_until(lambda record: record.gait_phase >= 0, within_s=30)
-    lockstep.run(WALK_S)
+    session = LockstepSession(settings).walk(duration_s=WALK_S)
     with quiet(), stopwatch() as times:
-        lockstep.run(MEASURED_S)
-    times[RING] = _ring_times(lockstep.records[-1000:])
+        session.run(MEASURED_S)
+    times[RING] = _ring_times(session.records[-1000:])
     whole_us = float(np.median(times[WHOLE])) / 1000
     return tuple(_part(name, values, whole_us) for name, values in times.items())
 

@@ -1,7 +1,7 @@
 """The fault matrix: every fault in every mode on both axes, in lock-step, checked and recorded.
 
 Reading order:
-    bench, gateway           a service and a machine in which any fault can be injected
+    session                  the lock-step session of a column, with its own plant
     modes, controller        the columns: each mode, how to reach it, the controller in mode torque
     kinds, core_kinds        kinds of fault, and how each begins and ends
     faults, emergencies      the rows: all faults

@@ -15,11 +15,11 @@ from daemon.config.limit_settings import Limits
 from daemon.core.runtime.loop_settings import ExitCode
 from daemon.ipc.record import Cause, CycleRecord, Mode, Verdict
 from gaitd_lab.fault_matrix import watch
-from gaitd_lab.fault_matrix.bench import Bench
 from gaitd_lab.fault_matrix.faults import Fault
 from gaitd_lab.fault_matrix.kinds import KilledError, Scene
 from gaitd_lab.fault_matrix.modes import Column
 from gaitd_lab.fault_matrix.watch import AXES, CYCLE_NS, Told, Watch
+from gaitd_lab.lockstep import LockstepSession
 
 NS_PER_S: Final = 1_000_000_000
 AFTERWARDS_S: Final = 1.2
@@ -87,13 +87,13 @@ class _OverError(BaseException):
     """The cell's observation time is over. Must not be caught by handlers of the service."""
 
 
-def play(bench: Bench, column: Column, fault: Fault, axis: str, seed: int) -> Found:
+def play(session: LockstepSession, column: Column, fault: Fault, axis: str, seed: int) -> Found:
     """Inject a fault into the present session, and observe the reaction."""
     rng = random.Random(f"{seed}/{fault.name}/{column.name}/{axis}")
     if column.prelude is not None:
-        column.prelude(bench)
-    show = _Show(bench, column, fault, axis)
-    show.plan(bench.world_ns + rng.randrange(round(column.after_s * NS_PER_S)))
+        column.prelude(session)
+    show = _Show(session, column, fault, axis)
+    show.plan(session.world_ns + rng.randrange(round(column.after_s * NS_PER_S)))
     show.run()
     return show.found(seed)
 
@@ -101,14 +101,14 @@ def play(bench: Bench, column: Column, fault: Fault, axis: str, seed: int) -> Fo
 class _Show:
     """One running cell."""
 
-    def __init__(self, bench: Bench, column: Column, fault: Fault, axis: str) -> None:
-        self._bench = bench
+    def __init__(self, session: LockstepSession, column: Column, fault: Fault, axis: str) -> None:
+        self._session = session
         self._column = column
         self._fault = fault
         self._axis = axis
-        self._scene = Scene(bench)
+        self._scene = Scene(session)
         self._begun_ns = self._gone_ns = self._end_ns = 0
-        self._watch = Watch(bench)
+        self._watch = Watch(session)
         self._records: list[CycleRecord] = []
         """Records since the fault, of all cores."""
         self._phase = -1.0
@@ -125,13 +125,13 @@ class _Show:
         self._gone_ns = begun_ns + round(self._fault.lasts_s * NS_PER_S)
         watched_s = max(self._fault.lasts_s + AFTERWARDS_S, WATCHED_S)
         self._end_ns = begun_ns + round(watched_s * NS_PER_S)
-        self._bench.bus.at(self._begun_ns, self._begin)
-        self._bench.bus.at(self._gone_ns, self._end)
+        self._session.bus.at(self._begun_ns, self._begin)
+        self._session.bus.at(self._gone_ns, self._end)
 
     def _begin(self) -> None:
-        bench = self._bench
-        if bench.lockstep.records:
-            newest = bench.lockstep.record
+        session = self._session
+        if session.records:
+            newest = session.record
             self._phase, self._mode, self._verdict = newest.gait_phase, newest.mode, newest.verdict
         states = self._watch.samples[-1].states
         self._driven = watch.PUSHING in states
@@ -140,28 +140,28 @@ class _Show:
     def _end(self) -> None:
         self._fault.play.end(self._scene, self._axis)
         if self._column.release is not None:
-            self._column.release(self._bench)
+            self._column.release(self._session)
 
     # --- the processes ------------------------------------------------------------------------
 
     def run(self) -> None:
         """Run the core's process, and what follows its end."""
         self._live()
-        bench = self._bench
-        if self._exit_code is not None and bench.world_ns < self._end_ns:
+        session = self._session
+        if self._exit_code is not None and session.world_ns < self._end_ns:
             self._outlive()
 
     def _live(self) -> None:
-        bench = self._bench
-        seen = len(bench.lockstep.records)
+        session = self._session
+        seen = len(session.records)
         try:
-            code = bench.lockstep.loop.run(self._asked_to_end)
+            code = session.loop.run(self._asked_to_end)
         except _OverError:
             code = None
         except KilledError:
             code = -9
-        self._records += bench.lockstep.records[seen:]
-        bug = bench.lockstep.loop.bug
+        self._records += session.records[seen:]
+        bug = session.loop.bug
         if bug is not None:
             self._trouble = f"{type(bug).__name__}: {bug}"
         if code is not None:
@@ -169,20 +169,20 @@ class _Show:
 
     def _outlive(self) -> None:
         """Run the drives alone, then a new core if this one did not end on request."""
-        bench = self._bench
+        session = self._session
         anew = self._exit_code not in {ExitCode.ENDED, ExitCode.REFUSED}
-        until_ns = max(self._gone_ns, bench.world_ns) if anew else self._end_ns
-        bench.bus.trouble.is_gone = False
-        bench.bus.let_pass(until_ns)
+        until_ns = max(self._gone_ns, session.world_ns) if anew else self._end_ns
+        session.bus.trouble.is_gone = False
+        session.bus.let_pass(until_ns)
         if anew:
             self._scene.undo.clear()
-            bench.restart_core()
+            session.restart_core()
             code, self._exit_code = self._exit_code, None
             self._live()
             self._exit_code = code
 
     def _asked_to_end(self) -> bool:
-        if self._bench.world_ns >= self._end_ns:
+        if self._session.world_ns >= self._end_ns:
             raise _OverError
         return self._scene.asked_to_end
 
@@ -190,13 +190,13 @@ class _Show:
 
     def found(self, seed: int) -> Found:
         """Return the measurements of the cell."""
-        bench, begun_ns = self._bench, self._begun_ns
+        session, begun_ns = self._session, self._begun_ns
         records = [one for one in self._records if one.sync_mono_ns >= begun_ns]
         stop = watch.first_stop(records)
         samples = [one for one in self._watch.samples if one.time_ns >= begun_ns]
         told = self._told(stop)
-        moved = watch.motion(samples, begun_ns, _standstill(bench.settings.limits))
-        beyond = watch.outside(samples, *_range(bench.settings.limits))
+        moved = watch.motion(samples, begun_ns, _standstill(session.settings.limits))
+        beyond = watch.outside(samples, *_range(session.settings.limits))
         told_ns = [one for one in (told.hip_ns, told.slide_ns) if one is not None]
         left_ns = [one for one in watch.left_enabled(samples, begun_ns) if one is not None]
         verdicts = _verdicts(records, self._verdict)
@@ -229,11 +229,11 @@ class _Show:
         )
 
     def _told(self, stop: CycleRecord | None) -> Told:
-        nodes = [drive.node_id for drive in self._bench.settings.drives]
+        nodes = [drive.node_id for drive in self._session.settings.drives]
         stopped_ns = None
         if stop is not None and self._mode.active:
-            stopped_ns = stop.sync_mono_ns + self._bench.bus.behind_ns
-        return watch.told(self._bench.bus.sent, nodes, self._begun_ns, stopped_ns)
+            stopped_ns = stop.sync_mono_ns + self._session.bus.behind_ns
+        return watch.told(self._session.bus.sent, nodes, self._begun_ns, stopped_ns)
 
     def _dropped(self, samples: list[watch.Sample]) -> bool:
         """Return whether a drive that was enabled is not any more."""

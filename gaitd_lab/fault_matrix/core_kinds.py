@@ -11,7 +11,6 @@ from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.state import Leg
 from daemon.core.steps import exercises
 from gaitd_lab.fault_matrix.kinds import MS, NAN, Play, Scene, nothing, undo
-from observer.filter.states import STATE_COUNT
 
 
 def nan_in_guidance() -> Play:
@@ -56,8 +55,8 @@ def observer_state(value: float) -> Play:
 
     def begin(scene: Scene, _axis: str) -> None:
         for leg in scene.core.legs:
-            memory, _, _ = leg.observer.buffers
-            memory[:STATE_COUNT] = value
+            memory, _ = leg.observer.buffers
+            memory["mean"][:] = value
 
     return Play(begin, nothing)
 
@@ -75,7 +74,7 @@ def observer_lost() -> Play:
         def again() -> None:
             if ruined:
                 ruin.begin(scene, axis)
-                scene.bench.bus.at(scene.bench.world_ns + RUIN_NS, again)
+                scene.session.bus.at(scene.session.world_ns + RUIN_NS, again)
 
         def leave() -> None:
             nonlocal ruined
@@ -110,7 +109,7 @@ def notebook_full() -> Play:
     """The state file cannot be written, and there is something to write."""
 
     def begin(scene: Scene, _axis: str) -> None:
-        scene.bench.lockstep.notebook.is_full = True
+        scene.session.notebook.is_full = True
         scene.core.notes = PersistentState(scene.core.notes.axes)
 
     return Play(begin, nothing)
@@ -120,6 +119,6 @@ def ring_full() -> Play:
     """A record cannot be written into the ring."""
 
     def begin(scene: Scene, _axis: str) -> None:
-        scene.bench.gateway.ring_is_full = True
+        scene.session.gateway.ring_is_full = True
 
     return Play(begin, nothing)

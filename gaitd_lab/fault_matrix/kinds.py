@@ -12,7 +12,7 @@ from msgspec.structs import replace as changed
 from daemon.core.state import Axis, Core
 from daemon.ipc.record import GatewayState, Request, RequestKind, Setpoint
 from drives.canopen.bus import Frame
-from gaitd_lab.fault_matrix.bench import Bench
+from gaitd_lab.lockstep import LockstepSession
 
 NAN: Final = float("nan")
 MS: Final = 1_000_000
@@ -26,7 +26,7 @@ class KilledError(BaseException):
 class Scene:
     """One running cell."""
 
-    bench: Bench
+    session: LockstepSession
     asked_to_end: bool = False
     """True if SIGTERM has been received."""
     undo: list[Callable[[], None]] = field(default_factory=list[Callable[[], None]])
@@ -35,7 +35,7 @@ class Scene:
     @property
     def core(self) -> Core:
         """The running service's core."""
-        return self.bench.lockstep.core
+        return self.session.core
 
     def axis(self, name: str) -> Axis:
         """Return one axis of the core."""
@@ -87,10 +87,10 @@ def machine(fault: str) -> Play:
     kind = fault.split(maxsplit=1)[0]
 
     def begin(scene: Scene, axis: str) -> None:
-        scene.bench.machine.command(fault.format(axis))
+        scene.session.command(fault.format(axis))
 
     def end(scene: Scene, axis: str) -> None:
-        scene.bench.machine.command(f"clear {kind} {axis}")
+        scene.session.command(f"clear {kind} {axis}")
 
     return Play(begin, end)
 
@@ -99,10 +99,10 @@ def patient(programme: str) -> Play:
     """A programme of the patient; `{}` stands for `hip` or `slide`."""
 
     def begin(scene: Scene, axis: str) -> None:
-        scene.bench.patient(programme.format(axis.rpartition("/")[2]))
+        scene.session.command(f"patient {programme.format(axis.rpartition('/')[2])}")
 
     def end(scene: Scene, _axis: str) -> None:
-        scene.bench.patient("passive")
+        scene.session.command("patient passive")
 
     return Play(begin, end)
 
@@ -128,10 +128,10 @@ def limit_switch_ahead() -> Play:
         joint = scene.axis(axis).joint
         sign = 1 if scene.axis(axis).scaling.counts_per_si > 0 else -1
         side = sign if joint.velocity_si >= 0 else -sign
-        scene.bench.machine.command(f"limit_switch_on {axis} - {side}")
+        scene.session.command(f"limit_switch_on {axis} - {side}")
 
     def end(scene: Scene, axis: str) -> None:
-        scene.bench.machine.command(f"clear limit_switch_on {axis}")
+        scene.session.command(f"clear limit_switch_on {axis}")
 
     return Play(begin, end)
 
@@ -149,12 +149,12 @@ def our_bus_off() -> Play:
     """The master's controller goes bus-off and reports it; at the end it has been restarted."""
 
     def begin(scene: Scene, _axis: str) -> None:
-        scene.bench.bus.trouble.is_off = True
-        scene.bench.bus.report(BUS_OFF)
+        scene.session.bus.trouble.is_off = True
+        scene.session.bus.report(BUS_OFF)
 
     def end(scene: Scene, _axis: str) -> None:
-        scene.bench.bus.trouble.is_off = False
-        scene.bench.bus.report(RESTARTED)
+        scene.session.bus.trouble.is_off = False
+        scene.session.bus.report(RESTARTED)
 
     return Play(begin, end)
 
@@ -163,11 +163,11 @@ def reported(frame: Frame, over: Frame | None = None) -> Play:
     """The master's controller reports an error, and the end of it."""
 
     def begin(scene: Scene, _axis: str) -> None:
-        scene.bench.bus.report(frame)
+        scene.session.bus.report(frame)
 
     def end(scene: Scene, _axis: str) -> None:
         if over is not None:
-            scene.bench.bus.report(over)
+            scene.session.bus.report(over)
 
     return Play(begin, end)
 
@@ -176,10 +176,10 @@ def queue_full() -> Play:
     """Nothing can be sent."""
 
     def begin(scene: Scene, _axis: str) -> None:
-        scene.bench.bus.trouble.queue_full = True
+        scene.session.bus.trouble.queue_full = True
 
     def end(scene: Scene, _axis: str) -> None:
-        scene.bench.bus.trouble.queue_full = False
+        scene.session.bus.trouble.queue_full = False
 
     return Play(begin, end)
 
@@ -188,10 +188,10 @@ def adapter_gone() -> Play:
     """The interface does not exist any more."""
 
     def begin(scene: Scene, _axis: str) -> None:
-        scene.bench.bus.trouble.is_gone = True
+        scene.session.bus.trouble.is_gone = True
 
     def end(scene: Scene, _axis: str) -> None:
-        scene.bench.bus.trouble.is_gone = False
+        scene.session.bus.trouble.is_gone = False
 
     return Play(begin, end)
 
@@ -200,10 +200,10 @@ def sync_waits(delay_ms: int) -> Play:
     """SYNC is delayed on its way to the wire."""
 
     def begin(scene: Scene, _axis: str) -> None:
-        scene.bench.bus.trouble.sync_delay_ns = delay_ms * MS
+        scene.session.bus.trouble.sync_delay_ns = delay_ms * MS
 
     def end(scene: Scene, _axis: str) -> None:
-        scene.bench.bus.trouble.sync_delay_ns = 0
+        scene.session.bus.trouble.sync_delay_ns = 0
 
     return Play(begin, end)
 
@@ -215,7 +215,7 @@ def held(duration_ms: int) -> Play:
     """The core is halted while the world and the core's clock continue."""
 
     def begin(scene: Scene, _axis: str) -> None:
-        scene.bench.bus.hold(duration_ms * MS)
+        scene.session.bus.hold(duration_ms * MS)
 
     return Play(begin, nothing)
 
@@ -224,7 +224,7 @@ def suspended(duration_ms: int) -> Play:
     """The machine is suspended: the core and its monotonic clock stop, the world continues."""
 
     def begin(scene: Scene, _axis: str) -> None:
-        scene.bench.bus.pause(duration_ms * MS)
+        scene.session.bus.pause(duration_ms * MS)
 
     return Play(begin, nothing)
 
@@ -233,10 +233,10 @@ def clock_set(by_ns: int) -> Play:
     """The wall clock is set; it is corrected when the fault ends."""
 
     def begin(scene: Scene, _axis: str) -> None:
-        scene.bench.lockstep.clock.utc_stepped_ns += by_ns
+        scene.session.clock.utc_stepped_ns += by_ns
 
     def end(scene: Scene, _axis: str) -> None:
-        scene.bench.lockstep.clock.utc_stepped_ns -= by_ns
+        scene.session.clock.utc_stepped_ns -= by_ns
 
     return Play(begin, end)
 
@@ -248,10 +248,10 @@ def gateway_silent() -> Play:
     """The gateway sends no state: dead, stalled, or its session lost; afterwards it sends again."""
 
     def begin(scene: Scene, _axis: str) -> None:
-        scene.bench.gateway.silent = True
+        scene.session.gateway.silent = True
 
     def end(scene: Scene, _axis: str) -> None:
-        scene.bench.gateway.silent = False
+        scene.session.gateway.silent = False
 
     return Play(begin, end)
 
@@ -260,10 +260,10 @@ def levels(change: Callable[[list[GatewayState]], list[GatewayState]]) -> Play:
     """The core receives a gateway state different from the one sent."""
 
     def begin(scene: Scene, _axis: str) -> None:
-        scene.bench.gateway.change = change
+        scene.session.gateway.change = change
 
     def end(scene: Scene, _axis: str) -> None:
-        scene.bench.gateway.change = None
+        scene.session.gateway.change = None
 
     return Play(begin, end)
 
@@ -343,7 +343,7 @@ def killed() -> Play:
     """SIGKILL to the core: it executes nothing any more, not even its shutdown."""
 
     def begin(scene: Scene, _axis: str) -> None:
-        scene.bench.bus.trouble.is_gone = True
+        scene.session.bus.trouble.is_gone = True
         raise KilledError
 
     return Play(begin, nothing)

@@ -13,8 +13,9 @@ from types import MappingProxyType
 from typing import Final
 
 from daemon.ipc.record import Mode, ModeRequest, RequestKind, Stage
-from gaitd_lab.fault_matrix.bench import Bench, Variant
 from gaitd_lab.fault_matrix.controller import Swinger
+from gaitd_lab.fault_matrix.session import Variant
+from gaitd_lab.lockstep import LockstepSession
 
 CADENCE_HZ: Final = 0.4
 STRIDE_S: Final = 1.0 / CADENCE_HZ
@@ -22,7 +23,7 @@ AS_SHIPPED: Final = Variant()
 PREPARED: Final = "right/hip"
 """The axis that is homed, or whose sign is tested; the other has no power."""
 
-Step = Callable[[Bench], None]
+Step = Callable[[LockstepSession], object]
 
 
 class Group(Enum):
@@ -57,90 +58,83 @@ class Column:
     """Additional action at the end of the fault: absent drives return."""
 
 
-def _nothing(_: Bench) -> None:
+def _nothing(_: LockstepSession) -> None:
     """Do nothing: the session starts at power-on."""
 
 
-def _off(bench: Bench) -> None:
-    bench.machine.command("unplugged *")
-    bench.lockstep.run(0.5)
+def _off(session: LockstepSession) -> None:
+    session.command("unplugged *")
+    session.run(0.5)
 
 
-def _plug_in(bench: Bench) -> None:
-    bench.machine.command("clear unplugged *")
+def _plug_in(session: LockstepSession) -> None:
+    session.command("clear unplugged *")
 
 
-def _hold(bench: Bench) -> None:
-    bench.enable()
-    bench.patient("leans")
-    bench.lockstep.run(0.5)
+def _hold(session: LockstepSession) -> None:
+    session.enable()
+    session.command("patient leans")
+    session.run(0.5)
 
 
-def _walk(bench: Bench) -> None:
-    bench.enable()
-    bench.ask(
-        RequestKind.MODE,
-        ModeRequest(Mode.GAIT, cadence_hz=CADENCE_HZ, amplitude_ratio=1.0, duration_s=600.0),
-    )
-    bench.lockstep.run_until(lambda record: record.gait_phase >= 0, within_s=30)
-    bench.patient("active")
-    bench.lockstep.run(2 * STRIDE_S + 1.0)  # its ramps are over, and the patient is with it
+def _walk(session: LockstepSession) -> None:
+    session.walk(cadence_hz=CADENCE_HZ)
+    session.command("patient active")
+    session.run(2 * STRIDE_S + 1.0)  # its ramps are over, and the patient is with it
 
 
-def _torque(bench: Bench) -> None:
-    bench.enable()
-    Swinger(bench.gateway, bench.settings.legs[0].name)
-    bench.lockstep.run(0.1)
-    bench.ask(RequestKind.MODE, ModeRequest(Mode.TORQUE))
-    bench.lockstep.run(1.0)
+def _torque(session: LockstepSession) -> None:
+    session.enable()
+    Swinger(session.gateway, session.settings.legs[0].name)
+    session.run(0.1)
+    session.execute(RequestKind.MODE, ModeRequest(Mode.TORQUE))
+    session.run(1.0)
 
 
-def _hand_guiding(bench: Bench) -> None:
-    bench.enable()
-    bench.ask(RequestKind.MODE, ModeRequest(Mode.HAND_GUIDING))
-    bench.lockstep.run_until(lambda record: record.stage is Stage.PLAYING, within_s=2)
-    bench.patient("led")
-    bench.lockstep.run(2.0)
+def _hand_guiding(session: LockstepSession) -> None:
+    session.enable()
+    session.execute(RequestKind.MODE, ModeRequest(Mode.HAND_GUIDING))
+    session.run_until(lambda record: record.stage is Stage.PLAYING, within_s=2)
+    session.command("patient led")
+    session.run(2.0)
 
 
-def _self_test(bench: Bench) -> None:
-    bench.enable()
-    bench.ask(RequestKind.MODE, ModeRequest(Mode.SELF_TEST))
-    bench.lockstep.run(0.8)
+def _self_test(session: LockstepSession) -> None:
+    session.enable()
+    session.execute(RequestKind.MODE, ModeRequest(Mode.SELF_TEST))
+    session.run(0.8)
 
 
-def _excite(bench: Bench) -> None:
-    bench.enable()
-    bench.ask(RequestKind.MODE, ModeRequest(Mode.EXCITE, duration_s=24.0, scenario="open_loop"))
-    bench.lockstep.run_until(lambda record: record.stage is Stage.PLAYING, within_s=30)
-    bench.lockstep.run(3.0)
+def _excite(session: LockstepSession) -> None:
+    session.excite("open_loop", 24.0)
+    session.run(3.0)
 
 
-def _prepare(bench: Bench, mode: Mode, run_s: float) -> None:
-    bench.until_ready()
-    bench.ask(RequestKind.MODE, ModeRequest(mode, axis=PREPARED))
-    bench.until(mode)
-    bench.lockstep.run(run_s)
+def _prepare(session: LockstepSession, mode: Mode, run_s: float) -> None:
+    session.until_ready()
+    session.execute(RequestKind.MODE, ModeRequest(mode, axis=PREPARED))
+    session.until(mode)
+    session.run(run_s)
 
 
-def _reference(bench: Bench) -> None:
-    _prepare(bench, Mode.REFERENCE, 0.6)
+def _reference(session: LockstepSession) -> None:
+    _prepare(session, Mode.REFERENCE, 0.6)
 
 
-def _commission(bench: Bench) -> None:
-    _prepare(bench, Mode.COMMISSION, 0.5)
+def _commission(session: LockstepSession) -> None:
+    _prepare(session, Mode.COMMISSION, 0.5)
 
 
-def _stop(bench: Bench) -> None:
-    bench.gateway.stop()
-    bench.until(Mode.STOPPING, within_s=0.1)
+def _stop(session: LockstepSession) -> None:
+    session.gateway.stop()
+    session.until(Mode.STOPPING, within_s=0.1)
 
 
-def _fault(bench: Bench) -> None:
-    _walk(bench)
-    bench.machine.command("hand_switch_open right/hip 0.3")
-    bench.until(Mode.FAULT)
-    bench.lockstep.run(0.5)
+def _fault(session: LockstepSession) -> None:
+    _walk(session)
+    session.command("hand_switch_open right/hip 0.3")
+    session.until(Mode.FAULT)
+    session.run(0.5)
 
 
 COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
@@ -172,7 +166,7 @@ COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
                 Mode.READY,
                 Group.IDLE,
                 "brought up, without power",
-                Bench.until_ready,
+                LockstepSession.until_ready,
                 0.5,
                 frozenset({Mode.READY}),
             ),

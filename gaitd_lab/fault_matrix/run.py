@@ -18,11 +18,12 @@ from typing import Final
 
 import msgspec
 
-from gaitd_lab.fault_matrix.bench import Bench
 from gaitd_lab.fault_matrix.cell import Cell, Found, play
 from gaitd_lab.fault_matrix.faults import FAULTS, Fault
 from gaitd_lab.fault_matrix.modes import COLUMNS, Column
+from gaitd_lab.fault_matrix.session import matrix_session
 from gaitd_lab.fault_matrix.watch import AXES
+from gaitd_lab.lockstep import LockstepSession
 
 CELL_MAX_S: Final = 120
 """Real time; a cell that takes longer hangs."""
@@ -68,14 +69,14 @@ def run(config: Path, wanted: Sequence[Cell], seed: int, jobs: int) -> Iterator[
 def play_part(config: Path, part: Sequence[Cell], seed: int) -> list[Found]:
     """Run cells of one column, from one session."""
     column = COLUMNS[part[0].mode]
-    bench = Bench(config, column.variant, seed)
-    column.begin(bench)
-    begun_ns = bench.world_ns
+    session = matrix_session(config, column.variant, seed)
+    column.begin(session)
+    begun_ns = session.world_ns
     gc.freeze()
     found: list[Found] = []
     for delay_s, cell in sorted((_delay_s(cell, column, seed), cell) for cell in part):
-        bench.lockstep.run((begun_ns - bench.world_ns) * 1e-9 + delay_s)
-        found.append(_forked(bench, column, cell, seed))
+        session.run((begun_ns - session.world_ns) * 1e-9 + delay_s)
+        found.append(_forked(session, column, cell, seed))
     return found
 
 
@@ -84,13 +85,13 @@ def _delay_s(cell: Cell, column: Column, seed: int) -> float:
     return random.Random(f"{seed}/{'/'.join(cell)}").uniform(0.0, column.window_s)
 
 
-def _forked(bench: Bench, column: Column, cell: Cell, seed: int) -> Found:
+def _forked(session: LockstepSession, column: Column, cell: Cell, seed: int) -> Found:
     """Run one cell in a fork of this process."""
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
         os.close(reader)
-        _play_and_exit(bench, column, cell, seed, writer)
+        _play_and_exit(session, column, cell, seed, writer)
     os.close(writer)
     with open(reader, "rb") as pipe:  # noqa: PTH123 - a descriptor, not a path
         said = pipe.read()
@@ -100,12 +101,14 @@ def _forked(bench: Bench, column: Column, cell: Cell, seed: int) -> Found:
     return msgspec.json.decode(said, type=Found)
 
 
-def _play_and_exit(bench: Bench, column: Column, cell: Cell, seed: int, writer: int) -> None:
+def _play_and_exit(
+    session: LockstepSession, column: Column, cell: Cell, seed: int, writer: int
+) -> None:
     """Run one cell and exit in every case. A fork must not continue as a copy of its parent."""
     signal.alarm(CELL_MAX_S)
     found: Found | None = None
     try:
-        found = play(bench, column, FAULTS[cell.fault], cell.axis, seed)
+        found = play(session, column, FAULTS[cell.fault], cell.axis, seed)
     finally:
         said = found or _unknown(cell, seed, traceback.format_exc())
         with open(writer, "wb") as pipe:

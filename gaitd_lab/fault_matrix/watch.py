@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 from daemon.ipc.record import CycleRecord, Mode
 from drives.canopen.bus import Frame
 from drives.canopen.nmt import SYNC_ID, NmtCommand
-from gaitd_lab.fault_matrix.bench import Bench
+from gaitd_lab.lockstep import LockstepSession
 from sim_drives.cia402.power_state import PowerState
 
 CYCLE_NS: Final = 10_000_000
@@ -39,19 +39,19 @@ class Sample(NamedTuple):
 class Watch:
     """Samples the world every 5 ms, independent of the service."""
 
-    def __init__(self, bench: Bench) -> None:
-        self._bench = bench
-        self._plant = bench.machine.trainers[LEG]
-        self._nodes = [bench.machine.world.node(axis) for axis in AXES]
+    def __init__(self, session: LockstepSession) -> None:
+        self._session = session
+        self._plant = session.machine.trainers[LEG]
+        self._nodes = [session.machine.world.node(axis) for axis in AXES]
         self.samples: list[Sample] = []
         self._look()
 
     def _look(self) -> None:
         truth = self._plant.truth()
         hip, slide = (node.drive.state for node in self._nodes)
-        now_ns = self._bench.world_ns
+        now_ns = self._session.world_ns
         self.samples.append(Sample(now_ns, truth.position, truth.velocity, (hip, slide)))
-        self._bench.bus.at(now_ns + SAMPLE_NS, self._look)
+        self._session.bus.at(now_ns + SAMPLE_NS, self._look)
 
 
 class Motion(NamedTuple):

@@ -30,7 +30,7 @@ from gaitd_lab.fuzz.stops import OBEY_CYCLES, STEPS, StopWatch
 from gaitd_lab.fuzz.tally import Broken, Tally
 from gaitd_lab.fuzz.tap import Tap
 from gaitd_lab.fuzz.watched import AxisRules, WatchedDrive
-from gaitd_lab.lockstep import Lockstep
+from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.virtual_machine import virtual_machine
 from observer.mechanism.mechanism import gravity
 from observer.mechanism.parameters import LegParameters
@@ -78,7 +78,7 @@ class RandomSession:
         self._survival_dice = random.Random(f"{seed}/survival")
         self._asker = Asker(self._watch.tells)
         self._core_count = 0
-        self._lockstep = self._start(PersistentState())
+        self._session = self._start(PersistentState())
         self._dead_until_ns: int | None = None
         self._ending_until_ns: int | None = None
         self._silent_until_ns = 0
@@ -106,13 +106,13 @@ class RandomSession:
             self._tap.world.advance_to(now_ns + PERIOD_NS)
             if self._tap.now_ns >= self._dead_until_ns:
                 self._dead_until_ns = None
-                self._lockstep = self._start(self._lockstep.notebook.notes)
+                self._session = self._start(self._session.notebook.notes)
             return
         ending = self._ending_until_ns is not None
         try:
-            self._lockstep.loop.turn(shutdown=ending)
-            if ending and (self._lockstep.loop.may_end() or now_ns > (self._ending_until_ns or 0)):
-                self._lockstep.loop.leave()
+            self._session.loop.turn(shutdown=ending)
+            if ending and (self._session.loop.may_end() or now_ns > (self._ending_until_ns or 0)):
+                self._session.loop.leave()
                 self._gone(0.5)
         except BringUpRefused as refused:
             self._note(f"refused: {refused}")
@@ -129,7 +129,7 @@ class RandomSession:
         )
         if self._dead_until_ns is None:
             self._hear()
-        self._lockstep.bus.sent.clear()
+        self._session.bus.sent.clear()
 
     def _hear(self) -> None:
         asker = self._asker
@@ -189,7 +189,7 @@ class RandomSession:
             case Kind.FRAMES_LOST:
                 self._tap.loss_ratio, self._loss_until_ns = action.loss_ratio, until_ns
             case Kind.LOOP_LATE:
-                self._lockstep.bus.let_pass(until_ns)
+                self._session.bus.let_pass(until_ns)
             case Kind.GATEWAY_SILENT:
                 self._silent_until_ns = until_ns
             case Kind.GATEWAY_RESTART:
@@ -260,7 +260,7 @@ class RandomSession:
         self._ending_until_ns = None
         self._watch.core_gone()
 
-    def _start(self, notes: PersistentState) -> Lockstep:
+    def _start(self, notes: PersistentState) -> LockstepSession:
         """Start a core; the gateway of the previous one continues, or is restarted as well."""
         self._core_count += 1
         boot_id = f"core {self._core_count}"
@@ -268,8 +268,13 @@ class RandomSession:
             self._asker = Asker(self._watch.tells)
         self._asker.expect(boot_id)
         self._controller = None
-        return Lockstep(
-            self._settings, self._tap, notes=notes, gateway=self._asker, boot_id=boot_id
+        return LockstepSession(
+            self._settings,
+            self._machine,
+            world=self._tap,
+            notes=notes,
+            gateway=self._asker,
+            boot_id=boot_id,
         )
 
     # --- the end ----------------------------------------------------------------------------------

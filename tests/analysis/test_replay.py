@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sessions import Session
+from sessions import new_session
 
 from analysis.recording import RecordingError
 from analysis.replay import estimate, read, read_ring
 from daemon.config.settings import Robot
 from daemon.config.strict import load_toml
 from daemon.ipc.transport import RING_NAME, RingHeader, RingWriter
+from gaitd_lab.lockstep import LockstepSession
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 ROBOT = load_toml(CONFIGS / "robot.toml", Robot)
@@ -20,8 +21,8 @@ HEADER = ["time_s", "hip_angle_rad", "slide_position_m", "hip_torque_nm", "slide
 
 
 @pytest.fixture(scope="module")
-def session() -> Session:
-    return Session().walking(warm_s=8.0)
+def session() -> LockstepSession:
+    return new_session().walk(duration_s=8.0)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,7 @@ def ring(session, tmp_path_factory) -> Path:
         limits={},
     )
     writer = RingWriter(path, header)
-    for record in session.lockstep.records:
+    for record in session.records:
         writer.write(record)
     writer.close()
     return path
@@ -52,7 +53,7 @@ def test_a_black_box_is_replayed_with_its_own_robot_to_what_was_published(sessio
     source = read(ring)
     made = estimate(source, source.robot)
 
-    records = session.lockstep.records[-len(source.recording.time_s) :]
+    records = session.records[-len(source.recording.time_s) :]
     published = np.array([record.legs[0].state for record in records])
     status = np.array([record.legs[0].status for record in records])
     assert source.robot == ROBOT

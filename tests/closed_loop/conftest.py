@@ -5,25 +5,25 @@ its own in the same way, with a name that begins with `warm_`.
 """
 
 import pytest
-from sessions import Session, generic_drives, position_guidance
+from sessions import generic_drives, new_session, position_guidance
 
 
 @pytest.fixture(scope="session")
 def warm_ready():
     """The service with the demonstration's configuration, in mode ready."""
-    return Session().until_ready()
+    return new_session().until_ready()
 
 
 @pytest.fixture(scope="session")
 def warm_hold():
     """The same, enabled: both axes hold."""
-    return Session().enabled()
+    return new_session().enable()
 
 
 @pytest.fixture(scope="session")
 def warm_gait():
     """The same in the middle of a gait at 0.25 Hz, its ramps behind it."""
-    return Session().walking()
+    return new_session().walk(duration_s=8.0)
 
 
 @pytest.fixture
@@ -35,7 +35,7 @@ def session(warm_gait):
 @pytest.fixture(scope="session")
 def warm_fast_gait():
     """The same at 0.5 Hz."""
-    return Session().walking(cadence_hz=0.5, warm_s=4.0)
+    return new_session().walk(cadence_hz=0.5, duration_s=4.0)
 
 
 @pytest.fixture(scope="session")
@@ -46,25 +46,25 @@ def position_configs(tmp_path_factory):
 @pytest.fixture(scope="session")
 def warm_position_hold(position_configs):
     """Both axes hold by the drives' own loops."""
-    return Session(position_configs).enabled()
+    return new_session(position_configs).enable()
 
 
 @pytest.fixture(scope="session")
 def warm_position_gait(position_configs):
     """A gait at 0.25 Hz by the drives' own loops."""
-    return Session(position_configs).walking()
+    return new_session(position_configs).walk(duration_s=8.0)
 
 
 @pytest.fixture(scope="session")
 def warm_fast_position_gait(position_configs):
     """The same at 0.5 Hz."""
-    return Session(position_configs).walking(cadence_hz=0.5, warm_s=6.0)
+    return new_session(position_configs).walk(cadence_hz=0.5, duration_s=6.0)
 
 
 @pytest.fixture(scope="session")
 def warm_generic_gait(tmp_path_factory):
     """A gait at 0.25 Hz with the CiA-standard drives."""
-    return Session(generic_drives(tmp_path_factory.mktemp("generic"))).walking()
+    return new_session(generic_drives(tmp_path_factory.mktemp("generic"))).walk(duration_s=8.0)
 
 
 @pytest.fixture(params=["impedance", "position"])

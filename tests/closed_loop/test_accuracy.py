@@ -4,7 +4,7 @@ Bounds are those of the product's acceptance; what was measured is in docs and f
 """
 
 import pytest
-from sessions import Session, changed_configs
+from sessions import changed_configs, new_session, scores
 
 
 def assert_within(scores, *, hip_nm, slide_n):
@@ -15,10 +15,10 @@ def assert_within(scores, *, hip_nm, slide_n):
 
 
 def test_in_gait_at_a_quarter_hertz_the_patient_is_seen_as_he_is(session):
-    passive = session.scores(4)
-    session.machine.command("patient active")
-    session.lockstep.run(4)
-    active = session.scores(4)
+    passive = scores(session, 4)
+    session.command("patient active")
+    session.run(4)
+    active = scores(session, 4)
 
     assert_within(passive, hip_nm=0.3, slide_n=2.0)
     assert_within(active, hip_nm=0.6, slide_n=3.0)
@@ -26,24 +26,24 @@ def test_in_gait_at_a_quarter_hertz_the_patient_is_seen_as_he_is(session):
 
 
 def test_in_gait_at_half_a_hertz_the_patient_is_still_seen(warm_fast_gait):
-    warm_fast_gait.machine.command("patient active")
-    warm_fast_gait.lockstep.run(2)
+    warm_fast_gait.command("patient active")
+    warm_fast_gait.run(2)
 
-    active = warm_fast_gait.scores(4)
+    active = scores(warm_fast_gait, 4)
 
     assert_within(active, hip_nm=1.2, slide_n=6.0)
 
 
 @pytest.mark.thorough
 def test_friction_of_another_structure_costs_accuracy_and_no_more(tmp_path):
-    session = Session(
+    session = new_session(
         changed_configs(tmp_path, ("plant.toml", 'law = "paper"', 'law = "lugre"'))
-    ).walking(cadence_hz=0.25)
+    ).walk(cadence_hz=0.25, duration_s=8.0)
 
-    passive = session.scores(8)
-    session.machine.command("patient active")
-    session.lockstep.run(4)
-    active = session.scores(8)
+    passive = scores(session, 8)
+    session.command("patient active")
+    session.run(4)
+    active = scores(session, 8)
 
     assert_within(passive, hip_nm=1.2, slide_n=10.0)
     assert_within(active, hip_nm=1.2, slide_n=10.0)
@@ -53,15 +53,15 @@ def test_friction_of_another_structure_costs_accuracy_and_no_more(tmp_path):
 @pytest.mark.parametrize("seed", [2, 3])
 def test_the_numbers_do_not_hang_on_one_seed(tmp_path, seed):
     configs = changed_configs(tmp_path, ("plant.toml", "seed = 1 ", f"seed = {seed} "))
-    session = Session(configs).walking(cadence_hz=0.25)
-    session.machine.command("patient active")
-    session.lockstep.run(4)
+    session = new_session(configs).walk(cadence_hz=0.25, duration_s=8.0)
+    session.command("patient active")
+    session.run(4)
 
-    assert_within(session.scores(8), hip_nm=0.6, slide_n=3.0)
+    assert_within(scores(session, 8), hip_nm=0.6, slide_n=3.0)
 
 
 def test_drives_that_speak_per_mille_do_the_same_job(warm_generic_gait):
-    warm_generic_gait.machine.command("patient active")
-    warm_generic_gait.lockstep.run(4)
+    warm_generic_gait.command("patient active")
+    warm_generic_gait.run(4)
 
-    assert_within(warm_generic_gait.scores(4), hip_nm=0.6, slide_n=3.0)
+    assert_within(scores(warm_generic_gait, 4), hip_nm=0.6, slide_n=3.0)

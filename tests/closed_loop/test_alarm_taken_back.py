@@ -14,14 +14,14 @@ MS = 1_000_000
 
 def say(session, *messages, after_ms):
     """EMCYs of the hip in one batch of frames, so long after the next grid point."""
-    bus = session.lockstep.bus
+    bus = session.bus
     at_ns = session.machine.world.now_ns + round((10 + after_ms) * MS)
 
     def speak():
         bus.seat.waiting += [Frame(EMCY, data, bus.utc_of_ns(bus.now_ns)) for data in messages]
 
     bus.at(at_ns, speak)
-    session.lockstep.run(0.03)
+    session.run(0.03)
 
 
 @pytest.mark.parametrize("after_ms", [0.5, 7.0], ids=["in the window", "between two windows"])
@@ -32,21 +32,21 @@ def test_an_alarm_that_the_drive_takes_back_in_the_same_batch_stops_all_the_same
 
     say(session, ALARM, NO_ERROR, after_ms=after_ms)
 
-    verdict = session.lockstep.record.verdict
+    verdict = session.record.verdict
     assert verdict.cause == Cause.EMERGENCY
     assert "2310h" in verdict.detail
-    assert not session.lockstep.record.mode.active
+    assert not session.record.mode.active
 
 
 def test_an_alarm_is_judged_once_and_no_warning_later_is_named_in_its_place(warm_ready):
     session = warm_ready
 
     say(session, ALARM, NO_ERROR, after_ms=0.5)
-    assert session.lockstep.record.mode == Mode.FAULT
-    since = len(session.lockstep.records)
-    session.lockstep.run(0.5)
+    assert session.record.mode == Mode.FAULT
+    since = len(session.records)
+    session.run(0.5)
     say(session, WARNING, after_ms=0.5)
 
-    assert "2310h" in session.lockstep.record.verdict.detail
-    told = [event for record in session.lockstep.records[since:] for event in record.events]
+    assert "2310h" in session.record.verdict.detail
+    told = [event for record in session.records[since:] for event in record.events]
     assert told == []

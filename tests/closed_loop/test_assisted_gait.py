@@ -17,7 +17,7 @@ STIFFNESS_STEP = 0.01
 @pytest.fixture
 def walking(warm_gait):
     """A gait under a controller of this law."""
-    return lambda law: (warm_gait, Controller(warm_gait.lockstep.gateway, law))
+    return lambda law: (warm_gait, Controller(warm_gait.gateway, law))
 
 
 def lag(records):
@@ -28,13 +28,13 @@ def lag(records):
 
 def test_assist_adds_to_guidance_and_the_gait_goes_on(walking):
     session, controller = walking(constant(hip_nm=10.0))
-    session.lockstep.run(4)
-    pushed = session.lockstep.records[-400:]
+    session.run(4)
+    pushed = session.records[-400:]
     controller.law = constant(hip_nm=-10.0)
-    session.lockstep.run(4.1)
-    pulled = session.lockstep.records[-400:]
+    session.run(4.1)
+    pulled = session.records[-400:]
 
-    record = session.lockstep.record
+    record = session.record
     assert (record.mode, record.verdict.cause) == (Mode.GAIT, Cause.NONE)
     ahead = [
         np.mean([r.legs[0].measured[0] - r.legs[0].reference[0] for r in records])
@@ -46,18 +46,18 @@ def test_assist_adds_to_guidance_and_the_gait_goes_on(walking):
 
 def test_a_stiffness_scale_softens_guidance_by_its_rate_and_is_given_back_the_same_way(walking):
     session, controller = walking(constant())
-    session.lockstep.run(4)
-    stiff = lag(session.lockstep.records[-400:])
+    session.run(4)
+    stiff = lag(session.records[-400:])
     controller.law = constant(stiffness_ratio=0.4)
-    session.lockstep.run(4.6)
-    soft = lag(session.lockstep.records[-400:])
-    assert session.lockstep.record.assist.legs[0].stiffness_ratio == pytest.approx(0.4)
+    session.run(4.6)
+    soft = lag(session.records[-400:])
+    assert session.record.assist.legs[0].stiffness_ratio == pytest.approx(0.4)
     controller.law = constant(stiffness_ratio=1.0)
-    session.lockstep.run(0.7)
+    session.run(0.7)
 
-    assert session.lockstep.record.mode == Mode.GAIT
+    assert session.record.mode == Mode.GAIT
     assert soft[0] > 1.5 * stiff[0]
-    ratios = [record.assist.legs[0].stiffness_ratio for record in session.lockstep.records]
+    ratios = [record.assist.legs[0].stiffness_ratio for record in session.records]
     assert ratios[-1] == pytest.approx(1.0)
     assert np.abs(np.diff(ratios)).max() <= STIFFNESS_STEP * 1.001
 
@@ -70,17 +70,17 @@ def test_a_gait_under_a_controller_that_is_gone_brakes_where_the_leg_is_and_hold
     walking, law, how
 ):
     session, controller = walking(law)
-    session.lockstep.run(1)
+    session.run(1)
     if how == "hangs":
         controller.running = False
     else:
-        session.lockstep.gateway.end_lease()
+        session.gateway.end_lease()
 
-    held = session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=0.3)
-    records = session.lockstep.records
-    session.lockstep.run(1)
+    held = session.run_until(lambda record: record.mode == Mode.HOLD, within_s=0.3)
+    records = session.records
+    session.run(1)
 
-    record = session.lockstep.record
+    record = session.record
     assert (record.mode, record.verdict.cause) == (Mode.HOLD, Cause.NONE)
     assert record.assist.lapse_count == 1
     assert (record.assist.legs[0].assist, record.assist.legs[0].stiffness_ratio) == (
@@ -100,28 +100,28 @@ def test_a_gait_under_a_controller_that_is_gone_brakes_where_the_leg_is_and_hold
 @pytest.mark.parametrize("ever", [False, True])
 def test_a_gait_in_which_nothing_is_in_force_does_not_care_about_leases(walking, ever):
     session, controller = walking(constant(hip_nm=5.0) if ever else constant())
-    session.lockstep.run(1)
+    session.run(1)
     controller.law = constant()
-    session.lockstep.run(0.2)
-    session.lockstep.gateway.end_lease()
+    session.run(0.2)
+    session.gateway.end_lease()
     controller.running = False
 
-    session.lockstep.run(2)
+    session.run(2)
 
-    record = session.lockstep.record
+    record = session.record
     assert (record.mode, record.assist.lapse_count) == (Mode.GAIT, 0)
 
 
 def test_the_end_of_a_gait_ends_its_assist_without_a_lapse(walking):
     session, controller = walking(constant(hip_nm=5.0, stiffness_ratio=0.5))
-    session.lockstep.run(1)
-    leg = session.lockstep.core.legs[0]
+    session.run(1)
+    leg = session.core.legs[0]
     assert controller.running
     leg.exercise = replace(leg.exercise, plan=replace(leg.exercise.plan, duration_s=0.0))
-    session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=8)
-    session.lockstep.run(0.5)
+    session.run_until(lambda record: record.mode == Mode.HOLD, within_s=8)
+    session.run(0.5)
 
-    record = session.lockstep.record
+    record = session.record
     assert record.assist.lapse_count == 0
     assert record.assist.legs[0].assist == (0.0, 0.0)
     assert record.assist.legs[0].stiffness_ratio == pytest.approx(1.0)
@@ -130,11 +130,11 @@ def test_the_end_of_a_gait_ends_its_assist_without_a_lapse(walking):
 def test_with_position_guidance_assist_in_a_gait_is_refused_and_the_gait_goes_on(
     warm_position_gait,
 ):
-    Controller(warm_position_gait.lockstep.gateway, constant(hip_nm=5.0))
+    Controller(warm_position_gait.gateway, constant(hip_nm=5.0))
 
-    warm_position_gait.lockstep.run(0.5)
+    warm_position_gait.run(0.5)
 
-    record = warm_position_gait.lockstep.record
+    record = warm_position_gait.record
     assert record.mode == Mode.GAIT
     assert record.assist.refused_count[SetpointRefusal.GUIDANCE_IS_POSITION] >= 49
     assert record.assist.legs[0].assist == (0.0, 0.0)
@@ -142,12 +142,12 @@ def test_with_position_guidance_assist_in_a_gait_is_refused_and_the_gait_goes_on
 
 def test_assist_of_one_holder_is_not_taken_over_by_the_next_one(walking):
     session, _ = walking(constant(hip_nm=8.0))
-    session.lockstep.run(1)
+    session.run(1)
 
-    Controller(session.lockstep.gateway, constant(hip_nm=-8.0))
-    session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=0.1)
-    session.lockstep.run(0.5)
+    Controller(session.gateway, constant(hip_nm=-8.0))
+    session.run_until(lambda record: record.mode == Mode.HOLD, within_s=0.1)
+    session.run(0.5)
 
-    record = session.lockstep.record
+    record = session.record
     assert (record.mode, record.verdict.cause) == (Mode.HOLD, Cause.NONE)
-    assert all(one.assist.legs[0].assist[0] >= 0 for one in session.lockstep.records[-60:])
+    assert all(one.assist.legs[0].assist[0] >= 0 for one in session.records[-60:])

@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import msgspec
 import pytest
-from sessions import Session
+from sessions import new_session
 
 from daemon.core.runtime.loop_settings import ExitCode
 from daemon.ipc.record import Cause, Mode
 from drives.canopen.bus import Frame
-from gaitd_lab.lockstep import Lockstep
+from gaitd_lab.lockstep import LockstepSession
 
 
-def told(lockstep):
-    return [event for record in lockstep.records for event in record.events]
+def told(session):
+    return [event for record in session.records for event in record.events]
 
 
 def with_identity(session, **changes):
@@ -22,7 +22,7 @@ def with_identity(session, **changes):
     identity = msgspec.structs.replace(leg.hip.axis.identity, **changes)
     hip = replace(leg.hip, axis=msgspec.structs.replace(leg.hip.axis, identity=identity))
     settings = replace(session.settings, legs=(replace(leg, hip=hip),))
-    return Lockstep(settings, session.machine.world)
+    return LockstepSession(settings, session.machine)
 
 
 @pytest.mark.parametrize(
@@ -38,38 +38,38 @@ def with_identity(session, **changes):
 def test_a_refused_drive_ends_the_service_with_3_and_its_failure_is_in_verdict_and_events(
     changes, words
 ):
-    lockstep = with_identity(Session(), **changes)
+    session = with_identity(new_session(), **changes)
 
-    code = lockstep.loop.run(lambda: False)
+    code = session.loop.run(lambda: False)
 
-    record = lockstep.record
+    record = session.record
     assert code == ExitCode.REFUSED == 3
     assert record.verdict.cause == Cause.BRING_UP_FAILED
     assert record.verdict.drive == "right/hip"
     assert words in record.verdict.detail
-    assert any(words in event for event in told(lockstep))
-    assert b"\x01\x05" not in [f.data for f in lockstep.bus.sent if f.can_id == 0]
+    assert any(words in event for event in told(session))
+    assert b"\x01\x05" not in [f.data for f in session.bus.sent if f.can_id == 0]
 
 
 def test_a_silent_drive_is_mode_off_with_its_failure_told_once_and_looked_for_again():
-    session = Session()
-    session.machine.command("unplugged right/slide")
+    session = new_session()
+    session.command("unplugged right/slide")
 
-    session.lockstep.run(12)
+    session.run(12)
 
-    record = session.lockstep.record
+    record = session.record
     assert record.mode in {Mode.OFF, Mode.BRINGING_UP}
     assert record.verdict.cause == Cause.DRIVE_SILENT
     assert "no answer (CiA 302 B): drive right/slide" in record.verdict.detail
-    failed = [event for event in told(session.lockstep) if event.startswith("bring-up failed")]
+    failed = [event for event in told(session) if event.startswith("bring-up failed")]
     assert len(failed) == 1
-    session.machine.command("clear unplugged right/slide")
-    session.lockstep.run_until(lambda r: r.mode == Mode.READY, within_s=20)
+    session.command("clear unplugged right/slide")
+    session.run_until(lambda r: r.mode == Mode.READY, within_s=20)
 
 
 def test_another_master_keeps_the_drives_down_until_it_has_gone():
-    session = Session()
-    bus = session.lockstep.bus
+    session = new_session()
+    bus = session.bus
     wait = bus.link.wait
     there = [True]
 
@@ -79,17 +79,17 @@ def test_another_master_keeps_the_drives_down_until_it_has_gone():
             bus.seat.waiting.append(Frame(0x080, b""))
 
     bus.link.wait = wait_beside_another
-    session.lockstep.run(5)
-    beside = session.lockstep.record
+    session.run(5)
+    beside = session.record
     there[0] = False
-    session.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=20)
+    session.run_until(lambda record: record.mode == Mode.READY, within_s=20)
 
     assert beside.mode in {Mode.OFF, Mode.BRINGING_UP}
     assert "another master on the bus: another node sends SYNC" in beside.verdict.detail
 
 
 def test_an_error_that_a_drive_came_with_is_told_and_stops_nothing_later():
-    session = Session()
+    session = new_session()
     code = 0x8130
 
     def with_error(time_ns, advance=session.machine.world.advance_to):
@@ -102,5 +102,5 @@ def test_an_error_that_a_drive_came_with_is_told_and_stops_nothing_later():
     session.until_ready()
 
     words = "right/hip: EMCY 8130h during bring-up: CAN heartbeat"
-    assert sum(words in event for event in told(session.lockstep)) == 1
-    assert session.lockstep.record.verdict.cause == Cause.NONE
+    assert sum(words in event for event in told(session)) == 1
+    assert session.record.verdict.cause == Cause.NONE

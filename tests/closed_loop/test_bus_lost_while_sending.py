@@ -9,7 +9,7 @@ RPDO1_OF_HIP, RPDO2_OF_SLIDE = 0x205, 0x306
 
 def gone_when_sending(session, can_id):
     """From the next frame with this identifier on there is no interface any more."""
-    bus = session.lockstep.bus
+    bus = session.bus
     place = bus.send
 
     def send(frames):
@@ -21,16 +21,15 @@ def gone_when_sending(session, can_id):
 
 @pytest.mark.parametrize("can_id", [RPDO1_OF_HIP, RPDO2_OF_SLIDE])
 def test_a_cycle_that_finds_the_bus_gone_with_its_commands_is_told_as_it_was(warm_hold, can_id):
-    lockstep = warm_hold.lockstep
-    warm_hold.machine.command("hand_switch_open right/hip")
-    begun = lockstep.record
+    warm_hold.command("hand_switch_open right/hip")
+    begun = warm_hold.record
     gone_when_sending(warm_hold, can_id)
 
-    lockstep.run(0.2)
+    warm_hold.run(0.2)
 
-    records = [record for record in lockstep.records if record.seq > begun.seq]
+    records = [record for record in warm_hold.records if record.seq > begun.seq]
     found, lost = records[:2]
-    assert [one.seq for one in records] == list(range(begun.seq + 1, lockstep.record.seq + 1))
+    assert [one.seq for one in records] == list(range(begun.seq + 1, warm_hold.record.seq + 1))
     assert (found.mode, found.verdict.cause) == (Mode.STOPPING, Cause.HAND_SWITCH_OPEN)
     assert any("stop S1" in text for text in found.events)
     assert (lost.cycle, lost.mode) == (found.cycle, Mode.FAULT)

@@ -1,7 +1,7 @@
 """The whole service on a bus in trouble: bus-off, error passive, nobody there, a full queue."""
 
 import pytest
-from sessions import Session
+from sessions import new_session
 
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
 from drives.canopen.bus import Frame
@@ -21,16 +21,16 @@ NO_ACKNOWLEDGE = Frame(0x020, bytes(8), is_error=True)
 
 def put(session, *frames):
     """Let the controller report this, or somebody else send it, now."""
-    session.lockstep.bus.seat.waiting.extend(frames)
+    session.bus.seat.waiting.extend(frames)
 
 
 def told(session, words):
-    events = [event for record in session.lockstep.records for event in record.events]
+    events = [event for record in session.records for event in record.events]
     return [event for event in events if words in event]
 
 
 def words_sent(session, since=0):
-    sent = session.lockstep.bus.sent[since:]
+    sent = session.bus.sent[since:]
     return [int.from_bytes(f.data[:2], "little") for f in sent if f.can_id in {0x205, 0x206}]
 
 
@@ -39,23 +39,23 @@ def words_sent(session, since=0):
 
 def test_while_the_controller_is_bus_off_nothing_is_sent_at_all(session):
     put(session, BUS_OFF)
-    session.lockstep.run(0.01)
-    before = len(session.lockstep.bus.sent)
+    session.run(0.01)
+    before = len(session.bus.sent)
 
-    session.lockstep.run(0.5)
+    session.run(0.5)
 
-    assert session.lockstep.bus.sent[before:] == []
-    assert session.lockstep.record.bus.condition == "bus-off"
-    assert session.lockstep.record.verdict.cause == Cause.BUS_OFF
+    assert session.bus.sent[before:] == []
+    assert session.record.bus.condition == "bus-off"
+    assert session.record.verdict.cause == Cause.BUS_OFF
 
 
 def test_bus_off_is_told_once_and_every_axis_counts_as_lost(session):
     put(session, BUS_OFF, BUS_OFF)
-    session.lockstep.run(1)
+    session.run(1)
 
-    assert session.lockstep.record.mode == Mode.FAULT
-    assert session.lockstep.record.bus.bus_off_count == 2
-    assert all(drive.position_si is None for drive in session.lockstep.record.drives)
+    assert session.record.mode == Mode.FAULT
+    assert session.record.bus.bus_off_count == 2
+    assert all(drive.position_si is None for drive in session.record.drives)
     assert len(told(session, "bus-off, nothing is sent until it is restarted")) == 1
 
 
@@ -63,39 +63,39 @@ def test_bus_off_is_told_once_and_every_axis_counts_as_lost(session):
 def test_a_controller_that_comes_back_enables_nothing_until_somebody_resets(
     session, restarted_after_ms
 ):
-    before = len(session.lockstep.bus.sent)
+    before = len(session.bus.sent)
     put(session, BUS_OFF)
-    session.lockstep.run(restarted_after_ms * 1e-3)
+    session.run(restarted_after_ms * 1e-3)
     put(session, RESTARTED)
 
-    session.lockstep.run(2)
+    session.run(2)
 
-    assert session.lockstep.record.mode == Mode.FAULT
-    assert session.lockstep.record.verdict.cause == Cause.BUS_OFF
+    assert session.record.mode == Mode.FAULT
+    assert session.record.verdict.cause == Cause.BUS_OFF
     assert not any(word & ENABLING for word in words_sent(session, before))
-    answer = session.lockstep.request(RequestKind.RESET)
+    answer = session.request(RequestKind.RESET)
     assert answer.outcome == Outcome.DONE, answer.reason
-    assert session.lockstep.record.mode == Mode.READY
+    assert session.record.mode == Mode.READY
 
 
 def test_a_reset_is_tried_also_when_the_report_of_the_restart_was_lost(session):
     put(session, BUS_OFF)
-    session.lockstep.run(1)
+    session.run(1)
 
-    answer = session.lockstep.request(RequestKind.RESET)
+    answer = session.request(RequestKind.RESET)
 
     assert answer.outcome == Outcome.DONE, answer.reason
-    assert session.lockstep.record.bus.condition == "active"
+    assert session.record.bus.condition == "active"
 
 
 def test_bus_off_at_rest_is_not_brought_up_again_without_a_request(warm_ready):
     put(warm_ready, BUS_OFF)
-    warm_ready.lockstep.run(0.1)
+    warm_ready.run(0.1)
     put(warm_ready, RESTARTED)
-    warm_ready.lockstep.run(3)
+    warm_ready.run(3)
 
-    assert warm_ready.lockstep.record.mode == Mode.FAULT
-    assert warm_ready.lockstep.record.verdict.cause == Cause.BUS_OFF
+    assert warm_ready.record.mode == Mode.FAULT
+    assert warm_ready.record.verdict.cause == Cause.BUS_OFF
     assert len(told(warm_ready, "bring-up begun")) == 1
 
 
@@ -105,28 +105,27 @@ def test_bus_off_at_rest_is_not_brought_up_again_without_a_request(warm_ready):
 )
 def test_error_passive_and_warning_are_told_and_do_not_stop(session, frame, condition, words):
     put(session, frame, frame)
-    session.lockstep.run(0.5)
-    during = session.lockstep.record
+    session.run(0.5)
+    during = session.record
     put(session, ACTIVE)
-    session.lockstep.run(0.1)
+    session.run(0.1)
 
     assert during.mode == Mode.GAIT
     assert during.bus.condition == condition
     assert during.bus.passive_count + during.bus.warning_count == 2
     assert len(told(session, words)) == 1
     assert len(told(session, "works without errors again")) == 1
-    assert session.lockstep.record.bus.condition == "active"
+    assert session.record.bus.condition == "active"
 
 
 def test_error_passive_is_told_while_a_bring_up_still_waits_for_a_drive():
-    session = Session()
-    session.machine.command("unplugged *")
-    lockstep = session.lockstep
-    lockstep.bus.at(session.machine.world.now_ns + 200 * MS, lambda: put(session, PASSIVE))
-    lockstep.run(0.01)  # one turn: a whole bring-up, with its records
+    session = new_session()
+    session.command("unplugged *")
+    session.bus.at(session.machine.world.now_ns + 200 * MS, lambda: put(session, PASSIVE))
+    session.run(0.01)  # one turn: a whole bring-up, with its records
 
-    at = next(n for n, one in enumerate(lockstep.records) if told_in(one, "is error passive"))
-    failed = next(n for n, one in enumerate(lockstep.records) if told_in(one, "bring-up failed"))
+    at = next(n for n, one in enumerate(session.records) if told_in(one, "is error passive"))
+    failed = next(n for n, one in enumerate(session.records) if told_in(one, "bring-up failed"))
 
     assert at < 30 < failed
 
@@ -138,26 +137,26 @@ def told_in(record, words):
 def test_frames_lost_in_the_controller_are_counted_and_told_in_powers_of_ten(session):
     for _ in range(50):
         put(session, OVERFLOW)
-        session.lockstep.run(0.01)
+        session.run(0.01)
 
-    assert session.lockstep.record.bus.overflow_count == 50
+    assert session.record.bus.overflow_count == 50
     assert len(told(session, "CAN controller lost frames")) == 2
 
 
 def test_a_missing_acknowledgement_alone_is_told_apart_and_does_not_stop(session):
     put(session, NO_ACKNOWLEDGE)
-    session.lockstep.run(0.2)
+    session.run(0.2)
 
-    assert session.lockstep.record.mode == Mode.GAIT
-    assert session.lockstep.record.bus.no_ack_count == 1
+    assert session.record.mode == Mode.GAIT
+    assert session.record.bus.no_ack_count == 1
     assert len(told(session, "no other node is on the bus")) == 1
 
 
 def test_another_master_in_operation_is_counted_and_told(session):
     put(session, Frame(0x080, b""), Frame(0x701, b"\x05"))
-    session.lockstep.run(0.2)
+    session.run(0.2)
 
-    assert session.lockstep.record.bus.foreign_master_count == 2
+    assert session.record.bus.foreign_master_count == 2
     assert len(told(session, "another master")) == 1
 
 
@@ -168,7 +167,7 @@ class FullQueue:
     """The bus of a session, refusing frames as a full SocketCAN queue does."""
 
     def __init__(self, session):
-        self.bus = session.lockstep.bus
+        self.bus = session.bus
         self.place = self.bus.send
         self.refusals = 0
         self.only = None
@@ -198,26 +197,26 @@ class FullQueue:
 def test_process_data_that_find_a_full_queue_are_dropped_and_counted_and_the_gait_goes_on(session):
     FullQueue(session).refusals = 2
 
-    session.lockstep.run(1)
+    session.run(1)
 
-    assert session.lockstep.record.tx_dropped_count == 2
-    assert session.lockstep.record.mode == Mode.GAIT
+    assert session.record.tx_dropped_count == 2
+    assert session.record.mode == Mode.GAIT
 
 
 def test_a_queue_that_stays_full_ends_in_a_quick_stop_that_is_tried_until_it_leaves(session):
     queue = FullQueue(session)
-    before = len(session.lockstep.bus.sent)
+    before = len(session.bus.sent)
     # Three cycles of five frames; the stop of the fourth finds the queue full three times more.
     queue.refusals = 3 * 5 + 6
 
-    stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=0.1)
-    session.lockstep.run(0.005)
+    stopped = session.run_until(lambda record: not record.mode.active, within_s=0.1)
+    session.run(0.005)
 
     assert stopped.verdict.cause == Cause.TRANSMIT_QUEUE_FULL
     assert queue.refusals == 0
     assert set(words_sent(session, before)) == {QUICK_STOP}
-    session.lockstep.run(2)
-    assert session.lockstep.record.mode == Mode.FAULT
+    session.run(2)
+    assert session.record.mode == Mode.FAULT
 
 
 def test_twenty_refusals_never_raise_out_of_the_loop_and_end_at_rest(session):
@@ -225,12 +224,12 @@ def test_twenty_refusals_never_raise_out_of_the_loop_and_end_at_rest(session):
 
     for _ in range(20):
         queue.refusals = 20
-        session.lockstep.loop.turn()
+        session.loop.turn()
     queue.refusals = 0
-    session.lockstep.run(3)
+    session.run(3)
 
     truth = session.truth.rows[-1]
-    assert session.lockstep.record.mode == Mode.FAULT
+    assert session.record.mode == Mode.FAULT
     assert abs(truth.hip_velocity_rad_per_s) < 0.05
     assert abs(truth.slide_velocity_m_per_s) < 0.05
 
@@ -238,15 +237,15 @@ def test_twenty_refusals_never_raise_out_of_the_loop_and_end_at_rest(session):
 def test_nmt_stop_of_a_lost_drive_that_finds_a_full_queue_is_sent_again_until_it_leaves(session):
     queue = FullQueue(session)
     queue.refusals, queue.only = 10**6, {0x000}
-    sent = session.lockstep.bus.sent
+    sent = session.bus.sent
     before = len(sent)
 
-    session.machine.command("silent right/hip")
-    session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
-    session.lockstep.run(0.05)
+    session.command("silent right/hip")
+    session.run_until(lambda record: not record.mode.active, within_s=1)
+    session.run(0.05)
     refused = [frame for frame in sent[before:] if frame.can_id == 0x000]
     queue.refusals = 0
-    session.lockstep.run(0.1)
+    session.run(0.1)
 
     assert refused == []
     assert [f.data for f in sent[before:] if f.can_id == 0x000] == [b"\x02\x05"]
@@ -255,7 +254,7 @@ def test_nmt_stop_of_a_lost_drive_that_finds_a_full_queue_is_sent_again_until_it
 def test_the_drives_show_that_they_were_stopped_when_the_queue_is_free_again(session):
     FullQueue(session).refusals = 3 * 5
 
-    session.lockstep.run(1)
+    session.run(1)
 
-    states = {drive.power_state for drive in session.lockstep.record.drives}
+    states = {drive.power_state for drive in session.record.drives}
     assert states == {PowerState.QUICK_STOP_ACTIVE}

@@ -5,7 +5,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from sessions import CONFIGS, Session
+from sessions import CONFIGS, new_session
 from wire import (
     ENABLE_OPERATION,
     ENABLED_WORD,
@@ -40,13 +40,13 @@ def test_a_torque_beyond_every_limit_is_clipped_and_never_wraps_into_its_opposit
     warm_hold, wild_nm
 ):
     """M34: far more than 16 bits hold."""
-    sent = len(warm_hold.lockstep.bus.sent)
+    sent = len(warm_hold.bus.sent)
 
     with guided_to(warm_hold, feedforward=(wild_nm, 0.0)):
-        warm_hold.lockstep.run(0.1)
+        warm_hold.run(0.1)
 
-    axis = warm_hold.lockstep.core.axes[0]
-    asked = np.array(target_torques(warm_hold.lockstep.bus.sent[sent:], 5))
+    axis = warm_hold.core.axes[0]
+    asked = np.array(target_torques(warm_hold.bus.sent[sent:], 5))
     while_driving = asked[:5] * math.copysign(1, wild_nm)
     most = axis.limits.effort_max_si * axis.scaling.permille_per_effort_si
     assert np.all(np.diff(while_driving) >= 0)
@@ -59,22 +59,22 @@ def test_a_torque_beyond_every_limit_is_clipped_and_never_wraps_into_its_opposit
 def test_a_number_that_is_not_finite_is_a_quick_stop_in_the_same_cycle(
     warm_guided_hold, field, number
 ):
-    sent = len(warm_guided_hold.lockstep.bus.sent)
+    sent = len(warm_guided_hold.bus.sent)
 
     with guided_to(warm_guided_hold, **{field: (number, 0.0)}):
-        warm_guided_hold.lockstep.loop.turn()
+        warm_guided_hold.loop.turn()
 
-    record = warm_guided_hold.lockstep.record
-    frames = warm_guided_hold.lockstep.bus.sent[sent:]
+    record = warm_guided_hold.record
+    frames = warm_guided_hold.bus.sent[sent:]
     assert record.verdict.cause == Cause.COMMAND_NOT_FINITE
     assert [rpdo1(frames, node)[-1].controlword for node in NODES] == [QUICK_STOP_WORD] * 2
-    warm_guided_hold.lockstep.run(1)
-    assert warm_guided_hold.lockstep.record.mode == Mode.FAULT
+    warm_guided_hold.run(1)
+    assert warm_guided_hold.record.mode == Mode.FAULT
 
 
 def targets_while_enabled(session, since):
     """Target positions of the hip drive in counts, as long as it is told to be enabled."""
-    told = rpdo1(session.lockstep.bus.sent[since:], 5)
+    told = rpdo1(session.bus.sent[since:], 5)
     return [one.target_counts for one in told if one.controlword == ENABLED_WORD]
 
 
@@ -82,29 +82,29 @@ def targets_while_enabled(session, since):
 def test_a_target_that_runs_away_is_no_faster_than_the_axis_may_be_and_stops(
     warm_position_hold, wild_rad
 ):
-    sent = len(warm_position_hold.lockstep.bus.sent)
-    axis = warm_position_hold.lockstep.core.axes[0]
-    begun_rad, slide_m = warm_position_hold.lockstep.record.legs[0].measured
+    sent = len(warm_position_hold.bus.sent)
+    axis = warm_position_hold.core.axes[0]
+    begun_rad, slide_m = warm_position_hold.record.legs[0].measured
 
     with guided_to(warm_position_hold, position=(begun_rad + wild_rad, slide_m)):
-        warm_position_hold.lockstep.run(0.5)
+        warm_position_hold.run(0.5)
 
     counts = targets_while_enabled(warm_position_hold, sent)
     step = axis.limits.velocity_max_si * 0.01 * axis.scaling.counts_per_si
     assert np.abs(np.diff(counts)).max() <= step + 1
-    assert warm_position_hold.lockstep.record.verdict.category != StopCategory.NONE
+    assert warm_position_hold.record.verdict.category != StopCategory.NONE
 
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_target_beyond_the_range_stops_before_the_drive_faults(warm_position_hold, sign):
     """M35: outside 607Dh this drive faults (8A82h), so no target may come near it."""
-    sent = len(warm_position_hold.lockstep.bus.sent)
-    axis = warm_position_hold.lockstep.core.axes[0]
-    begun_rad, slide_m = warm_position_hold.lockstep.record.legs[0].measured
+    sent = len(warm_position_hold.bus.sent)
+    axis = warm_position_hold.core.axes[0]
+    begun_rad, slide_m = warm_position_hold.record.legs[0].measured
 
     for cycle in range(300):
         with guided_to(warm_position_hold, position=(begun_rad + sign * 0.003 * cycle, slide_m)):
-            warm_position_hold.lockstep.loop.turn()
+            warm_position_hold.loop.turn()
 
     counts = targets_while_enabled(warm_position_hold, sent)
     limits, scaling = axis.limits, axis.scaling
@@ -113,26 +113,26 @@ def test_a_target_beyond_the_range_stops_before_the_drive_faults(warm_position_h
     edge_rad = highest_rad if sign > 0 else lowest_rad
     farthest = max(counts) if sign > 0 else min(counts)
     assert farthest == pytest.approx(edge_rad * scaling.counts_per_si, abs=1)
-    told = [event for record in warm_position_hold.lockstep.records for event in record.events]
+    told = [event for record in warm_position_hold.records for event in record.events]
     assert not any("8A82" in event for event in told)
-    assert warm_position_hold.lockstep.record.verdict.cause == Cause.TRACKING_LIMIT
+    assert warm_position_hold.record.verdict.cause == Cause.TRACKING_LIMIT
 
 
 def test_a_drive_s_own_position_limit_stops_and_is_not_retried(warm_position_hold):
     """M35: 8A82h from the drive, of which the cause is gone at once."""
-    warm_position_hold.machine.command("emcy right/hip 0.1 0x8A82")
+    warm_position_hold.command("emcy right/hip 0.1 0x8A82")
 
-    warm_position_hold.lockstep.run(2)
+    warm_position_hold.run(2)
 
-    told = words_by_cycle(warm_position_hold.lockstep.bus.sent[-200:])
-    assert warm_position_hold.lockstep.record.mode == Mode.FAULT
-    assert warm_position_hold.lockstep.record.drives[0].emergency_code == 0x8A82
+    told = words_by_cycle(warm_position_hold.bus.sent[-200:])
+    assert warm_position_hold.record.mode == Mode.FAULT
+    assert warm_position_hold.record.drives[0].emergency_code == 0x8A82
     assert not any(word & (ENABLE_OPERATION | 0x80) for one in told for word in one.values())
 
 
 def test_a_mode_that_never_shows_is_not_enabled_and_gets_no_torque(position_configs, guidance):
     """M14, at enabling."""
-    session = Session(position_configs if guidance == "position" else CONFIGS).until_ready()
+    session = new_session(position_configs if guidance == "position" else CONFIGS).until_ready()
 
     def show_velocity_mode(frame):
         if frame.can_id != 0x185:
@@ -140,18 +140,18 @@ def test_a_mode_that_never_shows_is_not_enabled_and_gets_no_torque(position_conf
         return frame._replace(data=frame.data[:6] + bytes((9,)))
 
     change_what_drives_say(session, show_velocity_mode)
-    sent = len(session.lockstep.bus.sent)
-    cycle = session.lockstep.record.cycle
+    sent = len(session.bus.sent)
+    cycle = session.record.cycle
 
-    answer = session.lockstep.request(RequestKind.ENABLE)
+    answer = session.request(RequestKind.ENABLE)
 
     assert answer.outcome == Outcome.REFUSED
-    assert session.lockstep.record.verdict.cause == Cause.MODE_NOT_SHOWN
-    assert session.lockstep.record.cycle - cycle <= ENABLE_CYCLES + 4
-    scale = session.lockstep.core.axes[0].scaling.permille_per_effort_si
-    enabling = [r for r in session.lockstep.records if r.cycle > cycle and r.mode.active]
+    assert session.record.verdict.cause == Cause.MODE_NOT_SHOWN
+    assert session.record.cycle - cycle <= ENABLE_CYCLES + 4
+    scale = session.core.axes[0].scaling.permille_per_effort_si
+    enabling = [r for r in session.records if r.cycle > cycle and r.mode.active]
     present = [record.drives[0].effort_si * scale for record in enabling]
-    sent_permille = target_torques(session.lockstep.bus.sent[sent:], 5)
+    sent_permille = target_torques(session.bus.sent[sent:], 5)
     start = len(sent_permille) - len(present) - 1
     assert sent_permille[start:-1] == pytest.approx(present, abs=1)
 
@@ -161,14 +161,14 @@ def test_a_drive_that_says_it_does_not_follow_stops_both_and_its_cause_is_named(
     warm_guided_hold, node
 ):
     """M15."""
-    cycle = warm_guided_hold.lockstep.record.cycle
+    cycle = warm_guided_hold.record.cycle
     change_what_drives_say(warm_guided_hold, without_bit_12(node))
 
-    stopped = warm_guided_hold.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
+    stopped = warm_guided_hold.run_until(lambda record: not record.mode.active, within_s=1)
 
     allowed = warm_guided_hold.settings.limits.communication.mode_switch_cycles
     assert stopped.verdict.cause == Cause.NOT_FOLLOWING
     assert stopped.cycle - cycle == allowed + 1
-    warm_guided_hold.lockstep.run(0.1)
-    words = words_by_cycle(warm_guided_hold.lockstep.bus.sent)[-1]
+    warm_guided_hold.run(0.1)
+    words = words_by_cycle(warm_guided_hold.bus.sent)[-1]
     assert set(words.values()) == {QUICK_STOP_WORD}

@@ -4,7 +4,7 @@ import struct
 from itertools import groupby
 
 import pytest
-from sessions import CONFIGS, Session, changed_configs
+from sessions import CONFIGS, changed_configs, new_session, single_axis_run
 
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Stage
@@ -25,7 +25,7 @@ def configs(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def warm_untested(configs):
-    return Session(configs).until_ready()
+    return new_session(configs).until_ready()
 
 
 @pytest.fixture
@@ -36,27 +36,28 @@ def session(warm_untested):
 @pytest.fixture(scope="module")
 def warm_tested(configs):
     """After a sign test of the hip, with its records."""
-    session = Session(configs).until_ready()
+    session = new_session(configs).until_ready()
     return session, sign_test(session, HIP)
 
 
 @pytest.fixture(scope="module")
 def proof(configs):
     """The notes after both axes were tested and watched."""
-    session = Session(configs).until_ready()
+    session = new_session(configs).until_ready()
     for axis in (HIP, SLIDE):
         sign_test(session, axis)
         asked(session, axis, witnessed=True)
-    session.lockstep.run(0.1)
-    return session.lockstep.notebook.notes
+    session.run(0.1)
+    return session.notebook.notes
 
 
 def asked(session, axis, *, witnessed=False):
-    return session.prepare(Mode.COMMISSION, axis, witnessed=witnessed)
+    wanted = ModeRequest(Mode.COMMISSION, axis=axis, witnessed=witnessed)
+    return session.request(RequestKind.MODE, wanted)
 
 
 def sign_test(session, axis):
-    return session.prepared(Mode.COMMISSION, axis)
+    return single_axis_run(session, Mode.COMMISSION, axis)
 
 
 def events(records):
@@ -64,23 +65,23 @@ def events(records):
 
 
 def test_nothing_can_be_enabled_before_every_sign_is_proven(session):
-    refused = session.lockstep.request(RequestKind.ENABLE)
+    refused = session.request(RequestKind.ENABLE)
     assert refused.outcome == Outcome.REFUSED
     assert HIP in refused.reason
     assert SLIDE in refused.reason
 
     for axis in (HIP, SLIDE):
         sign_test(session, axis)
-        assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
+        assert session.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
         assert asked(session, axis, witnessed=True).outcome == Outcome.DONE
 
-    assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.DONE
+    assert session.request(RequestKind.ENABLE).outcome == Outcome.DONE
 
 
 def test_a_sign_test_is_prepared_with_its_bring_up_played_and_ended(warm_tested):
     session, _ = warm_tested
 
-    stages = [stage for stage, _ in groupby(one.stage for one in session.lockstep.records)]
+    stages = [stage for stage, _ in groupby(one.stage for one in session.records)]
 
     prepared_and_ready = [Stage.PREPARING, None]
     sign_test = [Stage.PREPARING, Stage.PLAYING, Stage.ENDING, None]
@@ -90,13 +91,13 @@ def test_a_sign_test_is_prepared_with_its_bring_up_played_and_ended(warm_tested)
 def test_an_axis_that_moves_with_its_torque_and_was_watched_is_proven_and_says_so(warm_tested):
     session, records = warm_tested
     assert any("moves with its torque: pushed forth" in event for event in events(records))
-    assert not session.lockstep.record.drives[0].sign_proven
+    assert not session.record.drives[0].sign_proven
 
     asked(session, HIP, witnessed=True)
-    session.lockstep.run(0.1)
+    session.run(0.1)
 
-    assert session.lockstep.record.drives[0].sign_proven
-    proof = session.lockstep.notebook.notes.of(HIP).proof
+    assert session.record.drives[0].sign_proven
+    proof = session.notebook.notes.of(HIP).proof
     assert proof is not None
     assert proof.moved_forth_si > 0.03 > -0.03 > proof.moved_back_si
 
@@ -122,7 +123,7 @@ def test_the_torque_of_a_sign_test_is_bounded_in_the_drive_and_by_the_core(warm_
 
 
 def test_a_blocked_axis_proves_nothing(session):
-    session.machine.command("blocked_rotor right/hip")
+    session.command("blocked_rotor right/hip")
 
     records = sign_test(session, HIP)
 
@@ -132,7 +133,7 @@ def test_a_blocked_axis_proves_nothing(session):
 
 @pytest.mark.parametrize("fault", ["wrong_sign", "encoder_reversed"])
 def test_a_motor_or_an_encoder_the_wrong_way_round_is_found_after_a_little_motion(session, fault):
-    session.machine.command(f"{fault} right/hip")
+    session.command(f"{fault} right/hip")
     before = session.truth.rows[-1].hip_angle_rad
 
     records = sign_test(session, HIP)
@@ -140,40 +141,40 @@ def test_a_motor_or_an_encoder_the_wrong_way_round_is_found_after_a_little_motio
     assert any("against its torque" in event for event in events(records))
     assert max(abs(row.hip_angle_rad - before) for row in session.truth.rows) < 0.15
     assert asked(session, HIP, witnessed=True).outcome == Outcome.REFUSED
-    assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
+    assert session.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
 
 
 @pytest.mark.parametrize("fault", ["hand_switch_open right/hip", "sto_open right/hip"])
 def test_a_sign_test_stops_like_everything_else_and_proves_nothing(session, fault):
     asked(session, HIP)
-    session.lockstep.run_until(lambda record: record.mode == Mode.COMMISSION, within_s=10)
-    session.lockstep.run(0.6)
+    session.run_until(lambda record: record.mode == Mode.COMMISSION, within_s=10)
+    session.run(0.6)
 
-    session.machine.command(fault)
-    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+    session.command(fault)
+    session.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
 
-    assert session.lockstep.record.verdict.cause in {Cause.HAND_SWITCH_OPEN, Cause.STO_ACTIVE}
-    session.machine.command(f"clear {fault}")
-    assert session.lockstep.request(RequestKind.RESET).outcome == Outcome.DONE
+    assert session.record.verdict.cause in {Cause.HAND_SWITCH_OPEN, Cause.STO_ACTIVE}
+    session.command(f"clear {fault}")
+    assert session.request(RequestKind.RESET).outcome == Outcome.DONE
     assert asked(session, HIP, witnessed=True).outcome == Outcome.REFUSED
 
 
 def test_a_sign_test_can_be_stopped_and_disabled(session):
     for kind in (None, RequestKind.DISABLE):
         asked(session, HIP)
-        session.lockstep.run_until(lambda record: record.mode == Mode.COMMISSION, within_s=10)
-        session.lockstep.run(0.3)
+        session.run_until(lambda record: record.mode == Mode.COMMISSION, within_s=10)
+        session.run(0.3)
         if kind is None:
-            session.lockstep.gateway.stop()
-            session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
-            assert session.lockstep.request(RequestKind.RESET).outcome == Outcome.DONE
+            session.gateway.stop()
+            session.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+            assert session.request(RequestKind.RESET).outcome == Outcome.DONE
         else:
-            assert session.lockstep.request(kind).outcome == Outcome.DONE
-            assert session.lockstep.record.mode == Mode.READY
+            assert session.request(kind).outcome == Outcome.DONE
+            assert session.record.mode == Mode.READY
 
 
 def test_with_a_patient_no_axis_is_moved_alone(tmp_path):
-    session = Session(changed_configs(tmp_path, PROVEN)).until_ready()
+    session = new_session(changed_configs(tmp_path, PROVEN)).until_ready()
 
     answer = asked(session, HIP)
 
@@ -189,9 +190,9 @@ def test_an_axis_that_does_not_exist_is_named_with_those_that_do(session):
 
 
 def test_a_proof_outlives_a_restart(configs, proof):
-    again = Session(configs, proof).until_ready()
+    again = new_session(configs, proof).until_ready()
 
-    assert again.lockstep.request(RequestKind.ENABLE).outcome == Outcome.DONE
+    assert again.request(RequestKind.ENABLE).outcome == Outcome.DONE
 
 
 @pytest.mark.parametrize(
@@ -205,17 +206,17 @@ def test_a_proof_outlives_a_restart(configs, proof):
 )
 def test_a_proof_is_of_one_drive_and_one_transmission(proof, tmp_path, change):
     changed = changed_configs(tmp_path, *EMPTY, PROVEN, change)
-    again = Session(changed, proof).until_ready()
+    again = new_session(changed, proof).until_ready()
 
-    refused = again.lockstep.request(RequestKind.ENABLE)
+    refused = again.request(RequestKind.ENABLE)
     assert refused.outcome == Outcome.REFUSED
     assert "sign is not proven: right/hip:" in refused.reason
 
 
 def test_notes_that_cannot_be_read_prove_nothing(configs):
-    session = Session(configs, PersistentState(damaged=True)).until_ready()
+    session = new_session(configs, PersistentState(damaged=True)).until_ready()
 
-    refused = session.lockstep.request(RequestKind.ENABLE)
+    refused = session.request(RequestKind.ENABLE)
 
     assert refused.outcome == Outcome.REFUSED
 
@@ -232,67 +233,67 @@ def test_the_configuration_of_a_real_trainer_asks_for_proven_signs_and_a_stored_
 
 def begun_and_not_moving(session):
     """Asked for, and the drives are not up again yet."""
-    session.lockstep.gateway.ask(RequestKind.MODE, ModeRequest(Mode.COMMISSION, axis=HIP))
-    session.lockstep.run_until(lambda record: record.mode == Mode.OFF, within_s=5)
+    session.gateway.ask(RequestKind.MODE, ModeRequest(Mode.COMMISSION, axis=HIP))
+    session.run_until(lambda record: record.mode == Mode.OFF, within_s=5)
 
 
 def never_enabled(session, since):
     """Until the request is refused and the drives are up again, and for two seconds then."""
-    outcome = session.lockstep.gateway.outcome
-    session.lockstep.run_until(
+    outcome = session.gateway.outcome
+    session.run_until(
         lambda record: record.mode == Mode.READY and outcome().outcome == Outcome.REFUSED,
         within_s=12,
     )
-    session.lockstep.run(2)
-    states = {d.power_state for r in session.lockstep.records[since:] for d in r.drives}
+    session.run(2)
+    states = {d.power_state for r in session.records[since:] for d in r.drives}
     assert PowerState.OPERATION_ENABLED not in states
 
 
 def torque_limits_ma(session):
     return [
         struct.unpack_from("<I", frame.data, 4)[0]
-        for frame in session.lockstep.bus.sent
+        for frame in session.bus.sent
         if frame.can_id == 0x605 and frame.data[:4] == bytes.fromhex("23013002")
     ]
 
 
 def test_a_stop_between_the_request_and_the_motion_is_not_lost(session):
-    since = len(session.lockstep.records)
+    since = len(session.records)
     begun_and_not_moving(session)
 
-    session.lockstep.gateway.stop()
+    session.gateway.stop()
     never_enabled(session, since)
 
-    assert session.lockstep.record.mode == Mode.READY
+    assert session.record.mode == Mode.READY
     assert torque_limits_ma(session)[-1] == torque_limits_ma(session)[0]
 
 
 def test_a_stop_together_with_the_request_refuses_it(session):
-    since = len(session.lockstep.records)
-    session.lockstep.gateway.stop()
+    since = len(session.records)
+    session.gateway.stop()
 
-    session.lockstep.gateway.ask(RequestKind.MODE, ModeRequest(Mode.COMMISSION, axis=HIP))
+    session.gateway.ask(RequestKind.MODE, ModeRequest(Mode.COMMISSION, axis=HIP))
     never_enabled(session, since)
 
 
 def test_a_drive_that_is_lost_before_the_motion_ends_the_request_for_good(session):
-    since = len(session.lockstep.records)
+    since = len(session.records)
     begun_and_not_moving(session)
 
-    session.machine.command("unplugged right/slide 3.0")
+    session.command("unplugged right/slide 3.0")
     never_enabled(session, since)
 
-    assert session.lockstep.record.mode == Mode.READY
-    assert session.lockstep.request(RequestKind.RESET).outcome == Outcome.DONE
+    assert session.record.mode == Mode.READY
+    assert session.request(RequestKind.RESET).outcome == Outcome.DONE
 
 
 def test_a_sign_test_that_is_disabled_leaves_the_usual_limits(session):
     asked(session, HIP)
-    session.lockstep.run_until(lambda record: record.mode == Mode.COMMISSION, within_s=10)
-    session.lockstep.run(0.3)
+    session.run_until(lambda record: record.mode == Mode.COMMISSION, within_s=10)
+    session.run(0.3)
 
-    assert session.lockstep.request(RequestKind.DISABLE).outcome == Outcome.DONE
-    session.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
+    assert session.request(RequestKind.DISABLE).outcome == Outcome.DONE
+    session.run_until(lambda record: record.mode == Mode.READY, within_s=10)
 
     full_ma, gentle_ma, again_ma = torque_limits_ma(session)
     assert full_ma == again_ma > gentle_ma
@@ -300,19 +301,17 @@ def test_a_sign_test_that_is_disabled_leaves_the_usual_limits(session):
 
 def test_a_drive_that_is_swapped_after_its_test_is_not_proven_by_it(warm_tested):
     session, _ = warm_tested
-    session.machine.command("wrong_identity right/hip")
-    session.lockstep.run(6.0)
-    session.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
+    session.command("wrong_identity right/hip")
+    session.run(6.0)
+    session.run_until(lambda record: record.mode == Mode.READY, within_s=10)
 
     assert asked(session, HIP, witnessed=True).outcome == Outcome.REFUSED
 
 
 def test_a_leg_that_does_not_rest_in_time_is_not_moved_later(session):
-    since = len(session.lockstep.records)
+    since = len(session.records)
     begun_and_not_moving(session)
-    session.lockstep.core.axes[1].limits = session.lockstep.core.axes[1].limits._replace(
-        standstill_si_per_s=-1.0
-    )
+    session.core.axes[1].limits = session.core.axes[1].limits._replace(standstill_si_per_s=-1.0)
     never_enabled(session, since)
 
-    assert any("ask again" in event for event in events(session.lockstep.records[since:]))
+    assert any("ask again" in event for event in events(session.records[since:]))

@@ -1,7 +1,7 @@
 """What arrives while the core computes: races, played on purpose and again."""
 
 import msgspec
-from sessions import Session, elsewhere
+from sessions import elsewhere, new_session
 
 from daemon.ipc.record import CycleRecord, Mode
 from sim_drives.time.conductor import computing_cost
@@ -11,17 +11,17 @@ WALK_S = 2.0
 
 def costly(session, seed):
     """Every answer of its core takes 0.3 to 3 ms from now on."""
-    session.lockstep.bus.seat.cost = computing_cost(seed, "core") if seed else None
+    session.bus.seat.cost = computing_cost(seed, "core") if seed else None
     return session
 
 
 def records(session, begun=0):
-    return msgspec.msgpack.encode(session.lockstep.records[begun:])
+    return msgspec.msgpack.encode(session.records[begun:])
 
 
 def walked(session, seed):
-    begun = len(session.lockstep.records)
-    costly(session, seed).lockstep.run(WALK_S)
+    begun = len(session.records)
+    costly(session, seed).run(WALK_S)
     return records(session, begun)
 
 
@@ -35,7 +35,7 @@ def test_a_walk_is_the_same_whenever_in_its_cycle_the_core_answers(warm_gait):
 
 
 def test_a_race_is_played_again_by_its_seed_and_another_one_by_another():
-    first, again, other = (records(costly(Session(), seed).until_ready()) for seed in (1, 1, 2))
+    first, again, other = (records(costly(new_session(), seed).until_ready()) for seed in (1, 1, 2))
 
     assert first == again
     assert first != other

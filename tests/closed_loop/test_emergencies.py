@@ -16,19 +16,19 @@ def emcy(node_id, code, register=0x01):
 
 
 def put(session, *frames):
-    session.lockstep.bus.seat.waiting.extend(frames)
+    session.bus.seat.waiting.extend(frames)
 
 
 def events(session):
-    return [event for record in session.lockstep.records for event in record.events]
+    return [event for record in session.records for event in record.events]
 
 
 def test_a_warning_is_recorded_and_does_not_stop(session):
     put(session, emcy(5, OVERLOADED))
-    session.lockstep.run(0.5)
+    session.run(0.5)
 
-    record = session.lockstep.record
-    (kept,) = [one for r in session.lockstep.records for one in r.drives[0].emergencies]
+    record = session.record
+    (kept,) = [one for r in session.records for one in r.drives[0].emergencies]
     assert record.mode == Mode.GAIT
     assert record.drives[0].emergency_count == 1
     assert (kept.code, kept.alarm) == (OVERLOADED, False)
@@ -38,12 +38,12 @@ def test_a_warning_is_recorded_and_does_not_stop(session):
 @pytest.mark.parametrize("code", [0x8611, 0x2310, 0x8130, 0x1000, 0x6199, 0x4242])
 def test_every_other_code_stops_and_is_recorded_with_its_reaction(session, code):
     put(session, emcy(6, code))
-    session.lockstep.run_until(lambda record: not record.mode.active, within_s=0.1)
-    session.lockstep.run(0.02)
+    session.run_until(lambda record: not record.mode.active, within_s=0.1)
+    session.run(0.02)
 
-    (kept,) = [one for r in session.lockstep.records for one in r.drives[1].emergencies]
-    assert session.lockstep.record.verdict.cause == Cause.EMERGENCY
-    assert session.lockstep.record.verdict.drive == "right/slide"
+    (kept,) = [one for r in session.records for one in r.drives[1].emergencies]
+    assert session.record.verdict.cause == Cause.EMERGENCY
+    assert session.record.verdict.drive == "right/slide"
     assert (kept.code, kept.alarm, kept.error_register) == (code, True, 0x01)
     assert kept.vendor_bytes == "0102030405"
     assert kept.reaction
@@ -51,29 +51,27 @@ def test_every_other_code_stops_and_is_recorded_with_its_reaction(session, code)
 
 def test_an_encoder_that_cannot_be_believed_costs_the_reference_and_the_hold_of_its_axis(session):
     put(session, emcy(5, HALL_SENSOR))
-    session.lockstep.run(0.2)
+    session.run(0.2)
 
-    record = session.lockstep.record
+    record = session.record
     assert [drive.referenced for drive in record.drives] == [False, True]
     assert record.verdict.category == StopCategory.S0
     assert record.verdict.cause == Cause.UNREFERENCED
     assert record.verdict.drive == "right/hip"
     assert any("its encoder is in error" in event for event in events(session))
-    assert any(
-        one.code == HALL_SENSOR for r in session.lockstep.records for one in r.drives[0].emergencies
-    )
+    assert any(one.code == HALL_SENSOR for r in session.records for one in r.drives[0].emergencies)
 
 
 def test_an_encoder_that_came_up_in_error_is_looked_at_again_by_the_next_reset(session):
-    request = session.lockstep.request
-    session.machine.command(f"emcy right/slide 0.3 {HALL_SENSOR:#06x}")
-    session.lockstep.run(4)
+    request = session.request
+    session.command(f"emcy right/slide 0.3 {HALL_SENSOR:#06x}")
+    session.run(4)
 
     request(RequestKind.RESET)
-    session.lockstep.run(3)
+    session.run(3)
     refused = request(RequestKind.ENABLE)
     request(RequestKind.RESET)
-    session.lockstep.run(3)
+    session.run(3)
     enabled = request(RequestKind.ENABLE)
 
     assert refused.outcome == Outcome.REFUSED
@@ -83,28 +81,28 @@ def test_an_encoder_that_came_up_in_error_is_looked_at_again_by_the_next_reset(s
 
 def test_an_encoder_that_cannot_be_believed_at_rest_is_not_referenced_either(warm_ready):
     put(warm_ready, emcy(5, HALL_SENSOR), emcy(5, 0x0000, 0))
-    warm_ready.lockstep.run(0.2)
+    warm_ready.run(0.2)
 
-    assert [drive.referenced for drive in warm_ready.lockstep.record.drives] == [False, True]
+    assert [drive.referenced for drive in warm_ready.record.drives] == [False, True]
 
 
 @pytest.mark.parametrize("codes", [(0x1000,), (0x1000, 0x2310, 0x8611), (0x1000, 0x0000)])
 def test_a_flood_of_emergencies_is_counted_exactly_and_answered_a_bounded_number_of_times(
     session, codes
 ):
-    bus = session.lockstep.bus
+    bus = session.bus
     before = len(bus.sent)
 
     for n in range(100):
         put(session, *(emcy(5, codes[(5 * n + k) % len(codes)]) for k in range(5)))
-        session.lockstep.loop.turn()
+        session.loop.turn()
 
     sent = bus.sent[before:]
     syncs = sum(frame.can_id == SYNC for frame in sent)
-    record = session.lockstep.record
+    record = session.record
     expected = sum(codes[k % len(codes)] != 0 for k in range(500))
     assert record.drives[0].emergency_count == expected
-    assert all(len(r.drives[0].emergencies) <= 2 for r in session.lockstep.records)
+    assert all(len(r.drives[0].emergencies) <= 2 for r in session.records)
     assert syncs == 100
     # SYNC, heartbeat and four commands in a cycle; each step of a stop is answered at once, too.
     assert len(sent) <= 100 * 6 + 4 * 4
@@ -115,25 +113,25 @@ def test_a_flood_of_emergencies_is_counted_exactly_and_answered_a_bounded_number
 def test_after_the_flood_the_code_0000_clears_what_is_open(session):
     for _ in range(50):
         put(session, *[emcy(5, 0x8611)] * 10)
-        session.lockstep.run(0.01)
-    flooded = session.lockstep.record
+        session.run(0.01)
+    flooded = session.record
 
     put(session, emcy(5, 0x0000, 0))
-    session.lockstep.run(0.02)
+    session.run(0.02)
 
     assert flooded.drives[0].emergency_code == 0x8611
-    assert session.lockstep.record.drives[0].emergency_code == 0
-    assert session.lockstep.record.drives[0].emergency_count == 500
+    assert session.record.drives[0].emergency_code == 0
+    assert session.record.drives[0].emergency_count == 500
 
 
 def test_an_emergency_is_told_once_also_when_its_drive_is_brought_up_anew(warm_hold):
     session = warm_hold
     put(session, emcy(5, 0x8611))
-    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+    session.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
     put(session, emcy(5, 0x8611))
 
-    session.lockstep.request(RequestKind.RESET)
-    session.lockstep.run(1)
+    session.request(RequestKind.RESET)
+    session.run(1)
 
-    told = [one.code for record in session.lockstep.records for one in record.drives[0].emergencies]
+    told = [one.code for record in session.records for one in record.drives[0].emergencies]
     assert told.count(0x8611) == 2

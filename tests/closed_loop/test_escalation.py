@@ -46,20 +46,20 @@ def test_what_a_drive_ignores_takes_it_one_step_further_and_no_further(
 ):
     change_what_drives_hear(session, ignoring(set(ignored), nmt=nmt))
 
-    session.machine.command("hand_switch_open *")
-    session.lockstep.run(3.0)
+    session.command("hand_switch_open *")
+    session.run(3.0)
 
-    stops = [axis.stop for axis in session.lockstep.core.axes]
+    stops = [axis.stop for axis in session.core.axes]
     assert stops[0] is not None
     assert stops[0].step == reached
-    record = session.lockstep.record
+    record = session.record
     assert record.mode == Mode.FAULT
     disobeyed = Cause.STOP_NOT_OBEYED if ignored else Cause.HAND_SWITCH_OPEN
     assert record.verdict.cause == disobeyed
-    last = session.lockstep.bus.sent[-1].time_ns
-    silent = session.lockstep.bus.now_ns - last > 1_000_000_000
+    last = session.bus.sent[-1].time_ns
+    silent = session.bus.now_ns - last > 1_000_000_000
     assert silent == (reached == Step.SILENCE)
     # However deaf it was: in the end its own detection, or one of the steps, has stopped it.
     # Asked of the plant itself: the log of the truth has no row without a SYNC.
     assert max(map(abs, session.machine.trainers["right"].truth().velocity)) < 0.05
-    assert any(frame.can_id == SYNC for frame in session.lockstep.bus.sent)
+    assert any(frame.can_id == SYNC for frame in session.bus.sent)

@@ -21,8 +21,8 @@ NOT_PUSHING = {
 
 def stopped_by(session, line):
     """Give this line to the machine; the record in which the stop begins."""
-    session.machine.command(line)
-    return session.lockstep.run_until(lambda record: not record.mode.active, within_s=2)
+    session.command(line)
+    return session.run_until(lambda record: not record.mode.active, within_s=2)
 
 
 def test_the_faults_tested_here_are_all_there_are():
@@ -40,7 +40,7 @@ def test_a_fault_while_walking_stops_both_axes_and_says_why(warm_gait, fault, ca
 
     reaches_rest_in_fault(warm_gait)
 
-    record = warm_gait.lockstep.record
+    record = warm_gait.record
     assert record.verdict.cause in causes
     assert record.verdict.drive in {drive, "right"}
 
@@ -52,17 +52,17 @@ def test_a_drive_that_turns_out_to_be_wired_the_wrong_way_round_is_stopped_at_on
     warm_gait, fault, drive, later_s
 ):
     """It is named and loses its power."""
-    warm_gait.lockstep.run(later_s)
-    begun_ns = warm_gait.lockstep.record.sync_mono_ns
+    warm_gait.run(later_s)
+    begun_ns = warm_gait.record.sync_mono_ns
 
     stopped = stopped_by(warm_gait, fault.format(drive))
-    warm_gait.lockstep.run(0.1)
+    warm_gait.run(0.1)
 
     assert stopped.sync_mono_ns - begun_ns < 500_000_000
     verdict = stopped.verdict
     assert (verdict.cause, verdict.drive) == (Cause.SIGN_WRONG, drive)
     assert verdict.category == StopCategory.S0
-    states = {one.name: one.power_state for one in warm_gait.lockstep.record.drives}
+    states = {one.name: one.power_state for one in warm_gait.record.drives}
     assert states.pop(drive) == PowerState.SWITCH_ON_DISABLED
     assert set(states.values()) == {PowerState.QUICK_STOP_ACTIVE}
     reaches_rest_in_fault(warm_gait)
@@ -71,7 +71,7 @@ def test_a_drive_that_turns_out_to_be_wired_the_wrong_way_round_is_stopped_at_on
 @pytest.mark.parametrize("drive", DRIVES)
 @pytest.mark.parametrize("fault", ["ignores_quick_stop {}", "slow_state {} - 30"])
 def test_a_drive_that_stops_badly_stops_all_the_same(warm_gait, fault, drive):
-    warm_gait.machine.command(fault.format(drive))
+    warm_gait.command(fault.format(drive))
 
     stopped_by(warm_gait, f"hand_switch_open {drive}")
 
@@ -89,9 +89,9 @@ def test_a_fault_while_holding_stops_both_axes(warm_hold, fault, drive):
 
 
 def test_an_emergency_is_answered_within_twenty_milliseconds_and_a_window(warm_gait):
-    begun_ns = warm_gait.lockstep.bus.now_ns
-    warm_gait.machine.command("emcy right/slide - 0x2310")
-    reached = warm_gait.lockstep.run_until(
+    begun_ns = warm_gait.bus.now_ns
+    warm_gait.command("emcy right/slide - 0x2310")
+    reached = warm_gait.run_until(
         lambda record: record.drives[0].power_state == PowerState.QUICK_STOP_ACTIVE, within_s=1
     )
 
@@ -101,10 +101,10 @@ def test_an_emergency_is_answered_within_twenty_milliseconds_and_a_window(warm_g
 def test_nothing_is_enabled_again_when_the_cause_is_gone(warm_gait):
     stopped_by(warm_gait, "hand_switch_open right/hip 0.5")
 
-    warm_gait.lockstep.run(3)
+    warm_gait.run(3)
 
-    assert warm_gait.lockstep.record.mode == Mode.FAULT
-    states = {drive.power_state for drive in warm_gait.lockstep.record.drives}
+    assert warm_gait.record.mode == Mode.FAULT
+    states = {drive.power_state for drive in warm_gait.record.drives}
     assert states <= set(map(int, NOT_PUSHING))
 
 
@@ -121,78 +121,78 @@ def test_nothing_is_enabled_again_when_the_cause_is_gone(warm_gait):
 def test_reset_brings_the_drives_up_again_and_enables_nothing(warm_gait, fault):
     stopped_by(warm_gait, fault.format("right/hip"))
     reaches_rest_in_fault(warm_gait)
-    warm_gait.lockstep.run(1)
+    warm_gait.run(1)
 
-    answer = warm_gait.lockstep.request(RequestKind.RESET)
-    warm_gait.lockstep.run(1)
+    answer = warm_gait.request(RequestKind.RESET)
+    warm_gait.run(1)
 
     assert answer.outcome == Outcome.DONE, answer.reason
-    record = warm_gait.lockstep.record
+    record = warm_gait.record
     assert record.mode == Mode.READY
     assert {drive.power_state for drive in record.drives} == {PowerState.SWITCH_ON_DISABLED}
-    assert warm_gait.lockstep.request(RequestKind.ENABLE).outcome == Outcome.DONE
+    assert warm_gait.request(RequestKind.ENABLE).outcome == Outcome.DONE
 
 
 def test_a_reset_while_the_hand_switch_is_open_is_refused_with_the_reason(warm_gait):
     stopped_by(warm_gait, "hand_switch_open right/hip")
     reaches_rest_in_fault(warm_gait)
 
-    answer = warm_gait.lockstep.request(RequestKind.RESET)
+    answer = warm_gait.request(RequestKind.RESET)
 
     assert answer.outcome == Outcome.REFUSED
     assert answer.reason == "the hand switch is open"
 
 
 def test_a_silent_gateway_stops_and_the_drives_go_on_holding(warm_gait):
-    begun_ns = warm_gait.lockstep.bus.now_ns
-    warm_gait.lockstep.gateway.silent = True
+    begun_ns = warm_gait.bus.now_ns
+    warm_gait.gateway.silent = True
 
-    stopped = warm_gait.lockstep.run_until(lambda record: not record.mode.active, within_s=2)
+    stopped = warm_gait.run_until(lambda record: not record.mode.active, within_s=2)
 
     assert stopped.verdict.cause == Cause.GATEWAY_SILENT
     assert stopped.sync_mono_ns - begun_ns < 340_000_000
     reaches_rest_in_fault(warm_gait)
-    states = {drive.power_state for drive in warm_gait.lockstep.record.drives}
+    states = {drive.power_state for drive in warm_gait.record.drives}
     assert states == {PowerState.OPERATION_ENABLED}
 
 
 def test_a_stop_stops_whatever_else_is_asked(warm_gait):
-    warm_gait.lockstep.gateway.stop()
+    warm_gait.gateway.stop()
 
-    stopped = warm_gait.lockstep.run_until(lambda record: not record.mode.active, within_s=0.1)
+    stopped = warm_gait.run_until(lambda record: not record.mode.active, within_s=0.1)
 
     assert stopped.verdict.cause == Cause.STOP_REQUESTED
 
 
 def test_a_drive_that_dies_at_rest_is_looked_for_again_and_found(warm_ready):
-    warm_ready.machine.command("silent right/hip 2")
+    warm_ready.command("silent right/hip 2")
 
-    lost = warm_ready.lockstep.run_until(lambda record: record.mode == Mode.OFF, within_s=1)
-    found = warm_ready.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=20)
+    lost = warm_ready.run_until(lambda record: record.mode == Mode.OFF, within_s=1)
+    found = warm_ready.run_until(lambda record: record.mode == Mode.READY, within_s=20)
 
     assert lost.verdict.cause in LOST
     assert found.verdict.cause == Cause.NONE
 
 
 def test_a_shutdown_stops_first_and_leaves_the_drives_without_power(warm_gait):
-    warm_gait.lockstep.shut_down()
+    warm_gait.shut_down()
 
-    record = warm_gait.lockstep.record
+    record = warm_gait.record
     assert record.verdict.cause == Cause.SHUTDOWN
     assert {drive.power_state for drive in record.drives} == {PowerState.SWITCH_ON_DISABLED}
 
 
 def test_one_reset_is_one_edge_also_of_a_drive_whose_cause_lasts(warm_hold):
     stopped_by(warm_hold, "emcy right/hip - 0x2310")
-    warm_hold.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
-    begun = len(warm_hold.lockstep.bus.sent)
+    warm_hold.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+    begun = len(warm_hold.bus.sent)
 
-    warm_hold.lockstep.request(RequestKind.RESET)
-    warm_hold.lockstep.run(2.0)
+    warm_hold.request(RequestKind.RESET)
+    warm_hold.run(2.0)
 
     words = [
         int.from_bytes(frame.data[:2], "little")
-        for frame in warm_hold.lockstep.bus.sent[begun:]
+        for frame in warm_hold.bus.sent[begun:]
         if frame.can_id == 0x205
     ]
     rises = sum(new & ~old & 0x80 != 0 for old, new in pairwise(words))
@@ -216,9 +216,9 @@ class OtherMaster:
 def test_a_drive_that_somebody_else_enables_is_told_and_latched(warm_ready):
     OtherMaster(warm_ready.machine.world)
 
-    warm_ready.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)
+    warm_ready.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)
 
-    record = warm_ready.lockstep.record
+    record = warm_ready.record
     assert record.verdict.cause == Cause.UNEXPECTED_ENABLE
     assert record.verdict.drive == "right/hip"
-    assert warm_ready.lockstep.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
+    assert warm_ready.request(RequestKind.ENABLE).outcome == Outcome.REFUSED

@@ -3,17 +3,17 @@
 import math
 
 import pytest
-from sessions import Session, empty_machine
+from sessions import empty_machine, new_session
 
 
 def excited(configs, duration_s=18.0):
-    session = Session(configs).exciting("open_loop", duration_s)
-    session.lockstep.run(duration_s)
+    session = new_session(configs).excite("open_loop", duration_s)
+    session.run(duration_s)
     return session
 
 
 def said(session):
-    return [event for record in session.lockstep.records for event in record.events]
+    return [event for record in session.records for event in record.events]
 
 
 def test_friction_a_tenth_higher_than_calibrated_is_told_once_with_its_size(tmp_path):
@@ -25,7 +25,7 @@ def test_friction_a_tenth_higher_than_calibrated_is_told_once_with_its_size(tmp_
     (configs / "robot_worn.toml").write_text(worn.replace("coulomb_nm = 6.0", "coulomb_nm = 6.6"))
     session = excited(configs)
 
-    leg = session.lockstep.record.legs[0]
+    leg = session.record.legs[0]
     assert leg.friction_error[0] == pytest.approx(0.6, rel=0.3)
     assert leg.drift_correlation[0] < -0.8
     advice = [event for event in said(session) if "calibrate" in event]
@@ -36,7 +36,7 @@ def test_friction_a_tenth_higher_than_calibrated_is_told_once_with_its_size(tmp_
 def test_friction_as_calibrated_is_not_worth_a_word(tmp_path):
     session = excited(empty_machine(tmp_path))
 
-    leg = session.lockstep.record.legs[0]
+    leg = session.record.legs[0]
     assert abs(leg.friction_error[0]) < 0.1
     assert abs(leg.friction_error[1]) < 1.0
     assert not [event for event in said(session) if "calibrate" in event]
@@ -44,10 +44,10 @@ def test_friction_as_calibrated_is_not_worth_a_word(tmp_path):
 
 def test_with_a_patient_in_the_machine_the_number_is_there_and_no_advice(session):
     """A patient who pushes with the motion looks the same."""
-    session.machine.command("patient active")
-    session.lockstep.run(12.0)
+    session.command("patient active")
+    session.run(12.0)
 
-    leg = session.lockstep.record.legs[0]
+    leg = session.record.legs[0]
     assert all(map(math.isfinite, leg.drift_correlation))
     assert leg.friction_error[0] < -1.0
     assert not [event for event in said(session) if "calibrate" in event]

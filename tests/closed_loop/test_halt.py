@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from sessions import POSITION_GUIDANCE, Session, generic_drives
+from sessions import POSITION_GUIDANCE, generic_drives, new_session
 from wire import rpdo1
 
 from drives.canopen.bus import Frame
@@ -22,8 +22,8 @@ class ByHand:
     """The drives of an enabled session without the core: frames of `drives/` alone."""
 
     def __init__(self, session):
-        self.bus = session.lockstep.bus
-        self.group = session.lockstep.core.drives
+        self.bus = session.bus
+        self.group = session.core.drives
         self.commands = [
             DriveCommand(
                 PowerRequest.ENABLE,
@@ -31,10 +31,10 @@ class ByHand:
                 axis.feedback.position_counts,
                 round(axis.effort_sent_si * axis.scaling.permille_per_effort_si),
             )
-            for axis in session.lockstep.core.axes
+            for axis in session.core.axes
         ]
         self.feedbacks = ()
-        self.cycle = session.lockstep.record.cycle
+        self.cycle = session.record.cycle
 
     def run(self, cycles, hip=PowerRequest.ENABLE, moved_counts=0, permille=0):
         """Some cycles: the hip drive is asked for this, its target goes on by so much in each."""
@@ -59,7 +59,7 @@ class ByHand:
 
 @pytest.fixture(scope="module")
 def warm_generic_hold(tmp_path_factory):
-    return Session(generic_drives(tmp_path_factory.mktemp("generic"))).enabled()
+    return new_session(generic_drives(tmp_path_factory.mktemp("generic"))).enable()
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def warm_generic_position_hold(tmp_path_factory):
     file, before, after = POSITION_GUIDANCE
     text = (configs / file).read_text()
     (configs / file).write_text(text.replace(before, after))
-    return Session(configs).enabled()
+    return new_session(configs).enable()
 
 
 @pytest.fixture
@@ -79,7 +79,7 @@ def warm_enabled(request, kind, mode):
 
 def set_halt_option(session, option):
     """605Dh of the hip drive by an expedited SDO download."""
-    session.lockstep.bus.send([Frame(0x605, bytes((0x2B, 0x5D, 0x60, 0, option, 0, 0, 0)))])
+    session.bus.send([Frame(0x605, bytes((0x2B, 0x5D, 0x60, 0, option, 0, 0, 0)))])
 
 
 @pytest.mark.parametrize("mode", [CSP, CST], ids=lambda mode: mode.name)

@@ -3,9 +3,9 @@
 import pytest
 from sessions import (
     POSITION_GUIDANCE,
-    Session,
     changed_configs,
     generic_drives,
+    new_session,
     reaches_rest_in_fault,
 )
 from wire import change_what_drives_say
@@ -30,7 +30,7 @@ def wired_the_other_way(folder, name, bit):
             f"{name} = {{ bit = {bit}, level = 0 }}",
         ),
     )
-    session = Session(configs)
+    session = new_session(configs)
 
     def invert(frame):
         if frame.can_id not in {0x285, 0x286}:
@@ -48,22 +48,22 @@ def warm_walking(request):
 
 
 def test_an_open_hand_switch_is_a_quick_stop_of_both_drives(warm_walking):
-    warm_walking.machine.command("hand_switch_open right/slide")
+    warm_walking.command("hand_switch_open right/slide")
 
     reaches_rest_in_fault(warm_walking)
 
-    record = warm_walking.lockstep.record
+    record = warm_walking.record
     assert record.verdict.cause == Cause.HAND_SWITCH_OPEN
     assert {drive.power_state for drive in record.drives} == {PowerState.QUICK_STOP_ACTIVE}
     assert [drive.hand_switch_closed for drive in record.drives] == [True, False]
 
 
 def test_sto_takes_the_power_from_both_drives(warm_walking):
-    warm_walking.machine.command("sto_open right/hip")
+    warm_walking.command("sto_open right/hip")
 
-    warm_walking.lockstep.run(1.5)
+    warm_walking.run(1.5)
 
-    record = warm_walking.lockstep.record
+    record = warm_walking.record
     powered = {PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE}
     assert (record.mode, record.verdict.cause) == (Mode.FAULT, Cause.STO_ACTIVE)
     assert not powered & {drive.power_state for drive in record.drives}
@@ -78,14 +78,14 @@ def test_sto_takes_the_power_from_both_drives(warm_walking):
     ],
 )
 def test_an_input_of_the_other_level_means_the_same(tmp_path, name, bit, fault, cause):
-    session = wired_the_other_way(tmp_path, name, bit).enabled()
-    session.machine.command(f"{fault} right/hip")
+    session = wired_the_other_way(tmp_path, name, bit).enable()
+    session.command(f"{fault} right/hip")
 
-    stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
-    session.lockstep.run(0.05)
+    stopped = session.run_until(lambda record: not record.mode.active, within_s=1)
+    session.run(0.05)
 
     assert stopped.mode == Mode.STOPPING
-    assert session.lockstep.record.verdict.cause == cause
+    assert session.record.verdict.cause == cause
 
 
 SHORT_OF_THE_GAIT = [
@@ -99,10 +99,10 @@ SHORT_OF_THE_GAIT = [
 
 
 def on_its_switch(configs):
-    session = Session(configs).enabled()
+    session = new_session(configs).enable()
     gait = ModeRequest(Mode.GAIT, cadence_hz=0.5, amplitude_ratio=1.0, duration_s=60.0)
-    session.lockstep.request(RequestKind.MODE, gait)
-    session.lockstep.run_until(lambda record: not record.mode.active, within_s=30)
+    session.request(RequestKind.MODE, gait)
+    session.run_until(lambda record: not record.mode.active, within_s=30)
     return session
 
 
@@ -120,16 +120,16 @@ def test_a_joint_that_runs_on_to_its_limit_switch_stops(
 
     session = on_its_switch(configs)
 
-    verdict = session.lockstep.record.verdict
+    verdict = session.record.verdict
     assert (verdict.cause, verdict.drive) == (Cause.LIMIT_SWITCH, f"right/{axis}")
     assert f"{switch} limit switch" in verdict.detail
-    session.lockstep.run(2)
-    assert session.lockstep.record.mode == Mode.FAULT
+    session.run(2)
+    assert session.record.mode == Mode.FAULT
 
 
 def test_a_joint_that_stands_on_its_limit_switch_may_be_enabled_and_moves_away(tmp_path):
     """It stands above mid pose with its upper switch pressed: downwards is free, upwards is not."""
-    session = Session(
+    session = new_session(
         changed_configs(tmp_path, ("plant.toml", "hip_deg = 13.98", "hip_deg = 20.0"))
     )
 
@@ -140,14 +140,14 @@ def test_a_joint_that_stands_on_its_limit_switch_may_be_enabled_and_moves_away(t
         return frame._replace(data=frame.data[:4] + inputs.to_bytes(4, "little"))
 
     change_what_drives_say(session, press)
-    session.enabled()
-    begun_rad = session.lockstep.record.legs[0].measured[0]
+    session.enable()
+    begun_rad = session.record.legs[0].measured[0]
     gait = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=20.0)
-    session.lockstep.request(RequestKind.MODE, gait)
-    session.lockstep.run_until(lambda record: record.stage is Stage.PLAYING, within_s=20)
-    away_rad = session.lockstep.record.legs[0].measured[0]
+    session.request(RequestKind.MODE, gait)
+    session.run_until(lambda record: record.stage is Stage.PLAYING, within_s=20)
+    away_rad = session.record.legs[0].measured[0]
 
-    stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=10)
+    stopped = session.run_until(lambda record: not record.mode.active, within_s=10)
 
     assert away_rad < begun_rad - 0.05
     assert stopped.verdict.cause == Cause.LIMIT_SWITCH

@@ -1,34 +1,28 @@
 """A latched stop stays latched when the core dies, and no run that nobody ended is clean."""
 
 import pytest
-from sessions import Session, changed_configs
+from sessions import changed_configs, new_session, restarted
 
 from daemon.core.modes import daily_test
 from daemon.core.modes.persistent_state import UNREADABLE, PersistentState
 from daemon.core.runtime.state_file import StateFile
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
 from daemon.ipc.state_file import NAME
-from gaitd_lab.lockstep import Lockstep
+from gaitd_lab.lockstep import LockstepSession
 
 
-def notes_of(session: Session) -> PersistentState:
-    return session.lockstep.notebook.notes
+def notes_of(session: LockstepSession) -> PersistentState:
+    return session.notebook.notes
 
 
-def restarted(session: Session) -> Lockstep:
-    """A new core on the same machine: the one before is gone without a word."""
-    world = session.machine.world
-    return Lockstep(session.settings, world, notes=notes_of(session))
+def up(session: LockstepSession) -> LockstepSession:
+    session.run_until(lambda record: record.mode in {Mode.FAULT, Mode.READY}, within_s=15)
+    session.run(0.2)
+    return session
 
 
-def up(lockstep: Lockstep) -> Lockstep:
-    lockstep.run_until(lambda record: record.mode in {Mode.FAULT, Mode.READY}, within_s=15)
-    lockstep.run(0.2)
-    return lockstep
-
-
-def told(lockstep: Lockstep, words: str) -> bool:
-    return any(words in event for record in lockstep.records for event in record.events)
+def told(session: LockstepSession, words: str) -> bool:
+    return any(words in event for record in session.records for event in record.events)
 
 
 CAUSES = {
@@ -41,13 +35,13 @@ CAUSES = {
 }
 
 
-def stopped(session: Session, line: str) -> Session:
+def stopped(session: LockstepSession, line: str) -> LockstepSession:
     """In the cycle in which this stops it."""
     if line == "stop":
-        session.lockstep.gateway.stop()
+        session.gateway.stop()
     else:
-        session.machine.command(line)
-    session.lockstep.run_until(lambda record: record.verdict.cause != Cause.NONE, within_s=3)
+        session.command(line)
+    session.run_until(lambda record: record.verdict.cause != Cause.NONE, within_s=3)
     return session
 
 
@@ -55,10 +49,10 @@ def stopped(session: Session, line: str) -> Session:
 def test_a_core_that_is_killed_as_it_stops_has_left_the_verdict(session, line):
     """In the very cycle in which the stop begins: nothing later has to happen for it."""
     stopped(session, line)
-    verdict = session.lockstep.record.verdict
+    verdict = session.record.verdict
 
     # The machine has been without power meanwhile: nothing but the notes remembers.
-    again = up(Session(notes=notes_of(session)).lockstep)
+    again = up(new_session(notes=notes_of(session)))
 
     assert verdict.cause in {CAUSES[line], Cause.DRIVE_FAULT}
     assert again.record.mode == Mode.FAULT
@@ -72,7 +66,7 @@ def test_a_core_that_is_killed_as_it_stops_has_left_the_verdict(session, line):
 @pytest.mark.parametrize("line", ["stop", "hand_switch_open * 0.3"])
 def test_beside_drives_that_still_hold_the_leg_the_latched_stop_is_what_is_shown(session, line):
     stopped(session, line)
-    session.lockstep.run(0.4)
+    session.run(0.4)
 
     again = up(restarted(session))
 
@@ -82,8 +76,8 @@ def test_beside_drives_that_still_hold_the_leg_the_latched_stop_is_what_is_shown
 
 
 def test_a_latched_stop_enables_nothing_and_a_reset_takes_it_away_from_the_file_too(session):
-    session = Session(notes=notes_of(stopped(session, "stop")))
-    again = up(session.lockstep)
+    session = new_session(notes=notes_of(stopped(session, "stop")))
+    again = up(session)
 
     assert again.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
     assert again.request(RequestKind.RESET).outcome == Outcome.DONE
@@ -92,42 +86,42 @@ def test_a_latched_stop_enables_nothing_and_a_reset_takes_it_away_from_the_file_
     again.request(RequestKind.DISABLE)
     again.run(0.1)
 
-    third = up(Session(notes=notes_of(session)).lockstep)
+    third = up(new_session(notes=notes_of(session)))
     assert third.record.mode == Mode.READY
 
 
 def test_a_second_restart_without_a_reset_is_latched_as_before(session):
-    first = Session(notes=notes_of(stopped(session, "hand_switch_open * 0.3")))
-    up(first.lockstep)
+    first = new_session(notes=notes_of(stopped(session, "hand_switch_open * 0.3")))
+    up(first)
 
-    second = up(Session(notes=notes_of(first)).lockstep)
+    second = up(new_session(notes=notes_of(first)))
 
     assert second.record.mode == Mode.FAULT
     assert second.record.verdict.cause == Cause.HAND_SWITCH_OPEN
 
 
 def test_drives_that_are_not_there_at_the_restart_do_not_make_it_forget(session):
-    session = Session(notes=notes_of(stopped(session, "stop")))
-    session.machine.command("unplugged right/hip 3")
-    session.lockstep.run(2.5)
-    assert session.lockstep.record.mode in {Mode.OFF, Mode.BRINGING_UP}
+    session = new_session(notes=notes_of(stopped(session, "stop")))
+    session.command("unplugged right/hip 3")
+    session.run(2.5)
+    assert session.record.mode in {Mode.OFF, Mode.BRINGING_UP}
 
-    assert up(session.lockstep).record.verdict.cause == Cause.STOP_REQUESTED
+    assert up(session).record.verdict.cause == Cause.STOP_REQUESTED
 
 
 def test_an_orderly_shutdown_in_motion_latches_nothing(session):
-    session.lockstep.shut_down()
+    session.shut_down()
 
     assert notes_of(session).latched is None
-    assert up(Session(notes=notes_of(session)).lockstep).record.mode == Mode.READY
+    assert up(new_session(notes=notes_of(session))).record.mode == Mode.READY
 
 
 def test_an_orderly_shutdown_of_a_stopped_machine_keeps_its_stop(session):
     stopped(session, "hand_switch_open * 0.3")
-    session.lockstep.run(1.0)
-    session.lockstep.shut_down()
+    session.run(1.0)
+    session.shut_down()
 
-    again = up(Session(notes=notes_of(session)).lockstep)
+    again = up(new_session(notes=notes_of(session)))
 
     assert again.record.verdict.cause == Cause.HAND_SWITCH_OPEN
 
@@ -138,13 +132,13 @@ def test_a_run_that_ends_while_drives_are_enabled_is_one_that_nobody_knows(
 ):
     session = warm_ready if moment == "enabling" else warm_gait
     if moment == "enabling":
-        session.lockstep.gateway.ask(RequestKind.ENABLE)
-        session.lockstep.run(0.1)
+        session.gateway.ask(RequestKind.ENABLE)
+        session.run(0.1)
     elif moment == "braking to switch off":
-        session.lockstep.gateway.ask(RequestKind.DISABLE)
-        session.lockstep.run_until(lambda record: record.mode == Mode.STOPPING, within_s=2)
+        session.gateway.ask(RequestKind.DISABLE)
+        session.run_until(lambda record: record.mode == Mode.STOPPING, within_s=2)
 
-    again = up(Session(notes=notes_of(session)).lockstep)
+    again = up(new_session(notes=notes_of(session)))
 
     assert again.record.mode == Mode.FAULT
     assert again.record.verdict.cause == Cause.LAST_END_UNKNOWN
@@ -156,12 +150,12 @@ def test_after_a_power_cut_the_older_page_is_not_clean_either(session, tmp_path)
     """The disk has what was written before the stop; the stop never got there."""
     StateFile(tmp_path).write(notes_of(session))
     page = (tmp_path / NAME).read_bytes()
-    session.lockstep.gateway.stop()
-    session.lockstep.run(1.0)
+    session.gateway.stop()
+    session.run(1.0)
     StateFile(tmp_path).write(notes_of(session))
     (tmp_path / NAME).write_bytes(page)
 
-    again = up(Session(notes=StateFile(tmp_path).notes).lockstep)
+    again = up(new_session(notes=StateFile(tmp_path).notes))
 
     assert again.record.mode == Mode.FAULT
     assert again.record.verdict.cause == Cause.LAST_END_UNKNOWN
@@ -176,12 +170,12 @@ def test_a_page_that_the_power_cut_tore_is_latched_until_a_reset(session, tmp_pa
     notes = StateFile(tmp_path).notes
     assert notes == UNREADABLE
 
-    again = Session(changed_configs(tmp_path), notes)
-    up(again.lockstep)
+    again = new_session(changed_configs(tmp_path), notes)
+    up(again)
 
-    assert again.lockstep.record.mode == Mode.FAULT
-    assert again.lockstep.record.verdict.cause == Cause.LAST_END_UNKNOWN
-    assert again.lockstep.request(RequestKind.RESET).outcome == Outcome.DONE
+    assert again.record.mode == Mode.FAULT
+    assert again.record.verdict.cause == Cause.LAST_END_UNKNOWN
+    assert again.request(RequestKind.RESET).outcome == Outcome.DONE
     assert notes_of(again).latched is None
     assert notes_of(again).damaged
 
@@ -192,7 +186,7 @@ def test_a_cause_of_another_version_is_latched_all_the_same(session):
     assert latched is not None
     text = latched.__class__(latched.category, "METEORITE", utc_ns=latched.utc_ns)
 
-    again = up(Session(notes=PersistentState(latched=text)).lockstep)
+    again = up(new_session(notes=PersistentState(latched=text)))
 
     assert again.record.mode == Mode.FAULT
     assert again.record.verdict.cause == Cause.LAST_END_UNKNOWN
@@ -200,11 +194,11 @@ def test_a_cause_of_another_version_is_latched_all_the_same(session):
 
 
 def test_an_end_of_the_service_while_it_stops_makes_nobody_forget_why(session):
-    session.lockstep.gateway.stop()
-    session.lockstep.run(0.05)
-    assert session.lockstep.record.mode == Mode.STOPPING
+    session.gateway.stop()
+    session.run(0.05)
+    assert session.record.mode == Mode.STOPPING
 
-    session.lockstep.shut_down()
+    session.shut_down()
     again = up(restarted(session))
 
     assert again.record.mode == Mode.FAULT
@@ -216,17 +210,17 @@ def test_nothing_is_written_while_the_drives_are_enabled_but_the_stop_that_ends_
 ):
     monkeypatch.setattr(daily_test, "NOTE_NS", 1_000_000_000)
     modes_written = []
-    write = session.lockstep.notebook.write
+    write = session.notebook.write
 
     def note(notes):
-        modes_written.append(session.lockstep.core.mode)
+        modes_written.append(session.core.mode)
         write(notes)
 
-    session.lockstep.notebook.write = note
-    session.lockstep.run(3)
+    session.notebook.write = note
+    session.run(3)
     assert modes_written == []
 
-    session.lockstep.gateway.stop()
-    session.lockstep.run(2)
+    session.gateway.stop()
+    session.run(2)
     assert modes_written
     assert not any(mode.active for mode in modes_written)

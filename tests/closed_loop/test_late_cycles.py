@@ -15,7 +15,7 @@ QUICK_STOP = 0x02
 
 def late_where(session, is_so, until_ms):
     """From now on, work that ends so long after the SYNC of each cycle whose record is so."""
-    step, bus = cycle.step, session.lockstep.bus
+    step, bus = cycle.step, session.bus
 
     def slow(core, frames, levels, tick):
         outgoing, record = step(core, frames, levels, tick)
@@ -28,7 +28,6 @@ def late_where(session, is_so, until_ms):
 
 @pytest.mark.parametrize("until_ms", [9.8, 14.0])
 def test_a_stop_leaves_in_the_cycle_that_found_it_however_late(warm_gait, until_ms):
-    lockstep = warm_gait.lockstep
     found = []
 
     def is_first(record):
@@ -36,12 +35,12 @@ def test_a_stop_leaves_in_the_cycle_that_found_it_however_late(warm_gait, until_
         return len(found) == 1 and record is found[0]
 
     with late_where(warm_gait, is_first, until_ms):
-        warm_gait.machine.command("hand_switch_open right/hip")
-        lockstep.run_until(lambda record: record.mode == Mode.STOPPING, within_s=1)
+        warm_gait.command("hand_switch_open right/hip")
+        warm_gait.run_until(lambda record: record.mode == Mode.STOPPING, within_s=1)
 
     stopping = found[0]
     since_ns = stopping.sync_mono_ns
-    sent = [frame for frame in lockstep.bus.sent if frame.time_ns >= since_ns]
+    sent = [frame for frame in warm_gait.bus.sent if frame.time_ns >= since_ns]
     for node in (5, 6):
         (told, *_) = rpdo1(sent, node)
         assert told.controlword == QUICK_STOP
@@ -51,14 +50,13 @@ def test_a_stop_leaves_in_the_cycle_that_found_it_however_late(warm_gait, until_
 def test_a_cycle_whose_work_took_longer_than_its_period_is_not_fed(warm_hold):
     session = watched(warm_hold)
     session.systemd.forget()
-    lockstep = session.lockstep
-    begun = lockstep.record
+    begun = session.record
     late = begun.cycle + 20
 
     with late_where(session, lambda record: record.cycle == late, 14.0):
-        lockstep.run(0.4)
+        session.run(0.4)
 
-    now = lockstep.record
+    now = session.record
     missed = now.timing.overrun_count - begun.timing.overrun_count
     assert missed == 1
     turns = now.seq - begun.seq

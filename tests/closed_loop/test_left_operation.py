@@ -59,20 +59,20 @@ def test_a_drive_that_left_operation_is_stopped_in_the_cycle_that_shows_it_witho
     session = warm_hold
     leave_operation(session, word)
 
-    seen = session.lockstep.run_until(
+    seen = session.run_until(
         lambda record: record.drives[0].power_state != PowerState.OPERATION_ENABLED, within_s=0.5
     )
-    since = len(session.lockstep.bus.sent) - 4
-    session.lockstep.run(0.3)
+    since = len(session.bus.sent) - 4
+    session.run(0.3)
 
     assert seen.drives[0].power_state == left_to
     assert not seen.drives[0].fresh
     assert (seen.mode, seen.verdict.cause) == (Mode.STOPPING, Cause.DRIVE_LEFT_ENABLED)
     for node in NODES:
-        words = [one.controlword for one in rpdo1(session.lockstep.bus.sent[since:], node)]
+        words = [one.controlword for one in rpdo1(session.bus.sent[since:], node)]
         assert words
         assert not any(word & ENABLE_OPERATION for word in words)
-    assert session.lockstep.record.mode == Mode.FAULT
+    assert session.record.mode == Mode.FAULT
 
 
 def test_a_drive_that_goes_straight_to_operation_enabled_is_held_like_any_other(warm_ready):
@@ -94,12 +94,12 @@ def test_a_drive_that_goes_straight_to_operation_enabled_is_held_like_any_other(
 
     change_what_drives_hear(session, hear)
     change_what_drives_say(session, say)
-    begun, since = session.truth.rows[-1], len(session.lockstep.records)
+    begun, since = session.truth.rows[-1], len(session.records)
 
-    answer = session.lockstep.request(RequestKind.ENABLE)
-    session.lockstep.run(1.0)
+    answer = session.request(RequestKind.ENABLE)
+    session.run(1.0)
 
-    shown = {record.drives[0].power_state for record in session.lockstep.records[since:]}
+    shown = {record.drives[0].power_state for record in session.records[since:]}
     assert shown == AT_THE_ENDS
     assert answer.outcome == Outcome.DONE, answer.reason
     assert session.truth.rows[-1].hip_angle_rad == pytest.approx(begun.hip_angle_rad, abs=0.01)

@@ -2,10 +2,10 @@
 
 import pytest
 from sessions import (
-    Session,
     changed_configs,
     elmo_drives,
     generic_drives,
+    new_session,
     position_guidance,
     reaches_rest_in_fault,
 )
@@ -20,7 +20,7 @@ DRIVES = ("right/hip", "right/slide")
 
 
 def stopped_by(session, within_s):
-    return session.lockstep.run_until(lambda record: not record.mode.active, within_s=within_s)
+    return session.run_until(lambda record: not record.mode.active, within_s=within_s)
 
 
 @pytest.mark.parametrize(
@@ -30,31 +30,31 @@ def test_no_shipped_patient_stops_the_gait(cadence_hz, warm_gait, warm_fast_gait
     session = warm_fast_gait if cadence_hz == 0.5 else warm_gait
 
     for patient in ("passive", "active", "resisting", "pushes"):
-        session.machine.command(f"patient {patient}")
-        session.lockstep.run(2.0 / cadence_hz)
+        session.command(f"patient {patient}")
+        session.run(2.0 / cadence_hz)
 
-    assert session.lockstep.record.mode == Mode.GAIT
+    assert session.record.mode == Mode.GAIT
 
 
 @pytest.mark.parametrize("make", ["generic", "position", "elmo"])
 @pytest.mark.thorough
 def test_no_make_of_drive_nor_its_own_loops_stop_a_fast_gait(make, tmp_path):
     configs = {"generic": generic_drives, "position": position_guidance, "elmo": elmo_drives}
-    session = Session(configs[make](tmp_path)).walking(cadence_hz=0.5, warm_s=4.0)
+    session = new_session(configs[make](tmp_path)).walk(cadence_hz=0.5, duration_s=4.0)
 
-    session.machine.command("patient active")
-    session.lockstep.run(8.0)
+    session.command("patient active")
+    session.run(8.0)
 
-    assert session.lockstep.record.mode == Mode.GAIT
+    assert session.record.mode == Mode.GAIT
 
 
 @pytest.mark.parametrize("scenario", ["open_loop", "delay"])
 def test_quick_steps_and_sines_of_torque_are_followed(warm_hold, scenario):
-    warm_hold.exciting(scenario, 5.0)
+    warm_hold.excite(scenario, 5.0)
 
-    warm_hold.lockstep.run(6.0)
+    warm_hold.run(6.0)
 
-    assert warm_hold.lockstep.record.mode == Mode.HOLD
+    assert warm_hold.record.mode == Mode.HOLD
 
 
 @pytest.mark.parametrize(
@@ -63,9 +63,9 @@ def test_quick_steps_and_sines_of_torque_are_followed(warm_hold, scenario):
 )
 def test_a_current_sensor_that_shows_too_much_is_found_within_a_stride(warm_gait, drive, value_ma):
     """A larger step at once, 14 N m or 80 N, looks like a spasm and stops as one before that."""
-    warm_gait.lockstep.run(2.0)
+    warm_gait.run(2.0)
 
-    warm_gait.machine.command(f"torque_offset {drive} - {value_ma}")
+    warm_gait.command(f"torque_offset {drive} - {value_ma}")
     stopped = stopped_by(warm_gait, 6.0)
 
     assert stopped.verdict.cause == Cause.EFFORT_DEVIATION
@@ -76,10 +76,10 @@ def test_a_current_sensor_that_shows_too_much_is_found_within_a_stride(warm_gait
 def test_a_current_sensor_that_shows_torque_without_power_is_found_before_anything_moves(
     warm_ready, drive
 ):
-    warm_ready.machine.command(f"torque_offset {drive} - 3000")
-    warm_ready.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=1)
+    warm_ready.command(f"torque_offset {drive} - 3000")
+    warm_ready.run_until(lambda record: record.mode == Mode.FAULT, within_s=1)
 
-    verdict = warm_ready.lockstep.record.verdict
+    verdict = warm_ready.record.verdict
     assert (verdict.cause, verdict.drive) == (Cause.EFFORT_DEVIATION, drive)
 
 
@@ -88,34 +88,34 @@ def test_a_current_sensor_that_shows_torque_without_power_is_found_before_anythi
 )
 def test_an_axis_that_sticks_while_the_other_one_moves_is_no_frozen_encoder(law, tmp_path):
     change = ("plant.toml", 'law = "paper"', f'law = "{law}"')
-    session = Session(changed_configs(tmp_path, change)).walking(warm_s=4.0)
+    session = new_session(changed_configs(tmp_path, change)).walk(duration_s=4.0)
 
-    session.machine.command("patient resisting")
-    session.lockstep.run(4.0)
+    session.command("patient resisting")
+    session.run(4.0)
 
-    assert session.lockstep.record.mode == Mode.GAIT
+    assert session.record.mode == Mode.GAIT
 
 
 @pytest.mark.parametrize("drive", DRIVES)
 def test_a_frozen_encoder_is_found_by_whoever_guides(warm_guided_gait, drive):
-    warm_guided_gait.machine.command(f"frozen_encoder {drive}")
+    warm_guided_gait.command(f"frozen_encoder {drive}")
     stopped_by(warm_guided_gait, 3.0)
     reaches_rest_in_fault(warm_guided_gait)
 
-    verdict = warm_guided_gait.lockstep.record.verdict
+    verdict = warm_guided_gait.record.verdict
     assert (verdict.cause, verdict.drive) == (Cause.ENCODER_FROZEN, drive)
 
 
 @pytest.mark.parametrize("cadence_hz", [0.25, 0.5])
 def test_a_spasm_first_softens_the_guidance_and_then_stops(cadence_hz, warm_gait, warm_fast_gait):
     session = warm_fast_gait if cadence_hz == 0.5 else warm_gait
-    session.lockstep.run(0.3)
-    leg = session.lockstep.core.legs[0]
+    session.run(0.3)
+    leg = session.core.legs[0]
     assert leg.spasm_ratio == 1.0
 
-    session.machine.command("patient spasm")
-    session.lockstep.run_until(lambda _: leg.spasm_ratio < 1.0, within_s=1.0)
-    begun = session.lockstep.record
+    session.command("patient spasm")
+    session.run_until(lambda _: leg.spasm_ratio < 1.0, within_s=1.0)
+    begun = session.record
     stopped = stopped_by(session, 1.0)
 
     assert begun.mode == Mode.GAIT
@@ -125,7 +125,7 @@ def test_a_spasm_first_softens_the_guidance_and_then_stops(cadence_hz, warm_gait
 
 
 def test_more_energy_in_a_stride_than_allowed_stops(warm_fast_gait):
-    slide = warm_fast_gait.lockstep.core.legs[0].axes[1]
+    slide = warm_fast_gait.core.legs[0].axes[1]
     slide.limits = slide.limits._replace(stride_energy_max_j=100.0)
 
     stopped = stopped_by(warm_fast_gait, 2.0)
@@ -134,12 +134,12 @@ def test_more_energy_in_a_stride_than_allowed_stops(warm_fast_gait):
 
 
 def test_a_leg_that_could_not_stop_inside_its_range_is_stopped_before_it_leaves(warm_fast_gait):
-    hip = warm_fast_gait.lockstep.core.legs[0].axes[0]
+    hip = warm_fast_gait.core.legs[0].axes[0]
 
     # As if the drives' ramp were weaker than the gait: it then counts on more room than there is.
     hip.limits = hip.limits._replace(quick_stop_deceleration_si_per_s2=10.0)
     stopped = stopped_by(warm_fast_gait, 4.0)
-    warm_fast_gait.lockstep.run(1.0)
+    warm_fast_gait.run(1.0)
 
     assert (stopped.verdict.cause, stopped.verdict.drive) == (Cause.STOPPING_PATH, "right/hip")
     highest_rad = max(row.hip_angle_rad for row in warm_fast_gait.truth.rows)
@@ -167,7 +167,7 @@ def plausible(estimate):
 
 def blind(session, monkeypatch):
     """From now on the observer says plausible constants."""
-    leg = session.lockstep.core.legs[0]
+    leg = session.core.legs[0]
     constant = plausible(leg.observer.step((0.24, 0.59), (0.0, 0.0), 0.01))
     monkeypatch.setattr(type(leg.observer), "step", lambda *_, **__: constant)
     monkeypatch.setattr(cycle, "look_back", lambda *_: None)
@@ -192,11 +192,11 @@ def test_an_observer_that_says_plausible_constants_hides_no_other_stop(
 ):
     blind(warm_gait, monkeypatch)
 
-    warm_gait.machine.command(fault.format(drive))
+    warm_gait.command(fault.format(drive))
     stopped_by(warm_gait, 6.0)
     reaches_rest_in_fault(warm_gait)
 
-    verdict = warm_gait.lockstep.record.verdict
+    verdict = warm_gait.record.verdict
     assert verdict.cause in causes - OBSERVERS_OWN
     assert verdict.drive == drive
 
@@ -204,8 +204,8 @@ def test_an_observer_that_says_plausible_constants_hides_no_other_stop(
 def test_only_a_spasm_and_a_bad_estimate_are_the_observers_own(warm_gait, monkeypatch):
     session = blind(warm_gait, monkeypatch)
 
-    session.machine.command("patient spasm")
-    session.lockstep.run(1.2)
+    session.command("patient spasm")
+    session.run(1.2)
 
-    assert monitors.stride_drift(session.lockstep.core.legs[0], session.lockstep.core.axes[0]) != 0
-    assert session.lockstep.record.verdict.cause not in OBSERVERS_OWN
+    assert monitors.stride_drift(session.core.legs[0], session.core.axes[0]) != 0
+    assert session.record.verdict.cause not in OBSERVERS_OWN

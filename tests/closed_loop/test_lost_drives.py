@@ -34,7 +34,7 @@ def without(*can_ids):
 
 
 def controlwords(session, node_id, since):
-    sent = session.lockstep.bus.sent[since:]
+    sent = session.bus.sent[since:]
     return [
         int.from_bytes(frame.data[:2], "little")
         for frame in sent
@@ -43,11 +43,11 @@ def controlwords(session, node_id, since):
 
 
 def nmt(session, since):
-    return [f.data.hex() for f in session.lockstep.bus.sent[since:] if f.can_id == 0]
+    return [f.data.hex() for f in session.bus.sent[since:] if f.can_id == 0]
 
 
 def stops_told(session):
-    events = [event for record in session.lockstep.records for event in record.events]
+    events = [event for record in session.records for event in record.events]
     return [event for event in events if event.startswith("stop ")]
 
 
@@ -68,7 +68,7 @@ def test_a_heartbeat_that_stays_away_is_a_loss_at_the_consumer_time_within_one_c
         ),
     )
 
-    lost = session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
+    lost = session.run_until(lambda record: not record.mode.active, within_s=1)
 
     assert lost.verdict.cause == Cause.HEARTBEAT_LOST
     assert lost.verdict.drive == "right/hip"
@@ -78,27 +78,27 @@ def test_a_heartbeat_that_stays_away_is_a_loss_at_the_consumer_time_within_one_c
 
 def test_a_lost_heartbeat_quick_stops_both_axes_and_is_told_once(session):
     altered(session, without(HEARTBEAT))
-    session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
-    since = len(session.lockstep.bus.sent)
+    session.run_until(lambda record: not record.mode.active, within_s=1)
+    since = len(session.bus.sent)
 
-    session.lockstep.run(1)
+    session.run(1)
 
     assert set(controlwords(session, 6, since)) == {QUICK_STOP}
     assert not any(word & ENABLING for word in controlwords(session, 5, since))
     assert len(stops_told(session)) == 1
-    assert session.lockstep.record.mode == Mode.FAULT
+    assert session.record.mode == Mode.FAULT
 
 
 def test_a_heartbeat_that_comes_back_enables_nothing(session):
     gone = [True]
     altered(session, lambda frame: [] if frame.can_id == HEARTBEAT and gone[0] else [frame])
-    session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
-    since = len(session.lockstep.bus.sent)
+    session.run_until(lambda record: not record.mode.active, within_s=1)
+    since = len(session.bus.sent)
 
     gone[0] = False
-    session.lockstep.run(3)
+    session.run(3)
 
-    assert session.lockstep.record.mode == Mode.FAULT
+    assert session.record.mode == Mode.FAULT
     assert not any(
         word & ENABLING for node in (5, 6) for word in controlwords(session, node, since)
     )
@@ -111,11 +111,11 @@ def test_a_drive_that_leaves_operational_by_itself_stops_both_axes(session, comm
     altered(session, without(0x085))
 
     session.machine.world.receive(WorldFrame(0x000, command))
-    lost = session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
-    since = len(session.lockstep.bus.sent)
-    session.lockstep.run(1)
+    lost = session.run_until(lambda record: not record.mode.active, within_s=1)
+    since = len(session.bus.sent)
+    session.run(1)
 
-    record = session.lockstep.record
+    record = session.record
     assert lost.verdict.cause in {Cause.DRIVE_NOT_OPERATIONAL, Cause.DRIVE_SILENT}
     assert lost.verdict.drive == "right/hip"
     assert record.mode == Mode.FAULT
@@ -127,14 +127,12 @@ def test_a_drive_that_leaves_operational_by_itself_stops_both_axes(session, comm
 
 
 def test_a_drive_that_reboots_in_operation_is_lost_at_once_and_the_other_axis_is_stopped(session):
-    since = len(session.lockstep.bus.sent)
+    since = len(session.bus.sent)
 
-    session.lockstep.bus.seat.waiting.append(
-        session.lockstep.bus.sent[0]._replace(can_id=HEARTBEAT, data=b"\x00")
-    )
-    session.lockstep.run(0.02)
+    session.bus.seat.waiting.append(session.bus.sent[0]._replace(can_id=HEARTBEAT, data=b"\x00"))
+    session.run(0.02)
 
-    record = session.lockstep.record
+    record = session.record
     assert record.verdict.cause == Cause.DRIVE_REBOOTED
     assert record.verdict.drive == "right/hip"
     assert not record.drives[0].referenced
@@ -144,15 +142,15 @@ def test_a_drive_that_reboots_in_operation_is_lost_at_once_and_the_other_axis_is
 
 
 def test_a_drive_that_rebooted_is_not_brought_up_again_until_somebody_asks(session):
-    session.machine.command("reboot right/hip")
-    session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
-    since = len(session.lockstep.bus.sent)
+    session.command("reboot right/hip")
+    session.run_until(lambda record: not record.mode.active, within_s=1)
+    since = len(session.bus.sent)
 
-    session.lockstep.run(5)
+    session.run(5)
 
-    assert session.lockstep.record.mode == Mode.FAULT
+    assert session.record.mode == Mode.FAULT
     assert set(nmt(session, since)) <= {"0205"}
-    answer = session.lockstep.request(RequestKind.RESET)
+    answer = session.request(RequestKind.RESET)
     assert answer.outcome == Outcome.DONE, answer.reason
 
 
@@ -170,10 +168,10 @@ def test_tpdos_of_another_length_are_never_used_and_stop_both_axes_when_they_go_
             [f._replace(data=f.data.ljust(length, b"\xff")[:length])] if f.can_id == can_id else [f]
         ),
     )
-    session.lockstep.run_until(lambda record: not record.mode.active, within_s=0.1)
-    session.lockstep.run(1)
+    session.run_until(lambda record: not record.mode.active, within_s=0.1)
+    session.run(1)
 
-    record = session.lockstep.record
+    record = session.record
     assert record.verdict.cause == Cause.DRIVE_SILENT
     assert record.drives[0].protocol_error_count >= 3
     assert record.drives[1].power_state == PowerState.QUICK_STOP_ACTIVE
@@ -189,19 +187,19 @@ def test_one_short_tpdo_is_a_missing_sample_and_no_stop(session):
         return [frame]
 
     altered(session, cut)
-    session.lockstep.run(0.5)
+    session.run(0.5)
 
-    record = session.lockstep.record
+    record = session.record
     assert record.mode == Mode.GAIT
     assert record.drives[0].protocol_error_count == 1
-    missed = [r for r in session.lockstep.records[-60:] if not r.drives[0].fresh]
+    missed = [r for r in session.records[-60:] if not r.drives[0].fresh]
     assert len(missed) == 1
 
 
 def test_every_tpdo_twice_changes_nothing_but_a_counter(session):
     def half_a_second_later(one):
-        one.lockstep.run(0.5)
-        return one.lockstep.record
+        one.run(0.5)
+        return one.record
 
     plain = elsewhere(session, half_a_second_later)
     altered(session, lambda f: [f, f] if f.can_id in (TPDO1, TPDO2) else [f])
@@ -224,7 +222,7 @@ def test_tpdos_that_come_after_the_window_are_late_and_stop_both_axes_when_they_
         return [frame]
 
     altered(session, late)
-    bus = session.lockstep.bus
+    bus = session.bus
     wait = bus.link.wait
 
     def wait_and_deliver(until_ns, *, for_frame):
@@ -235,10 +233,10 @@ def test_tpdos_that_come_after_the_window_are_late_and_stop_both_axes_when_they_
             bus.seat.waiting.append(bus.sent[0]._replace(can_id=frame.can_id, data=frame.data))
 
     bus.link.wait = wait_and_deliver
-    session.lockstep.run_until(lambda record: not record.mode.active, within_s=0.2)
-    session.lockstep.run(0.1)
+    session.run_until(lambda record: not record.mode.active, within_s=0.2)
+    session.run(0.1)
 
-    record = session.lockstep.record
+    record = session.record
     assert record.verdict.cause == Cause.DRIVE_SILENT
     assert record.drives[0].late_count > 0
 
@@ -248,10 +246,10 @@ def test_tpdos_that_come_after_the_window_are_late_and_stop_both_axes_when_they_
 
 def test_a_shutdown_with_both_axes_enabled_quick_stops_switches_off_and_lets_go(warm_hold):
     session = warm_hold
-    since = len(session.lockstep.bus.sent)
-    begun_ns = session.lockstep.bus.now_ns
+    since = len(session.bus.sent)
+    begun_ns = session.bus.now_ns
 
-    session.lockstep.shut_down()
+    session.shut_down()
 
     for node in (5, 6):
         words = controlwords(session, node, since)
@@ -259,22 +257,20 @@ def test_a_shutdown_with_both_axes_enabled_quick_stops_switches_off_and_lets_go(
         assert words[-1] == 0x00
         assert not any(word & ENABLING for word in words)
     assert nmt(session, since) == ["8205", "8206"]
-    assert session.lockstep.bus.now_ns - begun_ns < 2000 * MS
-    torques = [
-        frame.data for frame in session.lockstep.bus.sent[since:] if frame.can_id in {0x305, 0x306}
-    ]
+    assert session.bus.now_ns - begun_ns < 2000 * MS
+    torques = [frame.data for frame in session.bus.sent[since:] if frame.can_id in {0x305, 0x306}]
     assert set(torques) == {b"\0\0"}
 
 
 @pytest.mark.parametrize("fault", ["silent right/hip", "unplugged right/slide"])
 def test_a_shutdown_ends_also_when_a_drive_does_not_answer(warm_hold, fault):
-    warm_hold.machine.command(fault)
-    begun_ns = warm_hold.lockstep.bus.now_ns
-    since = len(warm_hold.lockstep.bus.sent)
+    warm_hold.command(fault)
+    begun_ns = warm_hold.bus.now_ns
+    since = len(warm_hold.bus.sent)
 
-    warm_hold.lockstep.shut_down()
+    warm_hold.shut_down()
 
-    assert warm_hold.lockstep.bus.now_ns - begun_ns < 2000 * MS
+    assert warm_hold.bus.now_ns - begun_ns < 2000 * MS
     assert nmt(warm_hold, since)[-2:] == ["8205", "8206"]
     words = [w for node in (5, 6) for w in controlwords(warm_hold, node, since)[1:]]
     assert not any(word & ENABLING for word in words)
@@ -286,28 +282,28 @@ def power_states(session):
 
 
 def test_a_reset_that_one_drive_does_not_answer_leaves_no_other_one_with_power(warm_hold):
-    warm_hold.machine.command("silent right/hip 30")
-    warm_hold.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+    warm_hold.command("silent right/hip 30")
+    warm_hold.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
     assert "QUICK_STOP_ACTIVE" in power_states(warm_hold)
 
-    warm_hold.lockstep.gateway.ask(RequestKind.RESET)
-    warm_hold.lockstep.run(4)
+    warm_hold.gateway.ask(RequestKind.RESET)
+    warm_hold.run(4)
 
-    assert warm_hold.lockstep.record.mode == Mode.OFF
-    assert warm_hold.lockstep.record.verdict.cause == Cause.DRIVE_SILENT
+    assert warm_hold.record.mode == Mode.OFF
+    assert warm_hold.record.verdict.cause == Cause.DRIVE_SILENT
     # The silent one heard it, too.
     assert power_states(warm_hold) == {"SWITCH_ON_DISABLED"}
 
 
 def test_a_shutdown_in_the_cycle_of_a_reset_waits_until_the_reset_has_switched_off(warm_hold):
-    warm_hold.lockstep.gateway.stop()
-    warm_hold.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
-    warm_hold.lockstep.gateway.ask(RequestKind.RESET)
-    while warm_hold.lockstep.record.mode == Mode.FAULT:
-        warm_hold.lockstep.loop.turn()
+    warm_hold.gateway.stop()
+    warm_hold.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+    warm_hold.gateway.ask(RequestKind.RESET)
+    while warm_hold.record.mode == Mode.FAULT:
+        warm_hold.loop.turn()
     assert power_states(warm_hold) == {"QUICK_STOP_ACTIVE"}
 
-    warm_hold.lockstep.shut_down()
+    warm_hold.shut_down()
 
     assert power_states(warm_hold) == {"SWITCH_ON_DISABLED"}
 
@@ -316,12 +312,12 @@ def test_a_shutdown_in_the_cycle_of_a_reset_waits_until_the_reset_has_switched_o
 
 
 def test_a_following_error_is_told_once_and_stops_both_axes(session):
-    session.machine.command("emcy right/hip - 0x8611")
-    session.lockstep.run(2)
+    session.command("emcy right/hip - 0x8611")
+    session.run(2)
 
     assert len(stops_told(session)) == 1
-    events = [event for record in session.lockstep.records for event in record.events]
+    events = [event for record in session.records for event in record.events]
     for words in ("a drive sent an emergency message", "a drive is in fault"):
         assert sum(words in event for event in events) <= 1
-    assert session.lockstep.record.mode == Mode.FAULT
-    assert session.lockstep.record.drives[1].power_state == PowerState.QUICK_STOP_ACTIVE
+    assert session.record.mode == Mode.FAULT
+    assert session.record.drives[1].power_state == PowerState.QUICK_STOP_ACTIVE

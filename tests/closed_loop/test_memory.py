@@ -11,12 +11,12 @@ from collections import Counter
 from collections.abc import Callable
 
 import pytest
-from sessions import Session
 
 from daemon.core.runtime import realtime
 from daemon.core.safety.energy import STRIDE_MAX_CYCLES
 from daemon.ipc.record import Mode, RequestKind
 from drives.canopen import bus_load
+from gaitd_lab.lockstep import LockstepSession
 
 CYCLES = 500
 """Of a stretch."""
@@ -42,29 +42,28 @@ def no_collector():
 class Quiet:
     """A session that keeps none of what lock-step keeps for tests."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: LockstepSession) -> None:
         self.session = session
-        self.lockstep = session.lockstep
 
     def turn(self, cycles: int) -> None:
         for _ in range(cycles):
-            self.lockstep.loop.turn()
+            self.session.loop.turn()
             self.forget()
 
     def forget(self) -> None:
-        del self.lockstep.records[:-2]
-        self.lockstep.bus.sent.clear()
+        del self.session.records[:-2]
+        self.session.bus.sent.clear()
         self.session.truth.rows.clear()
 
     def bring_up_again(self) -> None:
         """A drive falls silent; somebody resets; it is brought up anew."""
-        lockstep = self.lockstep
-        self.session.machine.command("silent right/hip 0.3")
-        lockstep.run_until(lambda record: record.mode != Mode.READY, within_s=5)
-        lockstep.run(0.5)
-        if lockstep.record.mode == Mode.FAULT:
-            lockstep.request(RequestKind.RESET)
-        lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=20)
+        session = self.session
+        session.command("silent right/hip 0.3")
+        session.run_until(lambda record: record.mode != Mode.READY, within_s=5)
+        session.run(0.5)
+        if session.record.mode == Mode.FAULT:
+            session.request(RequestKind.RESET)
+        session.run_until(lambda record: record.mode == Mode.READY, within_s=20)
         self.forget()
 
 
@@ -93,7 +92,7 @@ def warm_mode(request):
 def test_cycles_keep_nothing_and_leave_nothing_that_only_a_collector_can_free(warm_mode):
     quiet = Quiet(warm_mode)
     bus_load.fill_tables()  # as the core's warm-up does
-    quiet.turn(max(100, WARM_CYCLES - len(warm_mode.lockstep.records)))
+    quiet.turn(max(100, WARM_CYCLES - len(warm_mode.records)))
 
     def turn_and_tidy():
         quiet.turn(CYCLES)

@@ -13,12 +13,12 @@ QUICK_STOP = 0x02
 
 
 def test_an_exception_in_a_cycle_stops_both_drives_and_ends_as_our_bug(warm_guided_gait, guidance):
-    stood = [drive.feedback.position_counts for drive in warm_guided_gait.lockstep.core.axes]
-    bus = warm_guided_gait.lockstep.bus
+    stood = [drive.feedback.position_counts for drive in warm_guided_gait.core.axes]
+    bus = warm_guided_gait.bus
     before = len(bus.sent)
 
     with mock.patch.object(cycle, "judge", side_effect=ZeroDivisionError("ours")):
-        code = warm_guided_gait.lockstep.loop.run(lambda: False)
+        code = warm_guided_gait.loop.run(lambda: False)
 
     sent = bus.sent[before:]
     words = {
@@ -26,7 +26,7 @@ def test_an_exception_in_a_cycle_stops_both_drives_and_ends_as_our_bug(warm_guid
     }
     truth = warm_guided_gait.truth.rows[-1]
     assert code == ExitCode.BUG
-    assert isinstance(warm_guided_gait.lockstep.loop.bug, ZeroDivisionError)
+    assert isinstance(warm_guided_gait.loop.bug, ZeroDivisionError)
     assert words == {QUICK_STOP}
     for node, counts in zip((5, 6), stood, strict=True):
         told = rpdo1(sent, node)

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from sessions import (
     AXES,
-    Session,
     empty_machine,
+    new_session,
     position_guidance,
     reaches_rest_in_fault,
+    scores,
 )
 from wire import (
     change_what_drives_hear,
@@ -32,10 +33,10 @@ CYCLES_BEHIND = 2
 
 def targets_si(session, since=0):
     """Target positions of both axes in the order in which they were sent: one row per cycle."""
-    sent = session.lockstep.bus.sent[since:]
+    sent = session.bus.sent[since:]
     columns = [
         [position_si(told.target_counts, axis.scaling) for told in rpdo1(sent, node)]
-        for axis, node in zip(session.lockstep.core.axes, NODES, strict=True)
+        for axis, node in zip(session.core.axes, NODES, strict=True)
     ]
     return np.array(columns).T
 
@@ -50,21 +51,21 @@ def test_a_gait_is_played_by_the_drives_loops_and_the_estimate_says_how_sure_it_
 ):
     session = warm_position_gait if cadence_hz == 0.25 else warm_fast_position_gait
     hip_nm, slide_n = (1.2, 12.0) if cadence_hz == 0.25 else (2.5, 20.0)
-    session.machine.command(f"patient {patient}")
-    session.lockstep.run(4)
-    begun = len(session.lockstep.records)
+    session.command(f"patient {patient}")
+    session.run(4)
+    begun = len(session.records)
 
-    scores = session.scores(2 / cadence_hz)
+    found = scores(session, 2 / cadence_hz)
 
-    records = session.lockstep.records[begun:]
+    records = session.records[begun:]
     assert {drive.mode_display for record in records for drive in record.drives} == {CSP}
     assert all(record.verdict.cause == Cause.NONE for record in records)
     wanted = np.array([record.legs[0].reference for record in records])
     behind = np.abs(wanted[:-CYCLES_BEHIND] - measured(records)[CYCLES_BEHIND:]).max(axis=0)
     assert behind[0] < 0.01
     assert behind[1] < 0.01
-    assert scores["hip"].rms < hip_nm
-    assert scores["slide"].rms < slide_n
+    assert found["hip"].rms < hip_nm
+    assert found["slide"].rms < slide_n
     truth = {row.sync_mono_ns: row for row in session.truth.rows}
     for axis, column in enumerate(("hip_patient_nm", "slide_patient_n")):
         errors = [
@@ -79,16 +80,16 @@ def test_a_gait_is_played_by_the_drives_loops_and_the_estimate_says_how_sure_it_
 
 def test_a_whole_gait_moves_its_targets_without_a_step_and_ends_in_hold(warm_position_hold):
     session = warm_position_hold
-    begun = len(session.lockstep.bus.sent)
+    begun = len(session.bus.sent)
     gait = ModeRequest(Mode.GAIT, cadence_hz=0.5, amplitude_ratio=1.0, duration_s=5.0)
 
-    session.lockstep.request(RequestKind.MODE, gait)
-    session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=30)
-    session.lockstep.run(0.5)
+    session.request(RequestKind.MODE, gait)
+    session.run_until(lambda record: record.mode == Mode.HOLD, within_s=30)
+    session.run(0.5)
 
     speed = np.abs(np.diff(targets_si(session, begun), axis=0)).max(axis=0) / 0.01
     change = np.abs(np.diff(targets_si(session, begun), n=2, axis=0)).max(axis=0) / 0.01**2
-    assert session.lockstep.record.verdict.cause == Cause.NONE
+    assert session.record.verdict.cause == Cause.NONE
     # The gait itself asks 2.45 rad/s and 2.38 m/s, 13.7 rad/s^2 and 19.5 m/s^2; two counts of
     # rounding on top.
     assert 1.0 < speed[0] < 2.45 * 1.05
@@ -98,26 +99,26 @@ def test_a_whole_gait_moves_its_targets_without_a_step_and_ends_in_hold(warm_pos
 
 
 def test_enabling_finds_no_distance_to_go(position_configs):
-    session = Session(position_configs).until_ready()
-    begun = len(session.lockstep.bus.sent)
-    before = session.lockstep.record.legs[0].measured
+    session = new_session(position_configs).until_ready()
+    begun = len(session.bus.sent)
+    before = session.record.legs[0].measured
 
-    session.lockstep.request(RequestKind.ENABLE)
-    session.lockstep.run(0.5)
+    session.request(RequestKind.ENABLE)
+    session.run(0.5)
 
     assert np.abs(targets_si(session, begun) - before).max() < 5e-4
-    assert session.lockstep.record.legs[0].measured == pytest.approx(before, abs=5e-4)
+    assert session.record.legs[0].measured == pytest.approx(before, abs=5e-4)
 
 
 def test_every_mode_that_guidance_plays_has_the_drives_in_position_mode_and_follows(
     warm_position_gait,
 ):
     session = warm_position_gait
-    session.lockstep.request(RequestKind.MODE, HOLD)
-    session.lockstep.run(1)
+    session.request(RequestKind.MODE, HOLD)
+    session.run(1)
 
-    modes = {told.mode for node in NODES for told in rpdo1(session.lockstep.bus.sent, node)}
-    active = [record for record in session.lockstep.records if record.mode.active]
+    modes = {told.mode for node in NODES for told in rpdo1(session.bus.sent, node)}
+    active = [record for record in session.records if record.mode.active]
     words = {drive.statusword & 0x1000 for record in active[10:] for drive in record.drives}
     assert modes == {CSP}
     assert words == {0x1000}
@@ -129,14 +130,14 @@ def test_every_mode_that_guidance_plays_has_the_drives_in_position_mode_and_foll
 @pytest.mark.parametrize("at_s", [0.0, 0.6, 0.9, 1.7])
 def test_a_stop_in_the_middle_brakes_and_holds_by_the_drives_loops(warm_fast_position_gait, at_s):
     session = warm_fast_position_gait
-    session.lockstep.run(at_s)
-    begun, told = len(session.lockstep.records), len(session.lockstep.bus.sent)
+    session.run(at_s)
+    begun, told = len(session.records), len(session.bus.sent)
 
-    session.lockstep.gateway.stop()
-    session.lockstep.run(1.5)
+    session.gateway.stop()
+    session.run(1.5)
 
-    record = session.lockstep.record
-    records = session.lockstep.records[begun:]
+    record = session.record
+    records = session.records[begun:]
     assert (record.mode, record.verdict.cause) == (Mode.FAULT, Cause.STOP_REQUESTED)
     assert {drive.power_state for drive in record.drives} == {PowerState.OPERATION_ENABLED}
     assert {drive.mode_display for one in records for drive in one.drives} == {CSP}
@@ -150,25 +151,25 @@ def test_a_stop_in_the_middle_brakes_and_holds_by_the_drives_loops(warm_fast_pos
 
 def test_a_stop_lets_go_of_what_holds_the_leg_back(warm_position_gait):
     """A blocked joint lags behind its target; a stop does not go on pulling it there."""
-    warm_position_gait.machine.command("blocked_rotor right/hip")
-    warm_position_gait.lockstep.run(0.05)
-    pushed_nm = abs(warm_position_gait.lockstep.record.drives[0].effort_si)
+    warm_position_gait.command("blocked_rotor right/hip")
+    warm_position_gait.run(0.05)
+    pushed_nm = abs(warm_position_gait.record.drives[0].effort_si)
 
-    warm_position_gait.lockstep.gateway.stop()
-    warm_position_gait.lockstep.run(1.5)
+    warm_position_gait.gateway.stop()
+    warm_position_gait.run(1.5)
 
-    axis = warm_position_gait.lockstep.core.axes[0]
-    assert warm_position_gait.lockstep.record.verdict.cause == Cause.STOP_REQUESTED
+    axis = warm_position_gait.core.axes[0]
+    assert warm_position_gait.record.verdict.cause == Cause.STOP_REQUESTED
     assert pushed_nm > 20
     assert abs(axis.position_sent_si - axis.joint.position_si) < 1e-3
 
 
 def test_a_stop_of_category_1_leaves_braking_to_the_drives(warm_fast_position_gait):
-    warm_fast_position_gait.machine.command("hand_switch_open right/hip")
+    warm_fast_position_gait.command("hand_switch_open right/hip")
 
     reaches_rest_in_fault(warm_fast_position_gait, within_s=2)
 
-    record = warm_fast_position_gait.lockstep.record
+    record = warm_fast_position_gait.record
     assert record.verdict.cause == Cause.HAND_SWITCH_OPEN
     assert {drive.power_state for drive in record.drives} == {PowerState.QUICK_STOP_ACTIVE}
 
@@ -182,19 +183,19 @@ def warm_empty_hold(tmp_path_factory):
     configs = empty_machine(tmp_path_factory.mktemp("empty"))
     file = configs / "demo.toml"
     file.write_text(file.read_text().replace('"impedance"', '"position"'))
-    return Session(configs).enabled()
+    return new_session(configs).enable()
 
 
 def test_a_switch_to_torque_and_back_makes_no_step_in_torque_or_position(warm_empty_hold):
     """Hold in position mode, an excitation in torque mode, hold in position mode again."""
-    session = warm_empty_hold.exciting("open_loop", 25.0)
-    session.lockstep.run(4)
-    session.lockstep.request(RequestKind.MODE, HOLD)
-    session.lockstep.run_until(
+    session = warm_empty_hold.excite("open_loop", 25.0)
+    session.run(4)
+    session.request(RequestKind.MODE, HOLD)
+    session.run_until(
         lambda record: {drive.mode_display for drive in record.drives} == {CSP}, within_s=5
     )
-    session.lockstep.run(1)
-    active = [record for record in session.lockstep.records if record.mode.active][5:]
+    session.run(1)
+    active = [record for record in session.records if record.mode.active][5:]
 
     shown = np.array([[drive.mode_display for drive in record.drives] for record in active])
     effort = np.array([[drive.effort_si for drive in record.drives] for record in active])
@@ -202,8 +203,8 @@ def test_a_switch_to_torque_and_back_makes_no_step_in_torque_or_position(warm_em
     assert {(CSP, CST), (CST, CSP)} <= {
         (int(a), int(b)) for column in shown.T for a, b in pairwise(column)
     }
-    breakaway = [axis.limits.breakaway_si for axis in session.lockstep.core.axes]
-    still = [axis.limits.standstill_si_per_s * 0.01 for axis in session.lockstep.core.axes]
+    breakaway = [axis.limits.breakaway_si for axis in session.core.axes]
+    still = [axis.limits.standstill_si_per_s * 0.01 for axis in session.core.axes]
     for axis in range(len(AXES)):
         switched = np.flatnonzero(np.diff(shown[:, axis]))
         for row in switched:
@@ -211,14 +212,14 @@ def test_a_switch_to_torque_and_back_makes_no_step_in_torque_or_position(warm_em
             near = slice(max(row - 3, 0), row + 5)
             assert np.abs(np.diff(effort[near, axis])).max() < breakaway[axis]
             assert np.abs(np.diff(where[near, axis])).max() < still[axis]
-    assert session.lockstep.record.verdict.cause == Cause.NONE
+    assert session.record.verdict.cause == Cause.NONE
 
     # And a drive that moves stays in its mode until it stands.
-    records = session.lockstep.records
+    records = session.records
     switched = 0
     for drive, node in enumerate(NODES):
-        told = rpdo1(session.lockstep.bus.sent, node)
-        limit = session.lockstep.core.axes[drive].limits.standstill_si_per_s
+        told = rpdo1(session.bus.sent, node)
+        limit = session.core.axes[drive].limits.standstill_si_per_s
         for (before, now), record in zip(pairwise(told), records[1 - len(told) :], strict=True):
             if now.mode != before.mode and record.mode.active:
                 switched += 1
@@ -229,25 +230,25 @@ def test_a_switch_to_torque_and_back_makes_no_step_in_torque_or_position(warm_em
 def test_a_mode_that_never_shows_stops_after_five_cycles_and_commands_no_torque(warm_empty_hold):
     """M14: 6060h says 10, 6061h stays 8."""
     change_what_drives_hear(warm_empty_hold, deaf_to_mode(5, CSP))
-    held = warm_empty_hold.lockstep.record.legs[0].measured
-    told = len(warm_empty_hold.lockstep.bus.sent)
-    cycle = warm_empty_hold.lockstep.record.cycle
+    held = warm_empty_hold.record.legs[0].measured
+    told = len(warm_empty_hold.bus.sent)
+    cycle = warm_empty_hold.record.cycle
 
-    warm_empty_hold.lockstep.request(
+    warm_empty_hold.request(
         RequestKind.MODE, ModeRequest(Mode.EXCITE, duration_s=25.0, scenario="open_loop")
     )
-    stopped = warm_empty_hold.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
+    stopped = warm_empty_hold.run_until(lambda record: not record.mode.active, within_s=1)
 
     assert stopped.verdict.cause == Cause.MODE_NOT_SHOWN
     assert (stopped.verdict.value, stopped.verdict.limit) == (CSP, CST)
     assert stopped.cycle - cycle <= 1 + 1 + 5 + 1
-    sent = warm_empty_hold.lockstep.bus.sent[told:]
-    permille_per_nm = warm_empty_hold.lockstep.core.axes[0].scaling.permille_per_effort_si
+    sent = warm_empty_hold.bus.sent[told:]
+    permille_per_nm = warm_empty_hold.core.axes[0].scaling.permille_per_effort_si
     # The present torque with its noise, and nothing of the scenario.
     assert np.ptp(target_torques(sent, 5)) < 1.0 * permille_per_nm
     assert len({one.target_counts for one in rpdo1(sent, 5)}) == 1
-    warm_empty_hold.lockstep.run(1)
-    assert warm_empty_hold.lockstep.record.legs[0].measured[0] == pytest.approx(held[0], abs=1e-3)
+    warm_empty_hold.run(1)
+    assert warm_empty_hold.record.legs[0].measured[0] == pytest.approx(held[0], abs=1e-3)
 
 
 # --- what the drives' loops meet ------------------------------------------------------------
@@ -255,13 +256,13 @@ def test_a_mode_that_never_shows_stops_after_five_cycles_and_commands_no_torque(
 
 def test_a_following_error_stops_both_axes_once_and_says_so(warm_fast_position_gait):
     """M36: the drive's own window, 8611h, fault reaction, fault."""
-    warm_fast_position_gait.lockstep.run(0.8)
-    warm_fast_position_gait.machine.command("blocked_rotor right/hip")
+    warm_fast_position_gait.run(0.8)
+    warm_fast_position_gait.command("blocked_rotor right/hip")
 
-    warm_fast_position_gait.lockstep.run(2)
+    warm_fast_position_gait.run(2)
 
-    record = warm_fast_position_gait.lockstep.record
-    told = [event for one in warm_fast_position_gait.lockstep.records for event in one.events]
+    record = warm_fast_position_gait.record
+    told = [event for one in warm_fast_position_gait.records for event in one.events]
     assert record.mode == Mode.FAULT
     assert record.drives[0].emergency_code == 0x8611
     assert any("8611h" in event for event in told)
@@ -274,22 +275,22 @@ def test_a_following_error_stops_both_axes_once_and_says_so(warm_fast_position_g
 def test_a_patient_who_leans_on_a_leg_that_the_drives_hold_is_no_fault(tmp_path):
     """A stiff loop holds against 30 N m within a count or two: no encoder is frozen."""
     stronger = ("plant.toml", "hip_nm = 10.0", "hip_nm = 30.0")
-    session = Session(position_guidance(tmp_path, stronger)).enabled()
-    session.machine.command("patient pushes")
+    session = new_session(position_guidance(tmp_path, stronger)).enable()
+    session.command("patient pushes")
 
-    session.lockstep.run(8)
+    session.run(8)
 
-    assert session.lockstep.record.mode == Mode.HOLD
-    efforts = [record.drives[0].effort_si for record in session.lockstep.records[-800:]]
+    assert session.record.mode == Mode.HOLD
+    efforts = [record.drives[0].effort_si for record in session.records[-800:]]
     assert max(map(abs, efforts)) > 20
 
 
 def test_an_encoder_that_jumps_to_where_no_leg_can_be_stops_and_ends_no_process(
     warm_position_gait,
 ):
-    warm_position_gait.machine.command("encoder_glitch right/hip - 60000")
-    warm_position_gait.lockstep.run(0.5)
+    warm_position_gait.command("encoder_glitch right/hip - 60000")
+    warm_position_gait.run(0.5)
 
-    record = warm_position_gait.lockstep.record
+    record = warm_position_gait.record
     assert record.verdict.cause == Cause.ENCODER_JUMP
     assert not record.mode.active

@@ -8,13 +8,12 @@ import math
 import struct
 
 import pytest
-from sessions import Session, generic_drives
+from sessions import generic_drives, new_session, restarted
 from wire import SYNC, change_what_drives_hear, change_what_drives_say
 
 from daemon.core.safety.stop_sequence import Step
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
 from drives.signals import PowerState
-from gaitd_lab.lockstep import Lockstep
 from sim_drives.frame import Frame
 
 HIP = 5
@@ -30,7 +29,7 @@ def write(session, index, sub, value, bits):
     head = struct.pack("<BHB", 0x23 | (4 - size) << 2, index, sub)
     data = head + value.to_bytes(size, "little").ljust(4, b"\0")
     session.machine.world.receive(Frame(0x600 + HIP, data))
-    session.lockstep.run(0.01)
+    session.run(0.01)
 
 
 def take_over(session, *, permille=500):
@@ -45,7 +44,7 @@ def take_over(session, *, permille=500):
 @pytest.fixture(scope="module")
 def warm_generic_hold(tmp_path_factory):
     """Drives that go on holding when their master is gone."""
-    return Session(generic_drives(tmp_path_factory.mktemp("generic"))).enabled()
+    return new_session(generic_drives(tmp_path_factory.mktemp("generic"))).enable()
 
 
 def ready(session):
@@ -54,15 +53,15 @@ def ready(session):
 
 def fault(session):
     """After a fault in READY, whose cause is gone: without a stop of ours."""
-    session.machine.command("emcy right/slide 0.1 0x2310")
-    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)
-    session.lockstep.run(0.2)
-    assert [axis.stop for axis in session.lockstep.core.axes] == [None, None]
+    session.command("emcy right/slide 0.1 0x2310")
+    session.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)
+    session.run(0.2)
+    assert [axis.stop for axis in session.core.axes] == [None, None]
     return session
 
 
 def steps(session):
-    return [axis.stop.step for axis in session.lockstep.core.axes]
+    return [axis.stop.step for axis in session.core.axes]
 
 
 def ignore_nmt_stop(session):
@@ -82,21 +81,21 @@ def test_a_drive_that_another_master_enables_is_stopped_though_it_hears_no_contr
 ):
     session = where(warm_ready)
     begun = len(session.truth.rows)
-    since = len(session.lockstep.records)
+    since = len(session.records)
 
     take_over(session)
-    session.lockstep.run(1.0)
+    session.run(1.0)
 
-    records = session.lockstep.records[since:]
+    records = session.records[since:]
     shown = next(n for n, one in enumerate(records) if one.drives[0].power_state == 5)
     verdict = records[shown].verdict
     assert (verdict.cause, verdict.drive) == (Cause.UNEXPECTED_ENABLE, "right/hip")
     assert verdict.category == StopCategory.S0
     assert steps(session) == [Step.NMT_STOP, Step.DISABLE]
-    assert session.lockstep.record.mode == Mode.FAULT
+    assert session.record.mode == Mode.FAULT
     assert moved_rad(session, begun) < math.radians(2.0)
     assert abs(session.machine.trainers["right"].truth().velocity[0]) < 0.05
-    assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
+    assert session.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
 
 
 @pytest.mark.parametrize("where", [ready, fault])
@@ -108,11 +107,11 @@ def test_a_drive_that_ignores_nmt_stop_as_well_is_left_without_sync_and_heartbea
     ignore_nmt_stop(session)
 
     take_over(session)
-    session.lockstep.run(1.0)
+    session.run(1.0)
 
     assert steps(session)[0] == Step.SILENCE
-    last = [one for one in session.lockstep.bus.sent if one.can_id in {SYNC, 0x701}][-1]
-    assert session.lockstep.bus.now_ns - last.time_ns > 500_000_000
+    last = [one for one in session.bus.sent if one.can_id in {SYNC, 0x701}][-1]
+    assert session.bus.now_ns - last.time_ns > 500_000_000
     assert moved_rad(session, begun) < math.radians(3.0)
     assert abs(session.machine.trainers["right"].truth().velocity[0]) < 0.05
 
@@ -140,25 +139,25 @@ def test_a_statusword_that_does_not_prove_a_drive_off_is_taken_to_silence(
     ignore_nmt_stop(session)
 
     show(session, word)
-    session.lockstep.run(within_s)
-    assert session.lockstep.core.axes[0].stop is not None
-    session.lockstep.run(0.7)
+    session.run(within_s)
+    assert session.core.axes[0].stop is not None
+    session.run(0.7)
 
-    told = [event for record in session.lockstep.records for event in record.events]
+    told = [event for record in session.records for event in record.events]
     assert any("stop S0" in event and "right/hip" in event for event in told)
-    assert session.lockstep.record.mode == Mode.FAULT
+    assert session.record.mode == Mode.FAULT
     assert steps(session)[0] == Step.SILENCE
 
 
 def test_a_drive_that_a_disable_does_not_switch_off_is_stopped(warm_hold):
     session = warm_hold
-    answer = session.lockstep.request(RequestKind.DISABLE)
+    answer = session.request(RequestKind.DISABLE)
     assert answer.outcome == Outcome.DONE
 
     show(session, 0x27)
-    session.lockstep.run(0.3)
+    session.run(0.3)
 
-    assert session.lockstep.record.verdict.cause == Cause.UNEXPECTED_ENABLE
+    assert session.record.verdict.cause == Cause.UNEXPECTED_ENABLE
     assert steps(session)[0] > Step.DISABLE
 
 
@@ -166,14 +165,14 @@ def test_drives_that_our_own_stop_holds_are_left_as_they_are_also_by_the_next_co
     warm_generic_hold,
 ):
     session = warm_generic_hold
-    session.machine.command("hand_switch_open * 0.3")
-    session.lockstep.run(2.0)
-    again = Lockstep(session.settings, session.machine.world, notes=session.lockstep.notebook.notes)
+    session.command("hand_switch_open * 0.3")
+    session.run(2.0)
+    again = restarted(session)
     again.run(3.0)
 
     held = PowerState.QUICK_STOP_ACTIVE
-    assert {drive.power_state for drive in session.lockstep.record.drives} == {held}
-    assert session.lockstep.record.verdict.cause == Cause.HAND_SWITCH_OPEN
+    assert {drive.power_state for drive in session.record.drives} == {held}
+    assert session.record.verdict.cause == Cause.HAND_SWITCH_OPEN
     assert again.record.mode == Mode.FAULT
     assert again.record.verdict.cause == Cause.HAND_SWITCH_OPEN
     world = session.machine.world
@@ -182,8 +181,8 @@ def test_drives_that_our_own_stop_holds_are_left_as_they_are_also_by_the_next_co
 
 
 def test_a_drive_that_is_enabled_while_the_service_still_starts_is_stopped_in_its_first_cycle():
-    session = Session()
-    world, bus = session.machine.world, session.lockstep.bus
+    session = new_session()
+    world, bus = session.machine.world, session.bus
     hear = world.receive
 
     def enable(word):
@@ -196,7 +195,7 @@ def test_a_drive_that_is_enabled_while_the_service_still_starts_is_stopped_in_it
                 bus.at(world.now_ns + after_ms * 1_000_000, enable(word))
 
     world.receive = receive
-    first = session.lockstep.run_until(
+    first = session.run_until(
         lambda record: record.drives[0].power_state != PowerState.UNKNOWN, within_s=5
     )
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from sessions import Session, changed_configs
+from sessions import changed_configs, new_session, single_axis_run
 
 from daemon.core.modes.persistent_state import AxisNote, PersistentState
 from daemon.core.steps.single_axis import moves_origin
-from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
+from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
 from drives.signals import OperationMode, PowerState
 from sim_drives.frame import Frame
 
@@ -38,7 +38,7 @@ def incremental_configs(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def warm_incremental(incremental_configs):
-    return Session(incremental_configs).until_ready()
+    return new_session(incremental_configs).until_ready()
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def incremental(warm_incremental):
 @pytest.fixture(scope="module")
 def warm_homed(incremental_configs):
     """Both axes are homed, the hip first; with the records of its homing."""
-    session = Session(incremental_configs).until_ready()
+    session = new_session(incremental_configs).until_ready()
     records = home(session, HIP)
     assert referenced(session) == [True, False]
     home(session, SLIDE)
@@ -57,33 +57,33 @@ def warm_homed(incremental_configs):
 
 
 def asked(session, axis):
-    return session.prepare(Mode.REFERENCE, axis)
+    return session.request(RequestKind.MODE, ModeRequest(Mode.REFERENCE, axis=axis))
 
 
 def home(session, axis):
-    return session.prepared(Mode.REFERENCE, axis)
+    return single_axis_run(session, Mode.REFERENCE, axis)
 
 
 def referenced(session):
-    return [drive.referenced for drive in session.lockstep.record.drives]
+    return [drive.referenced for drive in session.record.drives]
 
 
 def test_an_incremental_encoder_is_not_referenced_and_cannot_be_enabled(incremental):
-    answer = incremental.lockstep.request(RequestKind.ENABLE)
+    answer = incremental.request(RequestKind.ENABLE)
 
     assert answer.outcome == Outcome.REFUSED
     assert answer.reason == "not referenced: right/hip (home it), right/slide (home it)"
-    assert incremental.lockstep.record.legs[0].status & (1 << 10)  # UNREFERENCED
+    assert incremental.record.legs[0].status & (1 << 10)  # UNREFERENCED
 
 
 def test_homing_finds_the_joint_where_it_is_within_an_encoder_count_or_two(warm_homed):
     incremental, _ = warm_homed
     assert referenced(incremental) == [True, True]
 
-    truth, drives = incremental.truth.rows[-1], incremental.lockstep.record.drives
+    truth, drives = incremental.truth.rows[-1], incremental.record.drives
     assert drives[0].position_si == pytest.approx(truth.hip_angle_rad, abs=3e-4)
     assert drives[1].position_si == pytest.approx(truth.slide_position_m, abs=2e-4)
-    assert incremental.lockstep.request(RequestKind.ENABLE).outcome == Outcome.DONE
+    assert incremental.request(RequestKind.ENABLE).outcome == Outcome.DONE
 
 
 def test_homing_is_the_drive_s_own_mode_of_one_axis_with_limited_torque(warm_homed):
@@ -100,7 +100,7 @@ def test_the_stroke_of_a_homing_is_asked_for_by_one_edge_of_bit_4(warm_homed):
     incremental, _ = warm_homed
     words = [
         int.from_bytes(frame.data[:2], "little")
-        for frame in incremental.lockstep.bus.sent
+        for frame in incremental.bus.sent
         if frame.can_id == 0x205
     ]
     rises = [new for old, new in pairwise(words) if new & ~old & 0x10]
@@ -109,45 +109,45 @@ def test_the_stroke_of_a_homing_is_asked_for_by_one_edge_of_bit_4(warm_homed):
 
 def test_homing_that_is_blocked_fails_with_its_reason_and_references_nothing(incremental):
     asked(incremental, HIP)
-    incremental.lockstep.run_until(lambda record: record.mode == Mode.REFERENCE, within_s=10)
-    incremental.lockstep.run(1.0)
-    incremental.machine.command("blocked_rotor right/hip")
+    incremental.run_until(lambda record: record.mode == Mode.REFERENCE, within_s=10)
+    incremental.run(1.0)
+    incremental.command("blocked_rotor right/hip")
 
-    begun = len(incremental.lockstep.records)
-    incremental.lockstep.run_until(lambda record: record.mode != Mode.REFERENCE, within_s=60)
-    incremental.lockstep.run(3.0)
+    begun = len(incremental.records)
+    incremental.run_until(lambda record: record.mode != Mode.REFERENCE, within_s=60)
+    incremental.run(3.0)
 
-    told = [event for record in incremental.lockstep.records[begun:] for event in record.events]
+    told = [event for record in incremental.records[begun:] for event in record.events]
     assert any(event.startswith("right/hip: failed: ") for event in told)
     assert referenced(incremental) == [False, False]
 
 
 def test_a_stop_during_homing_ends_in_fault_and_references_nothing(incremental):
     asked(incremental, HIP)
-    incremental.lockstep.run_until(lambda record: record.mode == Mode.REFERENCE, within_s=10)
-    incremental.lockstep.run(1.0)
+    incremental.run_until(lambda record: record.mode == Mode.REFERENCE, within_s=10)
+    incremental.run(1.0)
 
-    incremental.lockstep.gateway.stop()
-    incremental.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+    incremental.gateway.stop()
+    incremental.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
 
-    assert incremental.lockstep.record.verdict.cause == Cause.STOP_REQUESTED
+    assert incremental.record.verdict.cause == Cause.STOP_REQUESTED
     assert referenced(incremental) == [False, False]
-    assert incremental.lockstep.request(RequestKind.RESET).outcome == Outcome.DONE
-    assert incremental.lockstep.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
+    assert incremental.request(RequestKind.RESET).outcome == Outcome.DONE
+    assert incremental.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
 
 
 def test_a_reboot_of_a_drive_loses_its_home(warm_homed):
     incremental, _ = warm_homed
-    incremental.machine.command("reboot right/hip 0.3")
-    incremental.lockstep.run(4.0)
+    incremental.command("reboot right/hip 0.3")
+    incremental.run(4.0)
 
-    incremental.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
+    incremental.run_until(lambda record: record.mode == Mode.READY, within_s=10)
 
     assert referenced(incremental) == [False, True]
 
 
 def test_with_a_patient_no_axis_is_homed(tmp_path):
-    session = Session(changed_configs(tmp_path, *INCREMENTAL)).until_ready()
+    session = new_session(changed_configs(tmp_path, *INCREMENTAL)).until_ready()
 
     answer = asked(session, HIP)
 
@@ -162,7 +162,7 @@ def test_an_axis_without_a_homing_in_its_file_is_refused(tmp_path):
     for name in ("demo.toml", "plant.toml"):
         text = (configs / name).read_text()
         (configs / name).write_text(text.replace('"robot.toml"', '"robot_empty.toml"'))
-    session = Session(configs).until_ready()
+    session = new_session(configs).until_ready()
 
     answer = asked(session, HIP)
 
@@ -182,7 +182,7 @@ def left_at(hip_rad, slide_m):
 def test_an_absolute_encoder_is_believed_where_the_axis_was_left(tmp_path):
     notes = left_at(math.radians(13.98) + 0.01, 0.5905 - 0.005)
 
-    session = Session(changed_configs(tmp_path, *STRICT), notes).until_ready()
+    session = new_session(changed_configs(tmp_path, *STRICT), notes).until_ready()
 
     assert referenced(session) == [True, True]
 
@@ -190,19 +190,19 @@ def test_an_absolute_encoder_is_believed_where_the_axis_was_left(tmp_path):
 def test_an_absolute_encoder_that_disagrees_with_the_stored_pose_is_not_believed(tmp_path):
     notes = left_at(math.radians(13.98) - 0.0628, 0.5905)
 
-    session = Session(changed_configs(tmp_path, *STRICT), notes).until_ready()
+    session = new_session(changed_configs(tmp_path, *STRICT), notes).until_ready()
 
     assert referenced(session) == [False, True]
-    told = [event for record in session.lockstep.records for event in record.events]
+    told = [event for record in session.records for event in record.events]
     assert any("it was left at 0.1812" in event for event in told)
-    assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
+    assert session.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
 
 
 @pytest.mark.parametrize(
     "notes", [PersistentState(), PersistentState(damaged=True)], ids=["none", "damaged"]
 )
 def test_without_a_stored_pose_the_trainer_file_decides_and_a_damaged_one_is_none(tmp_path, notes):
-    session = Session(changed_configs(tmp_path, *STRICT), notes).until_ready()
+    session = new_session(changed_configs(tmp_path, *STRICT), notes).until_ready()
 
     assert referenced(session) == [False, False]
 
@@ -210,36 +210,36 @@ def test_without_a_stored_pose_the_trainer_file_decides_and_a_damaged_one_is_non
 def test_a_damaged_pose_is_not_believed_where_a_missing_one_would_be(tmp_path):
     lenient = changed_configs(tmp_path, *STRICT[:2])
 
-    assert referenced(Session(lenient, PersistentState()).until_ready()) == [True, True]
-    assert referenced(Session(lenient, PersistentState(damaged=True)).until_ready()) == [
+    assert referenced(new_session(lenient, PersistentState()).until_ready()) == [True, True]
+    assert referenced(new_session(lenient, PersistentState(damaged=True)).until_ready()) == [
         False,
         False,
     ]
 
 
 def test_the_pose_is_stored_at_an_orderly_stop_and_followed_while_nothing_is_driven(warm_hold):
-    before = warm_hold.lockstep.notebook.notes.of(HIP).position_si
-    warm_hold.lockstep.run(2.0)
-    assert warm_hold.lockstep.notebook.notes.of(HIP).position_si == before
+    before = warm_hold.notebook.notes.of(HIP).position_si
+    warm_hold.run(2.0)
+    assert warm_hold.notebook.notes.of(HIP).position_si == before
 
-    warm_hold.lockstep.request(RequestKind.DISABLE)
-    warm_hold.lockstep.run(4.0)
+    warm_hold.request(RequestKind.DISABLE)
+    warm_hold.run(4.0)
 
-    stored, there = warm_hold.lockstep.notebook.notes, warm_hold.lockstep.record.drives
+    stored, there = warm_hold.notebook.notes, warm_hold.record.drives
     assert stored.of(HIP).position_si == pytest.approx(there[0].position_si, abs=2e-4)
     assert stored.of(SLIDE).position_si == pytest.approx(there[1].position_si, abs=2e-4)
 
 
 def test_an_unreferenced_axis_stores_no_pose(incremental):
-    incremental.lockstep.run(3.0)
+    incremental.run(3.0)
 
-    assert incremental.lockstep.notebook.notes.axes == {}
+    assert incremental.notebook.notes.axes == {}
 
 
 def test_a_service_that_is_asked_to_end_waits_for_the_leg_to_rest_and_stores_where(session):
-    session.lockstep.shut_down()
+    session.shut_down()
 
-    last, notes = session.truth.rows[-1], session.lockstep.notebook.notes
+    last, notes = session.truth.rows[-1], session.notebook.notes
     assert abs(last.hip_velocity_rad_per_s) < 0.1
     assert abs(last.slide_velocity_m_per_s) < 0.06
     assert notes.of(HIP).position_si == pytest.approx(last.hip_angle_rad, abs=0.002)
@@ -248,67 +248,67 @@ def test_a_service_that_is_asked_to_end_waits_for_the_leg_to_rest_and_stores_whe
 
 def test_a_drive_that_cannot_home_is_brought_up_as_before_and_the_request_refused(tmp_path):
     configs = changed_configs(tmp_path, *EMPTY, ("plant.toml", "homes = true", "homes = false"))
-    session = Session(configs).until_ready()
+    session = new_session(configs).until_ready()
 
     answer = asked(session, HIP)
-    session.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
+    session.run_until(lambda record: record.mode == Mode.READY, within_s=10)
 
     assert answer.outcome == Outcome.REFUSED
     assert "it supports homing" in answer.reason
-    session.lockstep.run(0.2)
-    assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.DONE
+    session.run(0.2)
+    assert session.request(RequestKind.ENABLE).outcome == Outcome.DONE
 
 
 def test_an_encoder_that_jumps_at_rest_is_not_believed_and_its_pose_not_stored(tmp_path):
-    session = Session(changed_configs(tmp_path, *STRICT[:2])).until_ready()
-    session.lockstep.run(1.5)
-    before = session.lockstep.notebook.notes.of(HIP).position_si
+    session = new_session(changed_configs(tmp_path, *STRICT[:2])).until_ready()
+    session.run(1.5)
+    before = session.notebook.notes.of(HIP).position_si
 
-    session.machine.command("encoder_glitch right/hip 60 5000")
-    session.lockstep.run(3.0)
+    session.command("encoder_glitch right/hip 60 5000")
+    session.run(3.0)
 
     assert referenced(session) == [False, True]
-    assert session.lockstep.notebook.notes.of(HIP).position_si == before
-    told = [event for record in session.lockstep.records for event in record.events]
+    assert session.notebook.notes.of(HIP).position_si == before
+    told = [event for record in session.records for event in record.events]
     assert told.count("right/hip: not referenced any more, its encoder jumped") == 1
-    assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
+    assert session.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
 
 
 def test_of_a_damaged_file_nothing_is_believed_until_it_is_found_anew(tmp_path):
     lenient = changed_configs(tmp_path, *EMPTY, *STRICT[:2])
-    session = Session(lenient, PersistentState(damaged=True)).until_ready()
+    session = new_session(lenient, PersistentState(damaged=True)).until_ready()
     home(session, HIP)
-    found_rad, truth = session.lockstep.record.drives[0].position_si, session.truth.rows[-1]
+    found_rad, truth = session.record.drives[0].position_si, session.truth.rows[-1]
     assert found_rad == pytest.approx(truth.hip_angle_rad, abs=3e-4)
-    session.lockstep.run(1.5)
+    session.run(1.5)
 
     assert referenced(session) == [True, False]
-    notes = session.lockstep.notebook.notes
+    notes = session.notebook.notes
     assert notes.of(HIP).position_si is not None
-    assert referenced(Session(lenient, notes).until_ready())[1] is False
+    assert referenced(new_session(lenient, notes).until_ready())[1] is False
 
 
 def test_a_homing_faster_than_its_search_has_run_away_and_is_stopped(tmp_path):
     slow = ("drives/hip_epos4.toml", "search_speed_si_per_s = 0.1", "search_speed_si_per_s = 0.01")
-    session = Session(changed_configs(tmp_path, *EMPTY, *INCREMENTAL, slow)).until_ready()
+    session = new_session(changed_configs(tmp_path, *EMPTY, *INCREMENTAL, slow)).until_ready()
     node = session.machine.world
     asked(session, HIP)
-    session.lockstep.run_until(lambda record: record.mode == Mode.REFERENCE, within_s=10)
-    session.lockstep.run(0.3)
+    session.run_until(lambda record: record.mode == Mode.REFERENCE, within_s=10)
+    session.run(0.3)
     fast = Frame(0x605, bytes.fromhex("23996001") + (60).to_bytes(4, "little"))
     node.receive(fast)  # somebody else writes 6099h:01: 60 rpm, 0.06 rad/s
-    session.lockstep.run_until(lambda record: record.mode != Mode.REFERENCE, within_s=60)
+    session.run_until(lambda record: record.mode != Mode.REFERENCE, within_s=60)
 
-    assert session.lockstep.record.verdict.cause == Cause.VELOCITY_LIMIT
+    assert session.record.verdict.cause == Cause.VELOCITY_LIMIT
 
 
 def test_a_home_that_is_shown_during_a_stop_hides_no_motion(incremental):
     asked(incremental, HIP)
-    incremental.lockstep.run_until(lambda record: record.mode == Mode.REFERENCE, within_s=10)
-    incremental.lockstep.run(1.0)
-    incremental.lockstep.gateway.stop()
-    incremental.lockstep.run(0.02)
-    axis = incremental.lockstep.core.axes[0]
+    incremental.run_until(lambda record: record.mode == Mode.REFERENCE, within_s=10)
+    incremental.run(1.0)
+    incremental.gateway.stop()
+    incremental.run(0.02)
+    axis = incremental.core.axes[0]
     shown = replace(axis.feedback, statusword=axis.feedback.statusword | 0x1000)
 
-    assert not moves_origin(incremental.lockstep.core, axis, shown)
+    assert not moves_origin(incremental.core, axis, shown)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from sessions import Session, changed_configs, position_guidance
+from sessions import changed_configs, new_session, position_guidance
 
 from daemon.ipc.record import (
     Cause,
@@ -17,6 +17,7 @@ from daemon.ipc.record import (
     Stage,
     StopCategory,
 )
+from gaitd_lab.lockstep import LockstepSession
 
 RELEASE = ModeRequest(Mode.HAND_GUIDING)
 HOLD = ModeRequest(Mode.HOLD)
@@ -45,23 +46,23 @@ LED = OUT | {"a_little": (1.5, 0.0, -110.0), "torn": (3.0, 0.0, -450.0)}
 """Until when somebody leads the leg, and how hard: N·m and N. Breakaway friction is 7 and 75."""
 
 
-def led(folder: Path, configs: Callable[..., Path]) -> Session:
+def led(folder: Path, configs: Callable[..., Path]) -> LockstepSession:
     """A session whose patient can lead the leg in each of these ways."""
     programmes = "".join(
         PROGRAMME.format(name=name, until_s=until_s, hip_nm=hip_nm, slide_n=slide_n)
         for name, (until_s, hip_nm, slide_n) in LED.items()
     )
-    return Session(configs(folder, ("plant.toml", BEFORE, programmes + BEFORE)))
+    return new_session(configs(folder, ("plant.toml", BEFORE, programmes + BEFORE)))
 
 
 @pytest.fixture(scope="module")
 def warm_led(tmp_path_factory):
-    return led(tmp_path_factory.mktemp("led"), changed_configs).enabled()
+    return led(tmp_path_factory.mktemp("led"), changed_configs).enable()
 
 
 @pytest.fixture(scope="module")
 def warm_led_position(tmp_path_factory):
-    return led(tmp_path_factory.mktemp("led"), position_guidance).enabled()
+    return led(tmp_path_factory.mktemp("led"), position_guidance).enable()
 
 
 @pytest.fixture
@@ -69,14 +70,14 @@ def warm_held(request, guidance):
     return request.getfixturevalue("warm_led" if guidance == "impedance" else "warm_led_position")
 
 
-def released(session: Session) -> Session:
-    answer = session.lockstep.request(RequestKind.MODE, RELEASE)
+def released(session: LockstepSession) -> LockstepSession:
+    answer = session.request(RequestKind.MODE, RELEASE)
     assert answer.outcome == Outcome.DONE, answer.reason
-    session.lockstep.run_until(lambda record: record.stage is Stage.PLAYING, within_s=2)
+    session.run_until(lambda record: record.stage is Stage.PLAYING, within_s=2)
     return session
 
 
-def where(session: Session) -> tuple[float, float]:
+def where(session: LockstepSession) -> tuple[float, float]:
     row = session.truth.rows[-1]
     return row.hip_angle_rad, row.slide_position_m
 
@@ -89,14 +90,14 @@ def test_the_leg_can_be_moved_to_the_end_where_one_gets_out_and_stays_there(warm
     session = released(warm_held)
     begun = where(session)
 
-    session.machine.command(f"patient {way}")
-    session.lockstep.run(until_s + 0.5)
+    session.command(f"patient {way}")
+    session.run(until_s + 0.5)
     there = where(session)
-    session.lockstep.run(2.0)
+    session.run(2.0)
     later = where(session)
 
-    assert session.lockstep.record.verdict.cause == Cause.NONE
-    assert session.lockstep.record.mode == Mode.HAND_GUIDING
+    assert session.record.verdict.cause == Cause.NONE
+    assert session.record.mode == Mode.HAND_GUIDING
     assert abs(there[0] - begun[0]) > (0.38 if hip_nm else 0.0)
     assert abs(there[1] - begun[1]) > (0.34 if slide_n else 0.0)
     assert (there[0] - begun[0]) * hip_nm >= 0
@@ -111,7 +112,7 @@ def test_a_leg_that_nobody_moves_stays_where_it_is(warm_held, for_s):
     session = released(warm_held)
     begun = where(session)
 
-    session.lockstep.run(for_s)
+    session.run(for_s)
 
     assert where(session)[0] == pytest.approx(begun[0], abs=0.002)
     assert where(session)[1] == pytest.approx(begun[1], abs=0.001)
@@ -120,10 +121,10 @@ def test_a_leg_that_nobody_moves_stays_where_it_is(warm_held, for_s):
 def test_somebody_who_tears_at_the_leg_stops_it_by_the_speed_of_hand_guiding(warm_led):
     session = released(warm_led)
 
-    session.machine.command("patient torn")
-    session.lockstep.run_until(lambda record: record.mode == Mode.STOPPING, within_s=3)
+    session.command("patient torn")
+    session.run_until(lambda record: record.mode == Mode.STOPPING, within_s=3)
 
-    verdict = session.lockstep.record.verdict
+    verdict = session.record.verdict
     assert verdict.cause == Cause.VELOCITY_LIMIT
     assert verdict.limit == session.settings.limits.slide.hand_guiding_speed_max_m_per_s
     assert verdict.value < session.settings.limits.slide.velocity_max_m_per_s
@@ -131,13 +132,13 @@ def test_somebody_who_tears_at_the_leg_stops_it_by_the_speed_of_hand_guiding(war
 
 def test_the_hand_switch_stops_hand_guiding_as_any_motion(warm_held):
     session = released(warm_held)
-    session.machine.command("patient foot_in")
-    session.lockstep.run(1.5)
+    session.command("patient foot_in")
+    session.run(1.5)
 
-    session.machine.command("hand_switch_open *")
-    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=3)
+    session.command("hand_switch_open *")
+    session.run_until(lambda record: record.mode == Mode.FAULT, within_s=3)
 
-    verdict = session.lockstep.record.verdict
+    verdict = session.record.verdict
     assert (verdict.cause, verdict.category) == (Cause.HAND_SWITCH_OPEN, StopCategory.S1)
 
 
@@ -145,35 +146,35 @@ def test_it_ends_by_itself_and_holds_the_leg_where_it_is_then(tmp_path):
     configs = changed_configs(
         tmp_path, ("demo.toml", "duration_max_s = 120.0", "duration_max_s = 3.0")
     )
-    session = released(Session(configs).enabled())
+    session = released(new_session(configs).enable())
 
-    session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=4)
+    session.run_until(lambda record: record.mode == Mode.HOLD, within_s=4)
     there = where(session)
-    session.lockstep.run(2.0)
+    session.run(2.0)
 
     assert where(session) == pytest.approx(there, abs=0.002)
-    assert session.lockstep.record.mode == Mode.HOLD
+    assert session.record.mode == Mode.HOLD
 
 
 def test_after_it_the_leg_is_held_or_switched_off_and_walks_again(warm_held):
     session = released(warm_held)
-    session.machine.command("patient a_little")
-    session.lockstep.run(2.5)
+    session.command("patient a_little")
+    session.run(2.5)
 
-    assert session.lockstep.request(RequestKind.MODE, HOLD).outcome == Outcome.DONE
-    session.lockstep.run(0.5)
+    assert session.request(RequestKind.MODE, HOLD).outcome == Outcome.DONE
+    session.run(0.5)
     gait = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=0.5, duration_s=5.0)
-    assert session.lockstep.request(RequestKind.MODE, gait).outcome == Outcome.DONE
-    session.lockstep.run_until(lambda record: record.gait_phase >= 0, within_s=30)
-    assert session.lockstep.request(RequestKind.DISABLE).outcome == Outcome.DONE
-    assert session.lockstep.record.mode == Mode.READY
+    assert session.request(RequestKind.MODE, gait).outcome == Outcome.DONE
+    session.run_until(lambda record: record.gait_phase >= 0, within_s=30)
+    assert session.request(RequestKind.DISABLE).outcome == Outcome.DONE
+    assert session.record.mode == Mode.READY
 
 
 def test_out_of_it_the_drives_can_be_switched_off_at_once(warm_hold):
     session = released(warm_hold)
 
-    assert session.lockstep.request(RequestKind.DISABLE).outcome == Outcome.DONE
-    assert session.lockstep.record.mode == Mode.READY
+    assert session.request(RequestKind.DISABLE).outcome == Outcome.DONE
+    assert session.record.mode == Mode.READY
 
 
 @pytest.mark.parametrize(
@@ -184,25 +185,25 @@ def test_out_of_it_the_drives_can_be_switched_off_at_once(warm_hold):
     ],
 )
 def test_after_a_stop_the_way_out_is_reset_enable_release(warm_led, line):
-    session = warm_led.walking(warm_s=1.0)
-    session.machine.command(line)
-    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=4)
-    session.lockstep.run(1.0)
+    session = warm_led.walk(duration_s=1.0)
+    session.command(line)
+    session.run_until(lambda record: record.mode == Mode.FAULT, within_s=4)
+    session.run(1.0)
 
     for kind in (RequestKind.RESET, RequestKind.ENABLE):
-        answer = session.lockstep.request(kind)
+        answer = session.request(kind)
         assert answer.outcome == Outcome.DONE, answer.reason
     released(session)
     begun = where(session)
-    session.machine.command("patient foot_in")
-    session.lockstep.run(4.0)
+    session.command("patient foot_in")
+    session.run(4.0)
 
-    assert session.lockstep.record.mode == Mode.HAND_GUIDING
+    assert session.record.mode == Mode.HAND_GUIDING
     assert where(session)[1] < begun[1] - 0.1
 
 
 def test_it_is_asked_for_in_hold_alone(warm_ready):
-    answer = warm_ready.lockstep.request(RequestKind.MODE, RELEASE)
+    answer = warm_ready.request(RequestKind.MODE, RELEASE)
 
     assert answer.outcome == Outcome.REFUSED
     assert "not possible in mode ready" in answer.reason
@@ -219,12 +220,12 @@ def pushes(records: list[CycleRecord]) -> list[tuple[float, float]]:
 
 def test_nothing_it_sends_steps_by_more_than_a_person_would_feel(warm_led):
     """A tenth of what the rate limits would let through from one cycle to the next; no edge."""
-    begun = len(warm_led.lockstep.records)
+    begun = len(warm_led.records)
     released(warm_led)
-    warm_led.machine.command("patient a_little")
-    warm_led.lockstep.run(2.5)
+    warm_led.command("patient a_little")
+    warm_led.run(2.5)
 
-    sent = pushes(warm_led.lockstep.records[begun:])
+    sent = pushes(warm_led.records[begun:])
     steps = [
         (abs(later[0] - before[0]), abs(later[1] - before[1]))
         for before, later in itertools.pairwise(sent)

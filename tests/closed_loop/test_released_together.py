@@ -1,11 +1,10 @@
 """A reset lets go of all drives that hold the leg within one cycle of each other."""
 
 import pytest
-from sessions import Session, generic_drives
+from sessions import generic_drives, new_session, restarted
 from wire import NODES
 
 from daemon.ipc.record import Mode, Outcome, RequestKind
-from gaitd_lab.lockstep import Lockstep
 
 MS = 1_000_000
 CYCLE_MS = 10
@@ -39,22 +38,22 @@ def watch_power(session):
 @pytest.fixture(scope="module")
 def warm_generic_hold(tmp_path_factory):
     """Drives that go on holding when their master is gone."""
-    return Session(generic_drives(tmp_path_factory.mktemp("generic"))).enabled()
+    return new_session(generic_drives(tmp_path_factory.mktemp("generic"))).enable()
 
 
-@pytest.mark.parametrize("restarted", [False, True], ids=["held", "held, by a core before"])
-def test_a_reset_of_a_held_stop_releases_all_axes_in_the_same_cycle(warm_generic_hold, restarted):
-    session, lockstep = warm_generic_hold, warm_generic_hold.lockstep
-    session.machine.command("hand_switch_open * 0.3")
-    lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)
-    lockstep.run(0.5)
-    if restarted:
-        lockstep = Lockstep(session.settings, session.machine.world, notes=lockstep.notebook.notes)
-        lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=3)
-        lockstep.run(0.5)
+@pytest.mark.parametrize("core_is_new", [False, True], ids=["held", "held, by a core before"])
+def test_a_reset_of_a_held_stop_releases_all_axes_in_the_same_cycle(warm_generic_hold, core_is_new):
+    session = warm_generic_hold
+    session.command("hand_switch_open * 0.3")
+    session.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)
+    session.run(0.5)
+    if core_is_new:
+        session = restarted(session)
+        session.run_until(lambda record: record.mode == Mode.FAULT, within_s=3)
+        session.run(0.5)
     off_ns = watch_power(session)
 
-    answer = lockstep.request(RequestKind.RESET)
+    answer = session.request(RequestKind.RESET)
 
     assert answer.outcome == Outcome.DONE, answer.reason
     assert len(off_ns) == len(NODES)

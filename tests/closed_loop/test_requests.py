@@ -3,11 +3,11 @@
 from functools import partial
 
 import pytest
-from sessions import Session, changed_configs, elsewhere
+from sessions import changed_configs, elsewhere, new_session
 
 from daemon.core.modes.table import TRANSITIONS, event_of
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
-from gaitd_lab.lockstep import Lockstep
+from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.mode_page import ASKS
 
 EMPTY = (
@@ -30,43 +30,43 @@ MODES = [mode for mode in Mode if mode not in {Mode.TORQUE, Mode.BRINGING_UP}]
 
 
 @pytest.fixture(scope="module", params=MODES, ids=[mode.name.lower() for mode in MODES])
-def warm_mode(request, tmp_path_factory) -> tuple[Mode, Lockstep]:
+def warm_mode(request, tmp_path_factory) -> tuple[Mode, LockstepSession]:
     """A machine in each mode."""
     mode = request.param
     if mode in {Mode.REFERENCE, Mode.COMMISSION}:
         more = INCREMENTAL if mode == Mode.REFERENCE else ()
         folder = tmp_path_factory.mktemp(mode.name)
-        session = Session(changed_configs(folder, *EMPTY, *more)).until_ready()
-        session.prepare(mode, "right/hip")
+        session = new_session(changed_configs(folder, *EMPTY, *more)).until_ready()
+        session.execute(RequestKind.MODE, ModeRequest(mode, axis="right/hip"))
     elif mode == Mode.OFF:
-        session = Session()
-        session.machine.command("unplugged *")
-        session.lockstep.run_until(lambda record: record.mode == mode, within_s=10)
+        session = new_session()
+        session.command("unplugged *")
+        session.run_until(lambda record: record.mode == mode, within_s=10)
     elif mode == Mode.READY:
-        session = Session().until_ready()
+        session = new_session().until_ready()
     else:
-        session = Session().enabled()
+        session = new_session().enable()
         if mode in BY_REQUEST:
-            session.lockstep.request(RequestKind.MODE, BY_REQUEST[mode])
+            session.request(RequestKind.MODE, BY_REQUEST[mode])
         elif mode in {Mode.STOPPING, Mode.FAULT}:
-            session.lockstep.gateway.stop()
-            session.lockstep.run_until(lambda record: record.mode == mode, within_s=5)
-    assert session.lockstep.record.mode == mode
-    return mode, session.lockstep
+            session.gateway.stop()
+            session.run_until(lambda record: record.mode == mode, within_s=5)
+    assert session.record.mode == mode
+    return mode, session
 
 
-def told(lockstep: Lockstep) -> list[str]:
-    return [event for record in lockstep.records for event in record.events]
+def told(session: LockstepSession) -> list[str]:
+    return [event for record in session.records for event in record.events]
 
 
-def asked(kind: RequestKind, wanted: ModeRequest, lockstep: Lockstep):
-    return lockstep.request(kind, wanted, within_s=20), told(lockstep)
+def asked(kind: RequestKind, wanted: ModeRequest, session: LockstepSession):
+    return session.request(kind, wanted, within_s=20), told(session)
 
 
 def test_a_request_is_answered_with_done_or_why_not(warm_mode):
-    mode, lockstep = warm_mode
+    mode, session = warm_mode
     for name, (kind, wanted) in ASKS.items():
-        answer, events = elsewhere(lockstep, partial(asked, kind, wanted))
+        answer, events = elsewhere(session, partial(asked, kind, wanted))
 
         if (mode, event_of(kind, wanted)) not in TRANSITIONS:
             assert answer.outcome == Outcome.REFUSED, name
@@ -80,8 +80,8 @@ def test_a_request_is_answered_with_done_or_why_not(warm_mode):
 
 def test_a_request_while_the_drives_are_brought_up_is_refused_there_and_then():
     """Bring-up takes many cycles in one turn of the loop: it hears and answers meanwhile."""
-    lockstep = Session().lockstep
-    gateway, waiting, answers = lockstep.gateway, list(ASKS.values()), []
+    session = new_session()
+    gateway, waiting, answers = session.gateway, list(ASKS.values()), []
 
     def ask_the_next(record):
         if record.mode != Mode.BRINGING_UP:
@@ -92,7 +92,7 @@ def test_a_request_while_the_drives_are_brought_up_is_refused_there_and_then():
             gateway.ask(*waiting.pop())
 
     gateway._on_record = ask_the_next
-    lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
+    session.run_until(lambda record: record.mode == Mode.READY, within_s=10)
 
     assert len(answers) == len(ASKS)
     assert {answer.outcome for answer in answers} == {Outcome.REFUSED}
@@ -100,12 +100,12 @@ def test_a_request_while_the_drives_are_brought_up_is_refused_there_and_then():
 
 
 def test_a_stop_is_obeyed_in_every_mode_that_moves_and_harms_in_none(warm_mode):
-    mode, lockstep = warm_mode
+    mode, session = warm_mode
 
-    lockstep.gateway.stop()
-    lockstep.run(1.0)
+    session.gateway.stop()
+    session.run(1.0)
 
-    record = lockstep.record
+    record = session.record
     assert not record.mode.active
     if mode.active:
         assert record.verdict.cause == Cause.STOP_REQUESTED
@@ -114,20 +114,19 @@ def test_a_stop_is_obeyed_in_every_mode_that_moves_and_harms_in_none(warm_mode):
 
 @pytest.mark.parametrize("mode", [Mode.OFF, Mode.READY, Mode.FAULT, Mode.STOPPING])
 def test_a_mode_that_nobody_can_ask_for_is_refused_by_name(warm_ready, mode):
-    answer = warm_ready.lockstep.request(RequestKind.MODE, ModeRequest(mode))
+    answer = warm_ready.request(RequestKind.MODE, ModeRequest(mode))
 
     assert answer.outcome == Outcome.REFUSED
     assert answer.reason == f"{mode.name.lower()} is not a mode that can be asked for"
 
 
 def test_a_request_made_long_ago_is_refused_with_both_cycles(warm_ready):
-    lockstep = warm_ready.lockstep
-    lockstep.run(1.0)
-    gateway = lockstep.gateway
+    warm_ready.run(1.0)
+    gateway = warm_ready.gateway
     gateway.ask(RequestKind.ENABLE)
     gateway._request = type(gateway._request)(gateway._request.id, RequestKind.ENABLE, 1)
 
-    lockstep.run(0.1)
+    warm_ready.run(0.1)
 
     assert gateway.outcome().outcome == Outcome.REFUSED
     assert "made for cycle 1, it is" in gateway.outcome().reason

@@ -22,48 +22,48 @@ def lose_samples(session, axis=None):
 def test_enable_needs_a_sample_of_every_axis_in_the_cycle_that_grants_it(warm_ready, axis):
     session = warm_ready
     lose_samples(session, axis)
-    session.lockstep.run(0.01)
-    since = len(session.lockstep.bus.sent)
+    session.run(0.01)
+    since = len(session.bus.sent)
 
-    answer = session.lockstep.request(RequestKind.ENABLE)
-    session.lockstep.run(0.1)
+    answer = session.request(RequestKind.ENABLE)
+    session.run(0.1)
 
     assert answer.outcome == Outcome.REFUSED
     assert "no sample" in answer.reason
     for node in NODES:
-        told = rpdo1(session.lockstep.bus.sent[since:], node)
+        told = rpdo1(session.bus.sent[since:], node)
         assert not any(one.controlword & ENABLE_OPERATION for one in told)
 
 
 @pytest.mark.parametrize("axis", [None, 0, 1], ids=["both", "hip", "slide"])
 def test_reset_needs_a_sample_of_every_axis_that_is_not_lost(warm_hold, axis):
     session = warm_hold
-    session.machine.command("hand_switch_open * 0.2")
-    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)
-    session.lockstep.run(0.3)
+    session.command("hand_switch_open * 0.2")
+    session.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)
+    session.run(0.3)
     on = lose_samples(session, axis)
-    session.lockstep.run(0.01)
+    session.run(0.01)
 
-    early = session.lockstep.request(RequestKind.RESET)
+    early = session.request(RequestKind.RESET)
     assert early.outcome == Outcome.REFUSED
     assert "no sample" in early.reason
-    assert session.lockstep.record.mode == Mode.FAULT
+    assert session.record.mode == Mode.FAULT
 
     on[0] = False
-    session.lockstep.run(0.02)
-    assert session.lockstep.request(RequestKind.RESET).outcome == Outcome.DONE
+    session.run(0.02)
+    assert session.request(RequestKind.RESET).outcome == Outcome.DONE
 
 
 @pytest.mark.parametrize("line", ["unplugged right/hip 1.5", "silent right/slide 1.5"])
 def test_a_drive_that_was_lost_and_came_back_is_no_obstacle_to_reset(warm_hold, line):
     session = warm_hold
-    session.machine.command(line)
-    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)
-    lost = session.lockstep.record.verdict
-    session.lockstep.run(2.0)
+    session.command(line)
+    session.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)
+    lost = session.record.verdict
+    session.run(2.0)
 
-    answer = session.lockstep.request(RequestKind.RESET)
+    answer = session.request(RequestKind.RESET)
 
     assert lost.cause in {Cause.DRIVE_SILENT, Cause.HEARTBEAT_LOST}
     assert answer.outcome == Outcome.DONE, answer.reason
-    assert session.lockstep.request(RequestKind.ENABLE).outcome == Outcome.DONE
+    assert session.request(RequestKind.ENABLE).outcome == Outcome.DONE

@@ -4,10 +4,11 @@ import re
 from pathlib import Path
 
 import pytest
-from sessions import Session, changed_configs, elsewhere, position_guidance, two_legs
+from sessions import changed_configs, elsewhere, new_session, position_guidance, two_legs
 
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, RequestResult
+from gaitd_lab.lockstep import LockstepSession
 
 DAILY = ("demo.toml", 'required = "never"', 'required = "daily"')
 SELF_TEST = ModeRequest(Mode.SELF_TEST)
@@ -23,33 +24,31 @@ SHIFT_M = 0.1
 """By so much the other spring is longer."""
 
 
-def ask(session: Session, wanted: ModeRequest) -> RequestResult:
-    return session.lockstep.request(RequestKind.MODE, wanted)
+def ask(session: LockstepSession, wanted: ModeRequest) -> RequestResult:
+    return session.request(RequestKind.MODE, wanted)
 
 
-def seen_to_act(session: Session) -> Session:
+def seen_to_act(session: LockstepSession) -> LockstepSession:
     """A person lets go of the switch and presses the emergency stop, in READY."""
     session.until_ready()
     for line in ("hand_switch_open * 0.3", "sto_open * 0.3"):
-        session.machine.command(line)
-        session.lockstep.run(0.8)
-    if session.lockstep.record.mode == Mode.FAULT:
-        assert session.lockstep.request(RequestKind.RESET).outcome == Outcome.DONE
+        session.command(line)
+        session.run(0.8)
+    if session.record.mode == Mode.FAULT:
+        assert session.request(RequestKind.RESET).outcome == Outcome.DONE
     return session
 
 
-def put_to_test(session: Session) -> Session:
+def put_to_test(session: LockstepSession) -> LockstepSession:
     answer = ask(session, SELF_TEST)
     assert answer.outcome == Outcome.DONE, answer.reason
-    session.lockstep.run_until(
-        lambda record: record.mode in {Mode.HOLD, Mode.STOPPING}, within_s=60
-    )
-    session.lockstep.run(1.0)
+    session.run_until(lambda record: record.mode in {Mode.HOLD, Mode.STOPPING}, within_s=60)
+    session.run(1.0)
     return session
 
 
-def enabled(session: Session) -> Session:
-    answer = session.lockstep.request(RequestKind.ENABLE)
+def enabled(session: LockstepSession) -> LockstepSession:
+    answer = session.request(RequestKind.ENABLE)
     assert answer.outcome == Outcome.DONE, answer.reason
     return session
 
@@ -60,33 +59,33 @@ def daily(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def warm_day(daily) -> Session:
+def warm_day(daily) -> LockstepSession:
     """Nothing has been seen to act yet."""
-    return Session(daily).until_ready()
+    return new_session(daily).until_ready()
 
 
 @pytest.fixture(scope="module")
-def warm_seen(daily) -> Session:
-    return enabled(seen_to_act(Session(daily)))
+def warm_seen(daily) -> LockstepSession:
+    return enabled(seen_to_act(new_session(daily)))
 
 
 @pytest.fixture(scope="module")
-def warm_tested(daily) -> tuple[Session, int]:
+def warm_tested(daily) -> tuple[LockstepSession, int]:
     """With the number of rows of the truth from before the test."""
-    session = enabled(seen_to_act(Session(daily)))
+    session = enabled(seen_to_act(new_session(daily)))
     begun = len(session.truth.rows)
     return put_to_test(session), begun
 
 
-def events(session: Session) -> list[str]:
-    return [event for record in session.lockstep.records for event in record.events]
+def events(session: LockstepSession) -> list[str]:
+    return [event for record in session.records for event in record.events]
 
 
 # --- passive ----------------------------------------------------------------------------------
 
 
 def test_enable_waits_until_hand_switch_and_emergency_stop_have_been_seen_to_act(warm_day):
-    answer = warm_day.lockstep.request(RequestKind.ENABLE)
+    answer = warm_day.request(RequestKind.ENABLE)
 
     assert answer.outcome == Outcome.REFUSED
     assert answer.reason == (
@@ -97,10 +96,10 @@ def test_enable_waits_until_hand_switch_and_emergency_stop_have_been_seen_to_act
 
 
 def test_a_switch_that_one_drive_alone_has_seen_is_named_for_the_other(warm_day):
-    warm_day.machine.command("hand_switch_open right/hip 0.3")
-    warm_day.lockstep.run(0.5)
+    warm_day.command("hand_switch_open right/hip 0.3")
+    warm_day.run(0.5)
 
-    reason = warm_day.lockstep.request(RequestKind.ENABLE).reason
+    reason = warm_day.request(RequestKind.ENABLE).reason
 
     assert "right/hip hand switch" not in reason
     assert "right/slide hand switch open" in reason
@@ -109,12 +108,12 @@ def test_a_switch_that_one_drive_alone_has_seen_is_named_for_the_other(warm_day)
 def test_what_was_seen_today_counts_after_a_restart_and_not_a_day_later(daily, warm_seen):
     notes = disabled(warm_seen)
 
-    enabled(Session(daily, notes).until_ready())
-    later = Session(daily, notes)
-    later.lockstep.clock.utc_stepped_ns = 21 * HOUR_NS
+    enabled(new_session(daily, notes).until_ready())
+    later = new_session(daily, notes)
+    later.clock.utc_stepped_ns = 21 * HOUR_NS
     later.until_ready()
 
-    assert "hand switch open" in later.lockstep.request(RequestKind.ENABLE).reason
+    assert "hand switch open" in later.request(RequestKind.ENABLE).reason
 
 
 # --- active -----------------------------------------------------------------------------------
@@ -129,16 +128,16 @@ def test_without_a_self_test_nothing_moves(warm_seen, wanted):
 def test_a_machine_as_configured_passes_and_may_walk_then(tmp_path, warm_tested, guidance):
     session, _ = warm_tested
     if guidance == "position":
-        session = put_to_test(enabled(seen_to_act(Session(position_guidance(tmp_path, DAILY)))))
+        session = put_to_test(enabled(seen_to_act(new_session(position_guidance(tmp_path, DAILY)))))
 
-    note = session.lockstep.notebook.notes.self_test
+    note = session.notebook.notes.self_test
     assert note is not None
     assert note.passed
     assert set(note.axes) == {"right/hip", "right/slide"}
     assert all(axis.friction_ratio == pytest.approx(1.0, abs=0.1) for axis in note.axes.values())
     assert abs(note.axes["right/hip"].load_error_si) < 0.5
     assert abs(note.axes["right/slide"].load_error_si) < 3.0
-    assert session.lockstep.record.mode == Mode.HOLD
+    assert session.record.mode == Mode.HOLD
     assert ask(session, GAIT).outcome == Outcome.DONE
 
 
@@ -194,16 +193,16 @@ def test_a_machine_that_is_not_as_configured_is_found_and_named(tmp_path, worn, 
         text = text.replace(old, new)
     text = re.sub(r"= 0.15 \+ ([\d.]+)", lambda found: f"= {SHIFT_M + float(found[1]):.4f}", text)
     (configs / "worn.toml").write_text(text)
-    session = enabled(seen_to_act(Session(configs)))
+    session = enabled(seen_to_act(new_session(configs)))
 
     put_to_test(session)
 
-    record = session.lockstep.record
+    record = session.record
     assert record.verdict.cause == Cause.SELF_TEST_FAILED
     assert record.verdict.drive == axis
     assert words in record.verdict.detail
     assert any(f"{axis}: self-test {words}" in event for event in events(session))
-    note = session.lockstep.notebook.notes.self_test
+    note = session.notebook.notes.self_test
     assert note is not None
     assert not note.passed
 
@@ -212,10 +211,10 @@ def test_a_failed_test_is_tested_again_before_anything_moves(tmp_path):
     configs = changed_configs(
         tmp_path, DAILY, ("demo.toml", "friction_max_ratio = 1.6", "friction_max_ratio = 1.001")
     )
-    session = put_to_test(enabled(seen_to_act(Session(configs))))
-    assert session.lockstep.record.verdict.cause == Cause.SELF_TEST_FAILED
+    session = put_to_test(enabled(seen_to_act(new_session(configs))))
+    assert session.record.verdict.cause == Cause.SELF_TEST_FAILED
 
-    assert session.lockstep.request(RequestKind.RESET).outcome == Outcome.DONE
+    assert session.request(RequestKind.RESET).outcome == Outcome.DONE
     enabled(session)
 
     assert ask(session, GAIT).reason == "the last self-test was not passed: `gaitd self-test`"
@@ -223,7 +222,7 @@ def test_a_failed_test_is_tested_again_before_anything_moves(tmp_path):
 
 def test_a_test_that_is_broken_off_counts_for_nothing(warm_seen):
     ask(warm_seen, SELF_TEST)
-    warm_seen.lockstep.run(1.0)
+    warm_seen.run(1.0)
 
     assert ask(warm_seen, ModeRequest(Mode.HOLD)).outcome == Outcome.DONE
 
@@ -232,11 +231,11 @@ def test_a_test_that_is_broken_off_counts_for_nothing(warm_seen):
 
 def test_both_legs_are_tested_one_after_the_other(tmp_path):
     configs = two_legs(tmp_path)
-    session = Session(configs).enabled()
+    session = new_session(configs).enable()
 
     put_to_test(session)
 
-    note = session.lockstep.notebook.notes.self_test
+    note = session.notebook.notes.self_test
     assert note is not None
     assert set(note.axes) == {"right/hip", "right/slide", "left/hip", "left/slide"}
     assert note.passed
@@ -245,10 +244,10 @@ def test_both_legs_are_tested_one_after_the_other(tmp_path):
 # --- for how long -----------------------------------------------------------------------------
 
 
-def disabled(session: Session) -> PersistentState:
-    session.lockstep.request(RequestKind.DISABLE)
-    session.lockstep.run(0.1)
-    return session.lockstep.notebook.notes
+def disabled(session: LockstepSession) -> PersistentState:
+    session.request(RequestKind.DISABLE)
+    session.run(0.1)
+    return session.notebook.notes
 
 
 @pytest.fixture(scope="module")
@@ -263,10 +262,10 @@ def passed(daily, warm_tested) -> tuple[Path, PersistentState]:
 )
 def test_it_counts_for_its_hours_and_a_clock_that_goes_back_makes_it_void(passed, hours, due):
     configs, notes = passed
-    session = Session(configs, notes)
-    session.lockstep.clock.utc_stepped_ns = hours * HOUR_NS
+    session = new_session(configs, notes)
+    session.clock.utc_stepped_ns = hours * HOUR_NS
 
-    later = session.until_ready().lockstep
+    later = session.until_ready()
 
     assert later.core.self_test_due.startswith(due)
     assert bool(later.core.self_test_due) == bool(due)
@@ -276,15 +275,15 @@ def test_a_clock_that_goes_back_while_it_runs_is_told_and_never_makes_a_test_cou
     passed,
 ):
     configs, notes = passed
-    session = Session(configs, notes)
-    session.lockstep.clock.utc_stepped_ns = 10 * HOUR_NS
+    session = new_session(configs, notes)
+    session.clock.utc_stepped_ns = 10 * HOUR_NS
     session.until_ready()
-    assert session.lockstep.core.self_test_due == ""
+    assert session.core.self_test_due == ""
 
-    session.lockstep.clock.utc_stepped_ns = 5 * HOUR_NS
-    session.lockstep.run(0.1)
+    session.clock.utc_stepped_ns = 5 * HOUR_NS
+    session.run(0.1)
 
-    assert "no self-test" in session.lockstep.core.self_test_due
+    assert "no self-test" in session.core.self_test_due
     assert any("the clock went back by 18000 s" in event for event in events(session))
 
 
@@ -293,7 +292,7 @@ def test_a_test_of_another_leg_does_not_count(passed):
     text = (configs / "robot.toml").read_text()
     (configs / "robot.toml").write_text(text + "\n# another one\n")
 
-    later = Session(configs, notes).until_ready().lockstep
+    later = new_session(configs, notes).until_ready()
 
     (configs / "robot.toml").write_text(text)
     assert later.core.self_test_due == "the last self-test was of another robot file"
@@ -304,9 +303,9 @@ def test_what_was_tested_of_one_drive_does_not_count_for_the_one_in_its_place(pa
     text = (configs / "plant.toml").read_text()
     (configs / "plant.toml").write_text(text.replace("305_000_005", "305_000_099"))
 
-    session = Session(configs, notes)
-    session.lockstep.clock.utc_stepped_ns = HOUR_NS
-    later = session.until_ready().lockstep
+    session = new_session(configs, notes)
+    session.clock.utc_stepped_ns = HOUR_NS
+    later = session.until_ready()
 
     (configs / "plant.toml").write_text(text)
     assert later.core.self_test_due == "the last self-test was of another drive"

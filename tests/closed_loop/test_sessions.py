@@ -7,12 +7,12 @@ from itertools import groupby
 import msgspec
 import numpy as np
 import pytest
-from sessions import Session, empty_machine, two_legs
+from sessions import empty_machine, new_session, two_legs
 
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Stage
 from drives.errors import BringUpRefused
 from drives.signals import PowerState
-from gaitd_lab.lockstep import Lockstep
+from gaitd_lab.lockstep import LockstepSession
 from observer.filter.status import Status
 
 ENABLING = 0b1000
@@ -21,7 +21,7 @@ ENABLING = 0b1000
 
 def controlwords(session, node_id):
     """All controlwords that the master has sent to a node, with their time."""
-    sent = session.lockstep.bus.sent
+    sent = session.bus.sent
     return [
         (frame.time_ns, int.from_bytes(frame.data[:2], "little"))
         for frame in sent
@@ -30,48 +30,48 @@ def controlwords(session, node_id):
 
 
 def test_nothing_is_enabled_before_somebody_asks(warm_ready):
-    warm_ready.lockstep.run(3)
+    warm_ready.run(3)
 
     assert not any(word & ENABLING for node in (5, 6) for _, word in controlwords(warm_ready, node))
-    states = {drive.power_state for drive in warm_ready.lockstep.record.drives}
+    states = {drive.power_state for drive in warm_ready.record.drives}
     assert states == {PowerState.SWITCH_ON_DISABLED}
 
 
 def test_enable_holds_the_leg_where_it_is_and_disable_lets_it_go(warm_hold):
-    held = warm_hold.lockstep.record.legs[0].measured
-    warm_hold.lockstep.run(2)
+    held = warm_hold.record.legs[0].measured
+    warm_hold.run(2)
 
-    assert warm_hold.lockstep.record.legs[0].measured == pytest.approx(held, abs=2e-3)
-    assert warm_hold.lockstep.request(RequestKind.DISABLE).outcome == Outcome.DONE
-    warm_hold.lockstep.run(0.2)
-    assert warm_hold.lockstep.record.mode == Mode.READY
-    states = {drive.power_state for drive in warm_hold.lockstep.record.drives}
+    assert warm_hold.record.legs[0].measured == pytest.approx(held, abs=2e-3)
+    assert warm_hold.request(RequestKind.DISABLE).outcome == Outcome.DONE
+    warm_hold.run(0.2)
+    assert warm_hold.record.mode == Mode.READY
+    states = {drive.power_state for drive in warm_hold.record.drives}
     assert states == {PowerState.SWITCH_ON_DISABLED}
 
 
 def test_gait_is_announced_and_ends_in_hold_after_its_duration(warm_hold):
     gait = ModeRequest(Mode.GAIT, cadence_hz=0.5, amplitude_ratio=0.5, duration_s=5.0)
 
-    warm_hold.lockstep.request(RequestKind.MODE, gait)
-    ended = warm_hold.lockstep.run_until(
+    warm_hold.request(RequestKind.MODE, gait)
+    ended = warm_hold.run_until(
         lambda record: record.mode == Mode.HOLD and record.seq > 900, within_s=40
     )
 
-    told = [event for record in warm_hold.lockstep.records for event in record.events]
+    told = [event for record in warm_hold.records for event in record.events]
     for words in ("gait approaching", "gait playing", "gait ending", "exercise over"):
         assert any(words in event for event in told)
-    stages = [stage for stage, _ in groupby(one.stage for one in warm_hold.lockstep.records)]
+    stages = [stage for stage, _ in groupby(one.stage for one in warm_hold.records)]
     gait_stages = [Stage.ANNOUNCING, Stage.APPROACHING, Stage.PLAYING, Stage.ENDING]
     assert stages[-6:] == [None, *gait_stages, None]
     assert ended.verdict.cause == Cause.NONE
 
 
 def test_the_effort_that_is_sent_never_jumps_over_all_modes(session):
-    session.lockstep.request(RequestKind.MODE, ModeRequest(Mode.HOLD))
-    session.lockstep.run(1)
+    session.request(RequestKind.MODE, ModeRequest(Mode.HOLD))
+    session.run(1)
     limits = session.settings.limits
 
-    active = [record for record in session.lockstep.records if record.mode.active]
+    active = [record for record in session.records if record.mode.active]
     sent = np.array([[drive.target_effort_si for drive in record.drives] for record in active])
     steps = np.abs(np.diff(sent[30:], axis=0)).max(axis=0)
 
@@ -80,12 +80,12 @@ def test_the_effort_that_is_sent_never_jumps_over_all_modes(session):
 
 
 def test_the_artificial_disturbance_shows_in_the_estimate_with_its_sign_and_is_marked(tmp_path):
-    session = Session(empty_machine(tmp_path)).exciting("paper", 25.0)
-    session.lockstep.run(10.5)
-    begun = len(session.lockstep.records)
-    session.lockstep.run(4)
+    session = new_session(empty_machine(tmp_path)).excite("paper", 25.0)
+    session.run(10.5)
+    begun = len(session.records)
+    session.run(4)
 
-    playing = session.lockstep.records[begun:]
+    playing = session.records[begun:]
     moving = [r.legs[0] for r in playing if r.legs[0].validity[1] == 0]
     seen_n = np.array([leg.state[7] for leg in moving])
     made_n = np.array([leg.artificial[1] for leg in moving])
@@ -97,7 +97,7 @@ def test_the_artificial_disturbance_shows_in_the_estimate_with_its_sign_and_is_m
 
 def test_the_artificial_disturbance_is_refused_with_a_patient(warm_hold):
     wanted = ModeRequest(Mode.EXCITE, duration_s=25.0, scenario="paper")
-    answer = warm_hold.lockstep.request(RequestKind.MODE, wanted)
+    answer = warm_hold.request(RequestKind.MODE, wanted)
 
     assert answer.outcome == Outcome.REFUSED
     assert "empty machine" in answer.reason
@@ -106,46 +106,46 @@ def test_the_artificial_disturbance_is_refused_with_a_patient(warm_hold):
 def digest(session):
     encoder = msgspec.msgpack.Encoder()
     total = hashlib.sha256()
-    for record in session.lockstep.records:
+    for record in session.records:
         total.update(encoder.encode(record))
-    for frame in session.lockstep.bus.sent:
+    for frame in session.bus.sent:
         total.update(frame.can_id.to_bytes(4, "little") + frame.data)
     return total.hexdigest()
 
 
 def test_the_same_session_gives_the_same_records_and_frames_bit_for_bit():
-    first, second = (Session().walking(warm_s=1) for _ in range(2))
+    first, second = (new_session().walk(duration_s=1) for _ in range(2))
 
     assert digest(first) == digest(second)
 
 
 def test_a_drive_that_is_another_one_ends_bring_up_with_what_was_expected_and_found():
-    session = Session()
+    session = new_session()
     leg = session.settings.legs[0]
     identity = msgspec.structs.replace(leg.hip.axis.identity, product_code=0x1234)
     hip = replace(leg.hip, axis=msgspec.structs.replace(leg.hip.axis, identity=identity))
     settings = replace(session.settings, legs=(replace(leg, hip=hip),))
-    lockstep = Lockstep(settings, session.machine.world)
+    session = LockstepSession(settings, session.machine)
 
     with pytest.raises(BringUpRefused, match="right/hip 1018h:02") as refused:
-        lockstep.run(5)
+        session.run(5)
 
     assert "1234" in str(refused.value)
-    assert not any(frame.can_id in {0x205, 0x206} for frame in lockstep.bus.sent)
+    assert not any(frame.can_id in {0x205, 0x206} for frame in session.bus.sent)
 
 
 @pytest.fixture(scope="module")
 def warm_two_legs(tmp_path_factory):
     configs = two_legs(tmp_path_factory.mktemp("two"))
-    return Session(configs).walking(cadence_hz=0.5, warm_s=4.3)
+    return new_session(configs).walk(cadence_hz=0.5, duration_s=4.3)
 
 
 def test_two_legs_walk_half_a_stride_apart_and_stop_together(warm_two_legs):
-    walking = warm_two_legs.lockstep.record
-    warm_two_legs.machine.command("hand_switch_open left/slide")
-    warm_two_legs.lockstep.run(1)
+    walking = warm_two_legs.record
+    warm_two_legs.command("hand_switch_open left/slide")
+    warm_two_legs.run(1)
 
-    stopped = warm_two_legs.lockstep.record
+    stopped = warm_two_legs.record
     assert [leg.name for leg in walking.legs] == ["right", "left"]
     assert abs(walking.legs[0].reference[0] - walking.legs[1].reference[0]) > 0.05
     assert (walking.legs[1].gait_phase - walking.legs[0].gait_phase) % 1.0 == pytest.approx(0.5)
@@ -158,17 +158,17 @@ def test_two_legs_walk_half_a_stride_apart_and_stop_together(warm_two_legs):
 def test_two_legs_that_begin_in_different_poses_walk_half_a_stride_apart(tmp_path, guidance):
     trainer = two_legs(tmp_path) / "demo.toml"
     trainer.write_text(trainer.read_text().replace('"impedance"', f'"{guidance}"'))
-    session = Session(trainer.parent).walking(cadence_hz=0.5, warm_s=4.3)
-    request = session.lockstep.request
+    session = new_session(trainer.parent).walk(cadence_hz=0.5, duration_s=4.3)
+    request = session.request
     assert request(RequestKind.MODE, ModeRequest(Mode.HOLD)).outcome == Outcome.DONE
-    session.lockstep.run(1)
-    held = session.lockstep.record.legs
+    session.run(1)
+    held = session.record.legs
     gait = ModeRequest(Mode.GAIT, cadence_hz=0.5, amplitude_ratio=1.0, duration_s=60.0)
     assert request(RequestKind.MODE, gait).outcome == Outcome.DONE
-    session.lockstep.run_until(lambda record: record.gait_phase >= 0, within_s=30)
-    session.lockstep.run(9)
+    session.run_until(lambda record: record.gait_phase >= 0, within_s=30)
+    session.run(9)
 
-    stride = session.lockstep.records[-300:]  # behind the ramps; half a stride is 100 cycles
+    stride = session.records[-300:]  # behind the ramps; half a stride is 100 cycles
     right, left = ([record.legs[leg].reference for record in stride] for leg in (0, 1))
     assert abs(held[0].reference[0] - held[1].reference[0]) > 0.1
     assert np.allclose(left[:-100], right[100:], atol=1e-9)

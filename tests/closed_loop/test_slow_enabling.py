@@ -1,7 +1,7 @@
 """A drive that takes long to enable, as its brake opens: its axis file says how long it may."""
 
 import pytest
-from sessions import Session, changed_configs
+from sessions import changed_configs, new_session
 
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
 
@@ -11,23 +11,23 @@ MAY = (HIP, "node_id = 5\n", "node_id = 5\nenable_max_ms = 1000\n")
 
 def enabling(configs):
     """Each transition of the hip's drive takes 300 ms."""
-    session = Session(configs).until_ready()
-    session.machine.command("slow_state right/hip - 300")
-    return session, session.lockstep.request(RequestKind.ENABLE)
+    session = new_session(configs).until_ready()
+    session.command("slow_state right/hip - 300")
+    return session, session.request(RequestKind.ENABLE)
 
 
 def test_a_drive_that_may_take_a_second_is_enabled_and_held(tmp_path):
     session, answer = enabling(changed_configs(tmp_path, MAY))
-    session.lockstep.run(2.0)
+    session.run(2.0)
 
-    assert (answer.outcome, session.lockstep.record.mode) == (Outcome.DONE, Mode.HOLD)
-    assert all(axis.reached_enabled for axis in session.lockstep.core.axes)
+    assert (answer.outcome, session.record.mode) == (Outcome.DONE, Mode.HOLD)
+    assert all(axis.reached_enabled for axis in session.core.axes)
 
 
 @pytest.mark.parametrize("changes", [(), ((*MAY[:2], "node_id = 5\nenable_max_ms = 400\n"),)])
 def test_one_that_takes_longer_than_its_file_says_is_a_stop(tmp_path, changes):
     session, _ = enabling(changed_configs(tmp_path, *changes))
-    session.lockstep.run(2.0)
+    session.run(2.0)
 
-    verdict = session.lockstep.record.verdict
+    verdict = session.record.verdict
     assert (verdict.cause, verdict.drive) == (Cause.DRIVE_LEFT_ENABLED, "right/hip")

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from sessions import Session, changed_configs
+from sessions import changed_configs, new_session
 
 from daemon.ipc.record import Cause, StopCategory
 
@@ -15,24 +15,24 @@ def test_without_tpdo3_the_temperature_becomes_unknown_and_stops_as_the_file_say
     tmp_path: Path, category: str
 ):
     changed = CHOSEN.replace("S2", category)
-    session = Session(changed_configs(tmp_path, ("limits.toml", CHOSEN, changed))).enabled()
-    assert session.lockstep.record.drives[0].temperature_degc is not None
+    session = new_session(changed_configs(tmp_path, ("limits.toml", CHOSEN, changed))).enable()
+    assert session.record.drives[0].temperature_degc is not None
 
-    session.machine.command("lost_tpdo right/hip - 3")
-    session.lockstep.run(0.2)
-    assert session.lockstep.record.verdict.cause == Cause.NONE
-    session.lockstep.run(0.25)
+    session.command("lost_tpdo right/hip - 3")
+    session.run(0.2)
+    assert session.record.verdict.cause == Cause.NONE
+    session.run(0.25)
 
-    record = session.lockstep.record
+    record = session.record
     assert record.drives[0].temperature_degc is None
     assert record.drives[1].temperature_degc is not None
     assert record.verdict.cause == Cause.TEMPERATURE_LIMIT
     assert record.verdict.category == StopCategory[category]
     assert record.verdict.drive == "right/hip"
-    events = [event for one in session.lockstep.records for event in one.events]
+    events = [event for one in session.records for event in one.events]
     assert events.count("right/hip: its temperature is not measured any more") == 1
 
-    session.machine.command("clear lost_tpdo right/hip")
-    session.lockstep.run(0.2)
-    assert session.lockstep.record.drives[0].temperature_degc is not None
-    assert session.lockstep.record.verdict.cause == Cause.TEMPERATURE_LIMIT
+    session.command("clear lost_tpdo right/hip")
+    session.run(0.2)
+    assert session.record.drives[0].temperature_degc is not None
+    assert session.record.verdict.cause == Cause.TEMPERATURE_LIMIT

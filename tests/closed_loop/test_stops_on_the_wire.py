@@ -1,7 +1,7 @@
 """Stops as the drives get them: from every state, and both axes between the same two SYNCs."""
 
 import pytest
-from sessions import Session, elsewhere
+from sessions import elsewhere, new_session
 from wire import (
     DISABLE_VOLTAGE_WORD,
     ENABLE_OPERATION,
@@ -39,23 +39,23 @@ def first_change(free, stopped, node):
 
 def test_a_stop_that_holds_begins_for_both_drives_between_the_same_two_syncs(warm_guided_gait):
     """Compared with the very same session that nobody stops."""
-    warm_guided_gait.lockstep.run_until(
+    warm_guided_gait.run_until(
         lambda record: min(abs(drive.velocity_si or 0.0) for drive in record.drives) > 0.15,
         within_s=8,
     )
-    before = len(warm_guided_gait.lockstep.bus.sent)
+    before = len(warm_guided_gait.bus.sent)
 
     def sent_later(one):
-        one.lockstep.run(0.3)
-        return one.lockstep.bus.sent[before:]
+        one.run(0.3)
+        return one.bus.sent[before:]
 
     free = elsewhere(warm_guided_gait, sent_later)
-    warm_guided_gait.lockstep.gateway.stop()
+    warm_guided_gait.gateway.stop()
     stopped = sent_later(warm_guided_gait)
 
     hip, slide = (first_change(list(cycles(free)), list(cycles(stopped)), node) for node in NODES)
     words = words_by_cycle(stopped)
-    assert warm_guided_gait.lockstep.record.verdict.category == StopCategory.S2
+    assert warm_guided_gait.record.verdict.category == StopCategory.S2
     assert hip == slide is not None
     assert all(set(one.values()) == {ENABLED_WORD} for one in words[hip:])
 
@@ -76,12 +76,12 @@ def test_a_stop_that_holds_begins_for_both_drives_between_the_same_two_syncs(war
     ],
 )
 def test_a_stop_reaches_both_drives_between_the_same_two_syncs(warm_guided_gait, cause, words):
-    begun = len(list(cycles(warm_guided_gait.lockstep.bus.sent))) - 1
+    begun = len(list(cycles(warm_guided_gait.bus.sent))) - 1
 
-    warm_guided_gait.machine.command(cause)
-    warm_guided_gait.lockstep.run(0.3)
+    warm_guided_gait.command(cause)
+    warm_guided_gait.run(0.3)
 
-    told = words_by_cycle(warm_guided_gait.lockstep.bus.sent)[begun:]
+    told = words_by_cycle(warm_guided_gait.bus.sent)[begun:]
     pairs = [tuple(one[node] for node in NODES) for one in told]
     left = next(number for number, pair in enumerate(pairs) if pair != ENABLED)
     assert pairs[:left] == [ENABLED] * left
@@ -95,12 +95,12 @@ def test_a_stop_reaches_both_drives_between_the_same_two_syncs(warm_guided_gait,
 def test_an_emcy_between_two_windows_is_answered_to_both_drives_before_the_next_sync(
     warm_guided_gait,
 ):
-    running = len(list(cycles(warm_guided_gait.lockstep.bus.sent))) - 1
+    running = len(list(cycles(warm_guided_gait.bus.sent))) - 1
 
-    warm_guided_gait.machine.command("emcy right/hip - 0x2310")
-    warm_guided_gait.lockstep.run(0.05)
+    warm_guided_gait.command("emcy right/hip - 0x2310")
+    warm_guided_gait.run(0.05)
 
-    words = words_by_cycle(warm_guided_gait.lockstep.bus.sent)
+    words = words_by_cycle(warm_guided_gait.bus.sent)
     assert words[running - 1] == {5: 0x0F, 6: 0x0F}
     assert words[running] == {5: QS, 6: QS}
     assert all(set(one.values()) == {QS} for one in words[running:])
@@ -113,10 +113,10 @@ def in_flight(word):
     """Enabling, with this controlword on its way to the hip drive."""
 
     def reach(session):
-        session.lockstep.gateway.ask(RequestKind.ENABLE)
+        session.gateway.ask(RequestKind.ENABLE)
         for _ in range(20):
-            session.lockstep.loop.turn()
-            if rpdo1(session.lockstep.bus.sent, 5)[-1].controlword == word:
+            session.loop.turn()
+            if rpdo1(session.bus.sent, 5)[-1].controlword == word:
                 return
         raise AssertionError(f"{word:#x} never left")
 
@@ -125,7 +125,7 @@ def in_flight(word):
 
 def bringing_up(session):
     """Stopped in the middle already: a whole bring-up is one turn of the loop."""
-    gateway = session.lockstep.gateway
+    gateway = session.gateway
     publish = gateway.publish
 
     def publish_and_stop(record):
@@ -135,23 +135,23 @@ def bringing_up(session):
 
     gateway.publish = publish_and_stop
     session.until_ready()
-    assert session.lockstep.record.stop_count > 1
+    assert session.record.stop_count > 1
 
 
 def stopping(session):
-    session.lockstep.gateway.stop()
-    session.lockstep.run_until(lambda record: record.mode == Mode.STOPPING, within_s=1)
+    session.gateway.stop()
+    session.run_until(lambda record: record.mode == Mode.STOPPING, within_s=1)
 
 
 def fault(session):
-    session.machine.command("hand_switch_open right/hip 0.5")
-    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
-    session.lockstep.run(1)
+    session.command("hand_switch_open right/hip 0.5")
+    session.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+    session.run(1)
 
 
 @pytest.fixture
 def powered_on():
-    return Session()
+    return new_session()
 
 
 def there_already(session):
@@ -181,36 +181,36 @@ def warm_begin(request, state):
 @pytest.mark.parametrize("state", STATES)
 def test_a_stop_from_every_state_energises_nothing(warm_begin, state, category):
     """M08, on the wire: bit 3 only ever goes on to a drive that shows operation enabled."""
-    warm_begin.lockstep.core.config.categories._by_cause[Cause.STOP_REQUESTED] = category
+    warm_begin.core.config.categories._by_cause[Cause.STOP_REQUESTED] = category
     STATES[state][1](warm_begin)
     enabled = {
         5 + number
-        for number, drive in enumerate(warm_begin.lockstep.record.drives)
+        for number, drive in enumerate(warm_begin.record.drives)
         if drive.power_state == PowerState.OPERATION_ENABLED
     }
-    sent = len(warm_begin.lockstep.bus.sent)
+    sent = len(warm_begin.bus.sent)
 
-    warm_begin.lockstep.gateway.stop()
-    warm_begin.lockstep.run(1.5)
+    warm_begin.gateway.stop()
+    warm_begin.run(1.5)
 
-    frames = warm_begin.lockstep.bus.sent[sent:]
+    frames = warm_begin.bus.sent[sent:]
     for node in NODES:
         raised = [one for one in rpdo1(frames, node) if one.controlword & ENABLE_OPERATION]
         assert not raised or (node in enabled and category == StopCategory.S2)
     powered = {
         5 + number
-        for number, drive in enumerate(warm_begin.lockstep.record.drives)
+        for number, drive in enumerate(warm_begin.record.drives)
         if drive.power_state == PowerState.OPERATION_ENABLED
     }
     assert powered <= (enabled if category == StopCategory.S2 else set())
     quiet = {"bringing up", "ready"}
-    assert warm_begin.lockstep.record.mode == (Mode.READY if state in quiet else Mode.FAULT)
+    assert warm_begin.record.mode == (Mode.READY if state in quiet else Mode.FAULT)
 
 
 def test_an_enable_that_comes_together_with_a_stop_is_refused(warm_ready):
-    warm_ready.lockstep.gateway.stop()
+    warm_ready.gateway.stop()
 
-    answer = warm_ready.lockstep.request(RequestKind.ENABLE)
+    answer = warm_ready.request(RequestKind.ENABLE)
 
     assert answer.outcome == Outcome.REFUSED
     assert "asked to stop" in answer.reason

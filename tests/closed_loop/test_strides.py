@@ -2,28 +2,28 @@
 
 import numpy as np
 import pytest
-from sessions import Session, two_legs
+from sessions import new_session, two_legs
 
 from observer.smoother import LAG
 
 
 def pushed(session, seconds):
-    session.machine.command("patient active")
-    session.lockstep.run(seconds)
+    session.command("patient active")
+    session.run(seconds)
     return session
 
 
 def strides_of(session, leg=0):
     return [
         (index, record.legs[leg].stride)
-        for index, record in enumerate(session.lockstep.records)
+        for index, record in enumerate(session.records)
         if record.legs and record.legs[leg].stride is not None
     ]
 
 
 def true_work(session, index, stride):
     """Of the plant's patient with the motion, over the samples of the stride."""
-    records = session.lockstep.records[index - LAG - stride.sample_count : index - LAG]
+    records = session.records[index - LAG - stride.sample_count : index - LAG]
     rows = {row.sync_mono_ns: row for row in session.truth.rows}
     truth = [rows[record.sync_mono_ns] for record in records]
     hip = [row.hip_patient_nm * row.hip_velocity_rad_per_s for row in truth]
@@ -47,15 +47,15 @@ def test_strides_are_as_long_as_the_gait_says_and_their_work_is_right_within_two
 
 
 def test_a_held_leg_makes_no_stride(warm_hold):
-    warm_hold.lockstep.run(6.0)
+    warm_hold.run(6.0)
 
     assert not strides_of(warm_hold)
 
 
 @pytest.mark.thorough
 def test_two_legs_have_their_own_strides(tmp_path):
-    session = Session(two_legs(tmp_path)).walking(cadence_hz=0.5, warm_s=0.0)
-    session.lockstep.run(12.0)
+    session = new_session(two_legs(tmp_path)).walk(cadence_hz=0.5, duration_s=0.0)
+    session.run(12.0)
 
     ends = [[index for index, _ in strides_of(session, leg)] for leg in range(2)]
     assert min(map(len, ends)) >= 3

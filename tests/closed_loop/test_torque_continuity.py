@@ -21,9 +21,9 @@ PERIOD_S = 0.01
 
 def assert_no_jump(session, begun, begun_rows, ended_rows):
     """Of what was sent since then, and of what the plant felt since then and until then."""
-    powered = [one for one in session.lockstep.records[begun:] if one.mode >= Mode.STOPPING]
+    powered = [one for one in session.records[begun:] if one.mode >= Mode.STOPPING]
     rows = session.truth.rows[begun_rows:ended_rows]
-    for index, axis in enumerate(session.lockstep.core.axes):
+    for index, axis in enumerate(session.core.axes):
         step_si = axis.limits.effort_rate_max_si_per_s * PERIOD_S
         name = ("hip_torque_nm", "slide_force_n")[index]
         assert steepest([one.drives[index].target_effort_si for one in powered]) <= step_si * 1.001
@@ -33,10 +33,10 @@ def assert_no_jump(session, begun, begun_rows, ended_rows):
 
 def end_by(session, end):
     if end == "disable":
-        session.lockstep.gateway.ask(RequestKind.DISABLE)
+        session.gateway.ask(RequestKind.DISABLE)
     else:
-        session.lockstep.gateway.stop()
-    session.lockstep.run(0.05)
+        session.gateway.stop()
+    session.run(0.05)
 
 
 @pytest.mark.parametrize(
@@ -50,26 +50,26 @@ def end_by(session, end):
 def test_torque_never_rises_faster_than_its_rate_over_any_switch_that_keeps_power(
     warm_guided_gait, guidance, end
 ):
-    lockstep = warm_guided_gait.lockstep
-    begun, begun_rows = len(lockstep.records), len(warm_guided_gait.truth.rows)
+    session = warm_guided_gait
+    begun, begun_rows = len(session.records), len(session.truth.rows)
     for wanted in STEPS:
-        answer = lockstep.request(RequestKind.MODE, wanted)
+        answer = session.request(RequestKind.MODE, wanted)
         assert answer.outcome == Outcome.DONE, answer.reason
-        lockstep.run(6.0 if wanted.mode == Mode.EXCITE else 1.0)
-    lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=20)
-    lockstep.request(RequestKind.MODE, GAIT)
-    lockstep.run(9.0 if guidance == "position" else 1.0)
-    ended_rows = len(warm_guided_gait.truth.rows)
-    end_by(warm_guided_gait, end)
+        session.run(6.0 if wanted.mode == Mode.EXCITE else 1.0)
+    session.run_until(lambda record: record.mode == Mode.HOLD, within_s=20)
+    session.request(RequestKind.MODE, GAIT)
+    session.run(9.0 if guidance == "position" else 1.0)
+    ended_rows = len(session.truth.rows)
+    end_by(session, end)
 
-    modes = {record.mode for record in lockstep.records[begun:]}
+    modes = {record.mode for record in session.records[begun:]}
     assert modes >= {Mode.GAIT} | {wanted.mode for wanted in STEPS}
-    assert_no_jump(warm_guided_gait, begun, begun_rows, ended_rows + 4)
+    assert_no_jump(session, begun, begun_rows, ended_rows + 4)
 
 
 @pytest.mark.parametrize("end", ["disable", "stop"])
 def test_nor_does_it_at_the_end_of_a_gait_of_impedance(session, end):
-    begun, begun_rows = len(session.lockstep.records) - 10, len(session.truth.rows)
+    begun, begun_rows = len(session.records) - 10, len(session.truth.rows)
     end_by(session, end)
 
     assert_no_jump(session, begun, begun_rows - 10, begun_rows + 4)

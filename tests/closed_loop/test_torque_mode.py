@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 from controllers import Controller, constant, towards
-from sessions import Session, two_legs
+from sessions import new_session, two_legs
 from wire import QUICK_STOP_WORD, target_torques, words_by_cycle
 
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Setpoint
@@ -24,13 +24,13 @@ BRAKE_STEP_NM, BRAKE_STEP_N = 6.0, 75.0
 
 
 def refused(session, reason):
-    return session.lockstep.record.assist.refused_count[reason]
+    return session.record.assist.refused_count[reason]
 
 
 def in_torque(session, law, legs=("right",)):
-    controller = Controller(session.lockstep.gateway, law, legs)
-    session.lockstep.run(0.1)
-    answer = session.lockstep.request(RequestKind.MODE, TORQUE)
+    controller = Controller(session.gateway, law, legs)
+    session.run(0.1)
+    answer = session.request(RequestKind.MODE, TORQUE)
     assert answer.outcome == Outcome.DONE, answer.reason
     return controller
 
@@ -42,11 +42,11 @@ def session(warm_hold):
 
 @pytest.fixture(scope="module")
 def warm_two_legs(tmp_path_factory):
-    return Session(two_legs(tmp_path_factory.mktemp("two"))).enabled()
+    return new_session(two_legs(tmp_path_factory.mktemp("two"))).enable()
 
 
 def records_since(session, cycle):
-    return [record for record in session.lockstep.records if record.cycle > cycle]
+    return [record for record in session.records if record.cycle > cycle]
 
 
 def steps_over_switches(records):
@@ -62,49 +62,49 @@ def steps_over_switches(records):
 
 def steps_of_torque(session, since=0):
     """Largest change of the target torque on the wire from one cycle to the next: N·m, N."""
-    axes = session.lockstep.core.axes
+    axes = session.core.axes
     found = []
     for axis, node in zip(axes[:2], (5, 6), strict=True):
-        sent = np.array(target_torques(session.lockstep.bus.sent[since:], node))
+        sent = np.array(target_torques(session.bus.sent[since:], node))
         found.append(np.abs(np.diff(sent)).max() / abs(axis.scaling.permille_per_effort_si))
     return found
 
 
 def test_assist_moves_the_leg_to_where_the_controller_wants_it(session):
-    start_rad = session.lockstep.record.drives[0].position_si
+    start_rad = session.record.drives[0].position_si
     in_torque(session, towards(start_rad + 0.1, stiffness_nm_per_rad=150.0))
 
-    session.lockstep.run(3)
+    session.run(3)
 
-    record = session.lockstep.record
+    record = session.record
     assert (record.mode, record.verdict.cause) == (Mode.TORQUE, Cause.NONE)
     assert record.drives[0].position_si > start_rad + 0.04
-    assert max(record.assist.legs[0].assist[0] for record in session.lockstep.records) > 10
+    assert max(record.assist.legs[0].assist[0] for record in session.records) > 10
 
 
 def test_without_assist_the_leg_is_carried_and_stays(session):
     in_torque(session, constant())
-    start = session.lockstep.record.legs[0].measured
+    start = session.record.legs[0].measured
 
-    session.lockstep.run(3)
+    session.run(3)
 
-    record = session.lockstep.record
+    record = session.record
     assert record.mode == Mode.TORQUE
-    carried = [axis.gravity_si for axis in session.lockstep.core.axes]
+    carried = [axis.gravity_si for axis in session.core.axes]
     assert [drive.target_effort_si for drive in record.drives] == pytest.approx(carried, abs=0.01)
     assert record.legs[0].measured == pytest.approx(start, abs=0.01)
 
 
 def test_torque_on_the_wire_has_no_step_from_hold_through_torque_to_hold(session):
-    begun, cycle = len(session.lockstep.bus.sent), session.lockstep.record.cycle
+    begun, cycle = len(session.bus.sent), session.record.cycle
     controller = in_torque(session, constant(hip_nm=14.0, slide_n=-110.0))
-    session.lockstep.run(0.25)
-    answer = session.lockstep.request(RequestKind.MODE, ModeRequest(Mode.HOLD))
-    session.lockstep.run(0.5)
-    session.lockstep.request(RequestKind.MODE, TORQUE)
-    session.lockstep.run(0.25)
+    session.run(0.25)
+    answer = session.request(RequestKind.MODE, ModeRequest(Mode.HOLD))
+    session.run(0.5)
+    session.request(RequestKind.MODE, TORQUE)
+    session.run(0.25)
     controller.running = False
-    session.lockstep.run(1)
+    session.run(1)
 
     assert answer.outcome == Outcome.DONE
     records = records_since(session, cycle)
@@ -114,7 +114,7 @@ def test_torque_on_the_wire_has_no_step_from_hold_through_torque_to_hold(session
         Mode.HOLD,
         Mode.TORQUE,
     ]
-    assert session.lockstep.record.mode == Mode.HOLD
+    assert session.record.mode == Mode.HOLD
     hip_nm, slide_n = steps_over_switches(records)
     assert hip_nm < STEP_NM
     assert slide_n < STEP_N
@@ -125,18 +125,18 @@ def test_torque_on_the_wire_has_no_step_from_hold_through_torque_to_hold(session
 
 def test_what_the_impedance_gave_fades_when_torque_begins(session):
     """Held beside where it stands, the leg pulls at a spring; its pull does not end in a cycle."""
-    leg = session.lockstep.core.legs[0]
+    leg = session.core.legs[0]
     hold = leg.exercise
     off = (hold.start[0] - 0.03, hold.start[1] + 0.02)
     leg.exercise = replace(hold, start=off, start_velocity=(0.0, 0.0), elapsed_s=0.0)
-    session.lockstep.run(0.5)
-    begun = len(session.lockstep.bus.sent)
-    before_nm = session.lockstep.record.drives[0].target_effort_si
+    session.run(0.5)
+    begun = len(session.bus.sent)
+    before_nm = session.record.drives[0].target_effort_si
 
     in_torque(session, constant())
-    session.lockstep.run(1.5)
+    session.run(1.5)
 
-    after_nm = session.lockstep.record.drives[0].target_effort_si
+    after_nm = session.record.drives[0].target_effort_si
     assert abs(after_nm - before_nm) > 3
     hip_nm, slide_n = steps_of_torque(session, begun)
     assert hip_nm < 0.15 * abs(after_nm - before_nm)
@@ -145,11 +145,11 @@ def test_what_the_impedance_gave_fades_when_torque_begins(session):
 
 @pytest.mark.parametrize("how", ["it hangs", "its lease is taken", "somebody else holds it"])
 def test_a_controller_that_is_gone_leaves_a_leg_that_is_braked_and_held(session, how):
-    start_rad = session.lockstep.record.drives[0].position_si
+    start_rad = session.record.drives[0].position_si
     controller = in_torque(session, towards(start_rad + 0.15, stiffness_nm_per_rad=150.0))
-    session.lockstep.run(0.3)
-    cycle = session.lockstep.record.cycle
-    gateway = session.lockstep.gateway
+    session.run(0.3)
+    cycle = session.record.cycle
+    gateway = session.gateway
 
     if how == "it hangs":
         controller.running = False
@@ -157,13 +157,13 @@ def test_a_controller_that_is_gone_leaves_a_leg_that_is_braked_and_held(session,
         gateway.end_lease()
     else:
         gateway.lease += 1
-    held = session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=1)
-    session.lockstep.run(1)
+    held = session.run_until(lambda record: record.mode == Mode.HOLD, within_s=1)
+    session.run(1)
 
     allowed_cycles = AGE_CYCLES + 2 if how == "it hangs" else 2
     assert held.cycle - cycle <= allowed_cycles
     assert held.verdict.cause == Cause.NONE
-    record = session.lockstep.record
+    record = session.record
     assert (record.mode, record.verdict.cause) == (Mode.HOLD, Cause.NONE)
     assert record.assist.lapse_count == 1
     word = "stale" if how == "it hangs" else "lease"
@@ -178,29 +178,29 @@ def test_a_controller_that_is_gone_leaves_a_leg_that_is_braked_and_held(session,
 def test_a_leg_that_was_let_go_is_not_taken_again_without_a_request(session):
     controller = in_torque(session, constant(hip_nm=6.0))
     controller.running = False
-    session.lockstep.run(0.5)
+    session.run(0.5)
     controller.running = True
-    session.lockstep.run(1)
+    session.run(1)
 
-    assert session.lockstep.record.mode == Mode.HOLD
+    assert session.record.mode == Mode.HOLD
     assert refused(session, SetpointRefusal.WRONG_MODE) == 0
-    assert session.lockstep.record.assist.legs[0].assist == (0.0, 0.0)
+    assert session.record.assist.legs[0].assist == (0.0, 0.0)
 
 
 def test_torque_begins_only_under_a_lease(session):
-    answer = session.lockstep.request(RequestKind.MODE, TORQUE)
+    answer = session.request(RequestKind.MODE, TORQUE)
 
     assert answer.outcome == Outcome.REFUSED
     assert "needs a lease" in answer.reason
-    assert session.lockstep.record.mode == Mode.HOLD
+    assert session.record.mode == Mode.HOLD
 
 
 def test_torque_waits_half_a_second_for_its_first_setpoint(session):
-    session.lockstep.gateway.lend(lambda _: ())
-    answer = session.lockstep.request(RequestKind.MODE, TORQUE)
-    cycle = session.lockstep.record.cycle
+    session.gateway.lend(lambda _: ())
+    answer = session.request(RequestKind.MODE, TORQUE)
+    cycle = session.record.cycle
 
-    held = session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=2)
+    held = session.run_until(lambda record: record.mode == Mode.HOLD, within_s=2)
 
     assert answer.outcome == Outcome.DONE
     assert START_CYCLES <= held.cycle - cycle <= START_CYCLES + 3
@@ -211,14 +211,14 @@ def test_torque_waits_half_a_second_for_its_first_setpoint(session):
 def test_a_stop_works_with_and_without_a_lease_and_ends_assist(session, leased):
     if leased:
         in_torque(session, constant(hip_nm=12.0))
-        session.lockstep.run(0.2)
-    begun = len(session.lockstep.bus.sent)
-    cycle = session.lockstep.record.cycle
+        session.run(0.2)
+    begun = len(session.bus.sent)
+    cycle = session.record.cycle
 
-    session.lockstep.gateway.stop()
-    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=3)
+    session.gateway.stop()
+    session.run_until(lambda record: record.mode == Mode.FAULT, within_s=3)
 
-    record = session.lockstep.record
+    record = session.record
     assert record.verdict.cause == Cause.STOP_REQUESTED
     assert records_since(session, cycle)[0].mode == Mode.STOPPING
     assert record.assist.legs[0].assist == (0.0, 0.0)
@@ -227,23 +227,23 @@ def test_a_stop_works_with_and_without_a_lease_and_ends_assist(session, leased):
 
 def test_a_quick_stop_in_torque_is_one_of_both_axes(session):
     in_torque(session, constant(hip_nm=10.0))
-    session.lockstep.run(0.1)
-    session.machine.command("hand_switch_open right/slide")
+    session.run(0.1)
+    session.command("hand_switch_open right/slide")
 
-    session.lockstep.run(0.2)
+    session.run(0.2)
 
-    assert session.lockstep.record.verdict.cause == Cause.HAND_SWITCH_OPEN
-    assert set(words_by_cycle(session.lockstep.bus.sent)[-1].values()) == {QUICK_STOP_WORD}
-    assert session.lockstep.record.assist.legs[0].assist == (0.0, 0.0)
+    assert session.record.verdict.cause == Cause.HAND_SWITCH_OPEN
+    assert set(words_by_cycle(session.bus.sent)[-1].values()) == {QUICK_STOP_WORD}
+    assert session.record.assist.legs[0].assist == (0.0, 0.0)
 
 
 def test_disable_in_torque_ends_in_ready(session):
     in_torque(session, constant(hip_nm=6.0))
 
-    answer = session.lockstep.request(RequestKind.DISABLE)
+    answer = session.request(RequestKind.DISABLE)
 
     assert answer.outcome == Outcome.DONE
-    assert session.lockstep.record.mode == Mode.READY
+    assert session.record.mode == Mode.READY
 
 
 NAN, INF = float("nan"), float("inf")
@@ -276,20 +276,20 @@ def spoiled(good, record, changes):
 
 def test_a_setpoint_that_is_wrong_is_counted_once_and_changes_nothing(session):
     controller = in_torque(session, constant(hip_nm=5.0))
-    session.lockstep.run(0.3)
+    session.run(0.3)
     script = []
 
     def spoil(record):
         good = controller(record)
         return (spoiled(good[0], record, script.pop()),) if script else good
 
-    session.lockstep.gateway.controller = spoil
+    session.gateway.controller = spoil
     for reason, changes in WRONG:
-        was = session.lockstep.record.assist.refused_count
+        was = session.record.assist.refused_count
         script.append(changes)
-        session.lockstep.run(0.05)
+        session.run(0.05)
 
-        record = session.lockstep.record
+        record = session.record
         now = record.assist.refused_count
         assert now[reason] == was[reason] + 1, changes
         assert sum(now) == sum(was) + 1, changes
@@ -300,56 +300,56 @@ def test_a_setpoint_that_is_wrong_is_counted_once_and_changes_nothing(session):
 @pytest.mark.parametrize(("reason", "changes"), [WRONG[0], WRONG[3], WRONG[8]])
 def test_a_controller_that_says_nothing_else_is_gone(session, reason, changes):
     controller = in_torque(session, constant(hip_nm=5.0))
-    session.lockstep.run(0.3)
-    gateway = session.lockstep.gateway
+    session.run(0.3)
+    gateway = session.gateway
     gateway.controller = lambda record: (spoiled(controller(record)[0], record, changes),)
 
-    held = session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=1)
+    held = session.run_until(lambda record: record.mode == Mode.HOLD, within_s=1)
 
     assert refused(session, reason) >= AGE_CYCLES - 1
     assert "stale" in held.assist.lapse_reason
 
 
 def test_a_setpoint_without_a_lease_is_refused(session):
-    session.lockstep.gateway.controller = lambda record: (
+    session.gateway.controller = lambda record: (
         Setpoint(1, record.cycle, record.cycle, 5.0, 0.0, "right"),
     )
 
-    session.lockstep.run(0.1)
+    session.run(0.1)
 
     assert refused(session, SetpointRefusal.UNLEASED) == pytest.approx(10, abs=1)
-    assert session.lockstep.record.assist.accepted_count == 0
+    assert session.record.assist.accepted_count == 0
 
 
 def test_in_hold_a_controller_may_live_but_not_push(session):
-    gateway = session.lockstep.gateway
+    gateway = session.gateway
     Controller(gateway, constant(hip_nm=5.0))
-    session.lockstep.run(0.1)
-    accepted = session.lockstep.record.assist.accepted_count
+    session.run(0.1)
+    accepted = session.record.assist.accepted_count
 
     gateway.controller = lambda record: (
         Setpoint(gateway.lease, 1000 + record.cycle, record.cycle, 5.0, 0.0, "right"),
     )
-    session.lockstep.run(0.1)
+    session.run(0.1)
 
     assert accepted == pytest.approx(10, abs=1)
     assert refused(session, SetpointRefusal.WRONG_MODE) == pytest.approx(10, abs=1)
-    assert session.lockstep.record.assist.legs[0].assist == (0.0, 0.0)
+    assert session.record.assist.legs[0].assist == (0.0, 0.0)
 
 
 def test_levels_of_another_core_move_nothing_and_a_lost_one_is_made_good_by_the_next(session):
     controller = in_torque(session, constant(hip_nm=8.0))
-    session.lockstep.run(0.3)
-    gateway = session.lockstep.gateway
+    session.run(0.3)
+    gateway = session.gateway
     honest = gateway.levels
     gateway.levels = _losing(honest, 4)
-    session.lockstep.run(0.3)
-    assert session.lockstep.record.mode == Mode.TORQUE
+    session.run(0.3)
+    assert session.record.mode == Mode.TORQUE
 
     gateway.levels = lambda: [
         msgspec.structs.replace(level, core_boot_id="foreign") for level in honest()
     ]
-    held = session.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=1)
+    held = session.run_until(lambda record: record.mode == Mode.HOLD, within_s=1)
 
     assert controller.running
     assert "stale" in held.assist.lapse_reason
@@ -368,11 +368,11 @@ def _losing(levels, count):
 
 def test_a_gateway_that_falls_silent_takes_assist_away_before_it_is_a_verdict(session):
     in_torque(session, constant(hip_nm=8.0))
-    session.lockstep.run(0.3)
-    cycle = session.lockstep.record.cycle
-    session.lockstep.gateway.silent = True
+    session.run(0.3)
+    cycle = session.record.cycle
+    session.gateway.silent = True
 
-    stopped = session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=3)
+    stopped = session.run_until(lambda record: record.mode == Mode.FAULT, within_s=3)
 
     modes = [record.mode for record in records_since(session, cycle)]
     assert modes.index(Mode.HOLD) <= AGE_CYCLES + 1
@@ -381,47 +381,47 @@ def test_a_gateway_that_falls_silent_takes_assist_away_before_it_is_a_verdict(se
 
 
 def test_with_position_guidance_torque_and_setpoints_are_refused(warm_position_hold):
-    Controller(warm_position_hold.lockstep.gateway, constant())
-    warm_position_hold.lockstep.run(0.1)
+    Controller(warm_position_hold.gateway, constant())
+    warm_position_hold.run(0.1)
 
-    answer = warm_position_hold.lockstep.request(RequestKind.MODE, TORQUE)
+    answer = warm_position_hold.request(RequestKind.MODE, TORQUE)
 
     assert answer.outcome == Outcome.REFUSED
     assert "guidance 'position'" in answer.reason
     assert refused(warm_position_hold, SetpointRefusal.GUIDANCE_IS_POSITION) >= 9
-    assert warm_position_hold.lockstep.record.assist.accepted_count == 0
+    assert warm_position_hold.record.assist.accepted_count == 0
 
 
 def test_each_leg_has_its_own_assist_and_one_that_is_left_alone_floats(warm_two_legs):
     in_torque(warm_two_legs, constant(hip_nm=4.0), legs=("left",))
 
-    warm_two_legs.lockstep.run(0.5)
+    warm_two_legs.run(0.5)
 
-    right, left = warm_two_legs.lockstep.record.assist.legs
-    assert warm_two_legs.lockstep.record.mode == Mode.TORQUE
+    right, left = warm_two_legs.record.assist.legs
+    assert warm_two_legs.record.mode == Mode.TORQUE
     assert (right.assist, left.assist) == ((0.0, 0.0), (pytest.approx(4.0), 0.0))
 
 
 def test_a_leg_whose_setpoints_stop_ends_the_assist_of_both(warm_two_legs):
     controller = in_torque(warm_two_legs, constant(hip_nm=4.0), legs=("right", "left"))
-    warm_two_legs.lockstep.run(0.3)
+    warm_two_legs.run(0.3)
     controller.legs = ("right",)
 
-    held = warm_two_legs.lockstep.run_until(lambda record: record.mode == Mode.HOLD, within_s=1)
+    held = warm_two_legs.run_until(lambda record: record.mode == Mode.HOLD, within_s=1)
 
     assert "stale" in held.assist.lapse_reason
-    warm_two_legs.lockstep.run(0.3)
-    assert {leg.assist for leg in warm_two_legs.lockstep.record.assist.legs} == {(0.0, 0.0)}
+    warm_two_legs.run(0.3)
+    assert {leg.assist for leg in warm_two_legs.record.assist.legs} == {(0.0, 0.0)}
 
 
 @pytest.mark.parametrize("slide_n", [-150.0, pytest.param(-120.0, marks=pytest.mark.thorough)])
 def test_a_controller_that_drives_on_to_an_end_does_not_pass_it(session, slide_n):
     in_torque(session, constant(0.0, slide_n))
-    torque_cycle = session.lockstep.record.cycle
+    torque_cycle = session.record.cycle
 
-    session.lockstep.run_until(lambda record: not record.mode.active, within_s=10)
-    session.lockstep.run(1.0)
+    session.run_until(lambda record: not record.mode.active, within_s=10)
+    session.run(1.0)
 
-    assert session.lockstep.record.verdict.cause == Cause.STOPPING_PATH
+    assert session.record.verdict.cause == Cause.STOPPING_PATH
     at_m = [record.drives[1].position_si for record in records_since(session, torque_cycle)]
     assert min(at_m) > 0.0

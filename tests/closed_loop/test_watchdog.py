@@ -7,7 +7,7 @@ is not fed for 10 ms shows.
 from unittest import mock
 
 import pytest
-from sessions import Session
+from sessions import new_session
 from supervised import watched
 
 from daemon.core import cycle
@@ -22,20 +22,20 @@ BUS_OFF = Frame(0x040, bytes(8), is_error=True)
 
 
 def gone(session):
-    session.lockstep.bus.trouble.is_gone = True
+    session.bus.trouble.is_gone = True
 
 
 def full(session):
-    session.lockstep.bus.trouble.queue_full = True
+    session.bus.trouble.queue_full = True
 
 
 def off(session):
-    session.lockstep.bus.report(BUS_OFF)
+    session.bus.report(BUS_OFF)
 
 
 def unplugged(session):
-    session.machine.command("unplugged right/hip")
-    session.machine.command("unplugged right/slide")
+    session.command("unplugged right/hip")
+    session.command("unplugged right/slide")
 
 
 @pytest.fixture(params=["warm_ready", "warm_hold", "warm_gait"])
@@ -47,7 +47,7 @@ def fed(session, seconds):
     """How often it is fed while so much time passes, and the longest time between two."""
     systemd = session.systemd
     systemd.forget()
-    session.lockstep.run(seconds)
+    session.run(seconds)
     return len(systemd.fed_ns), systemd.longest_pause_ms()
 
 
@@ -56,11 +56,11 @@ def test_a_drive_that_is_silent_for_long_costs_no_feeding_and_the_other_axis_is_
     session, silent_s
 ):
     watched(session)
-    session.machine.command("silent right/hip")
+    session.command("silent right/hip")
 
     count, pause_ms = fed(session, silent_s)
 
-    record = session.lockstep.record
+    record = session.record
     assert count == 100 * silent_s
     assert pause_ms <= CYCLE_MS
     assert record.verdict.cause == Cause.DRIVE_SILENT
@@ -79,56 +79,56 @@ def test_trouble_on_the_bus_costs_no_feeding(warm_ready, trouble):
 
     assert count >= 485
     assert pause_ms <= 3 * CYCLE_MS
-    assert session.lockstep.record.verdict.cause != Cause.NONE
+    assert session.record.verdict.cause != Cause.NONE
 
 
 def test_a_bring_up_whose_drive_does_not_answer_is_fed_in_every_cycle():
-    session = watched(Session())
-    session.lockstep.bus.at(250_000_000, lambda: session.machine.command("deaf right/slide"))
+    session = watched(new_session())
+    session.bus.at(250_000_000, lambda: session.command("deaf right/slide"))
 
     count, pause_ms = fed(session, 5)
 
     assert count >= 485
     assert pause_ms <= 2 * CYCLE_MS
-    assert {record.mode for record in session.lockstep.records} == {Mode.OFF, Mode.BRINGING_UP}
-    assert session.lockstep.record.verdict.cause == Cause.DRIVE_SILENT
+    assert {record.mode for record in session.records} == {Mode.OFF, Mode.BRINGING_UP}
+    assert session.record.verdict.cause == Cause.DRIVE_SILENT
 
 
 def test_a_cycle_that_had_no_time_is_not_fed(warm_in_mode):
     session = watched(warm_in_mode)
-    begun = session.lockstep.record
+    begun = session.record
 
     session.systemd.forget()
-    session.lockstep.bus.hold(35_000_000)
-    session.lockstep.run(0.5)
+    session.bus.hold(35_000_000)
+    session.run(0.5)
 
-    cycles = session.lockstep.record.cycle - begun.cycle
-    missed = session.lockstep.record.timing.overrun_count - begun.timing.overrun_count
+    cycles = session.record.cycle - begun.cycle
+    missed = session.record.timing.overrun_count - begun.timing.overrun_count
     assert missed == 3
     assert len(session.systemd.fed_ns) < cycles - missed + 1
-    assert sum(session.lockstep.record.timing.overrun_by_part) == missed
+    assert sum(session.record.timing.overrun_by_part) == missed
 
 
 def test_the_status_line_has_mode_and_cause_in_the_cycle_in_which_they_are_new(session):
     watched(session)
-    session.machine.command("hand_switch_open right/hip")
+    session.command("hand_switch_open right/hip")
 
-    stopped = session.lockstep.run_until(lambda record: not record.mode.active, within_s=1)
+    stopped = session.run_until(lambda record: not record.mode.active, within_s=1)
 
     assert stopped.mode == Mode.STOPPING
     assert session.systemd.status[-1].startswith("stopping")
     assert session.systemd.status[-1].endswith("[hand_switch_open right/hip]")
-    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
+    session.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
     assert session.systemd.status[-1].startswith("fault: right/hip: ")
 
 
 def test_a_status_that_systemd_had_no_room_for_is_sent_again_in_the_next_cycle():
-    session = watched(Session())
+    session = watched(new_session())
     session.systemd.is_busy = True
     session.until_ready()
     session.systemd.is_busy = False
 
-    session.lockstep.run(0.01)
+    session.run(0.01)
 
     assert session.systemd.lines[:2] == ["READY=1", "STATUS=ready"]
 
@@ -137,14 +137,14 @@ def test_nothing_new_is_told_rarely(session):
     watched(session)
     session.systemd.forget()
 
-    session.lockstep.run(7)
+    session.run(7)
 
     assert len(session.systemd.status) <= 7 * 100 / PROGRESS_CYCLES + 1
     assert all(line.startswith("gait: ") for line in session.systemd.status)
 
 
 def test_ready_is_told_once_and_not_before_the_loop_turns():
-    session = watched(Session())
+    session = watched(new_session())
     assert session.systemd.lines == []
 
     session.until_ready()
@@ -156,7 +156,7 @@ def test_ready_is_told_once_and_not_before_the_loop_turns():
 def test_the_end_is_told_when_it_is_asked_for_and_the_last_line_says_what_remains(session):
     watched(session)
 
-    code = session.lockstep.loop.run(lambda: True)
+    code = session.loop.run(lambda: True)
 
     lines, effect = session.systemd.lines, session.settings.trainer.shutdown.effect
     stopping = lines.index("STOPPING=1")
@@ -172,7 +172,7 @@ def test_a_bug_is_an_end_that_is_told_before_the_blind_stops_and_says_what_was_s
     watched(session)
 
     with mock.patch.object(cycle, "judge", side_effect=ZeroDivisionError("ours")):
-        code = session.lockstep.loop.run(lambda: False)
+        code = session.loop.run(lambda: False)
 
     assert code == ExitCode.BUG
     assert session.systemd.lines[0] == "STOPPING=1"
@@ -182,11 +182,11 @@ def test_a_bug_is_an_end_that_is_told_before_the_blind_stops_and_says_what_was_s
 
 
 def test_the_end_without_drives_claims_nothing_about_their_power():
-    session = watched(Session())
+    session = watched(new_session())
     gone(session)
-    session.lockstep.run(0.1)
+    session.run(0.1)
 
-    session.lockstep.loop.run(lambda: True)
+    session.loop.run(lambda: True)
 
     assert session.systemd.status[-1].startswith(
         "ended without the drives: their power is not known"
@@ -196,9 +196,9 @@ def test_the_end_without_drives_claims_nothing_about_their_power():
 def test_a_change_of_mode_is_one_line_of_the_journal_with_its_fields(session):
     watched(session)
     session.systemd.told.clear()
-    session.machine.command("hand_switch_open right/hip")
+    session.command("hand_switch_open right/hip")
 
-    session.lockstep.run(3)
+    session.run(3)
 
     modes = [fields["GAITD_MODE"] for _, _, fields in session.systemd.told]
     assert modes == ["stopping", "fault"]
@@ -212,18 +212,18 @@ def test_a_change_of_mode_is_one_line_of_the_journal_with_its_fields(session):
 
 def test_a_reload_is_answered_with_an_event_and_changes_nothing(session):
     watched(session)
-    before, asked = session.lockstep.core.config, iter([True])
-    first_seq = session.lockstep.record.seq
+    before, asked = session.core.config, iter([True])
+    first_seq = session.record.seq
 
     def ended():
-        if session.lockstep.record.seq > first_seq + 10:
+        if session.record.seq > first_seq + 10:
             raise KeyboardInterrupt
         return False
 
     with pytest.raises(KeyboardInterrupt):
-        session.lockstep.loop.run(ended, lambda: next(asked, False))
+        session.loop.run(ended, lambda: next(asked, False))
 
-    events = [text for record in session.lockstep.records for text in record.events]
-    assert session.lockstep.core.config is before
-    assert session.lockstep.record.mode == Mode.GAIT
+    events = [text for record in session.records for text in record.events]
+    assert session.core.config is before
+    assert session.record.mode == Mode.GAIT
     assert len([text for text in events if "takes nothing new while it runs" in text]) == 1

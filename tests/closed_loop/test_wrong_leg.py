@@ -1,7 +1,7 @@
 """Another leg in the machine than the one that it is configured for."""
 
 import pytest
-from sessions import Session, changed_configs
+from sessions import changed_configs, new_session
 
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
 from drives.signals import PowerState
@@ -32,23 +32,23 @@ def configured_for(tmp_path, *changes):
     ],
 )
 def test_a_leg_that_weighs_other_than_configured_is_stopped_before_any_exercise(tmp_path, believed):
-    session = Session(configured_for(tmp_path, believed)).until_ready()
-    start = session.lockstep.record.legs[0].measured
+    session = new_session(configured_for(tmp_path, believed)).until_ready()
+    start = session.record.legs[0].measured
 
-    session.lockstep.request(RequestKind.ENABLE)
-    session.lockstep.run(2.0)
+    session.request(RequestKind.ENABLE)
+    session.run(2.0)
 
-    record = session.lockstep.record
+    record = session.record
     assert record.verdict.cause in GROSS
     assert abs(record.verdict.value) > record.verdict.limit
     assert record.mode in {Mode.STOPPING, Mode.FAULT}
-    assert session.lockstep.request(RequestKind.MODE, GAIT).outcome == Outcome.REFUSED
+    assert session.request(RequestKind.MODE, GAIT).outcome == Outcome.REFUSED
     assert record.legs[0].measured == pytest.approx(start, abs=0.1)
     assert PowerState.OPERATION_ENABLED not in {one.power_state for one in record.drives}
 
 
 def test_a_leg_that_weighs_as_configured_is_held(tmp_path):
-    session = Session(configured_for(tmp_path)).enabled()
-    session.lockstep.run(2.0)
+    session = new_session(configured_for(tmp_path)).enable()
+    session.run(2.0)
 
-    assert session.lockstep.record.mode == Mode.HOLD
+    assert session.record.mode == Mode.HOLD

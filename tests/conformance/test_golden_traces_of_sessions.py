@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from explained import explained
-from sessions import Session, changed_configs
+from sessions import changed_configs, new_session
 from wiretap import Wiretap
 
 from daemon.ipc.record import Mode, ModeRequest, Outcome, RequestKind
@@ -24,10 +24,10 @@ def boot():
     """Boot of both drives: the service resets communication, compares identity and motor data,
     writes limits, option codes, heartbeats and PDO mappings with read-back, starts the nodes and
     sees their first samples. Nothing is energised."""
-    session = Session()
+    session = new_session()
     wire = Wiretap(session.machine.world)
-    session.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
-    session.lockstep.run(SETTLED_S)
+    session.run_until(lambda record: record.mode == Mode.READY, within_s=10)
+    session.run(SETTLED_S)
     return wire
 
 
@@ -35,11 +35,11 @@ def enable():
     """Enable on request: one transition for each statusword that was seen, both drives alike. The
     target position is the position shown, the target torque what holds the leg; each takes effect
     in operation enabled alone."""
-    session = Session().until_ready()
+    session = new_session().until_ready()
     wire = Wiretap(session.machine.world)
-    session.lockstep.gateway.ask(RequestKind.ENABLE)
-    session.lockstep.run_until(all_enabled, within_s=2)
-    session.lockstep.run(SETTLED_S)
+    session.gateway.ask(RequestKind.ENABLE)
+    session.run_until(all_enabled, within_s=2)
+    session.run(SETTLED_S)
     return wire
 
 
@@ -49,21 +49,21 @@ def all_enabled(record):
 
 def stop():
     """A client's stop while holding (S2): the core brakes and holds with the drives enabled."""
-    session = Session().enabled()
+    session = new_session().enable()
     wire = Wiretap(session.machine.world)
-    session.lockstep.gateway.stop()
-    session.lockstep.run_until(lambda record: not record.mode.active, within_s=2)
-    session.lockstep.run(SETTLED_S)
+    session.gateway.stop()
+    session.run_until(lambda record: not record.mode.active, within_s=2)
+    session.run(SETTLED_S)
     return wire
 
 
 def quick_stop():
     """The hand switch (60FDh bit 16) opens while walking (S1): quick stop of both drives in the
     same cycle, their ramps by 605Ah = 6, then they hold in quick stop active, bit 10 set."""
-    session = Session().walking(warm_s=2.0)
+    session = new_session().walk(duration_s=2.0)
     wire = Wiretap(session.machine.world)
-    session.machine.command("hand_switch_open *")
-    session.lockstep.run(0.3)
+    session.command("hand_switch_open *")
+    session.run(0.3)
     return wire
 
 
@@ -72,14 +72,14 @@ def fault_and_reset():
     at once, before the next SYNC. The cause goes; somebody asks for a reset: the drives are brought
     up anew (SDO is left out here, see the boot), then comes one rising edge of bit 7, which ends in
     switch on disabled with EMCY 0000h. Nothing is enabled."""
-    session = Session().enabled()
+    session = new_session().enable()
     wire = Wiretap(session.machine.world)
-    session.machine.command("emcy right/hip - 0x2310")
-    session.lockstep.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)
-    session.machine.command("clear emcy right/hip")
-    answer = session.lockstep.request(RequestKind.RESET)
+    session.command("emcy right/hip - 0x2310")
+    session.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)
+    session.command("clear emcy right/hip")
+    answer = session.request(RequestKind.RESET)
     assert answer.outcome == Outcome.DONE
-    session.lockstep.run(SETTLED_S)
+    session.run(SETTLED_S)
     wire.lines = [line for line in wire.lines if line.frame.can_id & 0x780 not in SDO]
     return wire
 
@@ -87,20 +87,20 @@ def fault_and_reset():
 def reboot_in_operation():
     """The hip drive browns out while holding. After four cycles without its sample the slide is
     stopped and the hip told NMT stop; its boot-up message comes later, and starts nothing."""
-    session = Session().enabled()
+    session = new_session().enable()
     wire = Wiretap(session.machine.world)
-    session.machine.command("reboot right/hip")
-    session.lockstep.run(0.3)
+    session.command("reboot right/hip")
+    session.run(0.3)
     return wire
 
 
 def drive_silent():
     """The slide drive falls silent while holding: after four cycles without its sample the hip is
     stopped, and the silent one is told disable voltage and NMT stop, should it still hear."""
-    session = Session().enabled()
+    session = new_session().enable()
     wire = Wiretap(session.machine.world)
-    session.machine.command("silent right/slide")
-    session.lockstep.run(0.2)
+    session.command("silent right/slide")
+    session.run(0.2)
     return wire
 
 
@@ -108,9 +108,9 @@ def master_silent():
     """The service dies while holding: SYNC and heartbeat cease. 100 ms after the last heartbeat
     each drive notices by itself (1016h), says 8130h, stops by 6007h, and leaves operational by
     1029h."""
-    session = Session().enabled()
+    session = new_session().enable()
     wire = Wiretap(session.machine.world)
-    session.lockstep.run(0.02)
+    session.run(0.02)
     world = session.machine.world
     for _ in range(30):
         world.advance_to(world.now_ns + 10_000_000)
@@ -121,12 +121,12 @@ def referencing(folder):
     """Homing of the hip of the empty machine with an incremental encoder, on request: the slide
     stays without power. Only what changes is kept: RPDO1 and TPDO1 of the hip where controlword,
     mode or statusword differ from those before. One edge of bit 4 starts the stroke in mode 6."""
-    session = Session(changed_configs(folder, *EMPTY, *INCREMENTAL)).until_ready()
+    session = new_session(changed_configs(folder, *EMPTY, *INCREMENTAL)).until_ready()
     wire = Wiretap(session.machine.world)
     wanted = ModeRequest(Mode.REFERENCE, axis="right/hip")
-    answer = session.lockstep.request(RequestKind.MODE, wanted)
+    answer = session.request(RequestKind.MODE, wanted)
     assert answer.outcome == Outcome.DONE, answer.reason
-    session.lockstep.run_until(lambda record: record.mode == Mode.OFF, within_s=60)
+    session.run_until(lambda record: record.mode == Mode.OFF, within_s=60)
     wire.lines = list(changes_only(wire.lines))
     return wire
 

@@ -13,7 +13,7 @@ from itertools import product
 
 import pytest
 from babbler import Babbler, heartbeat, network, process_data
-from sessions import CONFIGS, Session, elmo_drives, generic_drives
+from sessions import CONFIGS, elmo_drives, generic_drives, new_session
 
 from daemon.config.drive_plan import drive_limits
 from daemon.ipc.record import Mode, RequestKind
@@ -36,10 +36,9 @@ class Fuzz:
     def __init__(self, seed, session):
         self.seed = seed
         self.session = session
-        lockstep = self.session.lockstep
-        self.lockstep, self.bus = lockstep, lockstep.bus
-        self.babbler = Babbler(self.session.machine.world, lockstep.bus, seed)
-        settings = self.session.settings
+        self.bus = session.bus
+        self.babbler = Babbler(session.machine.world, self.bus, seed)
+        settings = session.settings
         limits = drive_limits(settings.limits)
         self.bounds = {
             0x300 + drive.node_id: (axis_scaling(drive, expected_base(drive)), limit.effort_max_si)
@@ -53,7 +52,7 @@ class Fuzz:
         end_ns = self.bus.now_ns + int(duration_s * 1e9)
         while self.bus.now_ns < end_ns and self.refusal is None:
             try:
-                self.lockstep.loop.turn()
+                self.session.loop.turn()
             except BringUpRefused as refusal:
                 assert refusal.drive in ("right/hip", "right/slide")
                 assert refusal.reason
@@ -68,11 +67,11 @@ class Fuzz:
                 effort_si = permille_to_effort(*struct.unpack("<h", frame.data), scaling)
                 assert abs(effort_si) <= most_si * 1.001, self.story()
         self.seen = len(self.bus.sent)
-        mode = self.lockstep.record.mode
+        mode = self.session.record.mode
         if self.stopped_at is not None:
             assert not mode.active, self.story()  # nobody has asked for it
         elif not mode.active and mode != Mode.READY:
-            self.stopped_at = self.lockstep.record.cycle
+            self.stopped_at = self.session.record.cycle
 
     def story(self):
         said = "\n".join(
@@ -80,7 +79,7 @@ class Fuzz:
             f"{' error' if said.frame.is_error else ''}"
             for said in self.babbler.said[-20:]
         )
-        record = self.lockstep.record
+        record = self.session.record
         return f"seed {self.seed}, {record.mode.name}, {record.verdict}, last said:\n{said}"
 
     def enables(self):
@@ -93,11 +92,11 @@ class Fuzz:
         self.babbler.stop()
         self.run(PAUSE_S)
         for _ in range(5):
-            if self.refusal is not None or self.lockstep.record.mode == Mode.READY:
+            if self.refusal is not None or self.session.record.mode == Mode.READY:
                 break
-            self.lockstep.request(RequestKind.RESET)
+            self.session.request(RequestKind.RESET)
             self.run(3.0)
-        return self.refusal is not None or self.lockstep.record.mode == Mode.READY
+        return self.refusal is not None or self.session.record.mode == Mode.READY
 
 
 def pytest_generate_tests(metafunc):
@@ -125,12 +124,12 @@ def pytest_generate_tests(metafunc):
 def fuzz(seed, tmp_path):
     """Its seed says what the drives are, and how fast the babbler talks."""
     configs = MAKES[seed // len(RATES_HZ) % len(MAKES)](tmp_path)
-    return Fuzz(seed, Session(configs))
+    return Fuzz(seed, new_session(configs))
 
 
 @pytest.fixture(scope="module")
 def warm_walk():
-    return Session().walking(warm_s=1.0)
+    return new_session().walk(duration_s=1.0)
 
 
 def test_in_ready_nothing_is_energised_and_nothing_moves(fuzz):
@@ -149,7 +148,7 @@ def test_in_ready_nothing_is_energised_and_nothing_moves(fuzz):
 
 
 def test_while_holding_a_stop_is_latched_and_no_torque_exceeds_its_limit(fuzz):
-    fuzz.session.enabled()
+    fuzz.session.enable()
 
     fuzz.babbler.start(RATES_HZ[fuzz.seed % len(RATES_HZ)])
     fuzz.run(TALK_S)
@@ -158,7 +157,7 @@ def test_while_holding_a_stop_is_latched_and_no_torque_exceeds_its_limit(fuzz):
 
 
 def test_while_walking_a_stop_is_latched_and_both_axes_come_to_rest(fuzz):
-    fuzz.session.walking(warm_s=1.0)
+    fuzz.session.walk(duration_s=1.0)
 
     fuzz.babbler.start(RATES_HZ[fuzz.seed % len(RATES_HZ)])
     fuzz.run(TALK_S)
@@ -174,7 +173,7 @@ def test_while_walking_a_stop_is_latched_and_both_axes_come_to_rest(fuzz):
 
 @pytest.mark.parametrize("kind", [network, process_data, heartbeat], ids=lambda kind: kind.__name__)
 def test_nonsense_while_the_drives_are_brought_up_ends_in_ready_or_a_named_cause(kind):
-    fuzz = Fuzz(7, Session())
+    fuzz = Fuzz(7, new_session())
 
     fuzz.babbler.start(100, kind)
     fuzz.run(5.0)
@@ -185,17 +184,16 @@ def test_nonsense_while_the_drives_are_brought_up_ends_in_ready_or_a_named_cause
 
 def test_a_drive_that_answers_our_answer_with_an_emcy_is_not_answered_again(warm_walk):
     # After its reset the hip has its own mapping again: each RPDO1 of ours is 8220h to it.
-    world, lockstep = warm_walk.machine.world, warm_walk.lockstep
-    bus = lockstep.bus
+    world, bus = warm_walk.machine.world, warm_walk.bus
     for data in (b"\x82\x05", b"\x01\x05"):
         world.receive(WorldFrame(0x000, data))
     begun = len(bus.sent)
 
-    lockstep.run(0.5)
+    warm_walk.run(0.5)
 
     commands = [frame for frame in bus.sent[begun:] if frame.can_id == 0x205]
     assert len(commands) <= 50 + 3
-    assert lockstep.record.mode in (Mode.STOPPING, Mode.FAULT)
+    assert warm_walk.record.mode in (Mode.STOPPING, Mode.FAULT)
 
 
 def test_frames_that_are_nobody_s_change_nothing(warm_walk):
@@ -209,4 +207,4 @@ def test_frames_that_are_nobody_s_change_nothing(warm_walk):
     fuzz.run(3.0)
 
     assert fuzz.stopped_at is None, fuzz.story()
-    assert fuzz.lockstep.record.mode == Mode.GAIT
+    assert fuzz.record.mode == Mode.GAIT

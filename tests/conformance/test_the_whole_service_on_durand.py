@@ -4,6 +4,7 @@ What durand lacks is listed in `durand_slave.py`, with what stands in for it.
 """
 
 import struct
+from types import SimpleNamespace
 
 import pytest
 from durand.scheduler import get_scheduler, set_scheduler
@@ -15,7 +16,7 @@ from daemon.preflight.load import load
 from drives.cia402.units import axis_scaling, expected_base, position_to_counts
 from drives.errors import BringUpRefused
 from drives.signals import PowerState
-from gaitd_lab.lockstep import Lockstep
+from gaitd_lab.lockstep import LockstepSession
 
 MID_POSE = (0.244, 0.5905)
 """rad, m: where the springs carry the leg, as plant.toml begins."""
@@ -23,7 +24,7 @@ INPUTS = 0x0003_0000
 """60FDh: hand switch closed, STO released."""
 
 
-class Service:
+class Service(LockstepSession):
     def __init__(self, folder):
         settings = load(generic_drives(folder) / "demo.toml")
         self.world = DurandWorld(list(settings.drives))
@@ -34,22 +35,12 @@ class Service:
             scaling = axis_scaling(description, expected_base(description))
             drive.dictionary.write(0x6064, 0, position_to_counts(place, scaling))
             drive.dictionary.write(0x60FD, 0, INPUTS)
-        self.lockstep = Lockstep(settings, self.world)
-
-    def ready(self):
-        self.lockstep.run_until(lambda record: record.mode == Mode.READY, within_s=10)
-        self.lockstep.run(0.2)
-        return self
-
-    def enabled(self):
-        answer = self.ready().lockstep.request(RequestKind.ENABLE)
-        assert answer.outcome == Outcome.DONE, answer.reason
-        return self
+        super().__init__(settings, SimpleNamespace(world=self.world))
 
     def stopped(self):
-        self.lockstep.run_until(lambda record: not record.mode.active, within_s=2)
-        self.lockstep.run(0.5)
-        return self.lockstep.record
+        self.run_until(lambda record: not record.mode.active, within_s=2)
+        self.run(0.5)
+        return self.record
 
 
 @pytest.fixture
@@ -60,7 +51,7 @@ def service(tmp_path):
 
 
 def test_it_is_brought_up_with_every_limit_in_durand_s_dictionary(service):
-    service.ready()
+    service.until_ready()
 
     assert [drive.node.nmt.state for drive in service.world.drives] == [5, 5]
     for drive in service.world.drives:
@@ -74,10 +65,10 @@ def test_it_is_brought_up_with_every_limit_in_durand_s_dictionary(service):
 
 
 def test_it_is_enabled_arrow_by_arrow_and_holds(service):
-    service.enabled()
-    service.lockstep.run(1.0)
+    service.enable()
+    service.run(1.0)
 
-    record = service.lockstep.record
+    record = service.record
     assert record.mode == Mode.HOLD, record.verdict
     for drive in service.world.drives:
         assert drive.model.numbers == [2, 3, 4]
@@ -90,18 +81,18 @@ def test_it_is_enabled_arrow_by_arrow_and_holds(service):
 
 
 def test_the_torque_that_is_sent_is_the_one_that_durand_applies_at_the_next_sync(service):
-    service.enabled()
+    service.enable()
     for can_id, drive in ((0x305, service.hip), (0x306, service.slide)):
         for _ in range(5):
-            sent = [f for f in service.lockstep.bus.sent if f.can_id == can_id][-1]
-            service.lockstep.run(0.01)
+            sent = [f for f in service.bus.sent if f.can_id == can_id][-1]
+            service.run(0.01)
 
             (torque,) = struct.unpack("<h", sent.data)
             assert drive.dictionary.read(0x6071, 0) == torque
 
 
 def test_an_emcy_of_durand_s_stops_both_drives_by_the_arrow_of_quick_stop(service):
-    service.enabled()
+    service.enable()
 
     service.hip.node.emcy.set(0x4210, 0x09)
     record = service.stopped()
@@ -114,7 +105,7 @@ def test_an_emcy_of_durand_s_stops_both_drives_by_the_arrow_of_quick_stop(servic
 
 
 def test_a_heartbeat_that_ceases_stops_the_machine_though_samples_still_come(service):
-    service.enabled()
+    service.enable()
 
     service.slide.dictionary.write(0x1017, 0, 0)
     record = service.stopped()
@@ -124,7 +115,7 @@ def test_a_heartbeat_that_ceases_stops_the_machine_though_samples_still_come(ser
 
 
 def test_a_node_that_is_cut_off_stops_the_other_one(service):
-    service.enabled()
+    service.enable()
 
     service.slide.wire.cut = True
     record = service.stopped()
@@ -134,7 +125,7 @@ def test_a_node_that_is_cut_off_stops_the_other_one(service):
 
 
 def test_a_node_that_reboots_is_not_started_again_by_itself(service):
-    service.enabled()
+    service.enable()
 
     service.hip.node.nmt.reset()
     record = service.stopped()
@@ -146,7 +137,7 @@ def test_a_node_that_reboots_is_not_started_again_by_itself(service):
 
 
 def test_an_open_hand_switch_in_60fdh_stops_both(service):
-    service.enabled()
+    service.enable()
 
     service.hip.dictionary.write(0x60FD, 0, INPUTS & ~0x0001_0000)
     record = service.stopped()
@@ -159,30 +150,30 @@ def test_another_identity_ends_the_service_by_name(service):
     service.hip.dictionary.write(0x1018, 2, 0x00040202)
 
     with pytest.raises(BringUpRefused) as refused:
-        service.lockstep.run(5)
+        service.run(5)
 
     assert (refused.value.drive, refused.value.place) == ("right/hip", "1018h:02")
     assert [drive.node.nmt.state for drive in service.world.drives] == [127, 127]
 
 
 def test_a_fault_is_reset_by_one_edge_when_somebody_asks(service):
-    service.enabled()
+    service.enable()
     service.hip.fault(0x3210)
     assert service.stopped().drives[0].power_state == PowerState.FAULT
 
-    answer = service.lockstep.request(RequestKind.RESET)
-    service.lockstep.run(0.5)
+    answer = service.request(RequestKind.RESET)
+    service.run(0.5)
 
     assert answer.outcome == Outcome.DONE, answer.reason
     assert service.hip.model.numbers[3:] == [15]
     assert service.hip.model.state == "switch on disabled"
-    assert service.lockstep.record.mode == Mode.READY
+    assert service.record.mode == Mode.READY
 
 
 def test_at_the_end_both_are_without_power_and_let_go(service):
-    service.enabled()
+    service.enable()
 
-    service.lockstep.shut_down()
+    service.shut_down()
 
     assert [drive.model.state for drive in service.world.drives] == ["switch on disabled"] * 2
     assert [drive.node.nmt.state for drive in service.world.drives] == [127, 127]

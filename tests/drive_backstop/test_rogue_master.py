@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from rogue import CSP, FAULT, FAULT_REACTION, NODES, OPERATION_ENABLED, QUICK_STOP_ACTIVE, Rogue
-from sessions import CONFIGS, Session, changed_configs, elmo_drives, generic_drives
+from sessions import CONFIGS, changed_configs, elmo_drives, generic_drives, new_session
 
 FULL = 3000
 """Per mille: more than any limit."""
@@ -48,7 +48,7 @@ def axis(request):
 
 @pytest.fixture(scope="module")
 def warm_rogue(make, tmp_path_factory):
-    taken = Rogue(Session(configs_of(make, tmp_path_factory.mktemp(make))).enabled())
+    taken = Rogue(new_session(configs_of(make, tmp_path_factory.mktemp(make))).enable())
     taken.cycles(2)
     assert taken.states() == (OPERATION_ENABLED, OPERATION_ENABLED)
     return taken
@@ -202,7 +202,7 @@ def test_limits_that_a_plant_clips_are_clipped(tmp_path):
     clipping = changed_configs(
         tmp_path, ("plant.toml", 'position_limit = "fault"', 'position_limit = "clip"')
     )
-    rogue = Rogue(Session(clipping).enabled())
+    rogue = Rogue(new_session(clipping).enable())
     rogue.cycles(2)
     high = rogue.object(NODES[0], 0x607D, 2)
     rogue.commands[NODES[0]].mode = CSP

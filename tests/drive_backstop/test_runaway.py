@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from rogue import NODES, Rogue
-from sessions import Session, changed_configs, elmo_drives, elsewhere, generic_drives
+from sessions import changed_configs, elmo_drives, elsewhere, generic_drives, new_session
 
 from daemon.config.bundle import Settings
 from daemon.config.drive_plan import drive_limits
@@ -19,6 +19,7 @@ from daemon.preflight.load import load
 from daemon.preflight.runaway import Run, run_away
 from daemon.preflight.runaway_report import axis_runaway, refuse_runaways, runaway_meanings
 from daemon.preflight.workspace import Motion
+from gaitd_lab.lockstep import LockstepSession
 
 LIFE_MS = 700
 """Detection, ramp and rest. A leg without power then drifts into its springs: no torque of a dead
@@ -50,7 +51,7 @@ DEATHS = tuple(
 )
 
 
-def dead_core(session: Session, death: Death) -> list:
+def dead_core(session: LockstepSession, death: Death) -> list:
     """What the leg does."""
     rogue = Rogue(session)
     rogue.cycles(2)
@@ -61,13 +62,13 @@ def dead_core(session: Session, death: Death) -> list:
 
 
 @pytest.fixture(scope="module")
-def warm_epos4() -> Session:
-    return Session().enabled()
+def warm_epos4() -> LockstepSession:
+    return new_session().enable()
 
 
 @pytest.fixture(scope="module")
-def warm_generic(tmp_path_factory) -> Session:
-    return Session(generic_drives(tmp_path_factory.mktemp("generic"))).enabled()
+def warm_generic(tmp_path_factory) -> LockstepSession:
+    return new_session(generic_drives(tmp_path_factory.mktemp("generic"))).enable()
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import canopen
 import pytest
 from bringup_bench import Bench, refused
 from drive_files import CYCLE, HIP_LIMITS, drive
-from sessions import CONFIGS, Session, elmo_drives, generic_drives
+from sessions import CONFIGS, elmo_drives, generic_drives, new_session
 
 from daemon.preflight.load import load
 from drives.bringup.plan import plan
@@ -54,7 +54,7 @@ def held(node: canopen.RemoteNode, row) -> tuple[int, int]:
 
 @pytest.mark.parametrize("make", MAKES)
 def test_every_limit_is_in_the_drive_after_bring_up(tmp_path, make):
-    session = Session(configs_of(make, tmp_path)).until_ready()
+    session = new_session(configs_of(make, tmp_path)).until_ready()
     leg = session.settings.legs[0]
 
     nodes = read_by_canopen(session, make)

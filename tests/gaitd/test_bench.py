@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 from rich.console import Console
-from sessions import CONFIGS, Session
+from sessions import CONFIGS, new_session
 
 from daemon.config.settings import Robot
 from daemon.config.strict import load_toml
@@ -22,12 +22,12 @@ from gaitd_lab.benchmark import (
     whole_service,
 )
 from gaitd_lab.benchmark.cycle_parts import PARTS, WHOLE
-from gaitd_lab.demonstration.script import ActError
+from gaitd_lab.processes import ServiceError
 
 
 @pytest.fixture(scope="module")
 def session():
-    return Session().until_ready()
+    return new_session().until_ready()
 
 
 @pytest.fixture
@@ -39,9 +39,9 @@ def test_every_part_of_the_cycle_is_timed_in_every_cycle_and_put_back(session):
     before = [vars(owner)[attribute] for _, owner, attribute in PARTS]
 
     with cycle_parts.stopwatch() as times:
-        begun = len(session.lockstep.records)
-        session.lockstep.run(0.5)
-        cycles = len(session.lockstep.records) - begun
+        begun = len(session.records)
+        session.run(0.5)
+        cycles = len(session.records) - begun
 
     assert cycles == pytest.approx(50, abs=1)
     assert len(times[WHOLE]) == cycles
@@ -52,7 +52,7 @@ def test_every_part_of_the_cycle_is_timed_in_every_cycle_and_put_back(session):
 
 def test_the_parts_together_are_no_more_than_the_whole(session):
     with cycle_parts.stopwatch() as times:
-        session.lockstep.run(0.5)
+        session.run(0.5)
 
     whole = sum(times[WHOLE])
     parts = sum(sum(values) for name, values in times.items() if name != WHOLE)
@@ -60,7 +60,7 @@ def test_the_parts_together_are_no_more_than_the_whole(session):
 
 
 def test_lateness_is_that_of_the_records(session):
-    records = session.lockstep.records[-20:]
+    records = session.records[-20:]
 
     found = lateness.of(records)
 
@@ -171,7 +171,7 @@ def test_the_parts_of_a_delivery_are_all_of_it(session):
         msgspec.structs.replace(
             record, timing=msgspec.structs.replace(record.timing, work_ns=700_000 + 1000 * number)
         )
-        for number, record in enumerate(session.lockstep.records[-20:])
+        for number, record in enumerate(session.records[-20:])
     ]
 
     found = whole_service.divide(_delivered(records, 500_000, 200_000), records, 120.0)
@@ -185,8 +185,8 @@ def test_the_parts_of_a_delivery_are_all_of_it(session):
 
 
 def test_messages_of_no_record_are_no_measurement(session):
-    with pytest.raises(ActError, match="none of 0 messages"):
-        whole_service.divide([], session.lockstep.records[-20:], 120.0)
+    with pytest.raises(ServiceError, match="none of 0 messages"):
+        whole_service.divide([], session.records[-20:], 120.0)
 
 
 def test_the_page_shows_each_part_of_a_delivery_beside_bare_zenoh():

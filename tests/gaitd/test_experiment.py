@@ -17,7 +17,7 @@ from analysis.recording import Recording
 from analysis.replay import Source, estimate, setup_for
 from daemon.config.strict import ConfigError
 from daemon.ipc.transport import RING_NAME, RingHeader, RingWriter
-from gaitd_lab.excitation import NotPlayedError, Stage
+from gaitd_lab.excitation import EmptyMachine, NotPlayedError
 from observer.filter.status import Validity
 from sim_drives.plant.settings import FrictionLaw
 
@@ -29,13 +29,13 @@ def silent(seconds: float) -> None:
 
 
 @pytest.fixture(scope="module")
-def stage():
-    return Stage(CONFIGS / "demo.toml")
+def machine():
+    return EmptyMachine(CONFIGS / "demo.toml")
 
 
 @pytest.fixture(scope="module")
-def played(stage):
-    return stage.play("paper", 25.0, silent)
+def played(machine):
+    return machine.play("paper", 25.0, silent)
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +44,8 @@ def run(played):
 
 
 @pytest.fixture(scope="module")
-def when(stage):
-    return marks(stage.settings.trainer.excite["paper"])
+def when(machine):
+    return marks(machine.settings.trainer.excite["paper"])
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def delay_ring(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def played_for_delay(stage, delay_ring):
+def played_for_delay(machine, delay_ring):
     """Quick efforts in motion; the black box has them too."""
     header = RingHeader(
         core_boot_id="test",
@@ -65,11 +65,11 @@ def played_for_delay(stage, delay_ring):
         leg_names=("right",),
         config_hashes={},
         version="test",
-        robot=msgspec.to_builtins(stage.settings.robot),
+        robot=msgspec.to_builtins(machine.settings.robot),
         limits={},
     )
     writer = RingWriter(delay_ring, header)
-    played = stage.play("delay", 10.0, silent, writer.write)
+    played = machine.play("delay", 10.0, silent, writer.write)
     writer.close()
     return played
 
@@ -82,18 +82,18 @@ def quick(played_for_delay):
 
 
 @pytest.fixture(scope="module")
-def lines(run, when, stage):
-    setup = setup_for(stage.settings.robot)
-    return {row.name: row for row in rows(run, when, stage.frictions, setup, matched=True)}
+def lines(run, when, machine):
+    setup = setup_for(machine.settings.robot)
+    return {row.name: row for row in rows(run, when, machine.frictions, setup, matched=True)}
 
 
 # --- the scenario -----------------------------------------------------------------------------
 
 
-def test_the_scenario_is_played_to_its_end_on_the_empty_machine(played, stage):
+def test_the_scenario_is_played_to_its_end_on_the_empty_machine(played, machine):
     assert played.trouble == ""
     assert len(played.run.time_s) == 2500
-    assert stage.settings.robot.patient is None
+    assert machine.settings.robot.patient is None
 
 
 def test_the_observer_is_given_what_the_drives_exert_less_the_artificial_disturbance(run):
@@ -118,7 +118,7 @@ def test_the_velocity_peak_after_the_step_is_known_within_two_percent_and_one_sa
     drawn = re.search(r"(?m)^seed = \d+", (CONFIGS / "plant.toml").read_text()).group()
     for seed in seeds:
         change = ("plant.toml", drawn, f"seed = {seed}")
-        other = Stage(changed_configs(tmp_path / str(seed), change) / "demo.toml")
+        other = EmptyMachine(changed_configs(tmp_path / str(seed), change) / "demo.toml")
         found.append(peak(other.play("paper", 25.0, silent).run, when))
 
     assert min(one.true_rad_per_s for one in found) > 0.2
@@ -126,8 +126,8 @@ def test_the_velocity_peak_after_the_step_is_known_within_two_percent_and_one_sa
     assert max(abs(one.lag_count) for one in found) <= 1.0  # 0.0
 
 
-def test_a_disturbance_that_came_at_rest_is_found_within_100_ms_of_motion(run, when, stage):
-    found = transfer(run, when, moving(run.true_velocity, stage.frictions))
+def test_a_disturbance_that_came_at_rest_is_found_within_100_ms_of_motion(run, when, machine):
+    found = transfer(run, when, moving(run.true_velocity, machine.frictions))
 
     assert found.motion_s > 0.1  # the slide rests when the disturbance comes
     assert found.after_motion_s <= 0.1  # the paper's friction creeps: found 60 ms before
@@ -166,15 +166,15 @@ def test_a_lag_is_found_to_a_fraction_of_a_sample():
         assert lag(true, np.sin((np.arange(60) - late) / 6)) == pytest.approx(late, abs=0.05)
 
 
-def test_the_same_configuration_gives_the_same_bits(run, stage):
-    again = stage.play("paper", 1.0, silent).run
+def test_the_same_configuration_gives_the_same_bits(run, machine):
+    again = machine.play("paper", 1.0, silent).run
 
     np.testing.assert_array_equal(again.state, run.state[:100])
     np.testing.assert_array_equal(again.true_friction, run.true_friction[:100])
 
 
 def test_another_friction_of_the_plant_gives_another_truth(run):
-    bristles = Stage(CONFIGS / "demo.toml", FrictionLaw.LUGRE).play("paper", 1.0, silent).run
+    bristles = EmptyMachine(CONFIGS / "demo.toml", FrictionLaw.LUGRE).play("paper", 1.0, silent).run
 
     assert np.max(np.abs(bristles.true_friction - run.true_friction[:100])) > 0.1
 
@@ -186,7 +186,7 @@ def test_a_stop_before_the_end_is_named_with_its_time(tmp_path):
     narrow = "[excite.paper]\nhip_window_deg = 24.0"
     configs = changed_configs(tmp_path, ("demo.toml", narrow, narrow.replace("24.0", "2.0")))
 
-    played = Stage(configs / "demo.toml").play("paper", 5.0, silent)
+    played = EmptyMachine(configs / "demo.toml").play("paper", 5.0, silent)
 
     assert len(played.run.time_s) < 500
     assert "has left its window" in played.trouble
@@ -194,20 +194,20 @@ def test_a_stop_before_the_end_is_named_with_its_time(tmp_path):
 
 
 def test_a_scenario_that_is_refused_says_why():
-    stage = Stage(CONFIGS / "demo.toml")
+    machine = EmptyMachine(CONFIGS / "demo.toml")
 
     with pytest.raises(NotPlayedError, match="mode was refused"):
-        stage.play("no_such_scenario", 5.0, silent)
+        machine.play("no_such_scenario", 5.0, silent)
 
 
 def test_the_empty_machine_rubs_as_the_robot_that_it_is_made_from(tmp_path):
     robot = ("robot.toml", "coulomb_nm = 6.0", "coulomb_nm = 5.5")
 
-    stage = Stage(changed_configs(tmp_path, robot) / "demo.toml")
+    machine = EmptyMachine(changed_configs(tmp_path, robot) / "demo.toml")
 
-    assert stage.frictions[0].coulomb == 5.5
-    assert stage.settings.robot.friction.hip.coulomb_nm == 5.5
-    assert stage.settings.robot.patient is None
+    assert machine.frictions[0].coulomb == 5.5
+    assert machine.settings.robot.friction.hip.coulomb_nm == 5.5
+    assert machine.settings.robot.patient is None
 
 
 def test_a_configuration_without_an_empty_machine_is_refused(tmp_path):
@@ -215,12 +215,12 @@ def test_a_configuration_without_an_empty_machine_is_refused(tmp_path):
     (configs / "robot_empty.toml").unlink()
 
     with pytest.raises(ConfigError, match=r"robot_empty\.toml beside it"):
-        Stage(configs / "demo.toml")
+        EmptyMachine(configs / "demo.toml")
 
 
-def test_a_trainer_file_without_the_scenario_says_which_it_has(stage):
+def test_a_trainer_file_without_the_scenario_says_which_it_has(machine):
     with pytest.raises(ConfigError, match=r"open_loop, paper.*\[excite\.other\]"):
-        stage.longest_s("other")
+        machine.longest_s("other")
 
 
 # --- the delay ----------------------------------------------------------------------------------
@@ -235,11 +235,11 @@ def earlier(effort: np.ndarray, cycles: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("cycles", [-1.0, -0.4, 0.0, 0.3, 1.0, 1.5, 2.0])
-def test_a_shift_of_the_efforts_is_measured(quick, stage, cycles):
+def test_a_shift_of_the_efforts_is_measured(quick, machine, cycles):
     effort = np.column_stack([earlier(quick.effort[:, axis], cycles) for axis in range(2)])
     shifted = Recording("shifted", quick.time_s, quick.position, effort)
 
-    found = measure(shifted, stage.settings.robot)
+    found = measure(shifted, machine.settings.robot)
 
     for delay, tolerance_ms in zip(found, TOLERANCE_MS, strict=True):
         assert delay.known
@@ -247,11 +247,11 @@ def test_a_shift_of_the_efforts_is_measured(quick, stage, cycles):
         assert delay.std_ms < tolerance_ms
 
 
-def test_each_axis_has_a_delay_of_its_own(quick, stage):
+def test_each_axis_has_a_delay_of_its_own(quick, machine):
     effort = np.column_stack((earlier(quick.effort[:, 0], 2.0), quick.effort[:, 1]))
 
     hip, slide = measure(
-        Recording("one", quick.time_s, quick.position, effort), stage.settings.robot
+        Recording("one", quick.time_s, quick.position, effort), machine.settings.robot
     )
 
     assert hip.delay_ms == pytest.approx(20.0, abs=1.0)
@@ -260,9 +260,9 @@ def test_each_axis_has_a_delay_of_its_own(quick, stage):
 
 
 def test_with_the_delay_that_was_measured_the_observer_forecasts_as_well_as_without_any(
-    quick, stage
+    quick, machine
 ):
-    robot = stage.settings.robot
+    robot = machine.settings.robot
     early = Recording(
         "early",
         quick.time_s,
@@ -283,10 +283,10 @@ def test_with_the_delay_that_was_measured_the_observer_forecasts_as_well_as_with
     assert np.all(wrong > 1.05 * right)
 
 
-def test_slow_efforts_do_not_tell_the_delay_and_it_is_said_what_to_record(run, stage):
+def test_slow_efforts_do_not_tell_the_delay_and_it_is_said_what_to_record(run, machine):
     slow = Recording("slow", run.time_s, run.measured, run.exerted)
 
-    found = measure(slow, stage.settings.robot)
+    found = measure(slow, machine.settings.robot)
 
     assert not any(one.known for one in found)
     assert "scenario `delay`" in advice(found)
@@ -308,7 +308,7 @@ def test_the_command_prints_its_numbers_beside_their_targets_and_draws_the_paper
     def kept(draw):
         return lambda *its: drawn.setdefault(its[-1].stem, draw(*its))
 
-    monkeypatch.setattr(Stage, "play", play)
+    monkeypatch.setattr(EmptyMachine, "play", play)
     for name in ("draw_axis", "draw_details"):
         monkeypatch.setattr(experiment_figures, name, kept(getattr(experiment_figures, name)))
     folder = tmp_path / "new" / "folder"

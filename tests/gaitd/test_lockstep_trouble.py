@@ -1,7 +1,7 @@
 """What can be wrong with the service's end of the lock-step bus, and with its time."""
 
 import pytest
-from sessions import Session
+from sessions import new_session
 
 from drives.canopen.bus import Frame
 from drives.errors import BusError
@@ -12,9 +12,9 @@ FRAME = Frame(0x080, b"")
 
 @pytest.fixture(scope="module")
 def warm_bench():
-    session = Session()
-    session.lockstep.run(0.02)
-    return session.lockstep
+    session = new_session()
+    session.run(0.02)
+    return session
 
 
 def test_a_full_queue_drops_at_once_and_keeps_what_is_urgent_until_its_deadline(warm_bench):
@@ -64,7 +64,7 @@ def test_a_sync_that_waits_is_on_the_wire_later_and_nothing_else_is(warm_bench):
 
 
 def test_a_service_that_is_held_finds_the_world_and_its_clock_farther_on(warm_bench):
-    bus, world = warm_bench.bus, warm_bench.world
+    bus, world = warm_bench.bus, warm_bench.machine.world
     begun_ns = world.now_ns
 
     bus.at(begun_ns + 1 * MS, lambda: bus.hold(35 * MS))
@@ -76,7 +76,7 @@ def test_a_service_that_is_held_finds_the_world_and_its_clock_farther_on(warm_be
 def test_a_machine_that_was_suspended_finds_the_world_farther_on_and_its_clock_where_it_was(
     warm_bench,
 ):
-    bus, world = warm_bench.bus, warm_bench.world
+    bus, world = warm_bench.bus, warm_bench.machine.world
     begun_ns = world.now_ns
 
     bus.at(begun_ns + 1 * MS, lambda: bus.pause(1000 * MS))

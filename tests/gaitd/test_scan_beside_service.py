@@ -5,7 +5,7 @@ from contextlib import closing
 import pytest
 from drive_files import CYCLE, HIP_LIMITS
 from msgspec.structs import replace
-from sessions import Session, changed_configs
+from sessions import changed_configs, new_session
 
 from daemon.ipc.record import BusRecord, Mode, ModeRequest, RequestKind
 from drives.bringup.configurator import Configurator
@@ -26,18 +26,18 @@ MBIT = 1_000_000
 
 def what_it_did(session):
     """Its records but for what they count of the bus, on which there is more now."""
-    return [replace(record, bus=BusRecord()) for record in session.lockstep.records]
+    return [replace(record, bus=BusRecord()) for record in session.records]
 
 
 class SecondStation:
     """One more station on the wire of a lock-step run; while it waits, the service works on."""
 
-    def __init__(self, lockstep):
-        self.lockstep = lockstep
-        self.clock = WorldClock(lockstep.bus)
+    def __init__(self, session):
+        self.session = session
+        self.clock = WorldClock(session.bus)
         self.heard = []
         self.sent = []
-        world = lockstep.world
+        world = session.machine.world
         self._receive, self._advance = world.receive, world.advance_to
         world.receive, world.advance_to = self._from_service, self._from_drives
 
@@ -65,7 +65,7 @@ class SecondStation:
 
     def receive_until(self, deadline_ns, clock):
         while not self.heard and self.clock.now_ns() < deadline_ns:
-            self.lockstep.loop.turn()
+            self.session.loop.turn()
         return self.drain()
 
     def close(self):
@@ -81,10 +81,10 @@ NOISE = (
 
 
 def walking(configs):
-    session = Session(configs).enabled()
+    session = new_session(configs).enable()
     gait = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=600.0)
-    session.lockstep.request(RequestKind.MODE, gait)
-    session.lockstep.run(1.0)
+    session.request(RequestKind.MODE, gait)
+    session.run(1.0)
     return session
 
 
@@ -115,21 +115,21 @@ def warm_walking(configs):
 def alone(configs):
     """The same, which walks on for longer than it takes to look at it, unseen."""
     session = walking(configs)
-    session.lockstep.run(4.0)
+    session.run(4.0)
     return session
 
 
 def assert_unchanged(looked_at, alone):
     ours, theirs = what_it_did(looked_at), what_it_did(alone)
-    sent = looked_at.lockstep.bus.sent
+    sent = looked_at.bus.sent
     assert len(ours) < len(theirs)
-    assert looked_at.lockstep.record.mode == Mode.GAIT
+    assert looked_at.record.mode == Mode.GAIT
     assert ours == theirs[: len(ours)]
-    assert sent == alone.lockstep.bus.sent[: len(sent)]
+    assert sent == alone.bus.sent[: len(sent)]
 
 
 def test_a_scan_of_a_walking_machine_finds_it_and_changes_no_record(warm_walking, alone):
-    station = SecondStation(warm_walking.lockstep)
+    station = SecondStation(warm_walking)
 
     found = take_stock(finished(survey(station, station.clock, MBIT)), expected(warm_walking))
 
@@ -140,7 +140,7 @@ def test_a_scan_of_a_walking_machine_finds_it_and_changes_no_record(warm_walking
 
 
 def test_a_dump_of_a_walking_drive_changes_no_record(warm_walking, alone):
-    station = SecondStation(warm_walking.lockstep)
+    station = SecondStation(warm_walking)
     dictionary = load_eds(warm_walking.settings.drives[0].eds, 5)
 
     port = Configurator(station, station.clock)
@@ -151,12 +151,12 @@ def test_a_dump_of_a_walking_drive_changes_no_record(warm_walking, alone):
 
 
 def test_nothing_is_stored_or_restored_beside_a_service_or_in_a_drive_that_has_power():
-    session = Session().enabled()
-    station = SecondStation(session.lockstep)
+    session = new_session().enable()
+    station = SecondStation(session)
     witness = BusSniffer()
     with closing(WitnessedBus(station, station.clock, witness)) as bus:
         bus.receive_until(station.clock.now_ns() + 1, station.clock)
-        session.lockstep.run(0.1)
+        session.run(0.1)
         bus.drain()
     steps = plan(session.settings.drives[0], HIP_LIMITS, CYCLE)
 

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import msgspec
 import pytest
 from candump import candump_line
-from sessions import Session
+from sessions import new_session
 from wiretap import Wiretap
 
 from daemon.ipc.record import CycleRecord
@@ -158,9 +158,9 @@ def controllers_world(vcan_rig, vcan_world, tmp_path_factory):
 
 def prepared(folder: Path) -> Wiretap:
     """What the script plays; the lock-step session that it is of."""
-    session = Session().walking(warm_s=0.0)
+    session = new_session().walk()
     wire = Wiretap(session.machine.world)
-    session.lockstep.run(1.0)
+    session.run(1.0)
     begun_ns = wire.lines[0].time_ns
     dump = "".join(candump_line(line.time_ns - begun_ns, line.frame) + "\n" for line in wire.lines)
     (folder / "session.candump").write_text(dump)

@@ -1,7 +1,7 @@
 """S18: when in the window, and in which order, TPDOs come does not change what the master does."""
 
 import pytest
-from sessions import Session, changed_configs
+from sessions import changed_configs, new_session
 
 TPDOS = (0x185, 0x285, 0x186, 0x286)
 
@@ -20,9 +20,9 @@ class Listening:
     """A session, and all TPDOs that its drives have sent."""
 
     def __init__(self, configs=None):
-        self.session = Session(configs) if configs else Session()
+        self.session = new_session(configs) if configs else new_session()
         self.heard = []
-        bus = self.session.lockstep.bus
+        bus = self.session.bus
         receive = bus.receive_until
 
         def receive_until(deadline_ns, clock):
@@ -31,7 +31,7 @@ class Listening:
             return frames
 
         bus.receive_until = receive_until
-        self.session.walking(warm_s=2.0)
+        self.session.walk(duration_s=2.0)
 
     def orders(self):
         """In which orders the four answers to a SYNC have come."""
@@ -39,13 +39,11 @@ class Listening:
         return {tuple(ids[at : at + 4]) for at in range(0, len(ids) - 3, 4)}
 
     def commands(self):
-        return [(frame.can_id, bytes(frame.data)) for frame in self.session.lockstep.bus.sent]
+        return [(frame.can_id, bytes(frame.data)) for frame in self.session.bus.sent]
 
     def estimates(self):
         """As text: what is not known yet is nan, which equals nothing."""
-        return [
-            repr(record.legs[0].state) for record in self.session.lockstep.records if record.legs
-        ]
+        return [repr(record.legs[0].state) for record in self.session.records if record.legs]
 
 
 @pytest.fixture(scope="module")

@@ -118,7 +118,7 @@ class DurandDrive:
 
 
 class DurandWorld:
-    """What `gaitd_lab.lockstep.WorldBus` needs of a world, with durand's nodes in it."""
+    """What `gaitd_lab.WorldBus` needs of a world, with durand's nodes in it."""
 
     def __init__(self, descriptions: list[DriveDescription]) -> None:
         self.now_ns = 0

@@ -9,8 +9,7 @@ TPDO1 = 6041h, 6064h, 6061h; everything at SYNC.
 import struct
 from dataclasses import dataclass, field
 
-from sessions import Session
-
+from gaitd_lab.lockstep import LockstepSession
 from sim_drives.frame import Frame, TimedFrame
 from sim_drives.plant.truth import Truth
 
@@ -39,7 +38,7 @@ class Command:
 class Rogue:
     """The bus from the master's side; time passes in whole milliseconds."""
 
-    session: Session
+    session: LockstepSession
     commands: dict[int, Command] = field(init=False)
     heard: list[TimedFrame] = field(default_factory=list)
     path: list[Truth] = field(default_factory=list)

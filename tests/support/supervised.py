@@ -37,7 +37,7 @@ class Systemd:
 
 def watched(session):
     """The session, told to a Systemd from now on."""
-    session.systemd = Systemd(session.lockstep.clock)
-    supervision = session.lockstep.loop._supervision
+    session.systemd = Systemd(session.clock)
+    supervision = session.loop._supervision
     supervision._supervisor = supervision._log = session.systemd
     return session

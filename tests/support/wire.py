@@ -4,9 +4,8 @@ import struct
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from sessions import Session
-
 from drives.canopen.bus import Frame
+from gaitd_lab.lockstep import LockstepSession
 from sim_drives.frame import Frame as WorldFrame
 from sim_drives.frame import TimedFrame
 
@@ -62,7 +61,7 @@ def words_by_cycle(frames: list[Frame]) -> list[dict[int, int]]:
 
 
 def change_what_drives_say(
-    session: Session, change: Callable[[TimedFrame], TimedFrame | None]
+    session: LockstepSession, change: Callable[[TimedFrame], TimedFrame | None]
 ) -> None:
     """Every frame of the drives goes through `change`; None takes it off the bus."""
     world = session.machine.world
@@ -75,7 +74,9 @@ def change_what_drives_say(
     world.advance_to = advance_to
 
 
-def change_what_drives_hear(session: Session, change: Callable[[WorldFrame], WorldFrame]) -> None:
+def change_what_drives_hear(
+    session: LockstepSession, change: Callable[[WorldFrame], WorldFrame]
+) -> None:
     """Every frame of the master's goes through `change` before the drives get it."""
     world = session.machine.world
     honest = world.receive

@@ -25,7 +25,7 @@ from drives.bringup.plan import CycleSettings, DrivePlan, homing_plan, lonely_pl
 from drives.cia402.profile import DriveDescription
 from drives.cia402.units import axis_scaling, expected_base
 from observer.filter.leg_observer import LegObserver
-from observer.filter.leg_smoother import LegSmoother
+from observer.leg_smoother import LegSmoother
 from observer.strides import StrideCounter
 
 NS_PER_MS = 1_000_000

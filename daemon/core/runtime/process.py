@@ -29,8 +29,8 @@ from daemon.system.bus_choice import BusChoice, choose_bus
 from daemon.system.journal import Journal
 from daemon.system.lock import directory_errors, hold
 from daemon.system.sd_notify import Notifier
+from drives.bringup.bus_load import BusLoad, bus_load
 from drives.canopen.bus import Bus
-from drives.canopen.bus_load import BusLoad, bus_load
 from drives.errors import BusError
 from simtime.wire import Role
 

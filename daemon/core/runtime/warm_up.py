@@ -9,7 +9,7 @@ import numpy as np
 from daemon.core.motion import gait_shape
 from daemon.core.runtime.build import Built
 from daemon.core.safety import inverse_dynamics, stopping_path
-from drives.canopen.bus_load import fill_tables
+from drives.bringup.bus_load import fill_tables
 from observer.mechanism.mechanism import ratio_and_load
 
 STEPS = 20

@@ -1,11 +1,11 @@
 """The measured load of the bus, against bits counted by hand and the computed worst case."""
 
 import pytest
-from sessions import Session
+from sessions import new_session
 
 from daemon.core.runtime.bus_load import EXACT_MAX, LoadMeter
+from drives.bringup.bus_load import frame_bits, frame_bits_exact
 from drives.canopen.bus import Frame
-from drives.canopen.bus_load import frame_bits, frame_bits_exact
 
 S = 1_000_000_000
 ALTERNATING = Frame(0x555, b"\x55" * 8)
@@ -48,9 +48,9 @@ def test_a_bus_that_babbles_is_counted_at_its_longest_beyond_a_bounded_number():
 
 
 def test_what_is_measured_in_operation_is_a_little_less_than_what_was_computed():
-    session = Session().enabled()
-    session.lockstep.run(1.5)
+    session = new_session().enable()
+    session.run(1.5)
 
-    record = session.lockstep.record
+    record = session.record
 
     assert 0.75 * record.bus_load_ratio < record.bus.load_ratio < record.bus_load_ratio
