@@ -304,7 +304,7 @@ def _measure(
         m.gain,
         m.work,
     )
-    m.gated = 0.0
+    m.gated_cycles = 0.0
     for j in range(count):
         m.predicted[picks[j]] = 0.0
     if options.velocity_gated != 0.0:
@@ -328,8 +328,8 @@ def _reject(
     model: LegModel, m: LegMemory, picks: NDArray[np.int64], count: int, dt_s: float
 ) -> int:
     """Count the rejection, and decide between a push and an encoder error; return status bits."""
-    m.gated += 1.0
-    if m.gated == 1.0:
+    m.gated_cycles += 1.0
+    if m.gated_cycles == 1.0:
         m.push[0] = m.push[1] = 0.0
         largest = 0.0
         for j in range(count):
@@ -339,7 +339,7 @@ def _reject(
             m.push[0] = m.push[1] = 0.0
         else:
             _distrust_pushed(model, m, picks, count)
-    too_many = m.gated > GATED_MAX_IN_A_ROW
+    too_many = m.gated_cycles > GATED_MAX_IN_A_ROW
     if too_many and count == 2 and may_start(model.leg, m.measured[0], m.measured[1]):
         restart(m, m.measured[0], m.measured[1], True)
     return GATED_BIT

@@ -59,11 +59,11 @@ class LegMemory(Protocol):
     """Running mean of each axis' whitened innovations: 0 is white."""
     nis_mean: float
     started: float
-    warm_up: float
+    warm_up_cycles: float
     """Remaining cycles of warm-up."""
-    distrust: float
+    distrust_cycles: float
     """Remaining cycles in which a restart counts as inconsistent."""
-    gated: float
+    gated_cycles: float
     """Number of consecutive rejected samples."""
     push: Pair
     """Unmodelled acceleration of each axis that would explain the rejected sample."""
@@ -139,14 +139,14 @@ def may_start(leg: LegParameters, hip: float, slide: float) -> bool:
 def start(m: LegMemory, hip: float, slide: float) -> None:
     """Start at rest at the measured pose, with a long rest of both axes assumed."""
     _begin(m, hip, slide, START_STD, 2.0 * REST_MAX_S, False)
-    m.distrust = 0.0
+    m.distrust_cycles = 0.0
 
 
 @inline
 def restart(m: LegMemory, hip: float, slide: float, keep_efforts: bool) -> None:
     """Restart at the measured pose, maybe moving; efforts that are not kept start at zero."""
     _begin(m, hip, slide, RESTART_STD, 0.0, keep_efforts)
-    m.distrust = WARM_UP_CYCLES
+    m.distrust_cycles = WARM_UP_CYCLES
 
 
 @inline
@@ -166,8 +166,8 @@ def _begin(
         m.settle_s[axis] = m.split[axis] = m.lean[axis] = m.predicted[axis] = 0.0
     m.nis_mean = 2.0
     m.started = 1.0
-    m.warm_up = WARM_UP_CYCLES
-    m.gated = 0.0
+    m.warm_up_cycles = WARM_UP_CYCLES
+    m.gated_cycles = 0.0
     m.event = BEGAN
 
 

@@ -79,7 +79,7 @@ def set_process_noise(
     for axis in range(2):
         lean = math.fabs(m.lean[axis]) / LEAN_USUAL
         m.noise[6 + axis, 6 + axis] *= min(max(lean, 1.0), patient_noise_max_ratio)
-    pushed = m.gated == 1.0
+    pushed = m.gated_cycles == 1.0
     if pushed or ripple[0] + ripple[1] > 0.0:
         d = dynamics(model.leg, m.mean[0], m.mean[1], 0.0, 0.0, 0.0)
         for axis in range(2):

@@ -57,14 +57,14 @@ def judge(model: LegModel, memory: LegMemory, dt_s: float, status: int) -> tuple
         status |= OUT_OF_WORKSPACE_BIT
     if -at.delta < NEAR_SINGULAR_RATIO * leg.shank_length_m * leg.shoe_length_m:
         status |= NEAR_SINGULAR_BIT
-    if memory.nis_mean > NIS_WINDOW_MAX or memory.distrust > 0.0:
+    if memory.nis_mean > NIS_WINDOW_MAX or memory.distrust_cycles > 0.0:
         status |= INCONSISTENT_BIT
-    if memory.warm_up > 0.0:
+    if memory.warm_up_cycles > 0.0:
         status |= WARM_UP_BIT
     if memory.predicted[0] > 0.0 or memory.predicted[1] > 0.0:
         status |= PREDICT_ONLY_BIT
-    memory.warm_up = max(memory.warm_up - 1.0, 0.0)
-    memory.distrust = max(memory.distrust - 1.0, 0.0)
+    memory.warm_up_cycles = max(memory.warm_up_cycles - 1.0, 0.0)
+    memory.distrust_cycles = max(memory.distrust_cycles - 1.0, 0.0)
     if _count_rest(model.hip, memory, 0, dt_s):
         status |= STANDSTILL_HIP_BIT
     if _count_rest(model.slide, memory, 1, dt_s):
