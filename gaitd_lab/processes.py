@@ -153,7 +153,7 @@ class ServiceProcesses:
         self.tempo = tempo or Tempo()
         self.zenoh_port = free_port()
         configs = configs or configs_folder("configs", trainer_file)
-        own = shutil.copytree(configs, folder / "configs")
+        own = shutil.copytree(configs, folder / "configuration")
         self.config = own / trainer_file
         edit(own, {trainer_file: self._own_places()})
         edit(own, edits or {})
