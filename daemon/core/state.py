@@ -136,6 +136,22 @@ class Leg:
     stride_count: int = 0
     observer_started: bool = False
     observer_bad_cycles: int = 0
+    mechanism: tuple[float, ...] = field(init=False)
+    """`parameters` as a plain tuple, which compiled functions read faster."""
+    friction_laws: tuple[tuple[float, ...], tuple[float, ...]] = field(init=False)
+    """`friction` as plain tuples."""
+
+    def __post_init__(self) -> None:
+        """Convert the parameters for the compiled functions."""
+        hip, slide = self.friction
+        self.mechanism = tuple(map(float, self.parameters))
+        self.friction_laws = tuple(map(float, hip)), tuple(map(float, slide))
+
+    @property
+    def placed(self) -> bool:
+        """True if the pose is known: both axes have a sample and are referenced."""
+        hip, slide = self.axes
+        return hip.joint.known and hip.referenced and slide.joint.known and slide.referenced
 
 
 @dataclass(slots=True)

@@ -190,6 +190,8 @@ def advance(
 
 def _faded(assist: LegAssist, rules: AssistRules) -> LegAssist:
     """Assist after one cycle of the fade, which ends at zero within `fade_cycles`."""
+    if (assist.effort_si, assist.fade_si, assist.stiffness_ratio) == FADED:
+        return assist
     hip_si, slide_si = assist.effort_si
     fade_si = assist.fade_si or (abs(hip_si) / rules.fade_cycles, abs(slide_si) / rules.fade_cycles)
     effort_si = (_shrunk(hip_si, fade_si[0]), _shrunk(slide_si, fade_si[1]))
@@ -204,6 +206,8 @@ def _shrunk(effort_si: float, step_si: float) -> float:
 
 
 NEGLIGIBLE_RATIO = 1e-6
+FADED = ((0.0, 0.0), (0.0, 0.0), FULL_STIFFNESS)
+"""Effort, its decrease and stiffness once nothing is left to fade."""
 
 
 def _towards(value: float, aim: float, step: float) -> float:

@@ -91,7 +91,8 @@ def look(
     held_si = watch.held_si + ratio * (balance.held(axis) - watch.held_si)
     gap_si = _gap(watch, joint.effort_si, unpowered_cycles)
     sign_mismatch_si = _opposed(balance, axis) if powered and free and placed else 0.0
-    return watch._replace(
+    return EffortWatch(
+        sent_si=watch.sent_si,
         unpowered_cycles=unpowered_cycles,
         gap_si=gap_si,
         gap_cycles=watch.gap_cycles + 1 if gap_si > limits.effort_deviation_max_si else 0,

@@ -113,7 +113,7 @@ def advance(core: Core, cycle: int) -> None:
 
 def _advance_leg(core: Core, leg: Leg, cycle: int) -> None:
     """Assist is zero at once where no drive is to be enabled."""
-    if not any(wanted.enable_wanted(core, axis) for axis in leg.axes):
+    if not wanted.enable_wanted_of(core, leg):
         leg.assist = replace(leg.assist, effort_si=(0.0, 0.0), fade_si=None)
     hip, slide = leg.axes
     moved = assist.advance(

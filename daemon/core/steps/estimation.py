@@ -83,8 +83,10 @@ def _update_drift(core: Core, leg: Leg, dt_s: float) -> None:
         if drift is None:
             continue
         axis.drift = drift
-        advice = friction_monitor.advice(drift, leg.friction[index])
-        advised = bool(advice) and not core.config.patient_configured
+        advice = ""
+        if not core.config.patient_configured:
+            advice = friction_monitor.advice(drift, leg.friction[index])
+        advised = bool(advice)
         if advised and not axis.calibration_advised:
             core.report(f"{axis.name}: {advice}")
         axis.calibration_advised = advised

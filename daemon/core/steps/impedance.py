@@ -96,7 +96,7 @@ def _wishes(core: Core, leg: Leg) -> tuple[AxisSetpoint, AxisSetpoint]:
     if single_axis.moving(core) is not None:
         return _preparing_wish(core, hip), _preparing_wish(core, slide)
     reference = leg.reference
-    if reference is None or not any(wanted.enable_wanted(core, axis) for axis in leg.axes):
+    if reference is None or not wanted.enable_wanted_of(core, leg):
         return AxisSetpoint(0.0, hip.joint.position_si, 0.0), AxisSetpoint(
             0.0, slide.joint.position_si, 0.0
         )

@@ -43,8 +43,9 @@ def _update_leg(core: Core, leg: Leg) -> None:
     hip, slide = leg.axes
     window_cycles = _window(core, leg)
     leg.balance = inverse_dynamics.follow(
-        leg.balance, leg.parameters, leg.friction, (hip.joint, slide.joint)
+        leg.balance, leg.mechanism, leg.friction_laws, (hip.joint, slide.joint)
     )
+    placed = _placed(core, leg)
     for index, axis in enumerate(leg.axes):
         axis.watch = effort_monitor.look(
             axis.watch,
@@ -54,7 +55,7 @@ def _update_leg(core: Core, leg: Leg) -> None:
             single_axis.limits_in_force(core, axis),
             powered=axis.feedback is not None and axis.feedback.power_state not in TORQUE_FREE,
             free=_free(core, leg, axis),
-            placed=_placed(core, leg),
+            placed=placed,
         )
         _sum_up(leg, index, window_cycles)
     leg.window_cycles = window_cycles
@@ -63,7 +64,9 @@ def _update_leg(core: Core, leg: Leg) -> None:
 
 def _placed(core: Core, leg: Leg) -> bool:
     """True if the pose is known, and with it the effort that the mechanism needs on both axes."""
-    return all(one.referenced and not single_axis.is_homing(core, one) for one in leg.axes)
+    hip, slide = leg.axes
+    homing = single_axis.is_homing(core, hip) or single_axis.is_homing(core, slide)
+    return hip.referenced and slide.referenced and not homing
 
 
 def _free(core: Core, leg: Leg, axis: Axis) -> bool:
@@ -92,7 +95,7 @@ def _sum_up(leg: Leg, index: int, window_cycles: int) -> None:
 def _look_ahead(core: Core, leg: Leg) -> None:
     """Update where both axes come to rest if they brake now; only if both are referenced."""
     hip, slide = leg.axes
-    if not all(axis.joint.known and axis.referenced for axis in leg.axes):
+    if not leg.placed:
         hip.stopping_end_si, slide.stopping_end_si = hip.joint.position_si, slide.joint.position_si
         leg.stopping_ratio, leg.zone = 1.0, soft_limits.SoftZone()
         return
@@ -106,7 +109,7 @@ def _look_ahead(core: Core, leg: Leg) -> None:
     for axis, at, speed, ramp in zip(leg.axes, position, velocity, ramps, strict=True):
         axis.stopping_end_si = stopping_path.end_of(at, speed, ramp, reaction_s)
     leg.stopping_ratio = stopping_path.least_ratio(
-        leg.parameters, position, velocity, ramps, reaction_s
+        leg.mechanism, position, velocity, ramps, reaction_s
     )
     leg.zone = soft_limits.zone_at(
         (hip.limits, slide.limits), core.config.thresholds, position, leg.singularity_ratio
@@ -128,10 +131,11 @@ def slowed(leg: Leg, efforts: tuple[float, float]) -> tuple[float, float]:
 
 
 def _update_spasm(core: Core, leg: Leg, estimate: LegEstimate) -> None:
+    guided_motion = rules_of(core.mode).is_guided_motion
     for index, axis in enumerate(leg.axes):
         # Without guided motion, the person who moves the leg would look like a spasm. A sign
         # mismatch in the raw values has its own check.
-        guided = rules_of(core.mode).is_guided_motion and axis.watch.sign_mismatch_cycles == 0
+        guided = guided_motion and axis.watch.sign_mismatch_cycles == 0
         if estimate.validity[index] is Validity.BAD or not guided:
             axis.spasm.forget()
             continue
@@ -144,13 +148,18 @@ def _update_spasm(core: Core, leg: Leg, estimate: LegEstimate) -> None:
             limits.spasm_rise_si,
             limits.standstill_si_per_s,
         )
-    in_spasm = any(axis.spasm.cycles > 0 for axis in leg.axes)
+    hip, slide = leg.axes
+    in_spasm = hip.spasm.cycles > 0 or slide.spasm.cycles > 0
     leg.spasm_ratio = softened(leg.spasm_ratio, core.config.spasm, in_spasm=in_spasm)
 
 
 def is_saturated(leg: Leg) -> bool:
     """True if the effort sent to a drive is at its configured limit."""
-    return any(abs(axis.effort_sent_si) >= axis.limits.effort_max_si for axis in leg.axes)
+    hip, slide = leg.axes
+    return (
+        abs(hip.effort_sent_si) >= hip.limits.effort_max_si
+        or abs(slide.effort_sent_si) >= slide.limits.effort_max_si
+    )
 
 
 def stride_energy(leg: Leg, axis: Axis) -> float:

@@ -90,11 +90,11 @@ def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
 def _place(leg: Leg) -> None:
     """Compute holding load, singularity ratio and tracking error of a leg from raw encoders."""
     hip, slide = leg.axes
-    if not all(axis.joint.known and axis.referenced for axis in leg.axes):
+    if not leg.placed:
         leg.singularity_ratio = 1.0
         return
     leg.singularity_ratio, hip_nm, slide_n = ratio_and_load(
-        leg.parameters, hip.joint.position_si, slide.joint.position_si
+        leg.mechanism, hip.joint.position_si, slide.joint.position_si
     )
     if leg.singularity_ratio > 0:
         hip.gravity_si, slide.gravity_si = hip_nm, slide_n
