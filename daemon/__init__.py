@@ -15,8 +15,8 @@ To add, in this order:
     a stop cause     `Cause` in ipc/record.py; its category in wire/causes.py (fixed) or
                      `[stop_category]` of limits.toml (chosen); its text in wire/cause_texts.py;
                      where it is detected, usually core/safety/checks.py; `gaitd modes`
-    an exercise      `Mode` in ipc/record.py; wire/messages.py (its request); its motion in
-                     core/motion/; core/modes/table.py; where it begins, core/steps/exercises.py
+    an exercise      its class in core/exercises/ and its row in core/modes/table.py. A mode that is
+                     new on the wire first: `Mode` in ipc/record.py, its request in wire/messages.py
     a message field  wire/messages.py, leg_messages.py or health_messages.py; where it is filled,
                      gateway/translate.py, strides.py or health.py. A value of the core first
                      becomes the last field of ipc/record.py, filled in core/cycle_record.py

@@ -15,8 +15,8 @@ import typer
 if TYPE_CHECKING:
     from gaitd_lab.demonstration.picture import Results
     from gaitd_lab.demonstration.script import Plan, Scene
-    from gaitd_lab.demonstration.stage import Tempo
     from gaitd_lab.demonstration.view import Moment
+    from gaitd_lab.processes import Tempo
 
 SHORTEST_S = 6.0
 PICTURE = Path("out") / "demo.png"
@@ -47,7 +47,7 @@ def command(
     from gaitd_lab.demonstration.picture import draw
     from gaitd_lab.demonstration.report import report
     from gaitd_lab.demonstration.script import plan_of
-    from gaitd_lab.demonstration.stage import Tempo
+    from gaitd_lab.processes import Tempo
 
     configs = configs_folder("configs", "demo.toml")
     signal.signal(signal.SIGTERM, _interrupt)

@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable
 from typing import Annotated, Any, Final, NamedTuple
 
-import msgspec
 import typer
 
 from daemon import wire
@@ -23,6 +22,7 @@ from gaitd.remote import (
     ConfigOption,
     EndpointOption,
     JsonOption,
+    Message,
     Target,
     TrainerOption,
     ask,
@@ -310,7 +310,7 @@ def _new_texts(status: wire.Status, before: set[str]) -> list[str]:
 
 
 def _status(target: Target, client: str = CLIENT) -> wire.Status:
-    return msgspec.json.decode(_text(ask(target, "status", {"client": client})), type=wire.Status)
+    return _message(ask(target, "status", {"client": client}), wire.Status)
 
 
 def _valid_status(target: Target, client: str = CLIENT) -> wire.Status:
@@ -321,11 +321,11 @@ def _valid_status(target: Target, client: str = CLIENT) -> wire.Status:
 
 
 def _reply(target: Target, name: str, payload: dict[str, Any]) -> wire.Reply:
-    text = _text(ask(target, name, {"client": CLIENT, **payload}))
-    return msgspec.json.decode(text, type=wire.Reply)
+    return _message(ask(target, name, {"client": CLIENT, **payload}), wire.Reply)
 
 
-def _text(answer: Answer) -> str:
-    if answer.text is None:
+def _message(answer: Answer, kind: type[Message]) -> Message:
+    message = answer.decode(kind)
+    if message is None:
         raise NoAnswerError(answer.trouble)
-    return answer.text
+    return message

@@ -7,12 +7,14 @@ service did not report the outcome of the request in time.
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple, TypeVar
 
 import typer
 
 if TYPE_CHECKING:
     import zenoh
+
+Message = TypeVar("Message")
 
 EXIT_DONE: Final = 0
 EXIT_REFUSED: Final = 1
@@ -50,6 +52,12 @@ class Answer(NamedTuple):
 
     text: str | None
     trouble: str = ""
+
+    def decode(self, kind: type[Message]) -> Message | None:
+        """Return the reply as a message of this kind; None if there is none."""
+        import msgspec
+
+        return None if self.text is None else msgspec.json.decode(self.text, type=kind)
 
 
 def find_target(config: Path | None, endpoint: str | None, trainer: str | None) -> Target:
@@ -92,36 +100,46 @@ def client_config(endpoints: tuple[str, ...]) -> "zenoh.Config":
     return config
 
 
-def open_client(endpoints: tuple[str, ...]) -> "zenoh.Session | None":
-    """Open a session with a service; None if no service listens on the endpoints."""
+def open_client(endpoints: tuple[str, ...]) -> "zenoh.Session":
+    """Open a session with a service.
+
+    Raises:
+        zenoh.ZError: no service listens on the endpoints.
+    """
     import zenoh
 
     zenoh.init_log_from_env_or("off")
-    try:
-        return zenoh.open(client_config(endpoints))
-    except zenoh.ZError:
-        return None
+    return zenoh.open(client_config(endpoints))
+
+
+def selector(target: Target, name: str) -> str:
+    """Return the key of control/NAME."""
+    from daemon import wire
+
+    return wire.key(target.trainer, wire.CONTROL, name)
+
+
+def json_text(reply: "zenoh.Reply") -> str | None:
+    """Return the service's answer; None for Zenoh's own timeout, an error that is not JSON."""
+    sample = reply.ok or reply.err
+    is_json = sample is not None and str(sample.encoding).startswith("application/json")
+    return sample.payload.to_string() if sample is not None and is_json else None
 
 
 def ask(target: Target, name: str, payload: dict[str, Any]) -> Answer:
     """Query control/NAME of a service once."""
-    from daemon import wire
+    import zenoh
 
-    session = open_client(target.endpoints)
-    if session is None:
-        return Answer(None, f"no service listens on {' or '.join(target.endpoints)}")
-    selector = wire.key(target.trainer, wire.CONTROL, name)
+    key, where = selector(target, name), " or ".join(target.endpoints)
     try:
-        replies = session.get(selector, payload=json.dumps(payload), timeout=ANSWER_TIMEOUT_S)
-        for reply in replies:
-            sample = reply.ok or reply.err
-            # Zenoh reports its own timeout as an error reply that is not encoded as JSON.
-            if sample is not None and str(sample.encoding).startswith("application/json"):
-                return Answer(sample.payload.to_string())
-    finally:
-        session.close()
-    where = " or ".join(target.endpoints)
-    return Answer(None, f"no answer to {selector} on {where}: another trainer, or it hangs")
+        session = open_client(target.endpoints)
+    except zenoh.ZError:
+        return Answer(None, f"no service listens on {where}")
+    with session:
+        for reply in session.get(key, payload=json.dumps(payload), timeout=ANSWER_TIMEOUT_S):
+            if (text := json_text(reply)) is not None:
+                return Answer(text)
+    return Answer(None, f"no answer to {key} on {where}: another trainer, or it hangs")
 
 
 def request(
@@ -131,14 +149,12 @@ def request(
 
     Returns: the exit code.
     """
-    import msgspec
-
     from daemon import wire
 
     answer = ask(target, name, {"client": f"gaitd {name}", **(payload or {})})
-    if answer.text is None:
+    reply = answer.decode(wire.Reply)
+    if reply is None:
         return report_silence(name, answer.trouble, as_json=as_json)
-    reply = msgspec.json.decode(answer.text, type=wire.Reply)
     mode = f" (mode {reply.mode})" if reply.mode else ""
     reason = f": {reply.reason}" if reply.reason else ""
     print(answer.text if as_json else f"{name} {reply.outcome}{reason}{mode}")

@@ -1,4 +1,9 @@
-"""`gaitd run`: core and gateway in one command, for a desk or a demonstration."""
+"""`gaitd run`: core and gateway in one command, for a desk or a demonstration.
+
+It is a supervisor of a real machine and shares nothing with the processes of tests and benchmarks
+(`gaitd_lab/processes.py`): its output is the terminal's, it restarts the gateway, and if it is
+killed the kernel ends its processes by SIGTERM, so that the core stops the axes.
+"""
 
 import ctypes
 import signal

@@ -33,8 +33,7 @@ def command(
     import json as json_text
 
     from gaitd.command_line import configs_folder
-    from gaitd_lab.demonstration.script import ActError
-    from gaitd_lab.demonstration.stage import Tempo
+    from gaitd_lab.processes import ServiceError, Tempo
     from gaitd_lab.soak.figure import draw
     from gaitd_lab.soak.machinery import machinery, warm_up
     from gaitd_lab.soak.page import failures, page, plain, summary
@@ -45,7 +44,7 @@ def command(
         say(0.0, "starting once, to compile what is not compiled yet")
         try:
             warm_up(configs)
-        except ActError as error:
+        except ServiceError as error:
             print(f"gaitd soak: {error}", file=sys.stderr)
             raise typer.Exit(1) from error
         with machinery(configs, Tempo("max", wall_clock)) as made:

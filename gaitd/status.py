@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 from typing import Final
 
-import msgspec
 import typer
 
 from daemon import wire
@@ -31,9 +30,9 @@ def command(
 ) -> None:
     """Print the state of a running service: mode, verdict, drives, legs, newest events."""
     answer = ask(find_target(config, endpoint, trainer), "status", {"client": "gaitd status"})
-    if answer.text is None:
+    message = answer.decode(wire.Status)
+    if message is None:
         raise typer.Exit(report_silence("status", answer.trouble, as_json=as_json))
-    message = msgspec.json.decode(answer.text, type=wire.Status)
     print(answer.text if as_json else "\n".join(lines(message)))
     raise typer.Exit(EXIT_DONE if message.safety.valid else EXIT_NO_ANSWER)
 

@@ -5,6 +5,6 @@ other projects use in their tests. Reading order: `virtual_machine.py` (the virt
 configuration), `simulation.py` (the same on its bus: `gaitd sim`), `lockstep.py` with
 `lockstep_gateway.py` (the real loop against them in one thread), `trials.py`, `excitation.py` and
 `ablation_trials.py` (recordings by lock-step), `fault_matrix/`, `fuzz/` (random sessions),
-`processes.py` (child processes), `demonstration/`, `soak/`, `benchmark/`. `mode_page.py` writes
-docs/modes.md, `backstop_page.py` docs/backstop.md.
+`processes.py` (child processes, and those of a whole service), `requests.py`, `demonstration/`,
+`soak/`, `benchmark/`. `mode_page.py` writes docs/modes.md, `backstop_page.py` docs/backstop.md.
 """

@@ -14,6 +14,7 @@ from daemon.config.bundle import Settings
 from daemon.config.drive_plan import cycle_settings, drive_limits
 from drives.bringup.plan import plan
 from drives.bringup.steps import Step, StepKind
+from drives.canopen.objects import Object
 from drives.cia402.profile import DriveDescription
 from drives.cia402.torque import ObjectRef
 
@@ -44,7 +45,15 @@ class Row:
 
 WRITES: Final = frozenset({StepKind.WRITE, StepKind.RANGE})
 COMMUNICATION: Final = frozenset(
-    {0x1007, 0x1017, 0x1019, *range(0x1400, 0x1A10), 0x6060, 0x6071, 0x607A}
+    {
+        Object.SYNC_WINDOW,
+        Object.HEARTBEAT_PRODUCER,
+        Object.SYNC_COUNTER,
+        *range(Object.RPDO, 0x1A10),
+        Object.MODE,
+        Object.TARGET_TORQUE,
+        Object.TARGET_POSITION,
+    }
 )
 """Objects of PDOs, SYNC, heartbeats and initial targets: no limits, except 1400h:05."""
 RPDO_TIMEOUT_SUB: Final = 5
@@ -54,27 +63,33 @@ _POSITION: Final = Source(
 _TORQUE: Final = Source("torque", "[hip] torque_max_nm; [slide] force_max_n")
 _PROFILE: Final = "the profile"
 SOURCES: Final[Mapping[int, Source]] = {
-    0x1016: Source(
+    Object.HEARTBEAT_CONSUMER: Source(
         "loss of the master's heartbeat, in ms (low word)", "[cycle] drive_detection_ms"
     ),
-    0x1029: Source("the drive's NMT state after that loss", _PROFILE),
-    0x6007: Source("reaction to that loss", _PROFILE),
-    0x605A: Source("reaction to a quick stop", _PROFILE),
-    0x605B: Source("reaction to a shutdown", _PROFILE),
-    0x605C: Source("reaction to disabling the operation", _PROFILE),
-    0x605D: Source("reaction to a halt", _PROFILE),
-    0x605E: Source("reaction to a fault", _PROFILE),
-    0x6065: Source("following error", "[hip] following_error_deg; [slide] following_error_m"),
-    0x6066: Source("permitted duration of the following error, in ms", _PROFILE),
-    0x607D: _POSITION,
-    0x6080: Source("speed", "[hip] velocity_max_rad_per_s; [slide] velocity_max_m_per_s"),
-    0x6085: Source(
+    Object.ERROR_BEHAVIOUR: Source("the drive's NMT state after that loss", _PROFILE),
+    Object.ABORT_CONNECTION: Source("reaction to that loss", _PROFILE),
+    Object.QUICK_STOP: Source("reaction to a quick stop", _PROFILE),
+    Object.SHUTDOWN: Source("reaction to a shutdown", _PROFILE),
+    Object.DISABLE: Source("reaction to disabling the operation", _PROFILE),
+    Object.HALT: Source("reaction to a halt", _PROFILE),
+    Object.FAULT_REACTION: Source("reaction to a fault", _PROFILE),
+    Object.FOLLOWING_WINDOW: Source(
+        "following error", "[hip] following_error_deg; [slide] following_error_m"
+    ),
+    Object.FOLLOWING_TIME: Source("permitted duration of the following error, in ms", _PROFILE),
+    Object.POSITION_LIMITS: _POSITION,
+    Object.SPEED_LIMIT: Source(
+        "speed", "[hip] velocity_max_rad_per_s; [slide] velocity_max_m_per_s"
+    ),
+    Object.QUICK_STOP_DECELERATION: Source(
         "the ramp of a quick stop",
         "[hip] quick_stop_deceleration_rad_per_s2; [slide] quick_stop_deceleration_m_per_s2",
     ),
-    0x60B1: Source("no velocity offset", _PROFILE),
-    0x60B2: Source("no torque offset", _PROFILE),
-    0x60C2: Source("interpolation time of the target position", "[cycle] period_ms"),
+    Object.VELOCITY_OFFSET: Source("no velocity offset", _PROFILE),
+    Object.TORQUE_OFFSET: Source("no torque offset", _PROFILE),
+    Object.INTERPOLATION_TIME: Source(
+        "interpolation time of the target position", "[cycle] period_ms"
+    ),
 }
 """Sources by index; the index of the torque limit is in the profile."""
 _RPDO_TIMEOUT: Final = Source("loss of the commands, in ms", "[cycle] rpdo_timeout_ms")
@@ -101,7 +116,7 @@ def source_of(step: Step, torque_limit: ObjectRef) -> Source | None:
         return None
     if (step.index, step.sub) == (torque_limit.index, torque_limit.sub):
         return _TORQUE
-    if 0x1400 <= step.index < 0x1600 and step.sub == RPDO_TIMEOUT_SUB:
+    if Object.RPDO <= step.index < Object.RPDO_MAPPING and step.sub == RPDO_TIMEOUT_SUB:
         return _RPDO_TIMEOUT
     return SOURCES.get(step.index)
 
@@ -134,7 +149,7 @@ def _table(hip: tuple[Row, ...], slide: tuple[Row, ...]) -> str:
 
 
 def _shown(row: Row) -> str:
-    return f"{row.value:08X}h" if row.index == 0x1016 else str(row.value)
+    return f"{row.value:08X}h" if row.index == Object.HEARTBEAT_CONSUMER else str(row.value)
 
 
 def _lacks(drive: DriveDescription) -> str:

@@ -10,7 +10,8 @@ from dataclasses import replace
 from typing import Any, Final
 
 from analysis import markdown
-from daemon.core.modes.table import TRANSITIONS, Event, GuardInputs, event_of, refusal
+from daemon.core.modes.guards import GuardInputs
+from daemon.core.modes.table import TRANSITIONS, Event, event_of, refusal
 from daemon.core.safety.limits import Categories
 from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
 from daemon.wire.causes import CAUSE_TEXT, DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE

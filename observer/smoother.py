@@ -14,29 +14,20 @@ points (Saerkkae, Bayesian Filtering and Smoothing, 2013, 10.2):
 P_k - G P- G' equals W_k, but W_k is a sum of squares: nothing is subtracted from a covariance here
 either. Where the filter restarted the chain is cut: later samples do not affect earlier estimates.
 
-Each cycle is one node in a ring of LAG + 1; all in one flat array of floats, like the filter's
-memory, so a copy is a snapshot. `remember` is called after each `leg_filter.advance`, with its
-memory and scratch; `smoothed` gives the node that is LAG cycles old.
+Each cycle is one node in a ring of LAG + 1; all in one flat array of floats, so a copy is a
+snapshot. `remember` is called after each `leg_filter.advance`, with its
+memory and points; `smoothed` gives the node that is LAG cycles old.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.filter.cdkf import SIGMA_4, STEP
-from observer.filter.leg_memory import (
-    EVENT,
-    NOTHING,
-    ROOT,
-    SPLIT,
-    STARTED,
-    STEPPED,
-    Arrays,
-    N,
-    arrays_in,
-)
+from observer.filter.leg_memory import NOTHING, STEPPED, LegMemory, N
 from observer.filter.leg_model import LANES
 from observer.jit import inline, kernel
 
@@ -85,49 +76,48 @@ SMOOTH_SIZE: Final = SMOOTH_NOTES + NOTE_COUNT
 
 @kernel
 def remember(
-    ring: Vector, memory: Vector, scratch: Vector, points: Vector, notes: Vector, work: Vector
+    ring: Vector, memory_of: Sequence[LegMemory], points: Vector, notes: Vector, work: Vector
 ) -> None:
     """Store the cycle that `advance` has just finished.
 
     Args:
         ring: (RING_SIZE), all zero before the first cycle.
-        memory: the filter's memory after `advance`.
-        scratch: the filter's scratch memory after `advance`.
+        memory_of: the filter's memory after `advance`.
         points: the filter's sigma points after `advance`.
         notes: (NOTE_COUNT), stored with the node.
         work: scratch, (WORK_SIZE).
     """
+    memory = memory_of[0]
     count = int(ring[COUNT])
     at = (count % NODES) * NODE_SIZE
     node = ring[at : at + NODE_SIZE]
     for i in range(N):
-        node[i] = memory[i] if memory[STARTED] != 0.0 else math.nan
+        node[i] = memory.mean[i] if memory.started != 0.0 else math.nan
     for i in range(N):
         for j in range(N):
             total = 0.0
             for k in range(min(i, j) + 1):
-                total += memory[ROOT + i * N + k] * memory[ROOT + j * N + k]
+                total += memory.root[i, k] * memory.root[j, k]
             node[COVARIANCE + i * N + j] = total
     for i in range(2):
-        node[OPEN_SPLIT + i] = memory[SPLIT + i]
+        node[OPEN_SPLIT + i] = memory.split[i]
     for i in range(NOTE_COUNT):
         node[NOTES + i] = notes[i]
     node[LINKED] = CUT
-    if count > 0 and memory[EVENT] == STEPPED:
+    if count > 0 and memory.event == STEPPED:
         node[LINKED] = LINKED_BY_MODEL
-        _link(node, arrays_in(memory, scratch, points), work)
-    elif count > 0 and memory[EVENT] == NOTHING and memory[STARTED] != 0.0:
+        _link(node, memory, points, work)
+    elif count > 0 and memory.event == NOTHING and memory.started != 0.0:
         node[LINKED] = SAME
     ring[COUNT] = count + 1.0
 
 
 @inline
-def _link(node: Vector, a: Arrays, work: Vector) -> None:
+def _link(node: Vector, m: LegMemory, points: Vector, work: Vector) -> None:
     """Compute gain, forecast and W from the previous node to this one."""
-    before = a.backup[N:].reshape((N, N))
-    forecast = a.forecast[N:].reshape((N, N))
+    before = m.backup_root
     first, second = work[:SQUARE], work[SQUARE : 2 * SQUARE]
-    _differences(a.points, first, second)
+    _differences(points, first, second)
     gain = node[GAIN:FORECAST]
     for i in range(N):
         for j in range(N):
@@ -135,9 +125,9 @@ def _link(node: Vector, a: Arrays, work: Vector) -> None:
             for k in range(i + 1):
                 total += before[i, k] * first[j * N + k]
             gain[i * N + j] = total
-        _solve(forecast, gain[i * N : i * N + N])
+        _solve(m.forecast_root, gain[i * N : i * N + N])
     for i in range(N):
-        node[FORECAST + i] = a.forecast[i]
+        node[FORECAST + i] = m.forecast_mean[i]
     own, scaled, noised = (
         work[2 * SQUARE : 3 * SQUARE],
         work[3 * SQUARE : 4 * SQUARE],
@@ -150,7 +140,7 @@ def _link(node: Vector, a: Arrays, work: Vector) -> None:
                 g = gain[i * N + j]
                 rest -= g * first[j * N + k]
                 spread += g * second[j * N + k]
-                noise += g * a.noise[j, k]
+                noise += g * m.noise[j, k]
             own[i * N + k], scaled[i * N + k], noised[i * N + k] = rest, spread, noise
     for i in range(N):
         for j in range(N):

@@ -5,8 +5,9 @@ with `drives/`, so that a mistake on one side does not cancel out on the other. 
 
     settings, build    the content of plant.toml; the machine built from it
     frame              a CAN frame, with or without its time
-    canopen/           one node: dictionary, SDO, PDO, NMT, heartbeat, emergencies
+    canopen/           CiA 301: dictionary, SDO, PDO, NMT, heartbeat, emergencies
     cia402/            the drive: power state, motion, homing, measurements, makes
+    node               one drive on the bus; `connection`: what it does when its master is lost
     plant/             mechanics, motors, friction, end stops, patient, true state
     one_leg, world     nodes and plant, event-driven and in lock-step
     faults/            fault injection, by script and by command

@@ -12,11 +12,11 @@ from itertools import count
 from typing import Final, NamedTuple
 
 from sim_drives.canopen.dictionary import Entry
-from sim_drives.canopen.node import Node
 from sim_drives.canopen.timers import NEVER
 from sim_drives.faults.rules import RULES
 from sim_drives.faults.script import FaultOrder
 from sim_drives.frame import Frame, TimedFrame
+from sim_drives.node import Node
 from sim_drives.plant.actuation import AxisFlag
 from sim_drives.plant.port import Axis, Plant
 from sim_drives.settings import DriveSettings, FaultKind

@@ -12,7 +12,6 @@ seed and calls give the same frames, bit for bit.
 from collections.abc import Callable, Collection, Sequence
 from typing import Final
 
-from sim_drives.canopen.node import Node
 from sim_drives.canopen.timers import NEVER
 from sim_drives.faults.script import (
     EVERY_DRIVE,
@@ -22,6 +21,7 @@ from sim_drives.faults.script import (
     parse_command,
 )
 from sim_drives.frame import Frame, TimedFrame
+from sim_drives.node import Node
 from sim_drives.one_leg import NS_PER_S, Leg, OneLeg
 from sim_drives.settings import FaultSettings
 

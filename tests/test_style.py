@@ -24,7 +24,7 @@ WITHOUT_UNIT = set(
     """
     nis mean_nis gate_nis gait_phase phase fraction speedup correlation position velocity effort
     net state std covariance innovation reference measured artificial value limit value_low
-    value_high rms worst bias rms_bound correlation_min strides factor
+    value_high rms worst bias rms_bound correlation_min strides factor nis_mean started event
     """.split()  # noqa: SIM905 - as above
 )
 """Names of floats that have no unit, or one for each axis, which their docstring says."""

@@ -3,10 +3,12 @@
 Reading order:
     cycle           one cycle, the whole story
     state, tick     the state kept from cycle to cycle; time and bus data of a cycle
+    core_config     the part of the configuration that the core uses
     inputs          command inputs from the gateway
     safety/         pure: reasons to stop, limits, bounds, the stop sequence
     modes/          pure: the table of modes and its guards; the persistent state
-    motion/         pure: the reference motion of a leg over time
+    exercises/      pure: what the legs do in each mode
+    motion/         pure: the shape of the gait, the assist of a controller
     steps/          steps that change the state: supervisor, requests, exercises, targets, monitors
     cycle_record    the record of a cycle
     runtime/        not pure: the process, the 10 ms loop, the bus, systemd

@@ -5,24 +5,26 @@ from collections.abc import Callable
 from msgspec.structs import replace
 
 from daemon.core.motion.assist import wanted_si
-from daemon.core.motion.trajectory import GaitPlay, gait_phase
 from daemon.core.state import Axis, Core, Leg
-from daemon.core.steps import supervisor
-from daemon.core.steps.smoothing import stride_record
+from daemon.core.steps import status
 from daemon.core.tick import Tick
 from daemon.ipc.assist_record import AssistRecord, LegAssistRecord
 from daemon.ipc.record import (
     STATE_COUNT,
+    AxisStrideRecord,
     CycleRecord,
     DriveRecord,
     EmergencyRecord,
     LegRecord,
+    StrideRecord,
     clipped,
 )
 from drives.canopen.emcy import is_alarm
 from drives.signals import Emergency, Input, NmtState, PowerState
 from observer.drift import Drift, correlation, friction_error
 from observer.filter.status import Status, Validity
+from observer.smoother import LAG
+from observer.strides import AxisStride, Stride
 
 NAN = float("nan")
 NS_PER_MS = 1_000_000
@@ -38,7 +40,7 @@ def record(core: Core, tick: Tick) -> CycleRecord:
     """Build the record of this cycle; recorded events are removed from the core's list."""
     core.seq += 1
     events = tuple(clipped(event, EVENT_LENGTH_MAX) for event in core.events[:EVENTS_MAX])
-    core.events = core.events[EVENTS_MAX:]
+    del core.events[:EVENTS_MAX]
     age_max = core.config.thresholds.sample_age_max_cycles
     return CycleRecord(
         seq=core.seq,
@@ -50,7 +52,7 @@ def record(core: Core, tick: Tick) -> CycleRecord:
         verdict=replace(core.verdict, detail=clipped(core.verdict.detail)),
         events=events,
         request=replace(core.result, reason=clipped(core.result.reason)),
-        progress=clipped(supervisor.progress(core)),
+        progress=clipped(status.progress(core)),
         gateway_age_cycles=tick.cycle - core.level_cycle,
         stop_count=core.stop_count or 0,
         gait_phase=_phase(core.legs[0]),
@@ -61,7 +63,7 @@ def record(core: Core, tick: Tick) -> CycleRecord:
         tx_dropped_count=tick.tx_dropped_count,
         bus=tick.bus,
         assist=_assist(core),
-        stage=supervisor.stage(core),
+        stage=status.stage(core),
     )
 
 
@@ -86,7 +88,7 @@ def _leg_assist(leg: Leg) -> LegAssistRecord:
 
 
 def _phase(leg: Leg) -> float:
-    return gait_phase(leg.plan) if isinstance(leg.plan, GaitPlay) else -1.0
+    return -1.0 if leg.exercise is None else leg.exercise.gait_phase
 
 
 def _drive(axis: Axis, age_max_cycles: int) -> DriveRecord:
@@ -202,7 +204,7 @@ def _leg(core: Core, tick: Tick, leg: Leg) -> LegRecord:
         mean_nis=estimate.mean_nis,
         drift_correlation=_of_both(leg, correlation),
         friction_error=_of_both(leg, friction_error),
-        stride=stride_record(leg, tick.sync_ns, core.config.period_ns),
+        stride=_stride(leg, tick.sync_ns, core.config.period_ns),
         gait_phase=_phase(leg),
     )
 
@@ -214,3 +216,42 @@ def _of_both(leg: Leg, figure: Callable[[Drift], float]) -> tuple[float, float]:
 
 def _referenced(leg: Leg) -> bool:
     return all(axis.referenced for axis in leg.axes)
+
+
+def _stride(leg: Leg, sync_ns: int, period_ns: int) -> StrideRecord | None:
+    """The record of the stride completed in this cycle; None if there is none."""
+    stride = leg.stride
+    if stride is None:
+        return None
+    return StrideRecord(
+        number=leg.stride_count,
+        end_mono_ns=sync_ns - (LAG + 1) * period_ns,
+        duration_s=stride.duration_s,
+        sample_count=stride.sample_count,
+        hip=_axis_stride(stride.hip),
+        slide=_axis_stride(stride.slide),
+        work_positive_j=(stride.work_positive_j, stride.work_positive_j_std),
+        work_negative_j=(stride.work_negative_j, stride.work_negative_j_std),
+        share_ratio=_share(stride),
+        status=stride.status,
+        baseline=stride.baseline,
+    )
+
+
+def _axis_stride(axis: AxisStride) -> AxisStrideRecord:
+    return AxisStrideRecord(
+        work_positive_j=(axis.work_positive_j, axis.work_positive_j_std),
+        work_negative_j=(axis.work_negative_j, axis.work_negative_j_std),
+        assist_mean_si=(axis.assist_mean_si, axis.assist_mean_si_std),
+        assist_peak_si=(axis.assist_peak_si, axis.assist_peak_si_std),
+        power_mean_w=(axis.power_mean_w, axis.power_mean_w_std),
+        power_peak_w=(axis.power_peak_w, axis.power_peak_w_std),
+        share_ratio=_share(axis),
+        coverage_ratio=axis.coverage_ratio,
+    )
+
+
+def _share(of: AxisStride | Stride) -> tuple[float, float] | None:
+    if of.share_ratio is None or of.share_ratio_std is None:
+        return None
+    return of.share_ratio, of.share_ratio_std

@@ -30,7 +30,7 @@ class CommandInputs(NamedTuple):
 NO_ORDERS = CommandInputs()
 
 
-def hear(core: Core, levels: Sequence[GatewayState], cycle: int) -> CommandInputs:
+def receive(core: Core, levels: Sequence[GatewayState], cycle: int) -> CommandInputs:
     """Read all waiting gateway states, oldest first, and update the core's command inputs."""
     stop = False
     newest: GatewayState | None = None

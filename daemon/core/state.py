@@ -2,28 +2,20 @@
 
 from dataclasses import dataclass, field
 
-from daemon.config.settings import Excite, Gait, HandGuiding, Impedance, SelfTest
+from daemon.core.core_config import CoreConfig
+from daemon.core.exercises.exercise import Exercise, Reference
+from daemon.core.exercises.single_axis import HomingRules, PushRules, Result, SingleAxis
 from daemon.core.modes.persistent_state import PersistentState, PoseRules, Wiring
-from daemon.core.motion.assist import AssistRules, LegAssist
-from daemon.core.motion.hand_guiding import ReleasePlay
-from daemon.core.motion.self_test import SelfTestPlay
-from daemon.core.motion.single_axis import HomingRules, Preparation, PushRules, SignTest
-from daemon.core.motion.trajectory import (
-    ExcitePlay,
-    GaitPlay,
-    GaitShape,
-    Hold,
-    Reference,
-    TorquePlay,
-)
+from daemon.core.motion.assist import LegAssist
+from daemon.core.motion.gait_shape import GaitShape
 from daemon.core.safety.effort_monitor import EffortWatch
 from daemon.core.safety.energy import StrideSum
 from daemon.core.safety.inverse_dynamics import Balance
-from daemon.core.safety.limits import AxisLimits, Categories, Thresholds
+from daemon.core.safety.joints import Joint
+from daemon.core.safety.limits import AxisLimits
 from daemon.core.safety.soft_limits import SoftZone
-from daemon.core.safety.spasm import SpasmRules, SpasmWatch
-from daemon.core.safety.stop_sequence import DriveStop, StopRules
-from daemon.core.steps.joints import Joint
+from daemon.core.safety.spasm import SpasmWatch
+from daemon.core.safety.stop_sequence import DriveStop
 from daemon.ipc.record import Cause, Mode, Request, RequestResult, Setpoint, Verdict
 from daemon.wire.refusals import SetpointRefusal
 from drives.cia402.drive import DriveGroup
@@ -32,40 +24,10 @@ from drives.cia402.units import AxisScaling
 from drives.signals import DriveFeedback, OperationMode
 from observer.drift import NO_DRIFT, Drift
 from observer.filter.leg_observer import LegEstimate, LegObserver
-from observer.filter.leg_smoother import LegSmoother
+from observer.leg_smoother import LegSmoother
 from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.mechanism import LegParameters
 from observer.strides import Stride, StrideCounter
-
-Play = GaitPlay | ExcitePlay | ReleasePlay | SelfTestPlay
-"""A plan that has stages and an end."""
-Plan = Hold | TorquePlay | Play
-
-
-@dataclass(frozen=True, slots=True)
-class CoreConfig:
-    """The part of the configuration that the core uses; constant while the core runs."""
-
-    period_ns: int
-    thresholds: Thresholds
-    categories: Categories
-    stop_rules: StopRules
-    spasm: SpasmRules
-    assist_rules: AssistRules
-    hold: Impedance
-    gait: Gait
-    excite: dict[str, Excite]
-    hand_guiding: HandGuiding
-    self_test: SelfTest
-    leg_digest: str
-    """Digest of robot.toml: a self-test is valid for one leg and one machine only."""
-    patient_configured: bool
-    signs_must_be_proven: bool
-
-    @property
-    def period_s(self) -> float:
-        """Nominal time between two SYNCs."""
-        return self.period_ns * 1e-9
 
 
 @dataclass(slots=True)
@@ -135,7 +97,7 @@ class Axis:
 
 @dataclass(slots=True)
 class Leg:
-    """Parameters and state of one leg: two axes, an observer and a plan."""
+    """Parameters and state of one leg: two axes, an observer and an exercise."""
 
     name: str
     parameters: LegParameters
@@ -147,7 +109,7 @@ class Leg:
     friction: tuple[FrictionParameters, FrictionParameters]
     """Friction of hip and slide, as used by the observer."""
     phase_offset_strides: float
-    plan: Plan | None = None
+    exercise: Exercise | None = None
     reference: Reference | None = None
     estimate: LegEstimate | None = None
     measured: tuple[float, float] = (float("nan"), float("nan"))
@@ -156,7 +118,7 @@ class Leg:
     assist: LegAssist = field(default_factory=LegAssist)
     """The setpoint of a controller and the assist in force."""
     takes_over: bool = False
-    """The plan has changed since the last command and begins with the effort of that command."""
+    """The exercise is another one since the last command, and continues that command's effort."""
     assist_si: tuple[float, float] = (0.0, 0.0)
     """Bounded assist of a controller in force in this cycle: N·m, N."""
     stiffness_ratio: float = 1.0
@@ -200,9 +162,9 @@ class Core:
     load_checked: bool = False
     notes: PersistentState = field(default_factory=PersistentState)
     """The persistent state: it outlives a restart."""
-    preparation: Preparation | None = None
+    single_axis: SingleAxis | None = None
     """The homing or sign test of one axis, under way or about to begin."""
-    evidence: dict[str, SignTest] = field(default_factory=dict[str, SignTest])
+    evidence: dict[str, Result] = field(default_factory=dict[str, Result])
     """Successful sign tests by axis, until the operator confirms the observed direction."""
     request: Request | None = None
     """The request that is accepted and not finished yet."""
@@ -240,3 +202,7 @@ class Core:
     def __post_init__(self) -> None:
         """Collect the axes; legs and axes are the same objects for the life of a core."""
         self.axes = tuple(axis for leg in self.legs for axis in leg.axes)
+
+    def report(self, event: str) -> None:
+        """Publish a text for people with one of the next records."""
+        self.events.append(event)

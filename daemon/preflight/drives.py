@@ -10,7 +10,8 @@ from typing import Final
 
 from daemon.config.bundle import Settings
 from daemon.config.strict import ConfigError
-from drives.cia402.option_codes import ABORT_CONNECTION, in_words, without_torque
+from drives.canopen.objects import Object
+from drives.cia402.option_codes import in_words, without_torque
 from drives.cia402.profile import DriveDescription
 
 
@@ -27,7 +28,7 @@ def _axes_without_torque_have_a_brake(settings: Settings) -> None:
 
 def _check(settings: Settings, axis: str, drive: DriveDescription) -> None:
     for entry, instead in without_torque(drive.profile.written):
-        if axis == "slide" and entry.index == ABORT_CONNECTION:
+        if axis == "slide" and entry.index == Object.ABORT_CONNECTION:
             continue
         allowed = (
             f"true, or another value in {drive.axis.profile} (it may be {instead}): "

@@ -21,7 +21,7 @@ from daemon.preflight.assist import ASSIST_CHECKS
 from daemon.preflight.drives import DRIVE_CHECKS
 from daemon.preflight.motion import MOTION_CHECKS
 from daemon.wire.causes import CHOSEN_CATEGORY, DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
-from drives.canopen.bus_load import BURST_MAX_RATIO, bus_load
+from drives.bringup.bus_load import BURST_MAX_RATIO, bus_load
 from drives.cia402.profile import DriveDescription
 from drives.cia402.units import axis_scaling, expected_base
 from observer.filter.leg_model import integrator_named, substeps_needed

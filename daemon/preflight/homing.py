@@ -9,7 +9,7 @@ from daemon.config.bundle import LegDrives, Settings
 from daemon.config.drive_plan import effort_per_motor_nm
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.strict import ConfigError
-from daemon.core.motion.trajectory import load_at
+from daemon.core.motion.gait_shape import load_at
 from daemon.preflight.motion import mean_pose
 from drives.cia402.homing import Homing
 from drives.cia402.profile import DriveDescription

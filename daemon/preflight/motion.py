@@ -15,7 +15,7 @@ from daemon.config.limit_settings import Limits
 from daemon.config.robot import leg_parameters
 from daemon.config.settings import Excite, Sinusoid
 from daemon.config.strict import ConfigError, Words
-from daemon.core.motion.trajectory import gait_angles, gait_shape, joints_of_angles, load_at
+from daemon.core.motion.gait_shape import gait_angles, gait_shape, joints_of_angles, load_at
 from daemon.preflight.workspace import (
     Box,
     Extent,

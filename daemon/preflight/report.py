@@ -23,7 +23,7 @@ from daemon.preflight.motion import decelerations, limit_box
 from daemon.preflight.runaway_report import RunawayMeaning, refuse_runaways, runaway_meanings
 from daemon.preflight.workspace import Drift, Extent, StopKind, Sweep
 from daemon.wire.causes import CAUSE_TEXT, FIXED_CATEGORY
-from drives.canopen.bus_load import bus_load
+from drives.bringup.bus_load import bus_load
 
 DRIFT_POSES: Final = 24
 LOOPBACK: Final = ("tcp/127.", "tcp/[::1]", "tcp/localhost:", "unixsock-stream/")

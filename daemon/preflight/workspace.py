@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.config.settings import Gait
-from daemon.core.motion.trajectory import gait_angles, gait_shape, joints_of_angles
+from daemon.core.motion.gait_shape import gait_angles, gait_shape, joints_of_angles
 from observer.jit import inline, kernel
 from observer.mechanism.friction import FrictionParameters, friction_after, static_friction
 from observer.mechanism.mechanism import LegParameters, dynamics, singularity_ratio

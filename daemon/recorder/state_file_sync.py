@@ -5,7 +5,7 @@ page a few times a second and calls fsync when it has changed: nothing waits for
 does not block the others, because reading and fsync release the interpreter lock.
 
 Until then a power cut leaves an older page. That page is safe, too: a page written while drives are
-enabled states that the end of the run is unknown (`core/steps/latching.py`).
+enabled states that the end of the run is unknown (`core/modes/latched_stop.py`).
 """
 
 import logging

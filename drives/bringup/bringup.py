@@ -40,17 +40,18 @@ from typing import Final, NamedTuple
 from drives.bringup.objects import SdoTarget, examine, read, switch_off, write, write_range
 from drives.bringup.plan import CycleSettings, DrivePlan
 from drives.bringup.port import DrivePort
-from drives.bringup.steps import SERIAL_NUMBER, Step, StepKind
-from drives.canopen.emcy import decode_emergency
-from drives.canopen.emcy_codes import meaning
-from drives.canopen.nmt import NmtCommand, nmt_frame
-from drives.canopen.presence import (
+from drives.bringup.presence import (
     OtherMaster,
     Texts,
     refuse_second_answer,
     refuse_second_node,
     until,
 )
+from drives.bringup.steps import SERIAL_NUMBER, Step, StepKind
+from drives.canopen.emcy import decode_emergency
+from drives.canopen.emcy_codes import meaning
+from drives.canopen.nmt import NmtCommand, nmt_frame
+from drives.canopen.objects import Object
 from drives.cia402.pdo import PdoLayout, layouts
 from drives.cia402.power_state import WITHOUT_POWER, decode_statusword
 from drives.cia402.profile import DriveDescription
@@ -68,8 +69,10 @@ FIRST_SAMPLE_SYNCS: Final = 20
 SWITCH_OFF_TIMEOUT_NS: Final = 3_000_000_000
 """Time for a fault reaction that is in progress to ramp down first."""
 
-_DISABLE_VOLTAGE: Final = Step(StepKind.WRITE, "disable voltage", 0x6040, bits=16, is_hex=True)
-_POSITION: Final = Step(StepKind.REPORT, "position", 0x6064, signed=True)
+_DISABLE_VOLTAGE: Final = Step(
+    StepKind.WRITE, "disable voltage", Object.CONTROLWORD, bits=16, is_hex=True
+)
+_POSITION: Final = Step(StepKind.REPORT, "position", Object.POSITION, signed=True)
 
 
 class Progress(NamedTuple):
@@ -380,7 +383,7 @@ def _report(drive: _Found, port: DrivePort) -> DriveReport:
     statusword, position_counts, _ = status.codec.unpack(traffic.pdo_data[status.can_id])
     torque_raw, _ = torque.codec.unpack(traffic.pdo_data[torque.can_id])
     profile = drive.description.profile
-    error_code = drive.values[0x603F, 0]
+    error_code = drive.values[Object.ERROR_CODE, 0]
     homed_bit = profile.referenced_bit
     table = profile.emergency_table
     found = meaning(error_code, table)
@@ -396,7 +399,7 @@ def _report(drive: _Found, port: DrivePort) -> DriveReport:
         absolute=drive.description.axis.encoder.absolute,
         serial_number=drive.values[SERIAL_NUMBER],
         homed=homed_bit is not None and bool(statusword >> homed_bit & 1),
-        error_register=drive.values[0x1001, 0],
+        error_register=drive.values[Object.ERROR_REGISTER, 0],
         error_code=error_code,
         error_text=found.text if error_code else "",
         emergencies=emergencies,

@@ -27,6 +27,7 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from drives.bringup.steps import ALL_BITS, NO_RTR, SERIAL_NUMBER, Step, StepKind
+from drives.canopen.objects import Object
 from drives.cia402.pdo import PdoLayout, layouts
 from drives.cia402.profile import DriveDescription
 from drives.cia402.torque import ObjectRef
@@ -34,7 +35,6 @@ from drives.cia402.units import DriveLimits, RawLimits, raw_homing, raw_limits
 from drives.errors import BootFailure
 from drives.signals import OperationMode
 
-_DEVICE_PROFILE: Final = 402
 _POLARITY_BITS: Final = 0b111 << 5
 """Bits of 607Eh: torque, velocity, position."""
 _CYCLIC_MODES: Final = 1 << 7 | 1 << 9
@@ -78,7 +78,7 @@ def plan(description: DriveDescription, limits: DriveLimits, cycle: CycleSetting
         Step(StepKind.RESET, "NMT reset communication: removes the settings of an earlier master"),
         Step(StepKind.BOOT, "boot-up message: the drive is in PRE-OPERATIONAL"),
         *_identity(description),
-        Step(StepKind.POWER, "its power stage is off", 0x6041, bits=16, is_hex=True),
+        _word(StepKind.POWER, "its power stage is off", Object.STATUSWORD, 16),
         *_torque_base(description),
         *_units(description),
         *_all_pdos_off(description),
@@ -88,8 +88,8 @@ def plan(description: DriveDescription, limits: DriveLimits, cycle: CycleSetting
         *_settings(description, cycle),
         *_seeds(description, raw_limits(limits, description)),
         *_watches(description, cycle),
-        Step(StepKind.REPORT, "error register as found", 0x1001, bits=8, is_hex=True),
-        Step(StepKind.REPORT, "error code as found", 0x603F, bits=16, is_hex=True),
+        _word(StepKind.REPORT, "error register as found", Object.ERROR_REGISTER, 8),
+        _word(StepKind.REPORT, "error code as found", Object.ERROR_CODE, 16),
     )
     return DrivePlan(description, steps)
 
@@ -122,14 +122,9 @@ def lonely_plan(
 
 def _identity(description: DriveDescription) -> Iterator[Step]:
     check = StepKind.CHECK
-    yield Step(
-        check,
-        "it is a CiA 402 drive",
-        0x1000,
-        value=_DEVICE_PROFILE,
-        mask=0xFFFF,
-        failure=BootFailure.WRONG_DEVICE_TYPE,
-    )
+    failure = BootFailure.WRONG_DEVICE_TYPE
+    kind = Object.DEVICE_TYPE
+    yield Step(check, "it is a CiA 402 drive", kind, value=402, mask=0xFFFF, failure=failure)
     identity = description.axis.identity
     named = (
         ("vendor", identity.vendor_id, BootFailure.WRONG_VENDOR),
@@ -140,49 +135,54 @@ def _identity(description: DriveDescription) -> Iterator[Step]:
     for sub, (what, value, failure) in enumerate(named, 1):
         if value is not None:
             why = f"{what} of this axis"
-            yield Step(check, why, 0x1018, sub, value=value, is_hex=True, failure=failure)
+            yield Step(check, why, Object.IDENTITY, sub, value=value, is_hex=True, failure=failure)
     if identity.serial is None:
         yield Step(StepKind.ASK, "its serial number", *SERIAL_NUMBER, is_hex=True)
     yield Step(StepKind.ALONE, "no second node has its node id")
     modes, missing = _CYCLIC_MODES, BootFailure.MISSING_MODE
     why = "it supports cyclic synchronous position and torque"
-    yield Step(check, why, 0x6502, value=modes, mask=modes, is_hex=True, failure=missing)
+    yield _word(check, why, Object.SUPPORTED_MODES, 32, modes, modes, failure=missing)
 
 
 def _torque_base(description: DriveDescription) -> Iterator[Step]:
+    failure = BootFailure.WRONG_MOTOR_DATA
     for base in description.torque_bases:
-        yield _compare(base.ref, base.expected_raw, base.what)
+        yield _step(StepKind.COMPARE, base.ref, base.expected_raw, base.what, failure=failure)
 
 
 def _units(description: DriveDescription) -> Iterator[Step]:
+    check = StepKind.CHECK
     if description.profile.optional_objects.polarity:
         why = "it inverts no sign: signs are in the axis file"
-        mask = _POLARITY_BITS
-        yield Step(StepKind.CHECK, why, 0x607E, bits=8, value=0, mask=mask, is_hex=True)
+        yield _word(check, why, Object.POLARITY, 8, 0, _POLARITY_BITS)
     for entry in description.profile.checked:
-        yield Step(
-            kind=StepKind.CHECK,
-            why=entry.why,
-            index=entry.index,
-            sub=entry.sub,
-            bits=entry.bits,
-            signed=entry.signed,
-            value=entry.value,
-            mask=entry.mask,
-        )
+        yield _step(check, entry, entry.value, entry.why, mask=entry.mask)
 
 
-def _compare(ref: ObjectRef, value: int, why: str) -> Step:
-    return Step(
-        kind=StepKind.COMPARE,
-        why=why,
-        index=ref.index,
-        sub=ref.sub,
-        bits=ref.bits,
-        signed=ref.signed,
-        value=value,
-        failure=BootFailure.WRONG_MOTOR_DATA,
-    )
+def _step(
+    kind: StepKind,
+    ref: ObjectRef,
+    value: int,
+    why: str,
+    *,
+    mask: int = ALL_BITS,
+    failure: BootFailure = BootFailure.CONFIGURATION,
+) -> Step:
+    place = (ref.index, ref.sub, ref.bits, ref.signed)
+    return Step(kind, why, *place, value, mask, failure=failure)
+
+
+def _word(
+    kind: StepKind,
+    why: str,
+    index: Object,
+    bits: int,
+    value: int = 0,
+    mask: int = ALL_BITS,
+    failure: BootFailure = BootFailure.CONFIGURATION,
+) -> Step:
+    """A step about an unsigned object without sub-indices, whose value is shown in hex."""
+    return Step(kind, why, index, 0, bits, False, value, mask, is_hex=True, failure=failure)
 
 
 def _write(why: str, index: int, sub: int, bits: int, value: int, *, is_hex: bool = False) -> Step:
@@ -192,7 +192,7 @@ def _write(why: str, index: int, sub: int, bits: int, value: int, *, is_hex: boo
 
 def _all_pdos_off(description: DriveDescription) -> Iterator[Step]:
     for number in range(description.profile.pdo.count):
-        for index, name in ((0x1400, "RPDO"), (0x1800, "TPDO")):
+        for index, name in ((Object.RPDO, "RPDO"), (Object.TPDO, "TPDO")):
             why = f"{name}{number + 1} off, under the identifier that it has"
             yield Step(StepKind.SWITCH_OFF, why, index + number, 1, is_hex=True)
 
@@ -200,10 +200,11 @@ def _all_pdos_off(description: DriveDescription) -> Iterator[Step]:
 def _sync(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]:
     has = description.profile.optional_objects
     if has.sync_counter:
-        yield _write("SYNC counts so far, or not at all", 0x1019, 0, 8, cycle.sync_counter)
+        why = "SYNC counts so far, or not at all"
+        yield _write(why, Object.SYNC_COUNTER, 0, 8, cycle.sync_counter)
     if has.sync_window:
         why = "synchronous window in microseconds: later PDOs are dropped"
-        yield _write(why, 0x1007, 0, 32, cycle.sync_window_us)
+        yield _write(why, Object.SYNC_WINDOW, 0, 32, cycle.sync_window_us)
 
 
 def _mapping(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]:
@@ -251,7 +252,7 @@ def _limits(description: DriveDescription, raw: RawLimits) -> Iterator[Step]:
         yield Step(
             kind=StepKind.RANGE,
             why="software position limits in counts",
-            index=0x607D,
+            index=Object.POSITION_LIMITS,
             sub=1,
             signed=True,
             value=raw.position_min_counts,
@@ -261,28 +262,21 @@ def _limits(description: DriveDescription, raw: RawLimits) -> Iterator[Step]:
     why = f"{'current' if limit.unit.is_current else 'torque'} limit in {limit.unit.value}"
     yield _write(why, limit.index, limit.sub, limit.bits, raw.torque_raw)
     if has.speed_limit:
-        yield _write(f"speed limit in {speed}", 0x6080, 0, 32, raw.speed_raw)
+        yield _write(f"speed limit in {speed}", Object.SPEED_LIMIT, 0, 32, raw.speed_raw)
     if has.following_error:
         why = "following error window in counts"
-        yield _write(why, 0x6065, 0, 32, raw.following_error_counts)
+        yield _write(why, Object.FOLLOWING_WINDOW, 0, 32, raw.following_error_counts)
     why = f"quick-stop ramp in {profile.deceleration_unit.value}"
-    yield _write(why, 0x6085, 0, 32, raw.deceleration_raw)
+    yield _write(why, Object.QUICK_STOP_DECELERATION, 0, 32, raw.deceleration_raw)
 
 
 def _settings(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]:
     for entry in description.profile.written:
-        yield Step(
-            kind=StepKind.WRITE,
-            why=entry.why,
-            index=entry.index,
-            sub=entry.sub,
-            bits=entry.bits,
-            signed=entry.signed,
-            value=entry.value,
-        )
+        yield _step(StepKind.WRITE, entry, entry.value, entry.why)
     if description.profile.optional_objects.interpolation_time:
-        yield _write("interpolation time: the core's cycle", 0x60C2, 1, 8, cycle.period_ms)
-        yield _write("... in ms", 0x60C2, 2, 8, _MILLISECONDS)
+        index = Object.INTERPOLATION_TIME
+        yield _write("interpolation time: the core's cycle", index, 1, 8, cycle.period_ms)
+        yield _write("... in ms", index, 2, 8, _MILLISECONDS)
 
 
 def _homing(description: DriveDescription) -> Iterator[Step]:
@@ -290,13 +284,14 @@ def _homing(description: DriveDescription) -> Iterator[Step]:
     if objects is None or homing is None:
         return
     raw = raw_homing(homing, objects.home_sign, description)
-    bit = _HOMING_MODE
-    yield Step(StepKind.CHECK, "it supports homing", 0x6502, value=bit, mask=bit, is_hex=True)
-    speed = description.profile.velocity_unit.value
-    yield _write("homing method", 0x6098, 0, 8, homing.method)
-    yield _write(f"homing: search speed in {speed}", 0x6099, 1, 32, raw.search_speed_raw)
-    yield _write(f"homing: speed of the final search in {speed}", 0x6099, 2, 32, raw.zero_speed_raw)
-    yield _write(f"homing: acceleration in {speed} per s", 0x609A, 0, 32, raw.acceleration_raw)
+    modes, bit = Object.SUPPORTED_MODES, _HOMING_MODE
+    yield _word(StepKind.CHECK, "it supports homing", modes, 32, bit, bit)
+    speed, speeds = description.profile.velocity_unit.value, Object.HOMING_SPEEDS
+    yield _write("homing method", Object.HOMING_METHOD, 0, 8, homing.method)
+    yield _write(f"homing: search speed in {speed}", speeds, 1, 32, raw.search_speed_raw)
+    yield _write(f"homing: speed of the final search in {speed}", speeds, 2, 32, raw.zero_speed_raw)
+    why = f"homing: acceleration in {speed} per s"
+    yield _write(why, Object.HOMING_ACCELERATION, 0, 32, raw.acceleration_raw)
     home, threshold = objects.home, objects.current_threshold
     yield _write("position at home in counts", home.index, home.sub, home.bits, raw.home_raw)
     if threshold is not None and raw.stop_current_ma is not None:
@@ -305,25 +300,27 @@ def _homing(description: DriveDescription) -> Iterator[Step]:
 
 
 def _seeds(description: DriveDescription, raw: RawLimits) -> Iterator[Step]:
-    yield _write("target torque: none", 0x6071, 0, description.profile.target_torque.bits, 0)
+    bits = description.profile.target_torque.bits
+    yield _write("target torque: none", Object.TARGET_TORQUE, 0, bits, 0)
     yield Step(
         kind=StepKind.SEED_POSITION,
         why="target position: where the joint is",
-        index=0x607A,
+        index=Object.TARGET_POSITION,
         signed=True,
         value=raw.position_min_counts,
         second=raw.position_max_counts,
     )
     mode = OperationMode.CYCLIC_SYNC_TORQUE
-    yield _write("mode: cyclic synchronous torque", 0x6060, 0, 8, mode)
+    yield _write("mode: cyclic synchronous torque", Object.MODE, 0, 8, mode)
 
 
 def _watches(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]:
-    entries = description.profile.heartbeat.consumer_entries
+    entries, consumer = description.profile.heartbeat.consumer_entries, Object.HEARTBEAT_CONSUMER
     for sub in range(2, entries + 1):
-        yield _write("it monitors no other heartbeat", 0x1016, sub, 32, 0)
+        yield _write("it monitors no other heartbeat", consumer, sub, 32, 0)
     if entries:
         value = cycle.master_node_id << 16 | cycle.drive_detection_ms
-        yield _write("it monitors the master's heartbeat", 0x1016, 1, 32, value, is_hex=True)
-    yield _write("its own heartbeat in ms", 0x1017, 0, 16, cycle.drive_heartbeat_ms)
+        yield _write("it monitors the master's heartbeat", consumer, 1, 32, value, is_hex=True)
+    why = "its own heartbeat in ms"
+    yield _write(why, Object.HEARTBEAT_PRODUCER, 0, 16, cycle.drive_heartbeat_ms)
     yield Step(StepKind.HEAR, "its heartbeat, in PRE-OPERATIONAL")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
+from drives.canopen.objects import Object
 from drives.errors import BootFailure
 
 PDO_OFF: Final = 0x8000_0000
@@ -16,7 +17,7 @@ NO_RTR: Final = 0x4000_0000
 """Bit 30 of a TPDO's identifier: no remote frames."""
 ALL_BITS: Final = 0xFFFF_FFFF
 
-SERIAL_NUMBER: Final = (0x1018, 4)
+SERIAL_NUMBER: Final = (Object.IDENTITY, 4)
 
 
 class StepKind(Enum):

@@ -7,17 +7,14 @@ torque. 605Dh selects the stop of a halt. 6007h selects the reaction to a lost m
 SLVD-N, Kollmorgen AKD CAN-BUS communication).
 """
 
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Final
 
 from msgspec import Meta
 
+from drives.canopen.objects import Object
 from drives.cia402.torque import ObjectRef
 from drives.errors import DescriptionError
-
-ABORT_CONNECTION: Final = 0x6007
-QUICK_STOP: Final = 0x605A
-HALT: Final = 0x605D
-FAULT_REACTION: Final = 0x605E
 
 _HOW: Final = {
     0: "switch off at once and coast",
@@ -26,41 +23,41 @@ _HOW: Final = {
     3: "slow down at the current limit",
     4: "slow down at the voltage limit",
 }
-_MEANINGS: Final = {
-    ABORT_CONNECTION: {
+_MEANINGS: Final[Mapping[int, Mapping[int, str]]] = {
+    Object.ABORT_CONNECTION: {
         0: "nothing",
         1: "fault, then as defined by 605Eh",
         2: "disable voltage and coast",
         3: "quick stop, then as defined by 605Ah",
     },
-    QUICK_STOP: {
+    Object.QUICK_STOP: {
         **{code: f"{how}, then switch off" for code, how in _HOW.items() if code},
         0: _HOW[0],
         **{code + 4: f"{how} and stay in quick stop" for code, how in _HOW.items() if code},
     },
-    HALT: {code: f"{how} and stay enabled" for code, how in _HOW.items() if code},
-    FAULT_REACTION: {
+    Object.HALT: {code: f"{how} and stay enabled" for code, how in _HOW.items() if code},
+    Object.FAULT_REACTION: {
         **{code: f"{how}, then switch off" for code, how in _HOW.items() if code},
         0: _HOW[0],
     },
 }
-_NAMES: Final = {
-    ABORT_CONNECTION: "master gone",
-    QUICK_STOP: "quick stop",
-    HALT: "halt",
-    FAULT_REACTION: "fault",
+_NAMES: Final[Mapping[int, str]] = {
+    Object.ABORT_CONNECTION: "master gone",
+    Object.QUICK_STOP: "quick stop",
+    Object.HALT: "halt",
+    Object.FAULT_REACTION: "fault",
 }
 
 _NEVER: Final = {
-    QUICK_STOP: (0, "a quick stop that only switches off lets the leg fall"),
-    ABORT_CONNECTION: (0, "a drive that continues without its master moves uncontrolled"),
-    FAULT_REACTION: (0, "a fault that only switches off lets the leg fall"),
+    Object.QUICK_STOP: (0, "a quick stop that only switches off lets the leg fall"),
+    Object.ABORT_CONNECTION: (0, "a drive that continues without its master moves uncontrolled"),
+    Object.FAULT_REACTION: (0, "a fault that only switches off lets the leg fall"),
 }
 """Option codes that every profile must write, the values that are refused, and why."""
 
-_WITHOUT_BRAKE: Final = {
-    QUICK_STOP: (range(5), "5 to 8, which hold"),
-    ABORT_CONNECTION: ((2,), "1 or 3, which slow down first"),
+_WITHOUT_BRAKE: Final[Mapping[int, tuple[Sequence[int], str]]] = {
+    Object.QUICK_STOP: (range(5), "5 to 8, which hold"),
+    Object.ABORT_CONNECTION: ((2,), "1 or 3, which slow down first"),
 }
 """Codes that leave an axis without torque while it may still move, and the codes that hold it."""
 
@@ -99,9 +96,9 @@ def check_written(written: tuple[WrittenObject, ...], *, halt: bool) -> None:
             raise _missing(written, index, f"must be among them, since {why}")
         if entry.value == forbidden:
             raise _refused(entry, f"not {forbidden}: {why}")
-    if (HALT in by_index) != halt:
+    if (Object.HALT in by_index) != halt:
         wanted = "must be among them" if halt else "must not be among them"
-        raise _missing(written, HALT, f"{wanted}, because of optional_objects.halt_option")
+        raise _missing(written, Object.HALT, f"{wanted}, because of optional_objects.halt_option")
     for entry in written:
         if entry.value not in entry.legal:
             raise _refused(entry, f"one of {', '.join(map(str, entry.legal))}")
@@ -109,7 +106,7 @@ def check_written(written: tuple[WrittenObject, ...], *, halt: bool) -> None:
 
 def holds_after_quick_stop(written: tuple[WrittenObject, ...]) -> bool:
     """605Ah is 5 to 8: the drive keeps its torque."""
-    return any(entry.index == QUICK_STOP and entry.value in range(5, 9) for entry in written)
+    return any(entry.index == Object.QUICK_STOP and entry.value in range(5, 9) for entry in written)
 
 
 def without_torque(

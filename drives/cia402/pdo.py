@@ -14,6 +14,7 @@ import struct
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+from drives.canopen.objects import Object
 from drives.cia402.profile import DriveProfile
 from drives.cia402.torque import ObjectRef
 
@@ -46,14 +47,14 @@ class MappedObject:
         return self.index << 16 | self.sub << 8 | self.bits
 
 
-CONTROLWORD: Final = MappedObject(0x6040, 0, 16, signed=False)
-STATUSWORD: Final = MappedObject(0x6041, 0, 16, signed=False)
-MODE: Final = MappedObject(0x6060, 0, 8, signed=True)
-MODE_DISPLAY: Final = MappedObject(0x6061, 0, 8, signed=True)
-POSITION: Final = MappedObject(0x6064, 0, 32, signed=True)
-TARGET_POSITION: Final = MappedObject(0x607A, 0, 32, signed=True)
-INPUTS: Final = MappedObject(0x60FD, 0, 32, signed=False)
-ERROR_CODE: Final = MappedObject(0x603F, 0, 16, signed=False)
+CONTROLWORD: Final = MappedObject(Object.CONTROLWORD, 0, 16, signed=False)
+STATUSWORD: Final = MappedObject(Object.STATUSWORD, 0, 16, signed=False)
+MODE: Final = MappedObject(Object.MODE, 0, 8, signed=True)
+MODE_DISPLAY: Final = MappedObject(Object.MODE_DISPLAY, 0, 8, signed=True)
+POSITION: Final = MappedObject(Object.POSITION, 0, 32, signed=True)
+TARGET_POSITION: Final = MappedObject(Object.TARGET_POSITION, 0, 32, signed=True)
+INPUTS: Final = MappedObject(Object.INPUTS, 0, 32, signed=False)
+ERROR_CODE: Final = MappedObject(Object.ERROR_CODE, 0, 16, signed=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +73,12 @@ class PdoLayout:
     @property
     def communication_index(self) -> int:
         """1800h.. or 1400h..: identifier, type, timers."""
-        return (0x1800 if self.transmit else 0x1400) + self.number - 1
+        return (Object.TPDO if self.transmit else Object.RPDO) + self.number - 1
 
     @property
     def mapping_index(self) -> int:
         """1A00h.. or 1600h..: the objects."""
-        return (0x1A00 if self.transmit else 0x1600) + self.number - 1
+        return (Object.TPDO_MAPPING if self.transmit else Object.RPDO_MAPPING) + self.number - 1
 
     @property
     def size(self) -> int:

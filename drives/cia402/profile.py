@@ -16,6 +16,7 @@ from typing import Annotated, Final, Literal, NamedTuple
 from msgspec import Meta
 
 from drives.canopen.emcy_codes import EmergencyTable
+from drives.canopen.objects import Object
 from drives.cia402.axis_file import AxisFile, check_transmission
 from drives.cia402.homing import HomingObjects, check_homing
 from drives.cia402.option_codes import WrittenObject, check_written, holds_after_quick_stop
@@ -262,7 +263,8 @@ def describe(name: str, profile: DriveProfile, axis: AxisFile, eds: str) -> Driv
 
 def _check_torque_objects(profile: DriveProfile) -> None:
     target = profile.target_torque
-    if (target.index, target.sub, target.signed) != (0x6071, 0, True) or target.bits < 16:
+    is_target = target.index == Object.TARGET_TORQUE and target.sub == 0 and target.signed
+    if not is_target or target.bits < 16:
         allowed = "6071h:00, signed, of 16 or 32 bits: CiA 402 defines no other target"
         raise DescriptionError("profile", "target_torque", target.place, allowed)
     objects = {

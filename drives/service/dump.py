@@ -17,6 +17,7 @@ from canopen.objectdictionary import ObjectDictionary, ODArray, ODVariable, data
 
 from drives.bringup.plan import DrivePlan
 from drives.bringup.port import DrivePort
+from drives.canopen.objects import Object
 from drives.canopen.sniffer import Heard
 from drives.errors import (
     BootFailure,
@@ -46,7 +47,7 @@ _UNSIGNED: Final = {
     16: datatypes.UNSIGNED16,
     32: datatypes.UNSIGNED32,
 }
-_MAPPINGS: Final = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
+_MAPPINGS: Final = (range(Object.RPDO_MAPPING, Object.TPDO), range(Object.TPDO_MAPPING, 0x1C00))
 _TEXTS: Final = frozenset((datatypes.VISIBLE_STRING, datatypes.UNICODE_STRING))
 
 

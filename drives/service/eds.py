@@ -16,6 +16,7 @@ from canopen.objectdictionary import SIGNED_TYPES, ObjectDictionary, ODVariable
 
 from drives.bringup.plan import DrivePlan
 from drives.bringup.steps import Step, StepKind
+from drives.canopen.objects import Object
 from drives.cia402.pdo import MappedObject, layouts
 from drives.cia402.profile import OptionalObjects
 from drives.errors import DescriptionError
@@ -25,14 +26,13 @@ _WRITTEN: Final = frozenset(
     (StepKind.WRITE, StepKind.RANGE, StepKind.SWITCH_OFF, StepKind.SEED_POSITION)
 )
 _WITH_VALUE: Final = frozenset((StepKind.WRITE, StepKind.RANGE))
-_RANGE_NOT_JUDGED: Final = frozenset((0x1016,))
+_RANGE_NOT_JUDGED: Final = frozenset((Object.HEARTBEAT_CONSUMER,))
 """An entry of 1016h is a node id and a time; Elmo's file gives the range of the time alone."""
-_POLARITY: Final = 0x607E
 _PROTECTIVE: Final = {
-    "interpolation_time": 0x60C2,
-    "position_limits": 0x607D,
-    "speed_limit": 0x6080,
-    "following_error": 0x6065,
+    "interpolation_time": Object.INTERPOLATION_TIME,
+    "position_limits": Object.POSITION_LIMITS,
+    "speed_limit": Object.SPEED_LIMIT,
+    "following_error": Object.FOLLOWING_WINDOW,
 }
 
 
@@ -71,7 +71,7 @@ def objections(plan: DrivePlan, dictionary: ObjectDictionary) -> list[str]:
         for item in layout.objects
     ]
     has = plan.description.profile.optional_objects
-    if not has.polarity and _POLARITY in dictionary:
+    if not has.polarity and Object.POLARITY in dictionary:
         found.append("607Eh:00 is in the EDS, but optional_objects.polarity is false")
     return list(dict.fromkeys(line for line in found if line is not None))
 

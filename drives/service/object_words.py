@@ -10,6 +10,7 @@ from typing import Final
 from drives.bringup.plan import DrivePlan
 from drives.bringup.steps import PDO_OFF, StepKind
 from drives.canopen.emcy_codes import EmergencyTable, meaning
+from drives.canopen.objects import Object
 from drives.cia402.power_state import decode_statusword
 from drives.cia402.profile import DriveProfile, InputBit
 from drives.service.compare import expectations
@@ -17,8 +18,8 @@ from drives.service.dump import Address
 from drives.signals import OperationMode
 
 _PDO_COUNT: Final = 512
-_PARAMETERS: Final = (0x1400, 0x1800)
-_MAPPINGS: Final = (0x1600, 0x1A00)
+_PARAMETERS: Final = (Object.RPDO, Object.TPDO)
+_MAPPINGS: Final = (Object.RPDO_MAPPING, Object.TPDO_MAPPING)
 _CAN_ID: Final = 0x7FF
 _SYNC_TYPE_MAX: Final = 240
 _TYPES: Final = {0: "on an event, at the next SYNC", 254: "on an event", 255: "on an event"}
@@ -46,9 +47,9 @@ class ObjectWords:
         known = _STANDARD.get((index, sub))
         if known is not None:
             return known(value)
-        if (index == 0x1003 and sub) or (index, sub) == (0x603F, 0):
+        if (index == Object.ERROR_HISTORY and sub) or (index, sub) == (Object.ERROR_CODE, 0):
             return _error(value & 0xFFFF, self._profile.emergency_table)
-        if (index, sub) == (0x60FD, 0):
+        if (index, sub) == (Object.INPUTS, 0):
             return inputs(value, self._profile)
         if (index, sub) == (source.index, source.sub):
             return f"torque source in {source.unit.value}"
@@ -119,14 +120,14 @@ def _consumer(value: int) -> str:
 
 
 _STANDARD: Final[dict[Address, Callable[[int], str]]] = {
-    (0x1000, 0): lambda value: f"CiA {value & 0xFFFF}",
-    (0x1010, 1): lambda value: f"saves {_saving(value)}",
-    (0x1011, 1): lambda value: f"restores {_saving(value)}",
-    (0x1016, 1): _consumer,
-    (0x1016, 2): _consumer,
-    (0x1017, 0): lambda value: f"every {value} ms" if value else "no heartbeat",
-    (0x6041, 0): _power_state,
-    (0x6060, 0): _mode,
-    (0x6061, 0): _mode,
-    (0x6502, 0): _modes,
+    (Object.DEVICE_TYPE, 0): lambda value: f"CiA {value & 0xFFFF}",
+    (Object.STORE, 1): lambda value: f"saves {_saving(value)}",
+    (Object.RESTORE, 1): lambda value: f"restores {_saving(value)}",
+    (Object.HEARTBEAT_CONSUMER, 1): _consumer,
+    (Object.HEARTBEAT_CONSUMER, 2): _consumer,
+    (Object.HEARTBEAT_PRODUCER, 0): lambda value: f"every {value} ms" if value else "no heartbeat",
+    (Object.STATUSWORD, 0): _power_state,
+    (Object.MODE, 0): _mode,
+    (Object.MODE_DISPLAY, 0): _mode,
+    (Object.SUPPORTED_MODES, 0): _modes,
 }

@@ -19,6 +19,7 @@ from drives.bringup.plan import DrivePlan
 from drives.bringup.port import DrivePort
 from drives.bringup.steps import Step, StepKind
 from drives.canopen.nmt import NmtCommand, nmt_frame
+from drives.canopen.objects import Object
 from drives.canopen.sniffer import BusSniffer
 from drives.cia402.power_state import decode_statusword
 from drives.errors import BootFailure, DrivesError, DriveSilent, SdoAborted, SdoGarbled, SdoTimeout
@@ -41,14 +42,14 @@ _WITHOUT_POWER: Final = frozenset(
         PowerState.FAULT,
     )
 )
-_STATUSWORD: Final = Step(StepKind.REPORT, "statusword", 0x6041, bits=16, is_hex=True)
+_STATUSWORD: Final = Step(StepKind.REPORT, "statusword", Object.STATUSWORD, bits=16, is_hex=True)
 
 
 class Keeping(Enum):
     """Requested operation; the values are the object and its signature."""
 
-    STORE = (0x1010, b"save")
-    RESTORE = (0x1011, b"load")
+    STORE = (Object.STORE, b"save")
+    RESTORE = (Object.RESTORE, b"load")
 
     @property
     def index(self) -> int:

@@ -20,6 +20,7 @@ from typing import Final, NamedTuple
 
 from drives.bringup.configurator import Configurator
 from drives.canopen.bus import Bus, Clock, Frame
+from drives.canopen.objects import Object
 from drives.canopen.sniffer import SDO_REQUEST_ID, BusSniffer, WitnessedBus
 from drives.errors import SdoAborted, SdoGarbled, SdoTimeout
 
@@ -35,17 +36,17 @@ FRAME_BITS: Final = 130
 """Bits of a frame of eight bytes, with stuffing."""
 NODES: Final = range(1, 128)
 
-DEVICE_TYPE: Final = (0x1000, 0)
-ERROR_REGISTER: Final = (0x1001, 0)
-VENDOR: Final = (0x1018, 1)
-PRODUCT: Final = (0x1018, 2)
-REVISION: Final = (0x1018, 3)
-SERIAL: Final = (0x1018, 4)
-ERROR_CODE: Final = (0x603F, 0)
-STATUSWORD: Final = (0x6041, 0)
-DEVICE_NAME: Final = (0x1008, 0)
-HARDWARE_VERSION: Final = (0x1009, 0)
-SOFTWARE_VERSION: Final = (0x100A, 0)
+DEVICE_TYPE: Final = (Object.DEVICE_TYPE, 0)
+ERROR_REGISTER: Final = (Object.ERROR_REGISTER, 0)
+VENDOR: Final = (Object.IDENTITY, 1)
+PRODUCT: Final = (Object.IDENTITY, 2)
+REVISION: Final = (Object.IDENTITY, 3)
+SERIAL: Final = (Object.IDENTITY, 4)
+ERROR_CODE: Final = (Object.ERROR_CODE, 0)
+STATUSWORD: Final = (Object.STATUSWORD, 0)
+DEVICE_NAME: Final = (Object.DEVICE_NAME, 0)
+HARDWARE_VERSION: Final = (Object.HARDWARE_VERSION, 0)
+SOFTWARE_VERSION: Final = (Object.SOFTWARE_VERSION, 0)
 
 NUMBERS: Final = (DEVICE_TYPE, ERROR_REGISTER, VENDOR, PRODUCT, REVISION, SERIAL)
 DRIVE_NUMBERS: Final = (STATUSWORD, ERROR_CODE)

@@ -5,20 +5,14 @@ result. Waiting functions let time pass as fast as it can, and count simulated s
 time has the requested pace, real time by default. While no core is in step, as when its process
 starts, time is never faster than the computer's.
 
-Every part is a process of its own (`gaitd sim`, `gaitd core`, `gaitd gateway`) with its output in
-a file. None outlives this process: `end` ends it, and the kernel kills it if this process dies.
+The processes themselves are those of `gaitd_lab/processes.py`.
 """
 
 import contextlib
 import csv
-import os
-import shutil
 import signal
-import socket
-import subprocess
 import time
-import tomllib
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -26,18 +20,16 @@ import can
 import msgspec
 
 from daemon.ipc.record import CycleRecord
-from daemon.ipc.transport import RING_NAME, RingError, RingReader
+from daemon.ipc.transport import RingError, RingReader
 from daemon.system.clock import AgeClock, MonotonicClock, PageClock
 from gaitd import remote
-from gaitd.command_line import configs_folder
-from gaitd.remote import Target
-from gaitd.testing.edits import Edits, edit
-from gaitd_lab.processes import free_ports, tied
+from gaitd.testing.edits import Edits
+from gaitd_lab.processes import ServiceError, ServiceProcesses, Tempo
 from simtime.link import LinkLostError, SocketLink
 from simtime.wire import Role
 
-SIMULATED, PYTHON_CAN = "simulated", "gaitd"
-"""The bus of simulated time, and python-can's name for it."""
+PYTHON_CAN: Final = "gaitd"
+"""Name of the simulated bus for python-can."""
 POLL_S: Final = 0.02
 CYCLE_S: Final = 0.01
 STEP_S: Final = 0.05
@@ -50,19 +42,11 @@ RUN_MAX_NS: Final = 1_000_000_000
 """Largest advance requested of the virtual drives at once: each may take HANG_S."""
 NS_PER_S: Final = 1_000_000_000
 REAL_TIME: Final = 1.0
-GAITD: Final = ("-m", "gaitd")
-END_S: Final = 10.0
-"""The core stops both axes before it ends."""
 DRIVES_READY_S: Final = 60.0
-LOG_TAIL: Final = 4000
 
 
-class ServiceError(AssertionError):
-    """A wait has failed; the message contains the last output of every process."""
-
-
-class Service:
-    """Virtual drives, core and gateway of one configuration, with ports and folders of its own."""
+class Service(ServiceProcesses):
+    """The processes of a service, with the control of their time and their output."""
 
     def __init__(
         self,
@@ -74,111 +58,57 @@ class Service:
         pace: float | str = REAL_TIME,
         wall_clock: bool = False,
     ) -> None:
-        """Write the configuration; no process is started.
+        """As `ServiceProcesses`.
 
         Args:
-            folder: folder of this service alone; all its files go there.
-            configs: a folder of configurations, copied; None: those that come with gaitd.
+            folder: folder of this service alone.
+            configs: a folder of configurations.
             trainer_file: name of the trainer file in that folder.
-            edits: keys with other values, by file; they override the ports and paths set here.
+            edits: keys with other values, by file.
             pace: pace of simulated time outside of waits: a multiple of real time, or `max`.
             wall_clock: the simulated bus uses the computer's clock, and nothing can be held.
 
         Raises:
             EditError: a key that does not exist.
         """
-        self.folder = folder
-        (self.zenoh_port,) = free_ports(1)
-        configs = configs or configs_folder("configs", trainer_file)
-        own = shutil.copytree(configs, folder / "configuration")
-        self.config = own / trainer_file
-        edit(own, {trainer_file: self._own_places()})
-        edit(own, edits or {})
-        self._table = tomllib.loads(self.config.read_text(encoding="utf-8"))
+        tempo = Tempo(str(pace), wall_clock)
+        super().__init__(folder, configs, trainer_file=trainer_file, edits=edits, tempo=tempo)
         self._clock: AgeClock | None = None
-        bus = self._table["bus"]
-        self._pace, self._wall_clock = str(pace), wall_clock
-        self._is_simulated: bool = bus["interface"] == SIMULATED and not wall_clock
-        self._hand = SocketLink(Path(bus["channel"]), Role.HAND, "test", patience_s=HANG_S)
+        self._is_simulated = self.is_on_simulated_bus and not wall_clock
+        self._hand = SocketLink(self.channel, Role.HAND, "test", patience_s=HANG_S)
         self._reader: RingReader | None = None
         self._newest_seq = 0
         self._held_count = 0
         self._is_fast = False
-        self.parts: dict[str, subprocess.Popen[bytes]] = {}
-
-    def _own_places(self) -> dict[str, str | Sequence[str]]:
-        return {
-            "bus.interface": SIMULATED,
-            "bus.channel": str(self.folder / "bus"),
-            "zenoh.listen": [f"tcp/127.0.0.1:{self.zenoh_port}"],
-            "paths.runtime": str(self.folder / "run"),
-            "paths.state": str(self.folder / "state"),
-        }
 
     @property
     def clock(self) -> AgeClock:
         """Clock of its records and its truth: simulated, or the computer's on a real bus."""
-        bus = self._table["bus"]
         if self._clock is None:
-            simulated = bus["interface"] == SIMULATED
-            self._clock = PageClock(Path(bus["channel"])) if simulated else MonotonicClock()
+            self._clock = PageClock(self.channel) if self.is_on_simulated_bus else MonotonicClock()
         return self._clock
 
     @property
     def endpoint(self) -> str:
         """Address for Zenoh clients."""
-        return self._table["zenoh"]["listen"][0]
+        return self.target.endpoints[0]
 
     @property
     def trainer(self) -> str:
         """TRAINER of its Zenoh keys, which begin `gaitd/TRAINER/`."""
-        return self._table["zenoh"]["trainer"]
+        return self.target.trainer
 
     # --- processes ------------------------------------------------------------------------------
 
-    def start(
-        self,
-        part: str,
-        *arguments: str,
-        program: Sequence[str] = GAITD,
-        environment: Mapping[str, str] | None = None,
-    ) -> subprocess.Popen[bytes]:
-        """Start one part.
-
-        Args:
-            part: `sim`, `core` or `gateway`.
-            arguments: arguments besides `--config`.
-            program: program that runs `gaitd PART`, if it is not `gaitd` itself.
-            environment: additional environment variables.
-        """
-        words = (*program, part, "--config", str(self.config), *arguments)
-        with (self.folder / f"{part}.log").open("ab") as log:
-            self.parts[part] = subprocess.Popen(
-                # Killed with this process, because a stopped part obeys nothing else.
-                tied(*words, number=signal.SIGKILL),
-                stdin=subprocess.PIPE,
-                stdout=log,
-                stderr=log,
-                cwd=self.folder,
-                env={**os.environ, **(environment or {})},
-                start_new_session=True,
-            )
-        return self.parts[part]
-
     def start_drives(self) -> None:
         """Start the virtual drives and wait until they are on their bus."""
-        log = self.folder / "sim.log"
-        said_before = log.stat().st_size if log.exists() else 0
-        places = ("--truth", str(self.truth_path), "--control", str(self.control_path))
-        speed = ("--pace", self._pace) if self._is_simulated else ()
-        clock = ("--wall-clock",) if self._wall_clock else ()
-        drives = self.start("sim", *places, "--truth-in-silence", *speed, *clock)
+        words = (*self.output_arguments, "--truth-in-silence", *self.time_arguments)
+        drives = self.start("sim", *words)
         self._hand.close()
 
         def on_bus() -> bool:
-            if drives.poll() is not None:
-                raise ServiceError(f"gaitd sim ended with {drives.returncode}\n{self.logs()}")
-            return b"virtual drives" in log.read_bytes()[said_before:]
+            drives.check()
+            return "virtual drives" in drives.output()
 
         self.wait(on_bus, DRIVES_READY_S)
 
@@ -189,33 +119,17 @@ class Service:
         self.start("gateway")
         return self
 
-    def kill(self, part: str, number: int = signal.SIGKILL) -> None:
-        """Send a part a signal; for SIGKILL, wait until it has ended."""
-        os.kill(self.parts[part].pid, number)
-        if number == signal.SIGKILL:
-            self.parts[part].wait()
-
     def runs(self, part: str) -> bool:
         """Return whether the part was started and has not ended."""
         return part in self.parts and self.parts[part].poll() is None
 
     def end(self) -> None:
-        """End all running parts, in any state."""
+        """End all running parts, in any state and all at once: an orderly end takes time."""
         self._hand.close()
-        for part in reversed(list(self.parts)):
-            process = self.parts[part]
-            if process.poll() is None:
-                process.send_signal(signal.SIGCONT)
-                process.terminate()
-        for process in self.parts.values():
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(END_S)
-            if process.poll() is None:
-                process.kill()
-                process.wait()
-            if process.stdin is not None:
-                with contextlib.suppress(BrokenPipeError):
-                    process.stdin.close()
+        for process in reversed(self.parts.values()):
+            process.send_signal(signal.SIGCONT)
+            process.terminate()
+        super().end()
 
     def log(self, part: str) -> str:
         """Return a part's output on stdout and stderr, of all its runs."""
@@ -223,7 +137,7 @@ class Service:
 
     def said(self) -> list[tuple[str, str]]:
         """Return the last output of each part, by its name."""
-        return [(part, self.log(part)[-LOG_TAIL:] or "(nothing)") for part in self.parts]
+        return [(part, process.last_output()) for part, process in self.parts.items()]
 
     def logs(self) -> str:
         """Return the same as one text."""
@@ -239,23 +153,11 @@ class Service:
         """
         if self._held_count:
             raise ServiceError(f"control/{name} is asked while time is held: it needs time to pass")
-        target = Target((self.endpoint,), self.trainer)
-        answer = remote.ask(target, name, {"client": "tester", **payload} if payload else {})
+        payload = {"client": "tester", **payload} if payload else {}
+        answer = remote.ask(self.target, name, payload)
         if answer.text is None:
             return {"outcome": "unanswered", "reason": answer.trouble}
         return msgspec.json.decode(answer.text)
-
-    def inject(self, line: str) -> str:
-        """Send the virtual drives a command, e.g. `silent right/hip 0.5`; return the answer."""
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as end:
-            own = self.folder / f"tester{time.monotonic_ns()}"
-            end.bind(str(own))
-            end.settimeout(5)
-            try:
-                end.sendto(line.encode(), str(self.control_path))
-                return end.recv(4096).decode()
-            finally:
-                own.unlink()
 
     # --- time ---------------------------------------------------------------------------------
 
@@ -319,7 +221,7 @@ class Service:
             yield
         finally:
             self._is_fast = False
-            self._tried_command(f"pace {self._pace}")
+            self._tried_command(f"pace {self.tempo.pace}")
 
     def _pass(self, poll_s: float) -> None:
         """Let time pass between two reads."""
@@ -359,16 +261,6 @@ class Service:
 
     # --- outputs --------------------------------------------------------------------------------
 
-    @property
-    def truth_path(self) -> Path:
-        """CSV file of the plant's true state."""
-        return self.folder / "truth.csv"
-
-    @property
-    def control_path(self) -> Path:
-        """Command socket of the virtual drives."""
-        return self.folder / "ctl"
-
     def wait(self, reached: Callable[[], object], within_s: float, poll_s: float = POLL_S) -> None:
         """Poll until the condition is true.
 
@@ -397,9 +289,8 @@ class Service:
 
     def _ring(self) -> RingReader:
         """Return the ring of the newest core."""
-        path = self.config.parent / self._table["paths"]["runtime"] / RING_NAME
-        if self._reader is None or self._reader.inode != path.stat().st_ino:
-            self._reader, self._newest_seq = RingReader(path), 0
+        if self._reader is None or self._reader.inode != self.ring_path.stat().st_ino:
+            self._reader, self._newest_seq = RingReader(self.ring_path), 0
         return self._reader
 
     def _followed(self) -> tuple[RingReader, int]:
@@ -474,7 +365,7 @@ class Service:
     @contextlib.contextmanager
     def listener(self) -> Generator[can.BusABC]:
         """Return a python-can bus on the same channel."""
-        bus = self._table["bus"]
-        interface = PYTHON_CAN if bus["interface"] == SIMULATED else bus["interface"]
+        bus = self.table["bus"]
+        interface = PYTHON_CAN if self.is_on_simulated_bus else bus["interface"]
         with can.Bus(interface=interface, channel=bus["channel"]) as station:
             yield station

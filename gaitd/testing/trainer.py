@@ -19,8 +19,8 @@ from typing import Any, Final, Self
 
 from daemon.ipc.record import CycleRecord, Mode
 from gaitd.testing.edits import Edits
-from gaitd.testing.service import REAL_TIME, Service, ServiceError
-from gaitd_lab.processes import memory_folder
+from gaitd.testing.service import REAL_TIME, Service
+from gaitd_lab.processes import ServiceError, memory_folder
 
 PATIENCE_S: Final = 90.0
 START_S: Final = 300.0
@@ -85,14 +85,8 @@ class VirtualTrainer(Service):
         RUNNING.discard(self)
 
     def _is_ready(self) -> bool:
-        self._expect("sim", "core", "gateway")
+        self.check()
         return self.newest().mode == Mode.READY and self._is_heard()
-
-    def _expect(self, *parts: str) -> None:
-        for part in parts:
-            if not self.runs(part):
-                code = self.parts[part].returncode if part in self.parts else "no start"
-                raise ServiceError(f"gaitd {part} ended with {code}\n{self.logs()}")
 
     # --- requests -------------------------------------------------------------------------------
 
@@ -112,7 +106,7 @@ class VirtualTrainer(Service):
         def reached(record: CycleRecord) -> bool:
             nonlocal newest
             newest = f"it is {record.mode.name}, {record.verdict}"
-            self._expect("core")
+            self.parts["core"].check()
             return record.mode == mode
 
         try:
@@ -289,10 +283,8 @@ def virtual_trainer(
         ServiceError: it did not start; with the output of its processes.
     """
     with tempfile.TemporaryDirectory(prefix="gaitd-test-", dir=memory_folder()) as folder:
-        trainer = VirtualTrainer(
+        made = VirtualTrainer(
             Path(folder), configs, trainer_file=trainer_file, edits=edits, pace=pace
         )
-        try:
-            yield trainer.start_all()
-        finally:
-            trainer.end()
+        with made:
+            yield made.start_all()

@@ -6,10 +6,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from daemon.ipc.record import CycleRecord, Mode
-from daemon.ipc.transport import RING_NAME, RingReader
+from daemon.ipc.record import CycleRecord
+from daemon.ipc.transport import RingReader
 from gaitd_lab.benchmark.burning import burners
-from gaitd_lab.demonstration.stage import Stage, Tempo, stage
+from gaitd_lab.processes import Tempo
+from gaitd_lab.soak.machinery import machinery, until_ready
 
 READY_WITHIN_S: Final = 240.0
 SETTLE_S: Final = 2.0
@@ -42,36 +43,19 @@ def measure(configs: Path, duration_s: float, burner_count: int = 0) -> Lateness
         burner_count: number of load processes meanwhile.
 
     Raises:
-        ActError: a process ended, or the service was not ready in time.
+        ServiceError: a process ended, or the service was not ready in time.
     """
-    with stage(configs, empty=False, tempo=Tempo(wall_clock=True)) as where:
-        ring = _ready(where)
+    with machinery(configs, Tempo(wall_clock=True)) as made:
+        until_ready(made, READY_WITHIN_S)
+        ring = RingReader(made.ring_path)
         with burners(burner_count):
             time.sleep(SETTLE_S)
             begun = ring.newest_seq()
             time.sleep(duration_s)
-        where.check()
+        made.check()
         records = ring.since(begun)
         ring.close()
     return of(records)
-
-
-def _ready(where: Stage) -> RingReader:
-    from gaitd_lab.demonstration.script import ActError
-
-    path = where.config.parent.parent / "run" / RING_NAME
-    deadline_s = time.monotonic() + READY_WITHIN_S
-    ring: RingReader | None = None
-    while time.monotonic() < deadline_s:
-        where.check()
-        if ring is None and path.exists():
-            ring = RingReader(path)
-        if ring is not None:
-            record = ring.read(ring.newest_seq())
-            if record is not None and record.mode == Mode.READY:
-                return ring
-        time.sleep(0.2)
-    raise ActError(f"not ready within {READY_WITHIN_S:g} s")
 
 
 def of(records: list[CycleRecord]) -> Lateness:

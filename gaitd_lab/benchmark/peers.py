@@ -9,26 +9,25 @@ The peer is `benchmarks/python_canopen_peer.py`, whose module docstring describe
 """
 
 import contextlib
-import json
 import os
-import shutil
 import signal
 import statistics
 import tempfile
 import time
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import can
 
+from daemon import wire
 from gaitd.remote import ask
+from gaitd.testing.edits import edit
 from gaitd_lab.benchmark.burning import burners
 from gaitd_lab.benchmark.bus_times import Heard, Reaction, Syncs, held, reaction, syncs
-from gaitd_lab.demonstration.script import ActError
-from gaitd_lab.demonstration.stage import ManagedProcess, Tempo, rewrite
-from gaitd_lab.processes import memory_folder
+from gaitd_lab.processes import ManagedProcess, ServiceError, Tempo, memory_folder
 from gaitd_lab.soak.machinery import Machinery
 from gaitd_lab.soak.memory import sample
 
@@ -114,7 +113,7 @@ def measure(
             master = next(one for one in MASTERS if one.name == name)
             try:
                 measure_cell(cell, master, configs, seconds, emergency_count)
-            except (ActError, TimeoutError, ValueError) as error:
+            except (ServiceError, TimeoutError, ValueError) as error:
                 cell.trouble = str(error)
     return tuple(cells.values())
 
@@ -135,7 +134,7 @@ def measure_cell(
     """Measure one round of one cell, with its own drives.
 
     Raises:
-        ActError: a process has ended.
+        ServiceError: a process has ended.
         TimeoutError: the master does not hold the drives.
     """
     with (
@@ -153,9 +152,9 @@ def measure_cell(
 
 def _measure_stretch(cell: Cell, ear: "Ear", subject: "Subject", seconds: float) -> None:
     ear.listen(SETTLE_S)
-    before = sample(subject.pid(), time.monotonic())
+    before = sample(subject.process.pid, time.monotonic())
     frames = ear.listen(seconds)
-    after = sample(subject.pid(), time.monotonic())
+    after = sample(subject.process.pid, time.monotonic())
     if before is None or after is None:
         raise ValueError(f"{cell.master} has ended")
     cell.syncs.append(syncs(frames))
@@ -183,8 +182,9 @@ def _hold(ear: "Ear", subject: "Subject", cell: Cell, *, first: bool = False) ->
     asked_s = time.monotonic() + (subject.start_s if first else -subject.retry_s)
     while not held(ear.listen(0.3)):
         if time.monotonic() > end_s:
-            raise TimeoutError(f"{cell.master} does not hold the drives: {subject.last_words()}")
-        subject.check()
+            words = subject.process.last_output()
+            raise TimeoutError(f"{cell.master} does not hold the drives: {words}")
+        subject.process.check()
         if time.monotonic() > asked_s + subject.retry_s:
             subject.recover()
             asked_s = time.monotonic()
@@ -196,12 +196,9 @@ def _hold(ear: "Ear", subject: "Subject", cell: Cell, *, first: bool = False) ->
 class Subject(NamedTuple):
     """The control interface of a measured master."""
 
-    pid: Callable[[], int]
+    process: ManagedProcess
     recover: Callable[[], None]
     """Requests the next step towards both drives held."""
-    check: Callable[[], None]
-    """Raises ActError if the master has ended."""
-    last_words: Callable[[], str]
     retry_s: float
     """Delay between two steps."""
     start_s: float
@@ -211,58 +208,39 @@ class Subject(NamedTuple):
 @contextlib.contextmanager
 def _drives(configs: Path, *, realtime: bool) -> Generator[Machinery]:
     """Run virtual drives alone, and write a configuration for a core on their bus."""
-    folder = Path(tempfile.mkdtemp(prefix="gaitd-bench-", dir=memory_folder()))
-    made = Machinery(configs, folder, Tempo(wall_clock=True))
-    if not realtime:
-        rewrite(made.config, {"realtime_priority": "0"})
-    try:
+    with (
+        tempfile.TemporaryDirectory(prefix="gaitd-bench-", dir=memory_folder()) as folder,
+        Machinery(configs, Path(folder), Tempo(wall_clock=True)) as made,
+    ):
+        if not realtime:
+            edit(made.config.parent, {made.config.name: {"cycle.realtime_priority": 0}})
         made.start("sim")
         made.time.take()
         yield made
-    finally:
-        made.end()
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextlib.contextmanager
 def _subject(master: Master, made: Machinery) -> Generator[Subject]:
     if master.ours:
-        made.start("core")
+        core = made.start("core")
         made.start("gateway")
-        yield Subject(
-            lambda: made.pid("core"),
-            lambda: _operate(made),
-            lambda: made.check("core"),
-            lambda: made.words("core"),
-            retry_s=0.5,
-            start_s=0.0,
-        )
+        yield Subject(core, lambda: _operate(made), retry_s=0.5, start_s=0.0)
         return
     eds = made.config.parent / "drives" / "epos4.eds"
     arguments = [str(PEER), "--channel", str(made.channel), "--eds", str(eds)]
     arguments += ["--fifo"] if master.realtime else []
-    log = made.folder / "peer.log"
-    peer = ManagedProcess(master.name, arguments, log, program=())
+    peer = ManagedProcess(master.name, arguments, made.folder / "peer.log")
     try:
-        yield Subject(
-            lambda: peer.pid,
-            lambda: peer.signal(signal.SIGUSR1),
-            peer.check,
-            peer.last_words,
-            retry_s=3.0,
-            start_s=PEER_START_S,
-        )
+        recover = partial(peer.send_signal, signal.SIGUSR1)
+        yield Subject(peer, recover, retry_s=3.0, start_s=PEER_START_S)
     finally:
-        peer.end(5.0)
+        peer.end()
 
 
 def _operate(made: Machinery) -> None:
     """Send the operator's next request towards hold."""
-    answer = ask(made.target, "status", {})
-    if answer.text is None:
-        return
-    mode = json.loads(answer.text).get("safety", {}).get("mode")
-    name = {"fault": "reset", "ready": "enable"}.get(mode)
+    status = ask(made.target, "status", {}).decode(wire.Status)
+    name = {"fault": "reset", "ready": "enable"}.get((status and status.safety.mode) or "")
     if name is not None:
         ask(made.target, name, {"client": "gaitd bench"})
 

@@ -13,7 +13,6 @@ from numba.core.runtime import nrt
 from analysis.replay import setup_for
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Robot
-from observer.filter.leg_memory import MEMORY_SIZE, POINTS_SIZE, SCRATCH_SIZE
 from observer.filter.leg_model import STEP_S
 from observer.filter.leg_observer import LegObserver, Setup
 from observer.offline.batch import BatchEstimates, Columns, run
@@ -109,7 +108,7 @@ def memory(leg: LegObserver, columns: Columns) -> Memory:
         _compiled_allocations(steps),
         _kept(before, after),
         peak,
-        (MEMORY_SIZE + SCRATCH_SIZE + POINTS_SIZE) * DOUBLE_BYTES,
+        sum(buffer.nbytes for buffer in leg.buffers),
         _row_bytes(made),
     )
 

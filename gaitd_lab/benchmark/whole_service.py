@@ -27,11 +27,9 @@ import zenoh
 
 from daemon import wire
 from daemon.ipc.record import CycleRecord
-from gaitd.remote import client_config
+from gaitd.remote import open_client
 from gaitd_lab.benchmark import bare_put
-from gaitd_lab.demonstration.script import ActError
-from gaitd_lab.demonstration.stage import Tempo
-from gaitd_lab.processes import free_ports, tied
+from gaitd_lab.processes import ServiceError, Tempo, free_port, tied
 from gaitd_lab.soak.machinery import Machinery, RecordTail, machinery, until_ready, warm_up
 from gaitd_lab.soak.memory import sample
 
@@ -87,19 +85,19 @@ def measure(configs: Path, seconds: float) -> Service:
     """Start everything twice: the first start warms the caches.
 
     Raises:
-        ActError: a process ended, or the service was not ready in time.
+        ServiceError: a process ended, or the service was not ready in time.
     """
     warm_up(configs)
     with machinery(configs, Tempo(wall_clock=True)) as made:
         ready_s = until_ready(made, READY_WITHIN_S)
         filled_s = time.monotonic() + FILLED_S
-        _step_back(made.pid("sim"))
+        _step_back(made.parts["sim"].pid)
         delivery, size = _delivery(made, seconds)
         bare = bare_puts(size, seconds)
         time.sleep(max(filled_s - time.monotonic(), 0.0))
-        core, gateway = (sample(made.pid(part), 0.0) for part in ("core", "gateway"))
+        core, gateway = (sample(made.parts[part].pid, 0.0) for part in ("core", "gateway"))
     if core is None or gateway is None:
-        raise ActError("core or gateway has ended")
+        raise ServiceError("core or gateway has ended")
     ratio = delivery.beyond.median_us / bare.median_us
     return Service(ready_s, core.rss_mb, gateway.rss_mb, core.ring_mb, delivery, bare, ratio)
 
@@ -127,9 +125,9 @@ def _delivery(made: Machinery, seconds: float) -> tuple[Delivery, int]:
     came: list[Came] = []
     health: list[Came] = []
     records: list[CycleRecord] = []
-    tail = RecordTail(made.ring)
+    tail = RecordTail(made.ring_path)
     tail.read()
-    with zenoh.open(client_config(made.target.endpoints)) as session:
+    with open_client(made.target.endpoints) as session:
         trainer = made.target.trainer
         _subscribe(session, wire.key(trainer, made.leg, "estimate"), came)
         _subscribe(session, wire.key(trainer, wire.HEALTH), health)
@@ -143,7 +141,9 @@ def _delivery(made: Machinery, seconds: float) -> tuple[Delivery, int]:
         if told.gateway_estimate_p50_us is not None
     ]
     if not gateways_us:
-        raise ActError(f"none of {len(health)} messages of health says how long an estimate took")
+        raise ServiceError(
+            f"none of {len(health)} messages of health says how long an estimate took"
+        )
     return divide(came, records, statistics.median(gateways_us)), len(came[-1].payload)
 
 
@@ -151,7 +151,7 @@ def divide(came: Sequence[Came], records: Sequence[CycleRecord], gateway_us: flo
     """Match messages with the records they were made from, by cycle.
 
     Raises:
-        ActError: they have no cycle in common.
+        ServiceError: they have no cycle in common.
     """
     # A record contains the work of the previous cycle.
     works_ns = {record.cycle - 1: record.timing.work_ns for record in records}
@@ -164,7 +164,7 @@ def divide(came: Sequence[Came], records: Sequence[CycleRecord], gateway_us: flo
             work_ns = works_ns[record.cycle]
             rows.append((whole_ns, work_ns, whole_ns - work_ns, one.zenoh_ns))
     if not rows:
-        raise ActError(f"none of {len(came)} messages belongs to one of {len(records)} records")
+        raise ServiceError(f"none of {len(came)} messages belongs to one of {len(records)} records")
     seams_ns = [beyond - zenoh_ns - gateway_us * NS_PER_US for *_, beyond, zenoh_ns in rows]
     whole, work, beyond, zenoh_part = map(spread, zip(*rows, strict=True))
     return Delivery(whole, work, beyond, spread(seams_ns), gateway_us, zenoh_part)
@@ -191,16 +191,18 @@ def bare_puts(size: int, seconds: float) -> Spread:
     """Measure put to callback of a process that does nothing else.
 
     Raises:
-        ActError: no message came.
+        ServiceError: no message came.
     """
-    endpoint = f"tcp/127.0.0.1:{free_ports(1)[0]}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     words = ("-m", bare_put.__name__, endpoint, str(size), str(seconds + CONNECT_S))
     came: list[Came] = []
     with subprocess.Popen(tied(*words)) as putting:
         time.sleep(CONNECT_S)
-        with zenoh.open(client_config((endpoint,))) as session:
+        with open_client((endpoint,)) as session:
             _subscribe(session, bare_put.KEY, came)
             putting.wait()
     if not came:
-        raise ActError(f"a process that only puts ended with {putting.returncode}: nothing came")
+        raise ServiceError(
+            f"a process that only puts ended with {putting.returncode}: nothing came"
+        )
     return spread([one.time_ns - bare_put.stamp_of(one.payload) for one in came])

@@ -112,8 +112,9 @@ class Audience:
         """Try to connect once; False if the service does not listen."""
         if self._session is not None:
             return True
-        self._session = open_client(self._target.endpoints)
-        if self._session is None:
+        try:
+            self._session = open_client(self._target.endpoints)
+        except zenoh.ZError:
             return False
         self._subscribe(self._session)
         return True

@@ -6,22 +6,16 @@ the speed of this computer: requests reach the gateway before time passes, and t
 the cycles up to the same instant on each run.
 """
 
-import json
-import threading
 import time
 from pathlib import Path
 from typing import Final, Protocol
 
-import zenoh
-
 from daemon import wire
-from gaitd.remote import ANSWER_TIMEOUT_S, Target, open_client
 from gaitd_lab.demonstration.feed import HEARD, TRUE, Audience, Track, TruthTail
 from gaitd_lab.demonstration.judgement import Span, judge, pairs
 from gaitd_lab.demonstration.picture import Results
 from gaitd_lab.demonstration.script import (
     Act,
-    ActError,
     Action,
     Ask,
     Kind,
@@ -32,13 +26,14 @@ from gaitd_lab.demonstration.script import (
     gait_act,
     paper_act,
 )
-from gaitd_lab.demonstration.stage import Stage, Tempo, stage
+from gaitd_lab.demonstration.stage import Stage, stage
 from gaitd_lab.demonstration.view import Moment
+from gaitd_lab.processes import ServiceError, Tempo
+from gaitd_lab.requests import Requests
 from observer.jit import is_cached
 
 CLIENT: Final = "gaitd demo"
 """Client name in the requests."""
-TAKEN_WITHIN_S: Final = 2.0
 SETTLE_S: Final = 0.3
 """Time after an act for its last messages and rows of truth."""
 BEFORE: Final = Scene("the virtual drives and the service start", Kind.INTERLUDE)
@@ -58,70 +53,6 @@ class Screen(Protocol):
     def scene(self, scene: Scene) -> None:
         """Begin a scene."""
         ...
-
-
-class Requests:
-    """At most one pending request to the service, over a session of its own."""
-
-    def __init__(self, target: Target) -> None:
-        """Start without a request."""
-        self._target = target
-        self._session: zenoh.Session | None = None
-        self._replies: list[str] = []
-        self._is_answered = threading.Event()
-
-    def ask(self, request: Ask) -> None:
-        """Send a request; the outcome of an earlier one is dropped.
-
-        The gateway has the request when this returns: it processes queries in order, and two later
-        ones have been answered. The core therefore takes it with the next cycle, on each run.
-
-        Raises:
-            ActError: the service refuses the session.
-        """
-        replies: list[str] = []
-        is_answered = threading.Event()
-        self._replies, self._is_answered = replies, is_answered
-
-        def take(reply: zenoh.Reply) -> None:
-            sample = reply.ok or reply.err
-            if sample is not None and str(sample.encoding).startswith("application/json"):
-                replies.append(sample.payload.to_string())
-
-        session = self._opened()
-        session.get(
-            self._key(request.name),
-            zenoh.handlers.Callback(take, is_answered.set),
-            payload=json.dumps({"client": CLIENT, **request.payload}),
-            timeout=ANSWER_TIMEOUT_S,
-        )
-        for _ in range(2):
-            for _reply in session.get(self._key("status"), timeout=TAKEN_WITHIN_S):
-                pass
-
-    def outcome(self) -> tuple[str | None, str]:
-        """Return outcome and reason; None until the answer."""
-        if not self._is_answered.is_set():
-            return None, ""
-        if not self._replies:
-            return "unanswered", "another trainer, or it hangs"
-        reply = json.loads(self._replies[0])
-        return reply.get("outcome", "refused"), reply.get("reason", "")
-
-    def close(self) -> None:
-        """Close the session; a pending answer is not waited for."""
-        if self._session is not None:
-            self._session.close()
-
-    def _key(self, name: str) -> str:
-        return wire.key(self._target.trainer, wire.CONTROL, name)
-
-    def _opened(self) -> zenoh.Session:
-        if self._session is None:
-            self._session = open_client(self._target.endpoints)
-        if self._session is None:
-            raise ActError("the service does not accept a client any more")
-        return self._session
 
 
 class Performance:
@@ -149,7 +80,7 @@ class Performance:
             self._act(gait_act(self._plan), empty=False)
             if self._plan.paper_s > 0:
                 self._act(paper_act(self._plan), empty=True)
-        except ActError as error:
+        except ServiceError as error:
             where = f"; logs, truth and black box are in {error.folder}" if error.folder else ""
             trouble = f"{error}{where}"
         except KeyboardInterrupt:
@@ -161,32 +92,32 @@ class Performance:
 
     def _act(self, act: Act, *, empty: bool) -> None:
         with stage(self._configs, empty=empty, tempo=self._tempo, begin_ns=self._now_ns) as where:
-            tail = TruthTail(where.truth, self._true)
-            outstanding = Requests(where.target)
+            tail = TruthTail(where.truth_path, self._true)
+            requests = Requests(where.target, CLIENT)
             audience = Audience(where.target, where.leg, self._heard, where.time)
             self._look_at(where)
             self._begin_scene(_first_scene())
             try:
                 with audience:
-                    self._turns(act, where, audience, tail, outstanding)
-            except ActError as error:
+                    self._turns(act, where, audience, tail, requests)
+            except ServiceError as error:
                 if stopped := where.stopped():
-                    raise ActError(f"{error}; {', '.join(stopped)}") from error
+                    raise ServiceError(f"{error}; {', '.join(stopped)}") from error
                 raise
             finally:
                 if audience.health is not None and self._tempo.wall_clock:
                     self._health.append(audience.health)
-                outstanding.close()
+                requests.close()
                 tail.read()
                 tail.close()
 
     def _turns(
-        self, act: Act, where: Stage, audience: Audience, tail: TruthTail, outstanding: Requests
+        self, act: Act, where: Stage, audience: Audience, tail: TruthTail, requests: Requests
     ) -> None:
         action = next(act)
         over = False
         while not over:
-            self._do(action, where, outstanding)
+            self._do(action, where, requests)
             where.check()
             audience.connect()
             tail.read()
@@ -195,7 +126,7 @@ class Performance:
             self._look_at(where)
             audience.catch_up(self._now_ns)
             now = audience.situation(
-                self._now_ns, where.time.began_ns or self._now_ns, *outstanding.outcome()
+                self._now_ns, where.time.began_ns or self._now_ns, *requests.outcome()
             )
             action, over = _next(act, now)
         time.sleep(SETTLE_S)
@@ -203,11 +134,11 @@ class Performance:
     def _look_at(self, where: Stage) -> None:
         self._now_ns = where.time.now_ns()
 
-    def _do(self, action: Action, where: Stage, outstanding: Requests) -> None:
+    def _do(self, action: Action, where: Stage, requests: Requests) -> None:
         if isinstance(action, Ask):
-            outstanding.ask(action)
+            requests.ask(action)
         elif isinstance(action, Patient):
-            where.patient(action.programme)
+            where.inject(f"patient {action.programme}")
         elif isinstance(action, Scene):
             self._begin_scene(action)
 

@@ -2,14 +2,15 @@
 
 An act receives a `Situation` several times a second and yields the next action, or None to wait. It
 uses no clock, socket or process, so a test can run it without delay. An unexpected stop, a refusal
-or missing messages end it with `ActError`.
+or missing messages end it with `ServiceError`.
 """
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from enum import Enum
-from pathlib import Path
 from typing import Any, Final, NamedTuple
+
+from gaitd_lab.processes import ServiceError
 
 READY_WITHIN_S: Final = 900.0
 """Time limit of the start; the first start compiles the observer's kernels: 40 s of an idle
@@ -29,13 +30,6 @@ that each run in simulated time has the same frames and the same errors.
 SILENCE_MAX_S: Final = 5.0
 STOPPED: Final = frozenset({"stopping", "fault"})
 UNPOWERED: Final = frozenset({"off", "bringing_up"})
-
-
-class ActError(Exception):
-    """The demonstration cannot continue; the message gives the reason to the operator."""
-
-    folder: Path | None = None
-    """Folder of logs, truth and black box of the act, once it has ended."""
 
 
 class Situation(NamedTuple):
@@ -198,7 +192,7 @@ def _asked(name: str, payload: dict[str, Any]) -> Playing:
     while now.outcome is None:
         now = yield from _look(None)
     if now.outcome != "done":
-        raise ActError(f"{name} {now.outcome}: {now.reason}")
+        raise ServiceError(f"{name} {now.outcome}: {now.reason}")
     return now
 
 
@@ -224,11 +218,11 @@ def _until(
     since_s = now.now_s
     while not reached(now):
         if powered and now.mode in UNPOWERED:
-            raise ActError(
+            raise ServiceError(
                 f"no {what}: the drives are {now.mode}, {now.verdict or 'no cause said'}"
             )
         if now.now_s - since_s > within_s:
-            raise ActError(f"no {what} within {within_s:g} s; the mode is {now.mode}")
+            raise ServiceError(f"no {what} within {within_s:g} s; the mode is {now.mode}")
         now = yield from _look(None)
     return now
 
@@ -236,7 +230,7 @@ def _until(
 def _look(action: Action) -> Playing:
     now = yield action
     if now.mode in STOPPED and now.verdict:
-        raise ActError(f"the service stopped: {now.verdict}")
+        raise ServiceError(f"the service stopped: {now.verdict}")
     if now.heard_s is not None and now.now_s - now.heard_s > SILENCE_MAX_S:
-        raise ActError(f"no word from the service for {SILENCE_MAX_S:g} s")
+        raise ServiceError(f"no word from the service for {SILENCE_MAX_S:g} s")
     return now

@@ -6,31 +6,30 @@ The replaced parts of the core are replaced in a fork that ends with its cell.
 from typing import Final, NoReturn
 
 from daemon.core import cycle_record
+from daemon.core.exercises.exercise import Reference
 from daemon.core.modes.persistent_state import PersistentState
-from daemon.core.motion import leg_plan
-from daemon.core.motion.trajectory import Reference
-from daemon.core.state import Core, Leg
+from daemon.core.state import Leg
+from daemon.core.steps import exercises
 from gaitd_lab.fault_matrix.kinds import MS, NAN, Play, Scene, nothing, undo
-from observer.filter.states import STATE_COUNT
 
 
 def nan_in_guidance() -> Play:
     """The planned position of one axis becomes NaN."""
 
     def begin(scene: Scene, axis: str) -> None:
-        original = leg_plan.reference_of
+        original = exercises.reference_of
         index = 0 if axis.endswith("hip") else 1
 
-        def broken(core: Core, leg: Leg) -> Reference | None:
-            wanted = original(core, leg)
+        def broken(leg: Leg) -> Reference | None:
+            wanted = original(leg)
             if wanted is None:
                 return None
             position = list(wanted.position)
             position[index] = NAN
             return wanted._replace(position=(position[0], position[1]))
 
-        leg_plan.reference_of = broken
-        scene.undo.append(lambda: setattr(leg_plan, "reference_of", original))
+        exercises.reference_of = broken
+        scene.undo.append(lambda: setattr(exercises, "reference_of", original))
 
     return Play(begin, undo)
 
@@ -56,8 +55,8 @@ def observer_state(value: float) -> Play:
 
     def begin(scene: Scene, _axis: str) -> None:
         for leg in scene.core.legs:
-            memory, _, _ = leg.observer.buffers
-            memory[:STATE_COUNT] = value
+            memory, _ = leg.observer.buffers
+            memory["mean"][:] = value
 
     return Play(begin, nothing)
 

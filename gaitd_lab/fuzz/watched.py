@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from sim_drives.canopen.node import Node
 from sim_drives.cia402.power_state import PowerState
+from sim_drives.node import Node
 
 
 class AxisRules(NamedTuple):

@@ -1,107 +1,78 @@
 """The processes of a soak: virtual drives, core and gateway, each restarted when required."""
 
 import contextlib
-import shutil
 import signal
 import tempfile
 import time
-import tomllib
 from collections import Counter
-from collections.abc import Generator
+from collections.abc import Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 from daemon.ipc.record import CycleRecord, Mode
-from daemon.ipc.transport import RING_NAME, RingError, RingReader
-from gaitd.remote import Target
-from gaitd_lab.demonstration.script import ActError
-from gaitd_lab.demonstration.stage import (
-    BUS,
-    DRIVES_END_S,
-    SERVICE_END_S,
-    STOPPED,
+from daemon.ipc.transport import RingError, RingReader
+from gaitd_lab.processes import (
+    GAITD,
     ManagedProcess,
+    ServiceError,
+    ServiceProcesses,
     Tempo,
-    write_configs,
+    memory_folder,
 )
-from gaitd_lab.processes import memory_folder
 from gaitd_lab.soak.passing import Passing
-from sim_drives.time.server import process_state
+from simtime.processes import STOPPED, process_state
 
 PARTS: Final = ("sim", "core", "gateway")
 """Names in the order of their start."""
-_ENDING: Final = ("core", "gateway", "sim")
 _COMPILED_WITHIN_S: Final = 300.0
 _POLL_S: Final = 0.01
 AT_REST: Final = "S"
 """State of a process that waits, as in proc(5)."""
 _STATE_WITHIN_S: Final = 5.0
+_AXES: Final = ("hip", "slide")
 
 
-class Machinery:
-    """All processes of one soak, in one folder."""
+class Machinery(ServiceProcesses):
+    """All processes of one soak, and its time."""
 
     def __init__(self, configs: Path, folder: Path, tempo: Tempo) -> None:
         """Prepare; `start` begins."""
-        self.folder, self._tempo = folder, tempo
-        self.config, endpoint = write_configs(configs, folder / "configs", empty=False)
-        table = tomllib.loads(self.config.read_text(encoding="utf-8"))
-        self.target = Target((endpoint,), table["zenoh"]["trainer"])
-        self.leg: str = table["leg"][0]["name"]
-        self.drives = tuple(f"{leg['name']}/{axis}" for leg in table["leg"] for axis in _AXES)
-        self.channel = folder / BUS
+        super().__init__(folder, configs, tempo=tempo)
+        self.drives = tuple(f"{leg['name']}/{axis}" for leg in self.table["leg"] for axis in _AXES)
         self.time = Passing(self.channel, wall_clock=tempo.wall_clock)
-        self.ring = folder / "run" / RING_NAME
-        self._parts: dict[str, ManagedProcess] = {}
         self._expected_dead: set[str] = set()
         self.start_count: Counter[str] = Counter()
-        self.exit_codes: dict[str, int] = {}
-        """True at the end of the soak."""
         self.endings: list[str] = []
         """Unexpected ends of processes, each one line."""
 
-    def start(self, part: str) -> None:
-        """Start one of PARTS."""
-        arguments = [part, "--config", str(self.config)]
-        if part == "sim":
-            arguments += self._tempo.arguments
+    def start(
+        self,
+        part: str,
+        *arguments: str,
+        program: Sequence[str] = GAITD,
+        environment: Mapping[str, str] | None = None,
+    ) -> ManagedProcess:
+        """Start one of PARTS, and count it."""
         self._expected_dead.discard(part)
         self.start_count[part] += 1
-        log = self.folder / f"{part}{self.start_count[part]}.log"
-        self._parts[part] = ManagedProcess(f"gaitd {part}", arguments, log)
+        arguments += self.time_arguments if part == "sim" else ()
+        return super().start(part, *arguments, program=program, environment=environment)
 
-    def pid(self, part: str) -> int:
-        """Process id of the present or the last process."""
-        return self._parts[part].pid
-
-    def check(self, part: str) -> None:
-        """Check that the process is alive.
-
-        Raises:
-            ActError: it is not.
-        """
-        self._parts[part].check()
-
-    def words(self, part: str) -> str:
-        """Return the last output of a process."""
-        return self._parts[part].last_words()
-
-    def kill(self, part: str) -> None:
-        """Send SIGKILL and wait for the end. `start` starts the process again."""
+    def kill(self, part: str, number: int = signal.SIGKILL) -> None:
+        """End a process by a signal, which is expected. `start` starts it again."""
         self._expected_dead.add(part)
-        self._parts[part].signal(signal.SIGKILL)
-        self._parts[part].end(SERVICE_END_S)
+        super().kill(part, number)
 
     def halt(self, part: str, *, on: bool) -> None:
         """Stop a process, or let it continue until it waits again.
 
         No simulated time passes meanwhile, so a halt has exactly its duration.
         """
-        troupe = self._parts[part]
-        troupe.signal(signal.SIGSTOP if on else signal.SIGCONT)
+        process = self.parts[part]
+        process.send_signal(signal.SIGSTOP if on else signal.SIGCONT)
         wanted, end_s = STOPPED if on else AT_REST, time.monotonic() + _STATE_WITHIN_S
-        while process_state(troupe.pid) != wanted and time.monotonic() < end_s:
-            if troupe.exit_code() is not None:
+        while process_state(process.pid) != wanted and time.monotonic() < end_s:
+            if process.poll() is not None:
                 break
             time.sleep(_POLL_S / 10)
 
@@ -111,37 +82,28 @@ class Machinery:
         Not the virtual drives: without them there is no time.
         """
         for part in PARTS[1:]:
-            troupe = self._parts[part]
-            code = troupe.exit_code()
-            if code is not None and part not in self._expected_dead:
-                self.endings.append(f"gaitd {part} ended with {code}: {troupe.last_words()}")
+            process = self.parts[part]
+            if process.poll() is not None and part not in self._expected_dead:
+                ended = f"gaitd {part} ended with {process.returncode}"
+                self.endings.append(f"{ended}: {process.last_output()}")
                 self.start(part)
 
     def end(self) -> None:
-        """End all running processes."""
+        """End all running processes; simulated time passes by itself meanwhile."""
         self.time.close()
-        for part in _ENDING:
-            if part in self._parts:
-                self._parts[part].signal(signal.SIGCONT)
-                patience_s = DRIVES_END_S if part == "sim" else SERVICE_END_S
-                self.exit_codes[part] = self._parts[part].end(patience_s)
-
-
-_AXES: Final = ("hip", "slide")
+        super().end()
 
 
 @contextlib.contextmanager
 def machinery(configs: Path, tempo: Tempo) -> Generator[Machinery]:
     """Run virtual drives, core and gateway; they are ended in every case."""
-    folder = Path(tempfile.mkdtemp(prefix="gaitd-soak-", dir=memory_folder()))
-    made = Machinery(configs, folder, tempo)
-    try:
+    with (
+        tempfile.TemporaryDirectory(prefix="gaitd-soak-", dir=memory_folder()) as folder,
+        Machinery(configs, Path(folder), tempo) as made,
+    ):
         for part in PARTS:
             made.start(part)
         yield made
-    finally:
-        made.end()
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 class RecordTail:
@@ -193,24 +155,23 @@ def until_ready(made: Machinery, within_s: float) -> float:
     """Return the seconds from the core's start, which is the call, until it is ready.
 
     Raises:
-        ActError: a process has ended, or the service was not ready in time.
+        ServiceError: a process has ended, or the service was not ready in time.
     """
     begun_s = time.monotonic()
-    tail = RecordTail(made.ring)
+    tail = RecordTail(made.ring_path)
     while time.monotonic() < begun_s + within_s:
-        for part in PARTS:
-            made.check(part)
+        made.check()
         if any(record.mode == Mode.READY for record in tail.read()):
             return time.monotonic() - begun_s
         time.sleep(_POLL_S)
-    raise ActError(f"not ready within {within_s:g} s: {made.words('core')}")
+    raise ServiceError(f"not ready within {within_s:g} s: {made.parts['core'].last_output()}")
 
 
 def warm_up(configs: Path) -> None:
     """Start everything once: a core that had to compile keeps the compiler's memory.
 
     Raises:
-        ActError: as `until_ready`.
+        ServiceError: as `until_ready`.
     """
     with machinery(configs, Tempo()) as made:
         until_ready(made, _COMPILED_WITHIN_S)

@@ -17,9 +17,6 @@ REST_S: Final = 0.7
 AGAIN_S: Final = 1.0
 """Delay after a refusal, for example because a leg still moves."""
 
-UNREFERENCED: Final = "not referenced"
-"""Text in a refusal."""
-
 
 class Situation(NamedTuple):
     """Input of the operator."""
@@ -32,6 +29,8 @@ class Situation(NamedTuple):
     outcome: str | None
     """Outcome of the newest request; None while it is pending."""
     reason: str = ""
+    referenced: bool = True
+    """False if a drive does not know its position."""
 
 
 class Operator:
@@ -64,7 +63,7 @@ class Operator:
     def _note(self, now: Situation) -> None:
         reason = f": {now.reason}" if now.outcome != "done" and now.reason else ""
         self.outcomes[f"{self._asked} {now.outcome}{reason}"] += 1
-        self._unreferenced = UNREFERENCED in reason
+        self._unreferenced = now.outcome == "refused" and not now.referenced
         self._asked = None
         self._not_before_s = now.now_s + (REST_S if now.outcome == "done" else AGAIN_S)
 

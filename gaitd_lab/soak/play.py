@@ -9,15 +9,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
-import zenoh
-
 from daemon import wire
-from gaitd.remote import Target, client_config
+from gaitd.remote import Target, open_client
+from gaitd_lab.requests import Requests
 from gaitd_lab.soak import memory
 from gaitd_lab.soak.happenings import DEATHS_RATIO, Actor, Chances, Happening
 from gaitd_lab.soak.machinery import PARTS, Machinery, RecordTail
 from gaitd_lab.soak.operator import Operator, Situation
-from gaitd_lab.soak.outstanding import Outstanding
 from gaitd_lab.soak.witness import Tally, Witness
 from simtime.link import LinkLostError
 
@@ -91,8 +89,8 @@ class Soak:
         self._made, self._seed, self._duration_s, self._say = made, seed, duration_s, say
         self._chances = Chances(seed, made.drives)
         self._operator = Operator(self._chances.walk)
-        self._outstanding = Outstanding(made.target, "gaitd soak")
-        self._tail = RecordTail(made.ring)
+        self._requests = Requests(made.target, "gaitd soak")
+        self._tail = RecordTail(made.ring_path)
         self._witness = Witness()
         self._memory: dict[str, list[memory.Sample]] = {part: [] for part in PARTS}
         self._time = made.time
@@ -124,12 +122,12 @@ class Soak:
         except StuckError as error:
             trouble = str(error)
         except LinkLostError as error:
-            trouble = f"{error}: {self._made.words('sim')}"
+            trouble = f"{error}: {self._made.parts['sim'].last_output()}"
         finally:
             self._flood.end()
             passed_s = self._time.now_s() - self._begun_s
             self._time.close()
-            self._outstanding.close()
+            self._requests.close()
         wall_s = time.monotonic() - begun_wall_s
         self._made.end()
         return self._soaked(passed_s, wall_s, trouble)
@@ -151,7 +149,7 @@ class Soak:
             start_count=self._made.start_count,
             endings=self._made.endings,
             record_lost_count=self._tail.lost_count,
-            exit_codes=self._made.exit_codes,
+            exit_codes={name: one.returncode for name, one in self._made.parts.items()},
             realtime=self._realtime,
             trouble=trouble,
             flooded_count=self._flood.sent_count,
@@ -165,7 +163,7 @@ class Soak:
     def _until_walking(self) -> None:
         while not self._witness.walks:
             self._turn()
-        self._realtime = os.sched_getscheduler(self._made.pid("core")) in _REALTIME
+        self._realtime = os.sched_getscheduler(self._made.parts["core"].pid) in _REALTIME
 
     def _turn(self) -> None:
         happening = self._happening
@@ -199,7 +197,7 @@ class Soak:
             return
         self._sampled_s = now_s
         for part in PARTS:
-            found = memory.sample(self._made.pid(part), now_s)
+            found = memory.sample(self._made.parts[part].pid, now_s)
             if found is not None:
                 self._memory[part].append(found)
 
@@ -297,12 +295,13 @@ class Soak:
 
     def _operate(self, now_s: float) -> None:
         newest = self._witness.newest
-        outcome, reason = self._outstanding.outcome()
+        outcome, reason = self._requests.outcome()
         mode = newest.mode if newest else None
-        now = Situation(now_s, mode, self._healed, outcome, reason)
+        referenced = newest is None or all(drive.referenced for drive in newest.drives)
+        now = Situation(now_s, mode, self._healed, outcome, reason, referenced)
         asked = self._operator.next(now)
         if asked is not None:
-            self._outstanding.ask(asked)
+            self._requests.ask(asked)
 
 
 class Flood:
@@ -334,7 +333,7 @@ class Flood:
             self._thread = None
 
     def _send(self, duration_s: float) -> None:
-        with zenoh.open(client_config(self._target.endpoints)) as session:
+        with open_client(self._target.endpoints) as session:
             name = wire.key(self._target.trainer, self._leg, wire.SETPOINT)
             end_s = time.monotonic() + duration_s
             while time.monotonic() < end_s and not self._over.is_set():

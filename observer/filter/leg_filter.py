@@ -1,7 +1,7 @@
 """One cycle of the leg observer as one compiled function: predict, gate, correct, check, report.
 
 Live operation (`leg_observer.py`) and replay (`batch.py`) call the same `advance`, so a replay
-gives the same bits. All state from one cycle to the next is in one flat array, `memory`.
+gives the same bits. All state from one cycle to the next is in one record, `memory`.
 
 Processing of a sample, in this order:
 1. A torque or position that is not finite is not used; the cycle is only predicted, with the last
@@ -19,6 +19,7 @@ Processing of a sample, in this order:
 """
 
 import math
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -26,21 +27,12 @@ from numpy.typing import NDArray
 
 from observer.filter.cdkf import STEP, compress, correct, innovate, spread
 from observer.filter.leg_memory import (
-    EFFORT,
-    EVENT,
-    GATED,
-    NIS_MEAN,
-    PREDICTED,
-    PUSH,
-    SPLIT,
-    STARTED,
     STEPPED,
-    Arrays,
+    LegMemory,
     N,
-    arrays_in,
     begin_cycle,
+    copy_estimate,
     effort_acting,
-    fill,
     is_lost,
     lose,
     may_start,
@@ -136,8 +128,7 @@ def advance(
     options_of: tuple[float, ...],
     process_std: Vector,
     measurement_std: Vector,
-    memory: Vector,
-    scratch: Vector,
+    memory_of: Sequence[LegMemory],
     points: Vector,
     position_hip: float,
     position_slide: float,
@@ -150,12 +141,11 @@ def advance(
     """Run one cycle; return Status and the Validity of hip and slide. Numbers go to `out`.
 
     Physics and Options are plain tuples of floats, which are faster to pass than named ones.
-    `process_std` (N) is per step of STEP_S, `measurement_std` (2) in rad, m. `memory` (MEMORY_SIZE)
-    is the state after the previous cycle, zero before the first; `scratch` (SCRATCH_SIZE) and
-    `points` (POINTS_SIZE) need no content. Positions are measured now (rad, m; not finite if
-    missing), efforts acted since the previous cycle (N m, N), `dt_s` ago. `caller_bits` are the
-    Status bits that only the caller can know. `out` (OUT_SIZE): mean, std, covariance, innovation,
-    nis, net and net std.
+    `process_std` (N) is per step of STEP_S, `measurement_std` (2) in rad, m. `memory_of` holds the
+    state after the previous cycle, zero before the first; `points` (POINTS_SIZE) need no content.
+    Positions are measured now (rad, m; not finite if missing), efforts acted since the previous
+    cycle (N m, N), `dt_s` ago. `caller_bits` are the Status bits that only the caller can know.
+    `out` (OUT_SIZE): mean, std, covariance, innovation, nis, net and net std.
     """
     options = Options(*options_of)
     model = LegModel(
@@ -165,38 +155,39 @@ def advance(
         coriolis_share,
         options.viscous_outside,
     )
-    arrays = arrays_in(memory, scratch, points)
+    memory = memory_of[0]
     begin_cycle(memory, dt_s)
     usable = take_efforts(memory, effort_hip, effort_slide)
     have_hip = usable and math.isfinite(position_hip)
     have_slide = usable and math.isfinite(position_slide)
-    fill(out, 0, OUT_SIZE, math.nan)
+    for i in range(OUT_SIZE):
+        out[i] = math.nan
     status = caller_bits
     if not 0.0 < dt_s <= LATE_RATIO * STEP_S:
         status |= LATE_BIT
-    if memory[STARTED] == 0.0 or dt_s > GAP_MAX_S or is_lost(memory):
+    if memory.started == 0.0 or dt_s > GAP_MAX_S or is_lost(memory):
         complete = have_hip and have_slide
         status |= _begin(model, options, memory, position_hip, position_slide, complete)
     elif dt_s > 0.0:
-        arrays.measured[0], arrays.measured[1] = position_hip, position_slide
-        status |= _predict(model, options, process_std, measurement_std, arrays, dt_s)
+        memory.measured[0], memory.measured[1] = position_hip, position_slide
+        status |= _predict(model, options, process_std, measurement_std, memory, points, dt_s)
         if (have_hip or have_slide) and not is_lost(memory):
             status |= _measure(
-                model, options, measurement_std, arrays, have_hip, have_slide, dt_s, out
+                model, options, measurement_std, memory, have_hip, have_slide, dt_s, out
             )
-    if memory[STARTED] == 0.0:
+    if memory.started == 0.0:
         return status | PREDICT_ONLY_BIT, BAD, BAD
-    _report(arrays, out)
+    _report(memory, out)
     return judge(model, memory, dt_s, status)
 
 
 @inline
 def _begin(
-    model: LegModel, options: Options, memory: Vector, hip: float, slide: float, complete: bool
+    model: LegModel, options: Options, memory: LegMemory, hip: float, slide: float, complete: bool
 ) -> int:
     """Start, or restart, at a complete sample of a possible pose; return status bits."""
     possible = complete and may_start(model.leg, hip, slide)
-    if memory[STARTED] == 0.0:
+    if memory.started == 0.0:
         if possible:
             begin_at_rest(model, options, memory, hip, slide)
     elif possible:
@@ -208,7 +199,7 @@ def _begin(
 
 @inline
 def begin_at_rest(
-    model: LegModel, options: Options, memory: Vector, hip: float, slide: float
+    model: LegModel, options: Options, memory: LegMemory, hip: float, slide: float
 ) -> None:
     """Start at a measured pose, at rest."""
     start(memory, hip, slide)
@@ -223,7 +214,8 @@ def _predict(
     options: Options,
     process_std: Vector,
     measurement_std: Vector,
-    a: Arrays,
+    m: LegMemory,
+    points: Vector,
     dt_s: float,
 ) -> int:
     """Time update over `dt_s`; return status bits. An impossible prediction is discarded."""
@@ -234,34 +226,33 @@ def _predict(
         options.patient_noise_max_ratio,
         (options.ripple_hip, options.ripple_slide),
         options.velocity_gated != 0.0,
-        a,
+        m,
         dt_s,
     )
-    for i in range(EFFORT):
-        a.backup[i] = a.memory[i]
-    spread(a.mean, a.root, STEP, N, LANES, a.points)
+    copy_estimate(m.mean, m.root, m.backup_mean, m.backup_root)
+    spread(m.mean, m.root, STEP, N, LANES, points)
     substeps = substeps_for(dt_s, int(options.substeps))
     step_s = dt_s / substeps
-    effort_hip = effort_acting(a.memory, 0, options.effort_delay_cycles)
-    effort_slide = effort_acting(a.memory, 1, options.effort_delay_cycles)
+    effort_hip = effort_acting(m, 0, options.effort_delay_cycles)
+    effort_slide = effort_acting(m, 1, options.effort_delay_cycles)
     outside = 0
     for _ in range(substeps):
         if options.integrator == RK4:
-            outside += runge_kutta(model, effort_hip, effort_slide, step_s, a.points)
+            outside += runge_kutta(model, effort_hip, effort_slide, step_s, points)
         else:
-            outside += semi_implicit(model, effort_hip, effort_slide, step_s, a.points)
-    compress(a.points, a.noise, STEP, N, LANES, a.mean, a.root, a.work)
-    rate = math.fabs(a.mean[2]) + math.fabs(a.mean[3])
-    for i in range(EFFORT):
-        rate += 0.0 * a.memory[i]  # NaN if that element is not finite
+            outside += semi_implicit(model, effort_hip, effort_slide, step_s, points)
+    compress(points, m.noise, STEP, N, LANES, m.mean, m.root, m.work)
+    rate = math.fabs(m.mean[2]) + math.fabs(m.mean[3])
+    for i in range(N):
+        rate += 0.0 * m.mean[i]  # NaN if that element is not finite
+        for j in range(N):
+            rate += 0.0 * m.root[i, j]
     if not rate < WILD_RATE:
-        for i in range(EFFORT):
-            a.memory[i] = a.backup[i]
-        lose(a.memory)
+        copy_estimate(m.backup_mean, m.backup_root, m.mean, m.root)
+        lose(m)
         return INCONSISTENT_BIT
-    a.memory[EVENT] = STEPPED
-    for i in range(EFFORT):
-        a.forecast[i] = a.memory[i]
+    m.event = STEPPED
+    copy_estimate(m.mean, m.root, m.forecast_mean, m.forecast_root)
     return OUT_OF_WORKSPACE_BIT if outside > 0 else 0
 
 
@@ -270,7 +261,7 @@ def _measure(
     model: LegModel,
     options: Options,
     measurement_std: Vector,
-    a: Arrays,
+    m: LegMemory,
     have_hip: bool,
     have_slide: bool,
     dt_s: float,
@@ -279,92 +270,94 @@ def _measure(
     """Measurement update by the axes that have a sample, or its rejection; return status bits."""
     count = 2 if have_hip and have_slide else 1
     picks = BOTH if count == 2 else (HIP_ONLY if have_hip else SLIDE_ONLY)
-    set_measurement_noise(measurement_std, options.sample_jitter_s, a)
+    set_measurement_noise(measurement_std, options.sample_jitter_s, m)
     nis = innovate(
-        a.mean,
-        a.root,
+        m.mean,
+        m.root,
         picks,
         count,
-        a.measured,
-        a.seen_std,
-        a.innovation,
-        a.innovation_root,
-        a.work,
+        m.measured,
+        m.seen_std,
+        m.innovation,
+        m.innovation_root,
+        m.work,
     )
-    gate_nis = options.gate_nis * max(1.0, a.memory[NIS_MEAN] / NIS_USUAL_MAX)
+    gate_nis = options.gate_nis * max(1.0, m.nis_mean / NIS_USUAL_MAX)
     per_two = min(nis, gate_nis) * 2.0 / count
-    a.memory[NIS_MEAN] += (per_two - a.memory[NIS_MEAN]) / NIS_WINDOW_SAMPLES
+    m.nis_mean += (per_two - m.nis_mean) / NIS_WINDOW_SAMPLES
     out[OUT_NIS] = nis
     for j in range(count):
-        out[OUT_INNOVATION + picks[j]] = a.innovation[j]
+        out[OUT_INNOVATION + picks[j]] = m.innovation[j]
     if not nis <= gate_nis:
-        return _reject(model, a, picks, count, dt_s)
+        return _reject(model, m, picks, count, dt_s)
     for j in range(count):
-        note_lean(a, picks[j], j)
+        note_lean(m, picks[j], j)
     correct(
-        a.mean,
-        a.root,
+        m.mean,
+        m.root,
         N,
         picks,
         count,
-        a.seen_std,
-        a.innovation,
-        a.innovation_root,
-        a.gain,
-        a.work,
+        m.seen_std,
+        m.innovation,
+        m.innovation_root,
+        m.gain,
+        m.work,
     )
-    a.memory[GATED] = 0.0
+    m.gated_cycles = 0.0
     for j in range(count):
-        a.memory[PREDICTED + picks[j]] = 0.0
+        m.predicted[picks[j]] = 0.0
     if options.velocity_gated != 0.0:
-        _bound_friction(model.hip, a, 0)
-        _bound_friction(model.slide, a, 1)
+        _bound_friction(model.hip, m, 0)
+        _bound_friction(model.slide, m, 1)
     return 0
 
 
 @inline
-def _bound_friction(f: FrictionParameters, a: Arrays, axis: int) -> None:
+def _bound_friction(f: FrictionParameters, m: LegMemory, axis: int) -> None:
     """Limit friction at rest to its breakaway level; the rest is assigned to the patient."""
-    if gate(f, a.mean[2 + axis]) < STANDSTILL_GATE:
-        friction = a.mean[4 + axis]
+    if gate(f, m.mean[2 + axis]) < STANDSTILL_GATE:
+        friction = m.mean[4 + axis]
         held = min(max(friction, -f.stribeck), f.stribeck)
-        a.mean[4 + axis] = held
-        a.mean[6 + axis] += held - friction
+        m.mean[4 + axis] = held
+        m.mean[6 + axis] += held - friction
 
 
 @inline
-def _reject(model: LegModel, a: Arrays, picks: NDArray[np.int64], count: int, dt_s: float) -> int:
+def _reject(
+    model: LegModel, m: LegMemory, picks: NDArray[np.int64], count: int, dt_s: float
+) -> int:
     """Count the rejection, and decide between a push and an encoder error; return status bits."""
-    a.memory[GATED] += 1.0
-    if a.memory[GATED] == 1.0:
-        a.memory[PUSH] = a.memory[PUSH + 1] = 0.0
+    m.gated_cycles += 1.0
+    if m.gated_cycles == 1.0:
+        m.push[0] = m.push[1] = 0.0
         largest = 0.0
         for j in range(count):
-            a.memory[PUSH + picks[j]] = 2.0 * math.fabs(a.innovation[j]) / (dt_s * dt_s)
-            largest = max(largest, a.memory[PUSH + picks[j]])
+            m.push[picks[j]] = 2.0 * math.fabs(m.innovation[j]) / (dt_s * dt_s)
+            largest = max(largest, m.push[picks[j]])
         if largest > PUSH_MAX:
-            a.memory[PUSH] = a.memory[PUSH + 1] = 0.0
+            m.push[0] = m.push[1] = 0.0
         else:
-            _distrust_pushed(model, a, picks, count)
-    too_many = a.memory[GATED] > GATED_MAX_IN_A_ROW
-    if too_many and count == 2 and may_start(model.leg, a.measured[0], a.measured[1]):
-        restart(a.memory, a.measured[0], a.measured[1], True)
+            _distrust_pushed(model, m, picks, count)
+    too_many = m.gated_cycles > GATED_MAX_IN_A_ROW
+    if too_many and count == 2 and may_start(model.leg, m.measured[0], m.measured[1]):
+        restart(m, m.measured[0], m.measured[1], True)
     return GATED_BIT
 
 
 @inline
-def _distrust_pushed(model: LegModel, a: Arrays, picks: NDArray[np.int64], count: int) -> None:
+def _distrust_pushed(model: LegModel, m: LegMemory, picks: NDArray[np.int64], count: int) -> None:
     """Mark the split of the pushed axes as unreliable."""
     for j in range(count):
         variance = 0.0
         for k in range(j + 1):
-            variance += a.innovation_root[j, k] * a.innovation_root[j, k]
-        if a.innovation[j] * a.innovation[j] > PUSHED_SIGMAS * PUSHED_SIGMAS * variance:
-            distrust_split(model.hip if picks[j] == 0 else model.slide, a.memory, picks[j])
+            variance += m.innovation_root[j, k] * m.innovation_root[j, k]
+        if m.innovation[j] * m.innovation[j] > PUSHED_SIGMAS * PUSHED_SIGMAS * variance:
+            distrust_split(model.hip if picks[j] == 0 else model.slide, m, picks[j])
 
 
 @inline
-def _report(a: Arrays, out: Vector) -> None:
+def _report(m: LegMemory, out: Vector) -> None:
     """Write state, standard deviations, covariance and net efforts to `out`.
 
     The uncertainty of the split of a joint at rest is included, wherever it is stored
@@ -372,20 +365,20 @@ def _report(a: Arrays, out: Vector) -> None:
     """
     at = OUT_COVARIANCE
     for row in range(N):
-        out[row] = a.mean[row]
+        out[row] = m.mean[row]
         for column in range(row + 1):
             total = 0.0
             for k in range(column + 1):
-                total += a.root[row, k] * a.root[column, k]
+                total += m.root[row, k] * m.root[column, k]
             if column >= 4 and (row - column) % 2 == 0:
-                total += a.memory[SPLIT + row % 2]
+                total += m.split[row % 2]
             out[at] = total
             at += 1
         out[OUT_STD + row] = math.sqrt(out[at - 1])
     for axis in range(2):
-        out[OUT_NET + axis] = a.mean[6 + axis] - a.mean[4 + axis]
+        out[OUT_NET + axis] = m.mean[6 + axis] - m.mean[4 + axis]
         total = 0.0
         for k in range(N):
-            difference = a.root[6 + axis, k] - a.root[4 + axis, k]
+            difference = m.root[6 + axis, k] - m.root[4 + axis, k]
             total += difference * difference
         out[OUT_NET_STD + axis] = math.sqrt(total)

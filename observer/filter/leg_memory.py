@@ -1,11 +1,12 @@
-"""State of the leg observer between two cycles: its layout, and its initial values.
+"""State of the leg observer between two cycles, its scratch memory, and the initial values.
 
-Everything is in flat arrays of floats: they are fast to pass to a compiled function, and a copy of
-one array is a snapshot.
+One record holds everything but the sigma points, whose loops the compiler vectorises only over an
+array of unknown length. A copy is a snapshot. Python passes the record as an array of one: a record
+by itself costs 4 us per call, because numpy describes all of its fields anew.
 """
 
 import math
-from typing import Final, NamedTuple
+from typing import Annotated, Any, Final, Protocol, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,40 +28,75 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 N: Final = STATE_COUNT
-
-# Places in `memory`: the mean first, then
-ROOT: Final = N
-EFFORT: Final = ROOT + N * N
-"""The last finite torque and force, followed by older ones."""
 EFFORTS: Final = 4
-"""For each axis, newest first: the newest effort, and older ones for a delay."""
-REST_S: Final = EFFORT + 2 * EFFORTS
-"""How long each axis has been at rest."""
-SETTLE_S: Final = REST_S + 2
-"""How much longer each axis has to move after a rest until its split is valid again."""
-QUIET_S: Final = SETTLE_S + 2
-"""How long each axis has certainly not moved (leg_noise.py)."""
-MARK: Final = QUIET_S + 2
-"""Position at which each axis was last detected to move."""
-SPLIT: Final = MARK + 2
-"""Variance of the share of a load between friction and patient, accumulated at rest."""
-LEAN: Final = SPLIT + 2
-"""Running mean of each axis' whitened innovations: 0 is white."""
-NIS_MEAN: Final = LEAN + 2
-STARTED: Final = NIS_MEAN + 1
-WARM_UP: Final = STARTED + 1
-"""Remaining cycles of warm-up."""
-DISTRUST: Final = WARM_UP + 1
-"""Remaining cycles in which a restart counts as inconsistent."""
-GATED: Final = DISTRUST + 1
-"""Number of consecutive rejected samples."""
-PUSH: Final = GATED + 1
-"""Unmodelled acceleration of each axis that would explain the rejected sample."""
-PREDICTED: Final = PUSH + 2
-"""Cycles since the last correction of each axis."""
-EVENT: Final = PREDICTED + 2
-"""Effect of this cycle on the estimate: NOTHING, STEPPED or BEGAN; used by the smoother."""
-MEMORY_SIZE: Final = EVENT + 1
+"""Stored efforts of each axis: the newest, and older ones for a delay."""
+POINTS_SIZE: Final = N * LANES
+
+State = Annotated[Vector, (N,)]
+Root = Annotated[Matrix, (N, N)]
+Pair = Annotated[Vector, (2,)]
+"""One value for hip and slide each."""
+
+
+class LegMemory(Protocol):
+    """One filter's record; the types give its layout."""
+
+    mean: State
+    root: Root
+    efforts: Annotated[Matrix, (EFFORTS, 2)]
+    """The last finite torque and force, followed by older ones."""
+    rest_s: Pair
+    """How long each axis has been at rest."""
+    settle_s: Pair
+    """How much longer each axis has to move after a rest until its split is valid again."""
+    quiet_s: Pair
+    """How long each axis has certainly not moved (leg_noise.py)."""
+    mark: Pair
+    """Position at which each axis was last detected to move."""
+    split: Pair
+    """Variance of the share of a load between friction and patient, accumulated at rest."""
+    lean: Pair
+    """Running mean of each axis' whitened innovations: 0 is white."""
+    nis_mean: float
+    started: float
+    warm_up_cycles: float
+    """Remaining cycles of warm-up."""
+    distrust_cycles: float
+    """Remaining cycles in which a restart counts as inconsistent."""
+    gated_cycles: float
+    """Number of consecutive rejected samples."""
+    push: Pair
+    """Unmodelled acceleration of each axis that would explain the rejected sample."""
+    predicted: Pair
+    """Cycles since the last correction of each axis."""
+    event: float
+    """Effect of this cycle on the estimate: NOTHING, STEPPED or BEGAN; used by the smoother."""
+
+    # From here on nothing is kept from one cycle to the next.
+    work: Annotated[Vector, (3 * N * N,)]
+    noise: Root
+    """Root of this step's process noise, lower triangular."""
+    backup_mean: State
+    backup_root: Root
+    """Before the prediction."""
+    forecast_mean: State
+    forecast_root: Root
+    """After the prediction, before the correction."""
+    measured: Pair
+    seen_std: Pair
+    """Standard deviation of this step's measurement."""
+    innovation: Pair
+    innovation_root: Annotated[Matrix, (2, 2)]
+    gain: Annotated[Matrix, (N, 2)]
+
+
+def _field(name: str, hint: object) -> tuple[str, type[np.float64], tuple[int, ...]]:
+    return name, np.float64, get_args(hint)[1] if get_args(hint) else ()
+
+
+LAYOUT: Final = np.dtype(
+    [_field(*one) for one in get_type_hints(LegMemory, include_extras=True).items()]
+)
 
 NOTHING: Final = 0.0
 """Not started yet, a duplicate, or held."""
@@ -69,71 +105,24 @@ STEPPED: Final = 1.0
 BEGAN: Final = 2.0
 """Started or restarted at a measured pose: independent of the past."""
 
-# Places in `scratch`: the working matrix first, then
-NOISE: Final = 3 * N * N
-BACKUP: Final = NOISE + N * N
-FORECAST: Final = BACKUP + N + N * N
-MEASURED: Final = FORECAST + N + N * N
-SEEN: Final = MEASURED + 2
-INNOVATION: Final = SEEN + 2
-INNOVATION_ROOT: Final = INNOVATION + 2
-GAIN: Final = INNOVATION_ROOT + 4
-SCRATCH_SIZE: Final = GAIN + 2 * N
-POINTS_SIZE: Final = N * LANES
-
 START_STD: Final = (1e-3, 1e-3, 1e-2, 1e-2, 3.0, 30.0, 1.0, 10.0)
 """Initial standard deviations at rest at a measured pose."""
 RESTART_STD: Final = (1e-3, 1e-3, 1.0, 1.0, 10.0, 100.0, 10.0, 100.0)
 """Initial standard deviations for a pose that may be moving."""
 
 
-class Arrays(NamedTuple):
-    """Views of the parts of `memory` and `scratch` by name."""
-
-    memory: Vector
-    mean: Vector
-    root: Matrix
-    points: Vector
-    work: Vector
-    noise: Matrix
-    """Root of this step's process noise, lower triangular."""
-    backup: Vector
-    """Mean and root before the prediction."""
-    forecast: Vector
-    """Mean and root after the prediction, before the correction."""
-    measured: Vector
-    seen_std: Vector
-    """Standard deviation of this step's measurement."""
-    innovation: Vector
-    innovation_root: Matrix
-    gain: Matrix
+def new_memory() -> tuple[Any, Vector]:
+    """Return the record, in an array of one, and the sigma points before the first cycle."""
+    return np.zeros(1, LAYOUT), np.zeros(POINTS_SIZE)
 
 
 @inline
-def arrays_in(memory: Vector, scratch: Vector, points: Vector) -> Arrays:
-    """Return the parts of the arrays by name."""
-    return Arrays(
-        memory,
-        memory[:N],
-        memory[ROOT:EFFORT].reshape((N, N)),
-        points,
-        scratch[:NOISE],
-        scratch[NOISE:BACKUP].reshape((N, N)),
-        scratch[BACKUP:FORECAST],
-        scratch[FORECAST:MEASURED],
-        scratch[MEASURED:SEEN],
-        scratch[SEEN:INNOVATION],
-        scratch[INNOVATION:INNOVATION_ROOT],
-        scratch[INNOVATION_ROOT:GAIN].reshape((2, 2)),
-        scratch[GAIN:].reshape((N, 2)),
-    )
-
-
-@inline
-def fill(values: Vector, start: int, end: int, value: float) -> None:
-    """Set values[start:end] = value; the slice would take numba a second to compile."""
-    for i in range(start, end):
-        values[i] = value
+def copy_estimate(mean: Vector, root: Matrix, to_mean: Vector, to_root: Matrix) -> None:
+    """Copy a mean and its root; the slice would take numba a second to compile."""
+    for i in range(N):
+        to_mean[i] = mean[i]
+        for j in range(N):
+            to_root[i, j] = root[i, j]
 
 
 @inline
@@ -147,83 +136,77 @@ def may_start(leg: LegParameters, hip: float, slide: float) -> bool:
 
 
 @inline
-def start(memory: Vector, hip: float, slide: float) -> None:
+def start(m: LegMemory, hip: float, slide: float) -> None:
     """Start at rest at the measured pose, with a long rest of both axes assumed."""
-    fill(memory, 0, EFFORT, 0.0)
-    memory[0] = hip
-    memory[1] = slide
-    for i in range(N):
-        memory[ROOT + i * (N + 1)] = START_STD[i]
-    fill(memory, REST_S, SETTLE_S, 2.0 * REST_MAX_S)
-    fill(memory, SETTLE_S, NIS_MEAN, 0.0)
-    fill(memory, QUIET_S, MARK, 2.0 * REST_MAX_S)
-    memory[DISTRUST] = 0.0
-    _begin(memory)
+    _begin(m, hip, slide, START_STD, 2.0 * REST_MAX_S, False)
+    m.distrust_cycles = 0.0
 
 
 @inline
-def restart(memory: Vector, hip: float, slide: float, keep_efforts: bool) -> None:
+def restart(m: LegMemory, hip: float, slide: float, keep_efforts: bool) -> None:
     """Restart at the measured pose, maybe moving; efforts that are not kept start at zero."""
-    memory[0] = hip
-    memory[1] = slide
-    if not keep_efforts:
-        fill(memory, 2, N, 0.0)
-    fill(memory, ROOT, EFFORT, 0.0)
+    _begin(m, hip, slide, RESTART_STD, 0.0, keep_efforts)
+    m.distrust_cycles = WARM_UP_CYCLES
+
+
+@inline
+def _begin(
+    m: LegMemory, hip: float, slide: float, std: tuple[float, ...], rest_s: float, keep: bool
+) -> None:
+    m.mean[0] = m.mark[0] = hip
+    m.mean[1] = m.mark[1] = slide
+    if not keep:
+        for i in range(2, N):
+            m.mean[i] = 0.0
     for i in range(N):
-        memory[ROOT + i * (N + 1)] = RESTART_STD[i]
-    fill(memory, REST_S, NIS_MEAN, 0.0)
-    memory[DISTRUST] = WARM_UP_CYCLES
-    _begin(memory)
+        for j in range(N):
+            m.root[i, j] = std[i] if i == j else 0.0
+    for axis in range(2):
+        m.rest_s[axis] = m.quiet_s[axis] = rest_s
+        m.settle_s[axis] = m.split[axis] = m.lean[axis] = m.predicted[axis] = 0.0
+    m.nis_mean = 2.0
+    m.started = 1.0
+    m.warm_up_cycles = WARM_UP_CYCLES
+    m.gated_cycles = 0.0
+    m.event = BEGAN
 
 
 @inline
-def _begin(memory: Vector) -> None:
-    memory[MARK] = memory[0]
-    memory[MARK + 1] = memory[1]
-    memory[NIS_MEAN] = 2.0
-    memory[STARTED] = 1.0
-    memory[WARM_UP] = WARM_UP_CYCLES
-    memory[GATED] = 0.0
-    memory[EVENT] = BEGAN
-    fill(memory, PREDICTED, EVENT, 0.0)
-
-
-@inline
-def begin_cycle(memory: Vector, dt_s: float) -> None:
+def begin_cycle(m: LegMemory, dt_s: float) -> None:
     """Advance counters and efforts by one cycle."""
-    memory[EVENT] = NOTHING
-    memory[PREDICTED] += 1.0
-    memory[PREDICTED + 1] += 1.0
-    if dt_s > 0.0:
-        for i in range(2 * EFFORTS - 1, 1, -1):
-            memory[EFFORT + i] = memory[EFFORT + i - 2]
+    m.event = NOTHING
+    for axis in range(2):
+        m.predicted[axis] += 1.0
+        if dt_s > 0.0:
+            for age in range(EFFORTS - 1, 0, -1):
+                m.efforts[age, axis] = m.efforts[age - 1, axis]
 
 
 @inline
-def lose(memory: Vector) -> None:
+def lose(m: LegMemory) -> None:
     """Stop prediction: the state is held until the filter can restart."""
-    fill(memory, PREDICTED, EVENT, HOLD_AFTER_CYCLES + 1.0)
-    memory[EVENT] = NOTHING
+    m.predicted[0] = m.predicted[1] = HOLD_AFTER_CYCLES + 1.0
+    m.event = NOTHING
 
 
 @inline
-def is_lost(memory: Vector) -> bool:
+def is_lost(m: LegMemory) -> bool:
     """True if prediction was stopped, or has gone on for too long."""
-    return max(memory[PREDICTED], memory[PREDICTED + 1]) > HOLD_AFTER_CYCLES
+    return max(m.predicted[0], m.predicted[1]) > HOLD_AFTER_CYCLES
 
 
 @inline
-def take_efforts(memory: Vector, hip: float, slide: float) -> bool:
+def take_efforts(m: LegMemory, hip: float, slide: float) -> bool:
     """Store the finite efforts and keep the last value of the others; True if both are finite."""
     if math.isfinite(hip):
-        memory[EFFORT] = hip
+        m.efforts[0, 0] = hip
     if math.isfinite(slide):
-        memory[EFFORT + 1] = slide
+        m.efforts[0, 1] = slide
     return math.isfinite(hip) and math.isfinite(slide)
 
 
 @inline
-def effort_acting(memory: Vector, axis: int, delay_cycles: float) -> float:
+def effort_acting(m: LegMemory, axis: int, delay_cycles: float) -> float:
     """Effort that acted in this step if efforts act this much later than given.
 
     A delay between whole cycles: each part of the step is under one of two efforts; returns their
@@ -231,8 +214,7 @@ def effort_acting(memory: Vector, axis: int, delay_cycles: float) -> float:
     """
     whole = math.floor(delay_cycles)
     part = delay_cycles - whole
-    at = EFFORT + 2 * int(whole) + axis
-    effort = memory[at]
+    effort = m.efforts[whole, axis]
     if part > 0.0:
-        effort += part * (memory[at + 2] - effort)
+        effort += part * (m.efforts[whole + 1, axis] - effort)
     return effort

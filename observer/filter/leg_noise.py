@@ -25,18 +25,7 @@ At rest (gate a(v), eq. (12), near 0) only net = patient - friction is observabl
 import math
 from typing import Final
 
-from observer.filter.leg_memory import (
-    GATED,
-    LEAN,
-    MARK,
-    PUSH,
-    QUIET_S,
-    ROOT,
-    SPLIT,
-    Arrays,
-    N,
-    Vector,
-)
+from observer.filter.leg_memory import LegMemory, N, Vector
 from observer.filter.leg_model import STEP_S, LegModel
 from observer.jit import inline
 from observer.mechanism.friction import FrictionParameters
@@ -78,98 +67,98 @@ def set_process_noise(
     patient_noise_max_ratio: float,
     ripple: tuple[float, float],
     velocity_gated: bool,
-    a: Arrays,
+    m: LegMemory,
     dt_s: float,
 ) -> None:
-    """Write the lower triangular root of this step's process noise to `a.noise`."""
+    """Write the lower triangular root of this step's process noise to `m.noise`."""
     scale = math.sqrt(dt_s / STEP_S)
     for row in range(N):
         for column in range(row):
-            a.noise[row, column] = 0.0
-        a.noise[row, row] = scale * process_std[row]
+            m.noise[row, column] = 0.0
+        m.noise[row, row] = scale * process_std[row]
     for axis in range(2):
-        lean = math.fabs(a.memory[LEAN + axis]) / LEAN_USUAL
-        a.noise[6 + axis, 6 + axis] *= min(max(lean, 1.0), patient_noise_max_ratio)
-    pushed = a.memory[GATED] == 1.0
+        lean = math.fabs(m.lean[axis]) / LEAN_USUAL
+        m.noise[6 + axis, 6 + axis] *= min(max(lean, 1.0), patient_noise_max_ratio)
+    pushed = m.gated_cycles == 1.0
     if pushed or ripple[0] + ripple[1] > 0.0:
-        d = dynamics(model.leg, a.mean[0], a.mean[1], 0.0, 0.0, 0.0)
+        d = dynamics(model.leg, m.mean[0], m.mean[1], 0.0, 0.0, 0.0)
         for axis in range(2):
             inertia = d.m11 if axis == 0 else d.m22
-            push = a.memory[PUSH + axis] if pushed else 0.0
-            a.noise[axis, axis] += PUSH_POSITION_SHARE * push * dt_s * dt_s
-            a.noise[2 + axis, 2 + axis] = math.hypot(
-                a.noise[2 + axis, 2 + axis] + push * dt_s, ripple[axis] * dt_s / inertia
+            push = m.push[axis] if pushed else 0.0
+            m.noise[axis, axis] += PUSH_POSITION_SHARE * push * dt_s * dt_s
+            m.noise[2 + axis, 2 + axis] = math.hypot(
+                m.noise[2 + axis, 2 + axis] + push * dt_s, ripple[axis] * dt_s / inertia
             )
-            a.noise[6 + axis, 6 + axis] += PUSH_PATIENT_SHARE * push * inertia
+            m.noise[6 + axis, 6 + axis] += PUSH_PATIENT_SHARE * push * inertia
     if velocity_gated:
-        _gate(model.hip, measurement_std[0], a, 0, dt_s)
-        _gate(model.slide, measurement_std[1], a, 1, dt_s)
+        _gate(model.hip, measurement_std[0], m, 0, dt_s)
+        _gate(model.slide, measurement_std[1], m, 1, dt_s)
 
 
 @inline
-def rest_from_the_start(f: FrictionParameters, memory: Vector, axis: int) -> None:
+def rest_from_the_start(f: FrictionParameters, memory: LegMemory, axis: int) -> None:
     """Initial state at rest: friction holds the load, and the split has its largest uncertainty."""
-    memory[ROOT + (6 + axis) * (N + 1)] *= RESTING_PATIENT_RATIO
-    memory[SPLIT + axis] = (SPLIT_RATIO * f.stribeck) ** 2
+    memory.root[6 + axis, 6 + axis] *= RESTING_PATIENT_RATIO
+    memory.split[axis] = (SPLIT_RATIO * f.stribeck) ** 2
 
 
 @inline
-def _gate(f: FrictionParameters, std: float, a: Arrays, axis: int, dt_s: float) -> None:
+def _gate(f: FrictionParameters, std: float, m: LegMemory, axis: int, dt_s: float) -> None:
     """Gate the noise of friction and patient of one axis by its time at rest."""
     friction, patient = 4 + axis, 6 + axis
     split = 0.0
-    if _moves(f, std, a, axis, dt_s):
-        split = a.memory[SPLIT + axis]
-        a.memory[SPLIT + axis] = a.memory[QUIET_S + axis] = 0.0
+    if _moves(f, std, m, axis, dt_s):
+        split = m.split[axis]
+        m.split[axis] = m.quiet_s[axis] = 0.0
     else:
-        a.memory[QUIET_S + axis] += dt_s
-    rested = (a.memory[QUIET_S + axis] - REST_BEGINS_S) / (REST_COMPLETE_S - REST_BEGINS_S)
+        m.quiet_s[axis] += dt_s
+    rested = (m.quiet_s[axis] - REST_BEGINS_S) / (REST_COMPLETE_S - REST_BEGINS_S)
     resting = min(max(rested, 0.0), 1.0)
     limit = SPLIT_RATIO * f.stribeck
-    room = max(limit * limit - a.memory[SPLIT + axis], 0.0)
-    a.memory[SPLIT + axis] += room * resting * min(dt_s / SPLIT_GROWTH_S, 1.0)
+    room = max(limit * limit - m.split[axis], 0.0)
+    m.split[axis] += room * resting * min(dt_s / SPLIT_GROWTH_S, 1.0)
     of_friction = math.hypot(
-        a.noise[friction, friction] * (1.0 + (REST_FRICTION_FACTOR - 1.0) * resting),
-        a.noise[patient, patient] * resting,
+        m.noise[friction, friction] * (1.0 + (REST_FRICTION_FACTOR - 1.0) * resting),
+        m.noise[patient, patient] * resting,
     )
-    of_patient = a.noise[patient, patient] * (1.0 - resting)
+    of_patient = m.noise[patient, patient] * (1.0 - resting)
     # The root of diag(of_friction^2, of_patient^2) + split (1, 1)(1, 1)'
     first = math.sqrt(of_friction * of_friction + split)
-    a.noise[friction, friction] = first
-    a.noise[patient, friction] = split / first
-    a.noise[patient, patient] = math.hypot(of_patient, math.sqrt(split) * of_friction / first)
+    m.noise[friction, friction] = first
+    m.noise[patient, friction] = split / first
+    m.noise[patient, patient] = math.hypot(of_patient, math.sqrt(split) * of_friction / first)
 
 
 @inline
-def _moves(f: FrictionParameters, std: float, a: Arrays, axis: int, dt_s: float) -> bool:
+def _moves(f: FrictionParameters, std: float, m: LegMemory, axis: int, dt_s: float) -> bool:
     """True if the joint has certainly moved since the last call.
 
     The check uses samples, not the estimate: a step of torque that friction holds appears there as
     velocity for some cycles. A sample must leave a mark that follows slowly.
     """
-    away = a.measured[axis] - a.memory[MARK + axis]
+    away = m.measured[axis] - m.mark[axis]
     if not math.isfinite(away):
         return False
     if math.fabs(away) > max(MOVED_S * f.edge, MOVED_SIGMAS * std):
-        a.memory[MARK + axis] = a.measured[axis]
+        m.mark[axis] = m.measured[axis]
         return True
-    a.memory[MARK + axis] += away * min(dt_s / MARK_S, 1.0)
+    m.mark[axis] += away * min(dt_s / MARK_S, 1.0)
     return False
 
 
 @inline
-def set_measurement_noise(measurement_std: Vector, sample_jitter_s: float, a: Arrays) -> None:
-    """Write the standard deviations of this step's samples to `a.seen_std`."""
+def set_measurement_noise(measurement_std: Vector, sample_jitter_s: float, m: LegMemory) -> None:
+    """Write the standard deviations of this step's samples to `m.seen_std`."""
     for axis in range(2):
-        a.seen_std[axis] = math.hypot(measurement_std[axis], sample_jitter_s * a.mean[2 + axis])
+        m.seen_std[axis] = math.hypot(measurement_std[axis], sample_jitter_s * m.mean[2 + axis])
 
 
 @inline
-def note_lean(a: Arrays, state: int, row: int) -> None:
+def note_lean(m: LegMemory, state: int, row: int) -> None:
     """Add the innovation in this row of the measurement to its axis' running mean."""
     variance = 0.0
     for k in range(row + 1):
-        variance += a.innovation_root[row, k] * a.innovation_root[row, k]
-    sigmas = a.innovation[row] / math.sqrt(variance)
+        variance += m.innovation_root[row, k] * m.innovation_root[row, k]
+    sigmas = m.innovation[row] / math.sqrt(variance)
     sigmas = min(max(sigmas, -LEAN_SAMPLE_MAX), LEAN_SAMPLE_MAX)
-    a.memory[LEAN + state] += LEAN_SHARE * (sigmas - a.memory[LEAN + state])
+    m.lean[state] += LEAN_SHARE * (sigmas - m.lean[state])

@@ -13,7 +13,7 @@ observable, the split only in motion.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,14 +30,7 @@ from observer.filter.leg_filter import (
     advance,
     begin_at_rest,
 )
-from observer.filter.leg_memory import (
-    EFFORTS,
-    MEMORY_SIZE,
-    NIS_MEAN,
-    POINTS_SIZE,
-    SCRATCH_SIZE,
-    may_start,
-)
+from observer.filter.leg_memory import EFFORTS, LegMemory, may_start, new_memory
 from observer.filter.leg_model import STEP_S, Integrator, LegModel, substeps_needed
 from observer.filter.states import STATE_COUNT
 from observer.filter.status import START_RATIO_MIN, Status, Validity
@@ -157,9 +150,8 @@ class LegObserver:
         check_tuning(leg, hip, slide, tuning)
         self.setup: Final = setup_of(leg, hip, slide, tuning)
         self._always = Status(0) if calibrated else Status.UNCALIBRATED
-        self._memory = np.zeros(MEMORY_SIZE)
-        self._scratch = np.zeros(SCRATCH_SIZE)
-        self._points = np.zeros(POINTS_SIZE)
+        self._memory, self._points = new_memory()
+        self._mean_nis: Vector = self._memory["nis_mean"]
         self._out = np.zeros(OUT_SIZE)
 
     def reset(self, position: Pair) -> None:
@@ -218,7 +210,6 @@ class LegObserver:
         status, level_hip, level_slide = advance(
             *setup,
             self._memory,
-            self._scratch,
             self._points,
             _number(position[0]),
             _number(position[1]),
@@ -236,7 +227,7 @@ class LegObserver:
             tuple(values[OUT_COVARIANCE:OUT_INNOVATION]),
             (values[OUT_INNOVATION], values[OUT_INNOVATION + 1]),
             values[OUT_NIS],
-            float(self._memory[NIS_MEAN]),
+            float(self._mean_nis[0]),
             (values[OUT_NET], values[OUT_NET + 1]),
             (values[OUT_NET_STD], values[OUT_NET_STD + 1]),
             (LEVELS[level_hip], LEVELS[level_slide]),
@@ -244,16 +235,15 @@ class LegObserver:
         )
 
     @property
-    def buffers(self) -> tuple[Vector, Vector, Vector]:
-        """Memory, scratch and points after the last cycle, for `smoother.remember`."""
-        return self._memory, self._scratch, self._points
+    def buffers(self) -> tuple[Any, Vector]:
+        """Memory and points after the last cycle, for `smoother.remember`."""
+        return self._memory, self._points
 
     def warm_up(self) -> None:
         """Compile, or load from the cache, the kernels of `step` and `reset`; changes no state."""
-        memory, out = np.zeros(MEMORY_SIZE), np.zeros(OUT_SIZE)
-        scratch, points = np.zeros(SCRATCH_SIZE), np.zeros(POINTS_SIZE)
+        (memory, points), out = new_memory(), np.zeros(OUT_SIZE)
         missing = (math.nan, math.nan, math.nan, math.nan)
-        advance(*self.setup, memory, scratch, points, *missing, STEP_S, 0, out)
+        advance(*self.setup, memory, points, *missing, STEP_S, 0, out)
         _begin_at(*self.setup[:5], memory, math.nan, math.nan)
         mechanism.warm_up(LegParameters(*self.setup.leg))
 
@@ -372,7 +362,7 @@ def _begin_at(
     friction_slide: tuple[float, ...],
     coriolis_share: float,
     options: tuple[float, ...],
-    memory: Vector,
+    memory_of: Sequence[LegMemory],
     hip: float,
     slide: float,
 ) -> bool:
@@ -386,7 +376,7 @@ def _begin_at(
     )
     possible = may_start(model.leg, hip, slide)
     if possible:
-        begin_at_rest(model, Options(*options), memory, hip, slide)
+        begin_at_rest(model, Options(*options), memory_of[0], hip, slide)
     return possible
 
 

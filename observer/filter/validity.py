@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.filter.leg_memory import DISTRUST, NIS_MEAN, PREDICTED, REST_S, SETTLE_S, WARM_UP
+from observer.filter.leg_memory import LegMemory
 from observer.filter.leg_model import LegModel
 from observer.filter.status import (
     BAD_BITS,
@@ -49,22 +49,22 @@ BAD: Final = Validity.BAD.value
 
 
 @inline
-def judge(model: LegModel, memory: Vector, dt_s: float, status: int) -> tuple[int, int, int]:
+def judge(model: LegModel, memory: LegMemory, dt_s: float, status: int) -> tuple[int, int, int]:
     """Determine all status bits and the validity of each axis."""
     leg = model.leg
-    at = pose(leg, memory[0], memory[1])
+    at = pose(leg, memory.mean[0], memory.mean[1])
     if not at.closes:
         status |= OUT_OF_WORKSPACE_BIT
     if -at.delta < NEAR_SINGULAR_RATIO * leg.shank_length_m * leg.shoe_length_m:
         status |= NEAR_SINGULAR_BIT
-    if memory[NIS_MEAN] > NIS_WINDOW_MAX or memory[DISTRUST] > 0.0:
+    if memory.nis_mean > NIS_WINDOW_MAX or memory.distrust_cycles > 0.0:
         status |= INCONSISTENT_BIT
-    if memory[WARM_UP] > 0.0:
+    if memory.warm_up_cycles > 0.0:
         status |= WARM_UP_BIT
-    if memory[PREDICTED] > 0.0 or memory[PREDICTED + 1] > 0.0:
+    if memory.predicted[0] > 0.0 or memory.predicted[1] > 0.0:
         status |= PREDICT_ONLY_BIT
-    memory[WARM_UP] = max(memory[WARM_UP] - 1.0, 0.0)
-    memory[DISTRUST] = max(memory[DISTRUST] - 1.0, 0.0)
+    memory.warm_up_cycles = max(memory.warm_up_cycles - 1.0, 0.0)
+    memory.distrust_cycles = max(memory.distrust_cycles - 1.0, 0.0)
     if _count_rest(model.hip, memory, 0, dt_s):
         status |= STANDSTILL_HIP_BIT
     if _count_rest(model.slide, memory, 1, dt_s):
@@ -77,28 +77,28 @@ def judge(model: LegModel, memory: Vector, dt_s: float, status: int) -> tuple[in
 
 
 @inline
-def _count_rest(f: FrictionParameters, memory: Vector, axis: int, dt_s: float) -> bool:
+def _count_rest(f: FrictionParameters, memory: LegMemory, axis: int, dt_s: float) -> bool:
     """Count how long an axis rests, then how long it has moved since; True if it rests."""
-    resting = gate(f, memory[2 + axis]) < STANDSTILL_GATE
+    resting = gate(f, memory.mean[2 + axis]) < STANDSTILL_GATE
     passed_s = dt_s if 0.0 < dt_s <= GAP_MAX_S else 0.0
     if resting:
-        memory[REST_S + axis] += passed_s
-        if memory[REST_S + axis] > REST_MAX_S:
+        memory.rest_s[axis] += passed_s
+        if memory.rest_s[axis] > REST_MAX_S:
             distrust_split(f, memory, axis)
     else:
-        memory[REST_S + axis] = 0.0
-        memory[SETTLE_S + axis] = max(memory[SETTLE_S + axis] - passed_s, 0.0)
+        memory.rest_s[axis] = 0.0
+        memory.settle_s[axis] = max(memory.settle_s[axis] - passed_s, 0.0)
     return resting
 
 
 @inline
-def distrust_split(f: FrictionParameters, memory: Vector, axis: int) -> None:
+def distrust_split(f: FrictionParameters, memory: LegMemory, axis: int) -> None:
     """Mark friction as unknown: only motion for some T1 makes the split valid again."""
-    memory[SETTLE_S + axis] = SETTLE_TIME_CONSTANTS * f.time_constant_s
+    memory.settle_s[axis] = SETTLE_TIME_CONSTANTS * f.time_constant_s
 
 
 @inline
-def _level(memory: Vector, axis: int, status: int) -> int:
-    if status & BAD_MASK or memory[PREDICTED + axis] > PREDICTED_MAX_CYCLES:
+def _level(memory: LegMemory, axis: int, status: int) -> int:
+    if status & BAD_MASK or memory.predicted[axis] > PREDICTED_MAX_CYCLES:
         return BAD
-    return SPLIT_UNOBSERVABLE if memory[SETTLE_S + axis] > 0.0 else OK
+    return SPLIT_UNOBSERVABLE if memory.settle_s[axis] > 0.0 else OK

@@ -4,7 +4,7 @@ One row is one cycle. The filter starts at the first complete row; the time step
 distance from the previous row, so gaps and jitter of a recording have the same effect as live.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -21,7 +21,7 @@ from observer.filter.leg_filter import (
     OUT_STD,
     advance,
 )
-from observer.filter.leg_memory import MEMORY_SIZE, POINTS_SIZE, SCRATCH_SIZE
+from observer.filter.leg_memory import LegMemory, new_memory
 from observer.filter.leg_model import STEP_S
 from observer.filter.leg_observer import Setup
 from observer.jit import kernel
@@ -89,7 +89,7 @@ def run(
     count = len(steps_s)
     numbers = np.empty((count, OUT_SIZE))
     flags = np.empty((count, 3), dtype=np.int64)
-    memory, scratch, points = np.zeros(MEMORY_SIZE), np.zeros(SCRATCH_SIZE), np.zeros(POINTS_SIZE)
+    memory, points = new_memory()
     for begin in range(0, count, BLOCK_ROWS):
         block = slice(begin, begin + BLOCK_ROWS)
         _run(
@@ -99,7 +99,6 @@ def run(
             effort[block],
             bits[block],
             memory,
-            scratch,
             points,
             numbers[block],
             flags[block],
@@ -165,8 +164,7 @@ def _run(
     position: Matrix,
     effort: Matrix,
     bits: Integers,
-    memory: Vector,
-    scratch: Vector,
+    memory: Sequence[LegMemory],
     points: Vector,
     numbers: Matrix,
     flags: Integers,
@@ -181,7 +179,6 @@ def _run(
             process_std,
             measurement_std,
             memory,
-            scratch,
             points,
             position[row, 0],
             position[row, 1],

@@ -4,14 +4,14 @@ Each estimate is at its own time: the smoothed one of a row is known LAG rows la
 rows are smoothed with the rows that remain.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.filter.leg_filter import OUT_SIZE, advance
-from observer.filter.leg_memory import MEMORY_SIZE, POINTS_SIZE, SCRATCH_SIZE
+from observer.filter.leg_memory import LegMemory, new_memory
 from observer.filter.leg_observer import Setup
 from observer.jit import kernel
 from observer.offline.batch import BatchEstimates, Columns, prepared, split_up
@@ -56,12 +56,12 @@ def run_smoothed(
     count = len(steps_s)
     numbers, flags = np.empty((count, OUT_SIZE)), np.empty((count, 3), dtype=np.int64)
     smooth = np.full((count, SMOOTH_SIZE), np.nan)
-    memory, scratch, points = np.zeros(MEMORY_SIZE), np.zeros(SCRATCH_SIZE), np.zeros(POINTS_SIZE)
+    memory, points = new_memory()
     ring, work = np.zeros(RING_SIZE), np.zeros(WORK_SIZE)
     for begin in range(0, count, BLOCK_ROWS):
         block = slice(begin, begin + BLOCK_ROWS)
         given = (steps_s[block], position[block], effort[block], bits[block])
-        state = (memory, scratch, points, ring, work)
+        state = (memory, points, ring, work)
         _run(*setup, *given, *state, numbers[block], flags[block], smooth, begin)
         if progress is not None:
             progress(min((begin + BLOCK_ROWS) / count, 1.0))
@@ -90,8 +90,7 @@ def _run(
     position: Matrix,
     effort: Matrix,
     bits: Integers,
-    memory: Vector,
-    scratch: Vector,
+    memory: Sequence[LegMemory],
     points: Vector,
     ring: Vector,
     work: Vector,
@@ -111,7 +110,6 @@ def _run(
             process_std,
             measurement_std,
             memory,
-            scratch,
             points,
             position[row, 0],
             position[row, 1],
@@ -124,6 +122,6 @@ def _run(
         flags[row, 0] = status
         flags[row, 1] = level_hip
         flags[row, 2] = level_slide
-        remember(ring, memory, scratch, points, notes, work)
+        remember(ring, memory, points, notes, work)
         if begin + row >= LAG:
             smoothed(ring, LAG, smooth[begin + row - LAG], work)

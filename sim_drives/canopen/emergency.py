@@ -22,13 +22,9 @@ from sim_drives.canopen.aborts import AbortCode, SdoAbortError
 from sim_drives.canopen.cob_id import EXTENDED_BITS, FLAG_30, INVALID, can_id_of, is_restricted
 from sim_drives.canopen.dictionary import ObjectDictionary
 from sim_drives.canopen.line import Line
+from sim_drives.canopen.objects import Object
 from sim_drives.frame import Frame
 
-EMERGENCY_COB_ID: Final = 0x1014
-INHIBIT_TIME: Final = 0x1015
-HISTORY: Final = 0x1003
-ERROR_REGISTER: Final = 0x1001
-ERROR_CODE: Final = 0x603F
 NO_ERROR: Final = 0x0000
 _INHIBIT_STEP_NS: Final = 100_000
 
@@ -66,11 +62,11 @@ class Errors:
         self._generic_bit = generic_bit
         self._active: dict[int, _Active] = {}
         self._free_at_ns = 0
-        self._history_max = dictionary.subindices(HISTORY)[-1]
-        dictionary.guard(HISTORY, self._judge_history)
-        dictionary.guard_reading(HISTORY, self._judge_reading)
-        dictionary.guard(EMERGENCY_COB_ID, self._judge_cob_id)
-        dictionary.watch(HISTORY, lambda _: self._empty_history())
+        self._history_max = dictionary.subindices(Object.ERROR_HISTORY)[-1]
+        dictionary.guard(Object.ERROR_HISTORY, self._judge_history)
+        dictionary.guard_reading(Object.ERROR_HISTORY, self._judge_reading)
+        dictionary.guard(Object.EMCY_COB_ID, self._judge_cob_id)
+        dictionary.watch(Object.ERROR_HISTORY, lambda _: self._empty_history())
 
     @property
     def warning(self) -> bool:
@@ -80,7 +76,7 @@ class Errors:
     @property
     def can_id(self) -> int | None:
         """CAN identifier of the EMCY; None if 1014h disables it."""
-        cob_id = self._dictionary.value(EMERGENCY_COB_ID)
+        cob_id = self._dictionary.value(Object.EMCY_COB_ID)
         return None if cob_id & INVALID else can_id_of(cob_id)
 
     def active(self, code: int) -> bool:
@@ -140,39 +136,41 @@ class Errors:
         for code in self._active:
             register |= register_bit(code) | (GENERIC_BIT if self._generic_bit else 0)
         newest = next(reversed(self._active), NO_ERROR)
-        self._dictionary.put(ERROR_REGISTER, 0, register)
-        self._dictionary.put(ERROR_CODE, 0, newest)
+        self._dictionary.put(Object.ERROR_REGISTER, 0, register)
+        self._dictionary.put(Object.ERROR_CODE, 0, newest)
 
     def _send(self, code: int) -> None:
         if self.can_id is None:
             return
-        register = self._dictionary.value(ERROR_REGISTER)
+        register = self._dictionary.value(Object.ERROR_REGISTER)
         data = code.to_bytes(2, "little") + bytes((register,)) + bytes(5)
         at_ns = max(self._line.now_ns, self._free_at_ns)
-        self._free_at_ns = at_ns + self._dictionary.value_or(INHIBIT_TIME, 0, 0) * _INHIBIT_STEP_NS
+        inhibit_steps = self._dictionary.value_or(Object.EMCY_INHIBIT_TIME, 0, 0)
+        self._free_at_ns = at_ns + inhibit_steps * _INHIBIT_STEP_NS
         self._line.send(Frame(self.can_id, data), delay_ns=at_ns - self._line.now_ns)
 
     def _remember(self, code: int) -> None:
-        count = min(self._dictionary.value(HISTORY, 0) + 1, self._history_max)
+        count = min(self._dictionary.value(Object.ERROR_HISTORY, 0) + 1, self._history_max)
         for slot in range(count, 1, -1):
-            self._dictionary.put(HISTORY, slot, self._dictionary.value(HISTORY, slot - 1))
-        self._dictionary.put(HISTORY, 1, code)
-        self._dictionary.put(HISTORY, 0, count)
+            older = self._dictionary.value(Object.ERROR_HISTORY, slot - 1)
+            self._dictionary.put(Object.ERROR_HISTORY, slot, older)
+        self._dictionary.put(Object.ERROR_HISTORY, 1, code)
+        self._dictionary.put(Object.ERROR_HISTORY, 0, count)
 
     def _empty_history(self) -> None:
         for slot in range(self._history_max + 1):
-            self._dictionary.put(HISTORY, slot, 0)
+            self._dictionary.put(Object.ERROR_HISTORY, slot, 0)
 
     def _judge_history(self, subindex: int, value: int) -> None:
         if subindex == 0 and value != 0:
             raise SdoAbortError(AbortCode.RANGE)
 
     def _judge_reading(self, subindex: int) -> None:
-        if subindex > self._dictionary.value(HISTORY, 0):
+        if subindex > self._dictionary.value(Object.ERROR_HISTORY, 0):
             raise SdoAbortError(AbortCode.NO_DATA)
 
     def _judge_cob_id(self, _: int, value: int) -> None:
-        now = self._dictionary.value(EMERGENCY_COB_ID)
+        now = self._dictionary.value(Object.EMCY_COB_ID)
         moves = not now & INVALID and can_id_of(value) != can_id_of(now)
         if moves or value & (EXTENDED_BITS | FLAG_30) or is_restricted(can_id_of(value)):
             raise SdoAbortError(AbortCode.RANGE)

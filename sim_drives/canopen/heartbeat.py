@@ -16,12 +16,11 @@ from sim_drives.canopen.aborts import AbortCode, SdoAbortError
 from sim_drives.canopen.dictionary import ObjectDictionary
 from sim_drives.canopen.line import Line
 from sim_drives.canopen.nmt import NmtState
+from sim_drives.canopen.objects import Object
 from sim_drives.canopen.timers import MILLISECOND, Timers
 from sim_drives.frame import Frame
 
 HEARTBEAT_ID: Final = 0x700
-CONSUMER: Final = 0x1016
-PRODUCER: Final = 0x1017
 
 
 class HeartbeatProducer:
@@ -40,7 +39,7 @@ class HeartbeatProducer:
         self._line = line
         self._timers = timers
         self._state = state
-        dictionary.watch(PRODUCER, lambda _: self.restart())
+        dictionary.watch(Object.HEARTBEAT_PRODUCER, lambda _: self.restart())
 
     def boot_up(self) -> None:
         """Send the boot-up message."""
@@ -49,16 +48,16 @@ class HeartbeatProducer:
 
     def stop(self) -> None:
         """Stop sending until the next boot-up."""
-        self._timers.cancel(PRODUCER)
+        self._timers.cancel(Object.HEARTBEAT_PRODUCER)
 
     def restart(self) -> None:
         """Start a new period of 1017h, or none if it is 0."""
-        period_ms = self._dictionary.value(PRODUCER)
+        period_ms = self._dictionary.value(Object.HEARTBEAT_PRODUCER)
         if period_ms:
             at_ns = self._line.now_ns + period_ms * MILLISECOND
-            self._timers.start(PRODUCER, at_ns, self._send)
+            self._timers.start(Object.HEARTBEAT_PRODUCER, at_ns, self._send)
         else:
-            self._timers.cancel(PRODUCER)
+            self._timers.cancel(Object.HEARTBEAT_PRODUCER)
 
     def _send(self) -> None:
         self._line.send(Frame(self._can_id, bytes((self._state(),))))
@@ -82,9 +81,9 @@ class HeartbeatConsumer:
         self._on_lost = on_lost
         self._on_back = on_back
         self._lost: set[int] = set()
-        self._slots = range(1, dictionary.value(CONSUMER, 0) + 1)
-        dictionary.guard(CONSUMER, self._judge)
-        dictionary.watch(CONSUMER, self._forget)
+        self._slots = range(1, dictionary.value(Object.HEARTBEAT_CONSUMER, 0) + 1)
+        dictionary.guard(Object.HEARTBEAT_CONSUMER, self._judge)
+        dictionary.watch(Object.HEARTBEAT_CONSUMER, self._forget)
 
     def restart(self) -> None:
         """Clear all watches: each node is watched again from its first heartbeat."""
@@ -101,7 +100,7 @@ class HeartbeatConsumer:
                 self._watch(slot, timeout_ns)
 
     def _forget(self, slot: int) -> None:
-        self._timers.cancel((CONSUMER, slot))
+        self._timers.cancel((Object.HEARTBEAT_CONSUMER, slot))
         self._found(slot)
 
     def _found(self, slot: int) -> None:
@@ -113,14 +112,14 @@ class HeartbeatConsumer:
     def _watch(self, slot: int, timeout_ns: int) -> None:
         self._found(slot)
         at_ns = self._line.now_ns + timeout_ns
-        self._timers.start((CONSUMER, slot), at_ns, lambda: self._lose(slot))
+        self._timers.start((Object.HEARTBEAT_CONSUMER, slot), at_ns, lambda: self._lose(slot))
 
     def _lose(self, slot: int) -> None:
         self._lost.add(slot)
         self._on_lost()
 
     def _slot(self, slot: int) -> tuple[int, int]:
-        value = self._dictionary.value(CONSUMER, slot)
+        value = self._dictionary.value(Object.HEARTBEAT_CONSUMER, slot)
         return value >> 16 & 0x7F, (value & 0xFFFF) * MILLISECOND
 
     def _judge(self, subindex: int, value: int) -> None:

@@ -17,6 +17,7 @@ from typing import Final
 
 from sim_drives.canopen.dictionary import ObjectDictionary
 from sim_drives.canopen.line import Line
+from sim_drives.canopen.objects import Object
 from sim_drives.canopen.pdo_channel import Settings, Values, channels
 from sim_drives.canopen.pdo_rules import PDO_COUNT, Direction, Layout
 from sim_drives.canopen.sync import SyncConsumer
@@ -25,7 +26,7 @@ from sim_drives.frame import Frame
 
 SHORT_PDO: Final = 0x8210
 LONG_PDO: Final = 0x8220
-CONTROLWORD: Final = (0x6040, 0)
+CONTROLWORD: Final = (Object.CONTROLWORD, 0)
 
 
 class _Complaint:

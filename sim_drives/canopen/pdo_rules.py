@@ -24,6 +24,7 @@ from typing import Final, NamedTuple
 from sim_drives.canopen.aborts import AbortCode, SdoAbortError
 from sim_drives.canopen.cob_id import EXTENDED_BITS, FLAG_30, INVALID, can_id_of, is_restricted
 from sim_drives.canopen.dictionary import Address, ObjectDictionary
+from sim_drives.canopen.objects import Object
 
 PDO_COUNT: Final = 4
 UNSUPPORTED_TYPES: Final = range(241, 254)
@@ -41,8 +42,8 @@ NOT_FOR_PDOS: Final = (0x080, 0x100, 0x700)
 class Direction(Enum):
     """PDO direction seen from the drive; the value is the index of the first PDO's parameters."""
 
-    RECEIVE = 0x1400
-    TRANSMIT = 0x1800
+    RECEIVE = Object.RPDO
+    TRANSMIT = Object.TPDO
 
 
 MAPPING_OFFSET: Final = 0x200

@@ -16,9 +16,8 @@ from typing import Final
 
 from sim_drives.canopen.aborts import AbortCode, SdoAbortError
 from sim_drives.canopen.dictionary import COMMUNICATION_AREA, Address, ObjectDictionary, Value
+from sim_drives.canopen.objects import Object
 
-STORE: Final = 0x1010
-RESTORE: Final = 0x1011
 SAVE_SIGNATURE: Final = int.from_bytes(b"save", "little")
 LOAD_SIGNATURE: Final = int.from_bytes(b"load", "little")
 AREAS: Final[Mapping[int, range]] = MappingProxyType(
@@ -26,7 +25,18 @@ AREAS: Final[Mapping[int, range]] = MappingProxyType(
 )
 """Index range that a sub-index of 1010h and 1011h covers."""
 NEVER_KEPT: Final = frozenset(
-    {0x1003, STORE, RESTORE, 0x6040, 0x6060, 0x6071, 0x607A, 0x60B1, 0x60B2, 0x60FF}
+    {
+        Object.ERROR_HISTORY,
+        Object.STORE,
+        Object.RESTORE,
+        Object.CONTROLWORD,
+        Object.MODE,
+        Object.TARGET_TORQUE,
+        Object.TARGET_POSITION,
+        Object.VELOCITY_OFFSET,
+        Object.TORQUE_OFFSET,
+        Object.TARGET_VELOCITY,
+    }
 )
 
 
@@ -45,10 +55,10 @@ class Storage:
         self._saved: dict[Address, Value] = {}
         self._to_deliver: set[int] = set()
         """Sub-indices of 1011h that the next reset applies."""
-        for index, signature in ((STORE, SAVE_SIGNATURE), (RESTORE, LOAD_SIGNATURE)):
+        for index, signature in ((Object.STORE, SAVE_SIGNATURE), (Object.RESTORE, LOAD_SIGNATURE)):
             dictionary.guard(index, lambda _, value, s=signature: self._judge(value, s))
-        dictionary.watch(STORE, self._save)
-        dictionary.watch(RESTORE, self._load_delivered)
+        dictionary.watch(Object.STORE, self._save)
+        dictionary.watch(Object.RESTORE, self._load_delivered)
 
     def restore(self, *, communication_only: bool) -> None:
         """Restore parameters by rule 2."""
@@ -69,11 +79,11 @@ class Storage:
             raise SdoAbortError(AbortCode.CANNOT_STORE)
 
     def _save(self, area: int) -> None:
-        self._dictionary.put(STORE, area, 1)
+        self._dictionary.put(Object.STORE, area, 1)
         for address, value in self._dictionary.parameters().items():
             if address[0] in AREAS[area] and address[0] not in NEVER_KEPT:
                 self._saved[address] = value
 
     def _load_delivered(self, area: int) -> None:
-        self._dictionary.put(RESTORE, area, 1)
+        self._dictionary.put(Object.RESTORE, area, 1)
         self._to_deliver.add(area)

@@ -18,12 +18,9 @@ from sim_drives.canopen.aborts import AbortCode, SdoAbortError
 from sim_drives.canopen.cob_id import EXTENDED_BITS, FLAG_30, can_id_of, is_restricted
 from sim_drives.canopen.dictionary import ObjectDictionary
 from sim_drives.canopen.line import Line
+from sim_drives.canopen.objects import Object
 from sim_drives.canopen.timers import Timers
 
-COB_ID_SYNC: Final = 0x1005
-CYCLE_PERIOD: Final = 0x1006
-WINDOW: Final = 0x1007
-COUNTER_OVERFLOW: Final = 0x1019
 COUNTER_MAX: Final = 240
 SYNC_LENGTH_CODE: Final = 0x8240
 SYNC_LOST_CODE: Final = 0x8100
@@ -48,9 +45,9 @@ class SyncConsumer:
         self._last_ns: int | None = None
         self.counter = 0
         """Counter of the last SYNC; 0 without counter."""
-        dictionary.guard(COB_ID_SYNC, self._judge_cob_id)
-        dictionary.guard(COUNTER_OVERFLOW, self._judge_overflow)
-        dictionary.watch(CYCLE_PERIOD, lambda _: timers.cancel(SyncConsumer))
+        dictionary.guard(Object.SYNC_COB_ID, self._judge_cob_id)
+        dictionary.guard(Object.SYNC_COUNTER, self._judge_overflow)
+        dictionary.watch(Object.SYNC_PERIOD, lambda _: timers.cancel(SyncConsumer))
 
     def reset(self) -> None:
         """Start without a received SYNC."""
@@ -60,11 +57,11 @@ class SyncConsumer:
     @property
     def can_id(self) -> int:
         """CAN identifier of SYNC (rule 1)."""
-        return can_id_of(self._dictionary.value(COB_ID_SYNC))
+        return can_id_of(self._dictionary.value(Object.SYNC_COB_ID))
 
     def receive(self, data: bytes) -> bool:
         """Process a frame with SYNC's identifier; return whether it is a valid SYNC (rule 2)."""
-        fits = len(data) == (1 if self._object(COUNTER_OVERFLOW) else 0)
+        fits = len(data) == (1 if self._object(Object.SYNC_COUNTER) else 0)
         self._report(SYNC_LENGTH_CODE, not fits)
         if fits:
             self._last_ns = self._line.now_ns
@@ -75,13 +72,13 @@ class SyncConsumer:
 
     def within_window(self, delay_ns: int = 0) -> bool:
         """Return whether now plus a delay is within the window of the last SYNC (rule 4)."""
-        window_ns = self._object(WINDOW) * _MICROSECOND
+        window_ns = self._object(Object.SYNC_WINDOW) * _MICROSECOND
         if not window_ns or self._last_ns is None:
             return True
         return self._line.now_ns + delay_ns - self._last_ns <= window_ns
 
     def _watch_for_next(self) -> None:
-        period_ns = self._object(CYCLE_PERIOD) * _MICROSECOND
+        period_ns = self._object(Object.SYNC_PERIOD) * _MICROSECOND
         if period_ns:
             at_ns = self._line.now_ns + period_ns * 3 // 2
             self._timers.start(SyncConsumer, at_ns, lambda: self._report(SYNC_LOST_CODE, True))
@@ -94,7 +91,7 @@ class SyncConsumer:
             raise SdoAbortError(AbortCode.RANGE)
 
     def _judge_overflow(self, _: int, value: int) -> None:
-        if self._object(CYCLE_PERIOD):
+        if self._object(Object.SYNC_PERIOD):
             raise SdoAbortError(AbortCode.DEVICE_STATE)
         if value == 1 or value > COUNTER_MAX:
             raise SdoAbortError(AbortCode.RANGE)

@@ -23,6 +23,7 @@ from sim_drives.canopen.aborts import AbortCode, SdoAbortError
 from sim_drives.canopen.dictionary import ObjectDictionary
 from sim_drives.canopen.emergency import Errors
 from sim_drives.canopen.line import Line
+from sim_drives.canopen.objects import Object
 from sim_drives.canopen.timers import MILLISECOND, Timers
 from sim_drives.cia402.measurement import Measurement
 from sim_drives.cia402.motion import Mode, Motion
@@ -45,7 +46,6 @@ from sim_drives.cia402.power_state import (
     fault_reset_edge,
 )
 from sim_drives.cia402.scaling import (
-    POLARITY,
     POSITION_POLARITY,
     UNIT_RATIOS,
     VELOCITY_POLARITY,
@@ -63,7 +63,6 @@ SELF_TEST_NS: Final = 200 * MILLISECOND
 FAULT_REACTION_MIN_NS: Final = 1 * MILLISECOND
 CONNECTION_CODE: Final = 0x8100
 MISPLACED_CODE: Final = 0x6300
-CONTROLWORD: Final = 0x6040
 _VOLTAGE_OFF: Final = (PowerState.NOT_READY_TO_SWITCH_ON, PowerState.SWITCH_ON_DISABLED)
 _FAULTED: Final = (PowerState.FAULT_REACTION_ACTIVE, PowerState.FAULT)
 
@@ -103,11 +102,11 @@ class Drive:
         self._ordered: AxisActuation | None = None
         period_ns = self._personality.statusword_period_ns
         self._statusword = Statusword(dictionary, line, timers, period_ns)
-        dictionary.watch(CONTROLWORD, lambda _: self._controlword_written())
+        dictionary.watch(Object.CONTROLWORD, lambda _: self._controlword_written())
         if self._personality.refuses_misplaced_controlword:
-            dictionary.guard(CONTROLWORD, lambda _, value: self._judge_controlword(value))
+            dictionary.guard(Object.CONTROLWORD, lambda _, value: self._judge_controlword(value))
         guard_option_codes(dictionary, self._personality)
-        for index in (POLARITY, *UNIT_RATIOS):
+        for index in (Object.POLARITY, *UNIT_RATIOS):
             dictionary.guard(index, lambda _, value, i=index: self._judge_units(i, value))
 
     # --- power and connection -----------------------------------------------------------------
@@ -144,7 +143,7 @@ class Drive:
 
     def connection_lost(self, code: int) -> None:
         """Apply rule 5; `code` is 8130h or 8250h."""
-        reaction = AbortConnection(self._dictionary.value(0x6007))
+        reaction = AbortConnection(self._dictionary.value(Object.ABORT_CONNECTION))
         if reaction is AbortConnection.FAULT:
             self.fault(code)
         elif self._personality.connection_loss_is_fault and reaction:
@@ -158,7 +157,7 @@ class Drive:
     def left_operational(self) -> None:
         """Apply the second half of rule 5."""
         self._motion.forget_targets()
-        reaction = AbortConnection(self._dictionary.value(0x6007))
+        reaction = AbortConnection(self._dictionary.value(Object.ABORT_CONNECTION))
         if self.state not in (PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE):
             return
         if reaction is AbortConnection.FAULT:
@@ -194,7 +193,7 @@ class Drive:
             return
         powered = self.state in POWER_STAGE_ON
         if stopping is None:
-            stopping = FAULT_REACTION_OPTION[self._dictionary.value(0x605E)]
+            stopping = FAULT_REACTION_OPTION[self._dictionary.value(Object.FAULT_REACTION)]
         self._enter(PowerState.FAULT_REACTION_ACTIVE)
         self._stop(stopping if powered else Stopping(Ramp.COAST), Transition(14, PowerState.FAULT))
 
@@ -205,7 +204,7 @@ class Drive:
     # --- the power state machine --------------------------------------------------------------
 
     def _controlword_written(self) -> None:
-        controlword = self._dictionary.value(CONTROLWORD)
+        controlword = self._dictionary.value(Object.CONTROLWORD)
         edge = fault_reset_edge(self._controlword_prev, controlword)
         self._controlword_prev = controlword
         if edge and self.state is PowerState.FAULT:
@@ -227,7 +226,7 @@ class Drive:
         """Check the units by rule 7."""
         if self.state in POWER_STAGE_ON:
             raise SdoAbortError(AbortCode.DEVICE_STATE)
-        if index == POLARITY and value & ~(POSITION_POLARITY | VELOCITY_POLARITY):
+        if index == Object.POLARITY and value & ~(POSITION_POLARITY | VELOCITY_POLARITY):
             raise SdoAbortError(AbortCode.RANGE)
 
     def _hear(self, command: Command) -> None:
@@ -253,15 +252,15 @@ class Drive:
                 if command is Command.ENABLE_OPERATION and self._personality.automatic_enable:
                     self._enter(PowerState.OPERATION_ENABLED)
             case 5:
-                self._slow_down_enabled(0x605C, row)
+                self._slow_down_enabled(Object.DISABLE, row)
             case 8:
-                self._slow_down_enabled(0x605B, row)
+                self._slow_down_enabled(Object.SHUTDOWN, row)
             case 11:
                 self._enter(PowerState.QUICK_STOP_ACTIVE)
-                stopping = QUICK_STOP_OPTION[self._dictionary.value(0x605A)]
+                stopping = QUICK_STOP_OPTION[self._dictionary.value(Object.QUICK_STOP)]
                 self._stop(stopping, Transition(12, PowerState.SWITCH_ON_DISABLED))
             case 16:
-                if QUICK_STOP_OPTION[self._dictionary.value(0x605A)].stays:
+                if QUICK_STOP_OPTION[self._dictionary.value(Object.QUICK_STOP)].stays:
                     self._enter(row.target)
             case _:
                 self._enter(row.target)
@@ -358,9 +357,10 @@ class Drive:
 
     def _show_demand(self) -> None:
         actual = self.measurement.position_counts
-        demand = self._dictionary.value(0x607A) if self._wants_targets() else actual
-        self._dictionary.put(0x6062, 0, demand)
-        self._dictionary.put(0x60F4, 0, max(-(2**31), min(2**31 - 1, demand - actual)))
+        demand = self._dictionary.value(Object.TARGET_POSITION) if self._wants_targets() else actual
+        self._dictionary.put(Object.POSITION_DEMAND, 0, demand)
+        following = max(-(2**31), min(2**31 - 1, demand - actual))
+        self._dictionary.put(Object.FOLLOWING_ERROR, 0, following)
 
     # --- statusword ---------------------------------------------------------------------------
 

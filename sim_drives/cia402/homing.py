@@ -29,6 +29,7 @@ from typing import Final, NamedTuple
 
 from sim_drives.canopen.dictionary import ObjectDictionary
 from sim_drives.canopen.line import Line
+from sim_drives.canopen.objects import Object
 from sim_drives.canopen.timers import MILLISECOND, Timers
 from sim_drives.cia402.measurement import (
     HOME_SWITCH,
@@ -50,9 +51,9 @@ BLOCKED_NS: Final = 1000 * MILLISECOND
 BLOCKED_RATIO: Final = 0.15
 """An axis that moves less than this share of the set speed within BLOCKED_NS is blocked."""
 INDEX_TURNS: Final = 1.5
-HOME_POSITION: Final = (0x30B0, 0)
-MOVE_DISTANCE: Final = (0x30B1, 0)
-CURRENT_THRESHOLD: Final = (0x30B2, 0)
+HOME_POSITION: Final = (Object.EPOS4_HOME_POSITION, 0)
+MOVE_DISTANCE: Final = (Object.EPOS4_HOME_DISTANCE, 0)
+CURRENT_THRESHOLD: Final = (Object.EPOS4_HOME_CURRENT, 0)
 
 
 class Until(Enum):
@@ -199,7 +200,7 @@ class Homing:
 
     def start(self) -> None:
         """Start homing at the rising edge of controlword bit 4."""
-        self._method = METHODS[self._dictionary.value(0x6098)]
+        self._method = METHODS[self._dictionary.value(Object.HOMING_METHOD)]
         self._searches = list(self._method)
         self._turned = False
         self._ends_ns = self._line.now_ns + self._time_ns
@@ -228,7 +229,7 @@ class Homing:
         return self._searches[0].until is Until.STALL
 
     def _speed_raw(self, search: Search) -> int:
-        return self._dictionary.value(0x6099, 1 if search.fast else 2)
+        return self._dictionary.value(Object.HOMING_SPEEDS, 1 if search.fast else 2)
 
     def _poll_again(self) -> None:
         if self.moves:
@@ -281,7 +282,8 @@ class Homing:
     def _arrive(self) -> None:
         self.progress = COMING_TO_REST[self.progress]
         if self.progress is Progress.DONE:
-            reads = self._dictionary.value(0x607C) + self._dictionary.value_or(*HOME_POSITION, 0)
+            home = self._dictionary.value_or(*HOME_POSITION, 0)
+            reads = self._dictionary.value(Object.HOME_OFFSET) + home
             self._measurement.home(self._goal_counts, reads)
 
     # --- events -------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ import math
 from typing import Final, NamedTuple
 
 from sim_drives.canopen.dictionary import ObjectDictionary
+from sim_drives.canopen.objects import Object
 from sim_drives.cia402.personality import PERSONALITIES
 from sim_drives.cia402.scaling import Scaling
 from sim_drives.plant.actuation import AxisFlag, AxisSample
@@ -73,7 +74,7 @@ class Measurement:
     @property
     def position_counts(self) -> int:
         """6064h as last measured."""
-        return self._dictionary.value(0x6064)
+        return self._dictionary.value(Object.POSITION)
 
     @property
     def origin_counts(self) -> int:
@@ -135,7 +136,7 @@ class Measurement:
 
     def show_inputs(self) -> None:
         """Update 60FDh."""
-        self._dictionary.put(0x60FD, 0, self.inputs())
+        self._dictionary.put(Object.INPUTS, 0, self.inputs())
 
     def inputs(self) -> int:
         """The digital inputs by rule 4."""
@@ -169,8 +170,8 @@ class Measurement:
         current_a = self._scaling.motor_current_a(sample.current_a)
         current_ma = round(current_a * 1e3)
         self._show_position()
-        put(0x606C, 0, round(self._scaling.speed_raw(sample.velocity_si)))
-        put(0x6077, 0, _int16(current_ma * 1e-3 * self._scaling.factors.permille_per_a))
+        put(Object.VELOCITY, 0, round(self._scaling.speed_raw(sample.velocity_si)))
+        put(Object.TORQUE, 0, _int16(current_ma * 1e-3 * self._scaling.factors.permille_per_a))
         self._show_current(current_ma, now_ns)
         step_degc = self._personality.temperature_step_degc
         put(*self._personality.temperature_address, _int16(sample.temperature_degc / step_degc))
@@ -179,16 +180,17 @@ class Measurement:
 
     def _show_position(self) -> None:
         counts = self._counts + self._glitch_counts - self._origin_counts
-        self._dictionary.put(0x6064, 0, wrap_int32(self._scaling.position_units(counts)))
+        self._dictionary.put(Object.POSITION, 0, wrap_int32(self._scaling.position_units(counts)))
 
     def _show_current(self, current_ma: int, now_ns: int) -> None:
-        if (0x30D1, 2) in self._dictionary:
+        if (Object.EPOS4_CURRENT, 2) in self._dictionary:
             self._average(current_ma, now_ns)
-            self._dictionary.put(0x30D1, 1, round(self._average_ma))
-            self._dictionary.put(0x30D1, 2, current_ma)
+            self._dictionary.put(Object.EPOS4_CURRENT, 1, round(self._average_ma))
+            self._dictionary.put(Object.EPOS4_CURRENT, 2, current_ma)
         else:
             rated_ma = self._scaling.factors.rated_current_a * 1e3
-            self._dictionary.put(0x6078, 0, _int16(current_ma / rated_ma * 1e3 if rated_ma else 0))
+            permille = current_ma / rated_ma * 1e3 if rated_ma else 0
+            self._dictionary.put(Object.CURRENT, 0, _int16(permille))
 
     def _average(self, current_ma: int, now_ns: int) -> None:
         elapsed_s = 0.0 if self._sampled_ns is None else (now_ns - self._sampled_ns) * 1e-9

@@ -23,6 +23,7 @@ from typing import Final
 from sim_drives.canopen.aborts import AbortCode, SdoAbortError
 from sim_drives.canopen.dictionary import ObjectDictionary
 from sim_drives.canopen.line import Line
+from sim_drives.canopen.objects import Object
 from sim_drives.canopen.timers import MILLISECOND, Timers
 from sim_drives.cia402.homing import Homing, Progress
 from sim_drives.cia402.measurement import Measurement
@@ -35,14 +36,6 @@ MODE_SWITCH_NS: Final = 5 * MILLISECOND
 """Shorter than a SYNC period, longer than any answer to it: 6061h shows it one SYNC later."""
 HARDEST_DECELERATION_SI: Final = 1e6
 """Deceleration of Ramp.LIMIT: above any joint's ability, so that the torque limit decides."""
-MODES_OF_OPERATION: Final = 0x6060
-MODE_DISPLAY: Final = 0x6061
-TARGET_TORQUE: Final = 0x6071
-TARGET_POSITION: Final = 0x607A
-POSITION_LIMITS: Final = 0x607D
-TARGET_VELOCITY: Final = 0x60FF
-VELOCITY_OFFSET: Final = 0x60B1
-TORQUE_OFFSET: Final = 0x60B2
 
 
 class Mode(IntEnum):
@@ -56,9 +49,9 @@ class Mode(IntEnum):
 
 
 TARGETS: Final = {
-    Mode.CYCLIC_SYNC_POSITION: TARGET_POSITION,
-    Mode.CYCLIC_SYNC_VELOCITY: TARGET_VELOCITY,
-    Mode.CYCLIC_SYNC_TORQUE: TARGET_TORQUE,
+    Mode.CYCLIC_SYNC_POSITION: Object.TARGET_POSITION,
+    Mode.CYCLIC_SYNC_VELOCITY: Object.TARGET_VELOCITY,
+    Mode.CYCLIC_SYNC_TORQUE: Object.TARGET_TORQUE,
 }
 
 
@@ -85,10 +78,10 @@ class Motion:
         self.homing = Homing(settings, dictionary, scaling, measurement, line, timers)
         self.mode = Mode.NONE
         self._requested = Mode.NONE
-        dictionary.guard(MODES_OF_OPERATION, self._judge_mode)
-        dictionary.watch(MODES_OF_OPERATION, lambda _: self._request_mode())
-        dictionary.guard(0x6098, self._judge_homing_method)
-        dictionary.guard(POSITION_LIMITS, self._judge_position_limit)
+        dictionary.guard(Object.MODE, self._judge_mode)
+        dictionary.watch(Object.MODE, lambda _: self._request_mode())
+        dictionary.guard(Object.HOMING_METHOD, self._judge_homing_method)
+        dictionary.guard(Object.POSITION_LIMITS, self._judge_position_limit)
         for target in TARGETS.values():
             dictionary.watch(target, lambda _, target=target: self._written.add(target))
 
@@ -105,7 +98,8 @@ class Motion:
     @property
     def interpolation_s(self) -> float:
         """Interpolation time 60C2h; 0 where it has not been set."""
-        return self._scaling.factors.interpolation_s if self._dictionary.value(0x60C2, 1) else 0.0
+        is_set = self._dictionary.value(Object.INTERPOLATION_TIME, 1) != 0
+        return self._scaling.factors.interpolation_s if is_set else 0.0
 
     @property
     def follows_positions(self) -> bool:
@@ -115,7 +109,7 @@ class Motion:
     # --- modes --------------------------------------------------------------------------------
 
     def _judge_mode(self, _: int, value: int) -> None:
-        supported = self._dictionary.value(0x6502)
+        supported = self._dictionary.value(Object.SUPPORTED_MODES)
         if value != Mode.NONE and (value < 0 or not supported >> (value - 1) & 1):
             raise SdoAbortError(AbortCode.RANGE)
 
@@ -124,18 +118,18 @@ class Motion:
             raise SdoAbortError(AbortCode.RANGE)
 
     def _request_mode(self) -> None:
-        requested = Mode(self._dictionary.value(MODES_OF_OPERATION))
+        requested = Mode(self._dictionary.value(Object.MODE))
         if requested is self.mode:
-            self._timers.cancel(MODES_OF_OPERATION)
-        elif not self._timers.running(MODES_OF_OPERATION) or requested is not self._requested:
+            self._timers.cancel(Object.MODE)
+        elif not self._timers.running(Object.MODE) or requested is not self._requested:
             self._requested = requested
             at_ns = self._line.now_ns + MODE_SWITCH_NS
-            self._timers.start(MODES_OF_OPERATION, at_ns, lambda: self._switch(requested))
+            self._timers.start(Object.MODE, at_ns, lambda: self._switch(requested))
 
     def _switch(self, mode: Mode) -> None:
         self.mode = mode
         self.homing.forget()
-        self._dictionary.put(MODE_DISPLAY, 0, mode)
+        self._dictionary.put(Object.MODE_DISPLAY, 0, mode)
 
     # --- homing and halt ----------------------------------------------------------------------
 
@@ -152,7 +146,7 @@ class Motion:
     @property
     def halted(self) -> bool:
         """True if controlword bit 8 requests a halt."""
-        return bool(self._dictionary.value(0x6040) & HALT_BIT)
+        return bool(self._dictionary.value(Object.CONTROLWORD) & HALT_BIT)
 
     @property
     def follows(self) -> bool:
@@ -164,7 +158,7 @@ class Motion:
     def order(self) -> AxisActuation:
         """Return the order of the active mode, in "operation enabled"."""
         if self.halted:
-            return self.ramp(HALT_OPTION[self._dictionary.value_or(0x605D, 0, 1)].ramp)
+            return self.ramp(HALT_OPTION[self._dictionary.value_or(Object.HALT, 0, 1)].ramp)
         if self.mode is Mode.CYCLIC_SYNC_TORQUE:
             return self._actuation(Actuation.TORQUE)
         if self.follows_positions:
@@ -179,16 +173,17 @@ class Motion:
         """Order of cyclic position, with the velocity and torque offsets of the master."""
         return replace(
             self._actuation(Actuation.POSITION),
-            target_velocity_si=self._speed_si(VELOCITY_OFFSET),
-            target_effort_si=self._scaling.effort_si(self._dictionary.value(TORQUE_OFFSET)),
+            target_velocity_si=self._speed_si(Object.VELOCITY_OFFSET),
+            target_effort_si=self._scaling.effort_si(self._dictionary.value(Object.TORQUE_OFFSET)),
         )
 
     def _velocity_order(self) -> AxisActuation:
         """Order of cyclic velocity; the master's targets are the ramp."""
         return replace(
             self._actuation(Actuation.VELOCITY),
-            target_velocity_si=self._speed_si(TARGET_VELOCITY) + self._speed_si(VELOCITY_OFFSET),
-            target_effort_si=self._scaling.effort_si(self._dictionary.value(TORQUE_OFFSET)),
+            target_velocity_si=self._speed_si(Object.TARGET_VELOCITY)
+            + self._speed_si(Object.VELOCITY_OFFSET),
+            target_effort_si=self._scaling.effort_si(self._dictionary.value(Object.TORQUE_OFFSET)),
         )
 
     def _speed_si(self, index: int) -> float:
@@ -196,7 +191,7 @@ class Motion:
 
     def _homing_order(self) -> AxisActuation:
         """Order of the running search, or at rest after the last one."""
-        acceleration_si = self._scaling.speed_si(self._dictionary.value(0x609A))
+        acceleration_si = self._scaling.speed_si(self._dictionary.value(Object.HOMING_ACCELERATION))
         travel = self.homing.travel
         if travel is None:
             return self._actuation(Actuation.RAMP, acceleration_si)
@@ -217,9 +212,9 @@ class Motion:
 
     def _deceleration_si(self, ramp: Ramp) -> float:
         if ramp is Ramp.SLOW:
-            return self._scaling.speed_si(self._dictionary.value(0x6084))
+            return self._scaling.speed_si(self._dictionary.value(Object.DECELERATION))
         if ramp is Ramp.QUICK:
-            return self._scaling.speed_si(self._dictionary.value(0x6085))
+            return self._scaling.speed_si(self._dictionary.value(Object.QUICK_STOP_DECELERATION))
         return HARDEST_DECELERATION_SI
 
     def _actuation(
@@ -250,12 +245,13 @@ class Motion:
     @property
     def target_permille(self) -> int:
         """6071h with its offset 60B2h."""
-        return self._dictionary.value(TARGET_TORQUE) + self._dictionary.value(TORQUE_OFFSET)
+        value = self._dictionary.value
+        return value(Object.TARGET_TORQUE) + value(Object.TORQUE_OFFSET)
 
     def _target_position_si(self, actuation: Actuation) -> float:
         if actuation is not Actuation.POSITION:
             return 0.0
-        return self._joint(self._dictionary.value(TARGET_POSITION))
+        return self._joint(self._dictionary.value(Object.TARGET_POSITION))
 
     def _joint(self, position_units: int) -> float:
         counts = self._scaling.units_counts(position_units)
@@ -264,12 +260,15 @@ class Motion:
     def _position_limits_si(self) -> tuple[float, float]:
         if not self._clips:
             return -math.inf, math.inf
-        limits = (self._joint(self._dictionary.value(POSITION_LIMITS, sub)) for sub in (1, 2))
-        lower_si, upper_si = sorted(limits)
+        lower_si, upper_si = sorted(map(self._joint, self._limits()))
         return lower_si, upper_si
 
+    def _limits(self) -> tuple[int, int]:
+        value = self._dictionary.value
+        return value(Object.POSITION_LIMITS, 1), value(Object.POSITION_LIMITS, 2)
+
     def _judge_position_limit(self, subindex: int, value: int) -> None:
-        lower, upper = (self._dictionary.value(POSITION_LIMITS, sub) for sub in (1, 2))
+        lower, upper = self._limits()
         crossed = (subindex == 1 and value > upper) or (subindex == 2 and value < lower)
         if crossed:
             raise SdoAbortError(AbortCode.MAXIMUM_BELOW_MINIMUM)
@@ -285,8 +284,8 @@ class Motion:
 
     def outside_position_limits(self) -> bool:
         """True if the position, or in cyclic position mode its target, lies outside 607Dh."""
-        lower, upper = (self._dictionary.value(POSITION_LIMITS, sub) for sub in (1, 2))
+        lower, upper = self._limits()
         positions = [self._measurement.position_counts]
         if self.follows_positions:
-            positions.append(self._dictionary.value(TARGET_POSITION))
+            positions.append(self._dictionary.value(Object.TARGET_POSITION))
         return not all(lower <= position <= upper for position in positions)

@@ -43,6 +43,7 @@ from typing import Final
 
 from sim_drives.canopen.aborts import AbortCode, SdoAbortError
 from sim_drives.canopen.dictionary import Address, ObjectDictionary, Value
+from sim_drives.canopen.objects import Object
 from sim_drives.canopen.timers import MILLISECOND
 from sim_drives.cia402.power_state import (
     DISABLE_OPTION,
@@ -147,36 +148,37 @@ CYCLIC_MODE_BITS: Final = 1 << 7 | 1 << 8 | 1 << 9
 def commissioned(settings: DriveSettings) -> dict[Address, Value]:
     """Return the motor data set at commissioning, and the drive's identity."""
     nominal_ma = round(settings.nominal_current_a * 1e3)
+    rated_mnm = round(settings.nominal_current_a * settings.torque_constant_nm_per_a * 1e3)
     limit_permille = round(settings.current_limit_a / settings.nominal_current_a * 1e3)
     shared: dict[Address, Value] = {
-        (0x1018, 4): settings.serial_number,
-        (0x6502, 0): supported_modes(settings),
+        (Object.IDENTITY, 4): settings.serial_number,
+        (Object.SUPPORTED_MODES, 0): supported_modes(settings),
     }
     if settings.personality is PersonalityName.EPOS4:
         constant_unm_per_a = round(settings.torque_constant_nm_per_a * 1e6)
         return shared | {
-            (0x3001, 1): nominal_ma,
-            (0x3001, 2): round(settings.current_limit_a * 1e3),
-            (0x3001, 5): constant_unm_per_a,
-            (0x6076, 0): nominal_ma * constant_unm_per_a // 1000,
+            (Object.EPOS4_MOTOR_DATA, 1): nominal_ma,
+            (Object.EPOS4_MOTOR_DATA, 2): round(settings.current_limit_a * 1e3),
+            (Object.EPOS4_MOTOR_DATA, 5): constant_unm_per_a,
+            (Object.RATED_TORQUE, 0): nominal_ma * constant_unm_per_a // 1000,
         }
     return shared | {
-        (0x6072, 0): limit_permille,
-        (0x6073, 0): limit_permille,
-        (0x6075, 0): nominal_ma,
-        (0x6076, 0): round(settings.nominal_current_a * settings.torque_constant_nm_per_a * 1e3),
+        (Object.TORQUE_MAX, 0): limit_permille,
+        (Object.CURRENT_MAX, 0): limit_permille,
+        (Object.RATED_CURRENT, 0): nominal_ma,
+        (Object.RATED_TORQUE, 0): rated_mnm,
     }
 
 
 def guard_option_codes(dictionary: ObjectDictionary, personality: Personality) -> None:
     """Restrict each option code to the values that this make of drive supports."""
     legal_codes: Mapping[int, frozenset[int]] = {
-        0x605A: personality.quick_stop_codes,
-        0x605B: frozenset(DISABLE_OPTION),
-        0x605C: frozenset(DISABLE_OPTION),
-        0x605D: personality.halt_codes,
-        0x605E: personality.fault_reaction_codes,
-        0x6007: frozenset(AbortConnection),
+        Object.QUICK_STOP: personality.quick_stop_codes,
+        Object.SHUTDOWN: frozenset(DISABLE_OPTION),
+        Object.DISABLE: frozenset(DISABLE_OPTION),
+        Object.HALT: personality.halt_codes,
+        Object.FAULT_REACTION: personality.fault_reaction_codes,
+        Object.ABORT_CONNECTION: frozenset(AbortConnection),
     }
     for index, legal in legal_codes.items():
         dictionary.guard(index, lambda _, value, legal=legal: _judge_option(value, legal))

@@ -15,16 +15,16 @@ import math
 from typing import Final, NamedTuple
 
 from sim_drives.canopen.dictionary import ObjectDictionary
+from sim_drives.canopen.objects import Object
 from sim_drives.cia402.personality import PERSONALITIES, SpeedUnit
 from sim_drives.settings import DriveSettings, PersonalityName
 
 RPM_TO_REV_PER_S: Final = 1 / 60
 NO_FOLLOWING_WINDOW: Final = 0xFFFF_FFFF
 """Value of 6065h that disables the following error."""
-POLARITY: Final = 0x607E
 POSITION_POLARITY: Final = 1 << 7
 VELOCITY_POLARITY: Final = 1 << 6
-UNIT_RATIOS: Final = (0x608F, 0x6091, 0x6092)
+UNIT_RATIOS: Final = (Object.ENCODER_RESOLUTION, Object.GEAR_RATIO, Object.FEED_CONSTANT)
 """Encoder resolution, gear ratio, feed constant: each sub 1 over sub 2."""
 
 
@@ -136,8 +136,9 @@ class Scaling:
 
     def _read_factors(self) -> Factors:
         value = self._dictionary.value
-        rated_torque_nm = value(0x6076) * self._personality.torque_base_nm
-        rated_current_a = value(0x3001, 1) * 1e-3 if self._epos4 else value(0x6075) * 1e-3
+        rated_torque_nm = value(Object.RATED_TORQUE) * self._personality.torque_base_nm
+        rated = (Object.EPOS4_MOTOR_DATA, 1) if self._epos4 else (Object.RATED_CURRENT, 0)
+        rated_current_a = value(*rated) * 1e-3
         constant = self._believed_constant(rated_torque_nm, rated_current_a)
         current_per_permille = rated_torque_nm / constant * 1e-3 if constant else 0.0
         if self._personality.torque_counts_current:
@@ -151,17 +152,17 @@ class Scaling:
             rated_current_a=rated_current_a,
             effort_limit_si=limit_a * self._effort_per_a,
             following_window_si=self._following_window_si(units_per_count),
-            following_time_s=value(0x6066) * 1e-3,
+            following_time_s=value(Object.FOLLOWING_TIME) * 1e-3,
             interpolation_s=self._interpolation_s(),
-            velocity_limit_si=value(0x6080) * abs(speed_step_si),
+            velocity_limit_si=value(Object.SPEED_LIMIT) * abs(speed_step_si),
             units_per_count=units_per_count * self._polarity(POSITION_POLARITY),
             speed_step_si=speed_step_si * self._polarity(VELOCITY_POLARITY),
         )
 
     def _interpolation_s(self) -> float:
-        interpolation_s = self._dictionary.value(0x60C2, 1) * 10.0 ** self._dictionary.value(
-            0x60C2, 2
-        )
+        value = self._dictionary.value
+        exponent = value(Object.INTERPOLATION_TIME, 2)
+        interpolation_s = value(Object.INTERPOLATION_TIME, 1) * 10.0**exponent
         return max(float(interpolation_s), self._personality.smallest_interpolation_s)
 
     def _units_per_count(self) -> float:
@@ -174,7 +175,7 @@ class Scaling:
         return value_or(index, 1, 1) / value_or(index, 2, 1)
 
     def _polarity(self, bit: int) -> int:
-        return -1 if self._dictionary.value_or(POLARITY, 0, 0) & bit else 1
+        return -1 if self._dictionary.value_or(Object.POLARITY, 0, 0) & bit else 1
 
     def _speed_step_si(self, units_per_count: float) -> float:
         if self._personality.speed_unit is SpeedUnit.RPM:
@@ -184,17 +185,17 @@ class Scaling:
     def _believed_constant(self, rated_torque_nm: float, rated_current_a: float) -> float:
         """Torque constant set in the drive, N·m/A: 3001h:05, or 6076h / 6075h; 0 if none."""
         if self._epos4:
-            return self._dictionary.value(0x3001, 5) * 1e-6
+            return self._dictionary.value(Object.EPOS4_MOTOR_DATA, 5) * 1e-6
         return rated_torque_nm / rated_current_a if rated_current_a else 0.0
 
     def _object_limit_a(self, rated_current_a: float) -> float:
         if self._epos4:
-            return self._dictionary.value(0x3001, 2) * 1e-3
-        permille = min(self._dictionary.value(0x6072), self._dictionary.value(0x6073))
+            return self._dictionary.value(Object.EPOS4_MOTOR_DATA, 2) * 1e-3
+        permille = min(map(self._dictionary.value, (Object.TORQUE_MAX, Object.CURRENT_MAX)))
         return permille * 1e-3 * rated_current_a
 
     def _following_window_si(self, units_per_count: float) -> float:
-        window = self._dictionary.value(0x6065)
+        window = self._dictionary.value(Object.FOLLOWING_WINDOW)
         if window == NO_FOLLOWING_WINDOW:
             return math.inf
         return window / units_per_count / self._counts_per_rev * self._travel_si

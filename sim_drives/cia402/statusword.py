@@ -4,13 +4,10 @@ Some drives update it in a task of their own every few milliseconds: until then 
 the previous value.
 """
 
-from typing import Final
-
 from sim_drives.canopen.dictionary import ObjectDictionary
 from sim_drives.canopen.line import Line
+from sim_drives.canopen.objects import Object
 from sim_drives.canopen.timers import Timers
-
-STATUSWORD: Final = 0x6041
 
 
 class Statusword:
@@ -30,10 +27,11 @@ class Statusword:
         self._word = word
         if not self._period_ns:
             self._renew()
-        elif word != self._dictionary.value(STATUSWORD) and not self._timers.running(STATUSWORD):
+        elif word != self._dictionary.value(Object.STATUSWORD):
             elapsed_ns = self._line.now_ns % self._period_ns
             at_ns = self._line.now_ns - elapsed_ns + self._period_ns
-            self._timers.start(STATUSWORD, at_ns, self._renew)
+            if not self._timers.running(Statusword):
+                self._timers.start(Statusword, at_ns, self._renew)
 
     def _renew(self) -> None:
-        self._dictionary.put(STATUSWORD, 0, self._word)
+        self._dictionary.put(Object.STATUSWORD, 0, self._word)

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-from sim_drives.canopen.connection import PASSIVE_CODE
-from sim_drives.canopen.node import PRODUCT_CODE, SERIAL_NUMBER, Node
 from sim_drives.canopen.timers import MILLISECOND
+from sim_drives.connection import PASSIVE_CODE
+from sim_drives.node import PRODUCT_CODE, SERIAL_NUMBER, Node
 from sim_drives.settings import FaultKind
 
 Switch = Callable[[Node, float, bool], None]

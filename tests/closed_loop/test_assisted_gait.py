@@ -115,9 +115,9 @@ def test_a_gait_in_which_nothing_is_in_force_does_not_care_about_leases(walking,
 def test_the_end_of_a_gait_ends_its_assist_without_a_lapse(walking):
     session, controller = walking(constant(hip_nm=5.0, stiffness_ratio=0.5))
     session.run(1)
-    plan = session.core.legs[0].plan
+    leg = session.core.legs[0]
     assert controller.running
-    session.core.legs[0].plan = replace(plan, duration_s=0.0)
+    leg.exercise = replace(leg.exercise, plan=replace(leg.exercise.plan, duration_s=0.0))
     session.run_until(lambda record: record.mode == Mode.HOLD, within_s=8)
     session.run(0.5)
 

@@ -18,8 +18,8 @@ from wire import (
     words_by_cycle,
 )
 
-from daemon.core.motion import leg_plan
 from daemon.core.safety.checks import ENABLE_CYCLES
+from daemon.core.steps import exercises
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
 
 INT16_MAX = 0x7FFF
@@ -27,12 +27,12 @@ INT16_MAX = 0x7FFF
 
 def guided_to(session, **change):
     """From now on every reference says this."""
-    honest = leg_plan.reference_of
+    honest = exercises.reference_of
 
-    def reference_of(core, leg):
-        return honest(core, leg)._replace(**change)
+    def reference_of(leg):
+        return honest(leg)._replace(**change)
 
-    return mock.patch.object(leg_plan, "reference_of", reference_of)
+    return mock.patch.object(exercises, "reference_of", reference_of)
 
 
 @pytest.mark.parametrize("wild_nm", [1e4, -1e4, 1e300, -1e300])

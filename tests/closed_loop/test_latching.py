@@ -3,9 +3,9 @@
 import pytest
 from sessions import changed_configs, new_session, restarted
 
+from daemon.core.modes import daily_test
 from daemon.core.modes.persistent_state import UNREADABLE, PersistentState
 from daemon.core.runtime.state_file import StateFile
-from daemon.core.steps import daily_test
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
 from daemon.ipc.state_file import NAME
 from gaitd_lab.lockstep import LockstepSession

@@ -8,7 +8,7 @@ import pytest
 from sessions import changed_configs, new_session, single_axis_run
 
 from daemon.core.modes.persistent_state import AxisNote, PersistentState
-from daemon.core.steps.commissioning import finds_home
+from daemon.core.steps.single_axis import moves_origin
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
 from drives.signals import OperationMode, PowerState
 from sim_drives.frame import Frame
@@ -311,4 +311,4 @@ def test_a_home_that_is_shown_during_a_stop_hides_no_motion(incremental):
     axis = incremental.core.axes[0]
     shown = replace(axis.feedback, statusword=axis.feedback.statusword | 0x1000)
 
-    assert not finds_home(incremental.core, axis, shown)
+    assert not moves_origin(incremental.core, axis, shown)

@@ -1,5 +1,6 @@
 """Mode torque: a controller moves the leg under a lease, and whatever ends that ends in hold."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import msgspec
@@ -124,9 +125,10 @@ def test_torque_on_the_wire_has_no_step_from_hold_through_torque_to_hold(session
 
 def test_what_the_impedance_gave_fades_when_torque_begins(session):
     """Held beside where it stands, the leg pulls at a spring; its pull does not end in a cycle."""
-    hold = session.core.legs[0].plan
+    leg = session.core.legs[0]
+    hold = leg.exercise
     off = (hold.start[0] - 0.03, hold.start[1] + 0.02)
-    session.core.legs[0].plan = type(hold)(off, (0.0, 0.0), hold.deceleration)
+    leg.exercise = replace(hold, start=off, start_velocity=(0.0, 0.0), elapsed_s=0.0)
     session.run(0.5)
     begun = len(session.bus.sent)
     before_nm = session.record.drives[0].target_effort_si

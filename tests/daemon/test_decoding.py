@@ -9,7 +9,6 @@ import random
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import NamedTuple
 
 import msgspec
@@ -22,9 +21,9 @@ from analysis.stop_recording import about, read_stop
 from daemon import wire
 from daemon.config.settings import Robot
 from daemon.config.strict import ConfigError, load_toml
+from daemon.core.modes import latched_stop
 from daemon.core.modes.persistent_state import AxisNote, LatchedNote, PersistentState
 from daemon.core.runtime.state_file import StateFile
-from daemon.core.steps import latching
 from daemon.gateway.requests import ASKS, BadPayloadError, read_ask
 from daemon.gateway.setpoints import Arrival, SetpointDesk
 from daemon.ipc import transport
@@ -36,7 +35,6 @@ from daemon.ipc.record import (
     Request,
     RequestKind,
     Setpoint,
-    Verdict,
 )
 from daemon.ipc.ring_clip import kept_file, trimmed
 from daemon.ipc.state_file import NAME
@@ -239,14 +237,13 @@ def test_damaged_records_are_left_out_of_a_replay_and_counted(tmp_path):
 
 
 def test_any_state_file_is_believed_whole_or_latched_as_unreadable(tmp_path):
-    core = SimpleNamespace(notes=PersistentState(), verdict=Verdict(), causes_told=set(), events=[])
     huge = NOTES.replace(b"1700000000000000000", b"1" + b"0" * 30)
     for data in (huge, *NASTY, *shaken(NOTES, FILE_COUNT)):
         (tmp_path / NAME).write_bytes(data)
         notebook = StateFile(tmp_path)
-        core.notes, core.events = notebook.notes, []
-        assert latching.take_over(core) == (core.notes.latched is not None)
-        notebook.write(core.notes)
+        latched = notebook.notes.latched
+        assert (latched_stop.verdict_of(latched) is None) == (latched is None)
+        notebook.write(notebook.notes)
         notebook.close()
 
 

@@ -3,7 +3,7 @@ from drive_files import CYCLE, drive
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drives.canopen.bus_load import bus_load, frame_bits, frame_bits_exact, objection
+from drives.bringup.bus_load import bus_load, frame_bits, frame_bits_exact, objection
 
 DRIVES = (drive("hip_epos4"), drive("slide_epos4"))
 CRC_POLYNOMIAL = 0x4599

@@ -22,7 +22,7 @@ from gaitd_lab.benchmark import (
     whole_service,
 )
 from gaitd_lab.benchmark.cycle_parts import PARTS, WHOLE
-from gaitd_lab.demonstration.script import ActError
+from gaitd_lab.processes import ServiceError
 
 
 @pytest.fixture(scope="module")
@@ -185,7 +185,7 @@ def test_the_parts_of_a_delivery_are_all_of_it(session):
 
 
 def test_messages_of_no_record_are_no_measurement(session):
-    with pytest.raises(ActError, match="none of 0 messages"):
+    with pytest.raises(ServiceError, match="none of 0 messages"):
         whole_service.divide([], session.records[-20:], 120.0)
 
 

@@ -15,8 +15,9 @@ from gaitd_lab.demonstration import stage
 from gaitd_lab.demonstration.feed import HEARD, TRUE, Track, TruthTail
 from gaitd_lab.demonstration.judgement import Row, Span, judge, pairs
 from gaitd_lab.demonstration.picture import Results, draw
-from gaitd_lab.demonstration.script import ActError, Kind
-from gaitd_lab.demonstration.stage import ManagedProcess, StageTime, Tempo, write_configs
+from gaitd_lab.demonstration.script import Kind
+from gaitd_lab.demonstration.stage import Stage, StageTime, Tempo
+from gaitd_lab.processes import ManagedProcess, ServiceError
 from sim_drives.plant.truth import TruthRow
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -120,10 +121,11 @@ def test_an_act_has_a_configuration_of_its_own_that_checks_out(tmp_path, empty):
     from daemon.preflight.load import load
     from gaitd_lab.virtual_machine import load_plant
 
-    trainer, endpoint = write_configs(CONFIGS, tmp_path / "configs", empty=empty)
+    act = Stage(tmp_path, CONFIGS, empty=empty, tempo=Tempo(), begin_ns=0)
+    act.end()
 
-    settings = load(trainer)
-    assert settings.file.trainer.zenoh.listen == (endpoint,)
+    settings = load(act.config)
+    assert settings.file.trainer.zenoh.listen == act.target.endpoints
     assert settings.file.runtime == tmp_path / "run"
     assert (settings.robot.patient is None) == empty
     assert load_plant(settings.file)[1].robot == settings.file.robot.name
@@ -136,11 +138,12 @@ def test_the_springs_of_the_empty_machine_carry_it_where_it_starts(tmp_path):
     from daemon.preflight.load import load
     from observer.mechanism.mechanism import gravity
 
-    trainer, _ = write_configs(CONFIGS, tmp_path / "configs", empty=True)
-    start = tomllib.loads((tmp_path / "configs" / "plant.toml").read_text())["start"]
+    act = Stage(tmp_path, CONFIGS, empty=True, tempo=Tempo(), begin_ns=0)
+    act.end()
+    start = tomllib.loads((act.config.parent / "plant.toml").read_text())["start"]
 
     pose = np.array((math.radians(start["hip_deg"]), start["slide_m"]))
-    load_there = gravity(leg_parameters(load(trainer).robot), pose)
+    load_there = gravity(leg_parameters(load(act.config).robot), pose)
 
     assert np.abs(load_there) == pytest.approx([0.0, 0.0], abs=1e-3)
 
@@ -149,25 +152,26 @@ def test_a_core_that_does_not_come_ends_the_demonstration(tmp_path, monkeypatch)
     monkeypatch.setattr(stage, "READY_WITHIN_S", 0.0)
     passing = StageTime(tmp_path / "bus", 0, Tempo())
 
-    with pytest.raises(ActError, match="core and gateway are not there"):
+    with pytest.raises(ServiceError, match="core and gateway are not there"):
         passing.turn(gateway_is_there=False)
 
 
 def test_a_process_that_dies_is_reported_with_its_last_words(tmp_path):
-    troupe = ManagedProcess("the dancer", ["dance"], tmp_path / "log")
-    troupe._process.wait(30)
+    process = ManagedProcess("the dancer", ["-m", "gaitd", "dance"], tmp_path / "log")
+    process.wait(30)
 
-    with pytest.raises(ActError, match=r"(?s)the dancer ended with 2.*dance"):
-        troupe.check()
+    with pytest.raises(ServiceError, match=r"(?s)the dancer ended with 2.*dance"):
+        process.check()
+    process.end()
 
 
 def test_a_process_ends_when_the_one_that_started_it_is_killed(tmp_path):
     script = (
         "import sys, time; from pathlib import Path\n"
-        "from gaitd_lab.demonstration.stage import ManagedProcess\n"
+        "from gaitd_lab.processes import ManagedProcess\n"
         f"config = {str(CONFIGS / 'demo.toml')!r}\n"
         f"log = Path({str(tmp_path)!r}) / 'log'\n"
-        "one = ManagedProcess('sim', ['sim', '--config', config], log)\n"
+        "one = ManagedProcess('sim', ['-m', 'gaitd', 'sim', '--config', config], log)\n"
         "print(one.pid, flush=True); time.sleep(60)"
     )
     parent = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)

@@ -2,7 +2,6 @@ import pytest
 
 from gaitd_lab.demonstration.script import (
     PAPER_S,
-    ActError,
     Ask,
     Kind,
     Patient,
@@ -13,6 +12,7 @@ from gaitd_lab.demonstration.script import (
     paper_act,
     plan_of,
 )
+from gaitd_lab.processes import ServiceError
 
 PLAN = Plan(passive_s=10.0, active_s=20.0, paper_s=25.0)
 
@@ -100,7 +100,7 @@ def test_a_refusal_ends_the_act_with_its_reason(refused):
     service = Service()
     service.refuses = refused
 
-    with pytest.raises(ActError, match=f"{refused} refused: because"):
+    with pytest.raises(ServiceError, match=f"{refused} refused: because"):
         play(gait_act(PLAN), service)
 
 
@@ -120,7 +120,7 @@ class Stopping(Service):
 
 @pytest.mark.parametrize("into", ["stopping", "fault", "off"])
 def test_a_stop_ends_the_act_with_its_cause(into):
-    with pytest.raises(ActError, match="hand switch"):
+    with pytest.raises(ServiceError, match="hand switch"):
         play(gait_act(PLAN), Stopping(at_s=20.0, mode=into))
 
 
@@ -129,7 +129,7 @@ def test_a_silent_service_ends_the_act():
         def situation(self, now_s):
             return super().situation(now_s)._replace(heard_s=min(now_s, 15.0))
 
-    with pytest.raises(ActError, match="no word from the service"):
+    with pytest.raises(ServiceError, match="no word from the service"):
         play(gait_act(PLAN), Silent())
 
 
@@ -138,7 +138,7 @@ def test_a_service_that_never_gets_ready_ends_the_act_in_time():
         def situation(self, now_s):
             return super().situation(now_s)._replace(mode="off", verdict="no drives")
 
-    with pytest.raises(ActError, match="no ready within 900 s; the mode is off"):
+    with pytest.raises(ServiceError, match="no ready within 900 s; the mode is off"):
         play(gait_act(PLAN), Off())
 
 

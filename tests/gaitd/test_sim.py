@@ -1,18 +1,14 @@
 """`gaitd sim` as a process: exit codes, its socket, its truth, and a client that is killed."""
 
-import contextlib
-import csv
 import shutil
-import signal
 import socket
-import subprocess
-import sys
 from functools import partial
 
 import can
 import pytest
 from command_line import gaitd
 from config_files import CONFIGS
+from processes import Service
 
 
 @pytest.fixture
@@ -28,19 +24,6 @@ def change(path, old, new):
     text = path.read_text()
     assert text.count(old) == 1, (path, old)
     path.write_text(text.replace(old, new))
-
-
-def arguments(configs, *more):
-    return [sys.executable, "-m", "gaitd", "sim", "--config", str(configs / "demo.toml"), *more]
-
-
-@contextlib.contextmanager
-def running(command):
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
 
 
 @pytest.fixture
@@ -64,50 +47,40 @@ def refused(sim):
     return line
 
 
-def test_it_serves_its_bus_until_sigterm_and_writes_the_truth_of_every_sync(configs, tmp_path):
-    truth, control = tmp_path / "truth.csv", tmp_path / "control"
-    command = arguments(configs, "--truth", str(truth), "--control", str(control), "--seed", "3")
-    with running(command) as process:
-        assert process.stdout.readline().endswith("configs/bus, in simulated time\n")
-        with can.Bus(interface="gaitd", channel=str(configs / "bus")) as bus:
+def test_it_serves_its_bus_until_sigterm_and_writes_the_truth_of_every_sync(tmp_path):
+    with Service(tmp_path) as service:
+        process = service.start("sim", *service.output_arguments, "--seed", "3")
+        service.wait(lambda: process.output().endswith("/bus, in simulated time\n"), 60)
+        with service.listener() as bus:
             for _ in range(5):
                 bus.send(can.Message(arbitration_id=0x080, is_extended_id=False))
                 heard = bus.recv(0.05)  # boot-up messages, and no TPDO
                 assert heard is None or heard.arbitration_id in (0x705, 0x706)
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
-            sender.bind(str(tmp_path / "sender"))
-            sender.settimeout(5)
-            answers = []
-            for line in ("help", "patient nobody", "silent right/hip 0.1"):
-                sender.sendto(line.encode(), str(control))
-                answers.append(sender.recv(8192).decode())
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(10) == 0
+        lines = ("help", "patient nobody", "silent right/hip 0.1")
+        answers = [service.inject(line) for line in lines]
+        assert process.end() == 0
 
     assert "encoder_glitch:" in answers[0] and "patient PROGRAMME" in answers[0]
     assert answers[1].startswith("error: ")
     assert answers[2] == "ok: began silent on right/hip"
-    rows = list(csv.DictReader(truth.open()))
+    rows = service.truth()
     assert rows[-1]["sync_count"] == "5"
     assert {"time_s", "hip_angle_rad", "slide_patient_n"} <= set(rows[0])
-    assert not control.exists()
+    assert not service.control_path.exists()
 
 
 def test_on_request_the_truth_goes_on_while_no_sync_comes_with_the_count_of_the_last_one(
-    configs, tmp_path
+    tmp_path,
 ):
-    truth = tmp_path / "truth.csv"
-    command = arguments(configs, "--truth", str(truth), "--truth-in-silence")
-    with running(command) as process:
-        assert process.stdout.readline().endswith("configs/bus, in simulated time\n")
-        with can.Bus(interface="gaitd", channel=str(configs / "bus")) as bus:
+    with Service(tmp_path) as service:
+        service.start_drives()
+        with service.listener() as bus:
             bus.send(can.Message(arbitration_id=0x080, is_extended_id=False))
-            while sum(row["sync_count"] == "1" for row in csv.DictReader(truth.open())) < 5:
+            while sum(row["sync_count"] == "1" for row in service.truth()) < 5:
                 bus.recv(0.02)
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(10) == 0
+        assert service.parts["sim"].end() == 0
 
-    rows = list(csv.DictReader(truth.open()))
+    rows = service.truth()
     counts = [int(row["sync_count"]) for row in rows]
     times = [int(row["sync_mono_ns"]) for row in rows]
     assert set(counts) <= {0, 1}

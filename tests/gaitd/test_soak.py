@@ -142,7 +142,7 @@ def test_the_operator_resets_once_more_where_an_axis_is_not_referenced():
     )
 
     asked = [
-        operator.next(Situation(now_s, Mode.READY, True, outcome, reason))
+        operator.next(Situation(now_s, Mode.READY, True, outcome, reason, referenced=False))
         for now_s, outcome, reason in steps
     ]
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from observer.filter.leg_filter import OUT_COVARIANCE, OUT_INNOVATION, OUT_NIS, OUT_SIZE, advance
-from observer.filter.leg_memory import MEMORY_SIZE, POINTS_SIZE, SCRATCH_SIZE, START_STD
+from observer.filter.leg_memory import START_STD, new_memory
 from observer.filter.leg_model import LANES, LegModel, runge_kutta
 from observer.filter.leg_observer import setup_of
 from observer.jit import kernel
@@ -33,11 +33,10 @@ def consistency(runs: int, steps: int, tuning=TUNING) -> tuple[float, float]:
 
 
 def _run(setup, random, steps):
-    memory, scratch = np.zeros(MEMORY_SIZE), np.zeros(SCRATCH_SIZE)
-    points, out, plant_points = np.zeros(POINTS_SIZE), np.zeros(OUT_SIZE), np.zeros(8 * LANES)
+    buffers, out, plant_points = new_memory(), np.zeros(OUT_SIZE), np.zeros(8 * LANES)
     start = np.concatenate((MID_POSE, np.zeros(6)))
     state = start + random.normal(size=8) * START_STD
-    advance(*setup, memory, scratch, points, *MID_POSE, 0.0, 0.0, 0.01, 0, out)
+    advance(*setup, *buffers, *MID_POSE, 0.0, 0.0, 0.01, 0, out)
     sums = np.zeros(2)
     for k in range(steps):
         # Both axes are kept in motion, back and forth about mid pose.
@@ -46,7 +45,7 @@ def _run(setup, random, steps):
         _one_step(MODEL, state, *effort, plant_points)
         state += random.normal(size=8) * TUNING.process_std
         measured = state[:2] + random.normal(size=2) * TUNING.measurement_std
-        advance(*setup, memory, scratch, points, *measured, *effort, 0.01, 0, out)
+        advance(*setup, *buffers, *measured, *effort, 0.01, 0, out)
         sums += _nees(state, out), out[OUT_NIS]
     return sums
 

@@ -6,18 +6,13 @@ import math
 import numpy as np
 import pytest
 
-from observer.filter import leg_memory
 from observer.filter.leg_filter import OUT_SIZE, advance
 from observer.filter.leg_memory import (
     BEGAN,
-    EVENT,
-    MEMORY_SIZE,
     NOTHING,
-    POINTS_SIZE,
-    SCRATCH_SIZE,
     STEPPED,
-    Arrays,
     N,
+    new_memory,
 )
 from observer.filter.leg_observer import LegObserver, TuningError, setup_of
 from observer.filter.status import Status, Validity
@@ -358,16 +353,12 @@ def test_options_that_cannot_be_are_refused_with_what_is_allowed(change, words):
 class _Cycles:
     def __init__(self):
         self.setup = setup_of(PATIENT, HIP, SLIDE_FRICTION, SHIPPED)
-        self.memory, self.scratch = np.zeros(MEMORY_SIZE), np.zeros(SCRATCH_SIZE)
-        self.points, self.out = np.zeros(POINTS_SIZE), np.zeros(OUT_SIZE)
+        (self.memory, self.points), self.out = new_memory(), np.zeros(OUT_SIZE)
 
     def step(self, position=tuple(MID_POSE), dt_s=0.01):
-        buffers = (self.memory, self.scratch, self.points)
-        advance(*self.setup, *buffers, *position, 0.0, 0.0, dt_s, 0, self.out)
-        return self.memory[EVENT]
-
-    def arrays(self) -> Arrays:
-        return leg_memory.arrays_in(self.memory, self.scratch, self.points)
+        now = (*position, 0.0, 0.0, dt_s, 0)
+        advance(*self.setup, self.memory, self.points, *now, self.out)
+        return self.memory["event"][0]
 
 
 def test_each_cycle_says_whether_it_began_stepped_or_did_nothing():
@@ -385,16 +376,15 @@ def test_each_cycle_says_whether_it_began_stepped_or_did_nothing():
 def test_a_cycle_leaves_where_it_came_from_what_it_foresaw_and_with_which_noise():
     cycles = _Cycles()
     cycles.step()
-    before = cycles.memory[: N + N * N].copy()
+    before = cycles.memory[0].copy()
     cycles.step((MID_POSE[0] + 1e-4, MID_POSE[1]))
-    a = cycles.arrays()
-    after = cycles.memory[: N + N * N].copy()
+    after = cycles.memory[0]
 
-    assert np.array_equal(a.backup, before)
-    root = a.forecast[N:].reshape(N, N)
-    assert np.all(np.diag(root) >= np.diag(after[N:].reshape(N, N)) - 1e-12)
-    assert a.forecast[0] != after[0]
-    assert np.array_equal(a.noise, np.tril(a.noise))
-    points = a.points.reshape(N, -1)
+    assert np.array_equal(after["backup_mean"], before["mean"])
+    assert np.array_equal(after["backup_root"], before["root"])
+    assert np.all(np.diag(after["forecast_root"]) >= np.diag(after["root"]) - 1e-12)
+    assert after["forecast_mean"][0] != after["mean"][0]
+    assert np.array_equal(after["noise"], np.tril(after["noise"]))
+    points = cycles.points.reshape(N, -1)
     mean = (points[:, 1:17].sum(axis=1) - 10.0 * points[:, 0]) / 6.0  # h^2 = 3, n = 8
-    assert np.allclose(mean, a.forecast[:N], atol=1e-9)
+    assert np.allclose(mean, after["forecast_mean"], atol=1e-9)

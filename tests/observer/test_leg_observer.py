@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from observer.filter.leg_memory import MEMORY_SIZE
 from observer.filter.leg_model import Integrator
 from observer.filter.leg_observer import LegObserver, PoseError, TuningError
 from observer.filter.states import FRICTION, POSITION, STATE_COUNT, STATE_NAMES, VELOCITY
@@ -576,4 +575,3 @@ def test_warm_up_changes_nothing():
     warmed.warm_up()
 
     assert warmed.step(WALK[0][50], WALK[1][50], DT) == cold.step(WALK[0][50], WALK[1][50], DT)
-    assert len(warmed._memory) == MEMORY_SIZE

@@ -8,20 +8,14 @@ import pytest
 from observer.filter import cdkf
 from observer.filter.leg_memory import (
     BEGAN,
-    EVENT,
-    MEMORY_SIZE,
     NOTHING,
-    POINTS_SIZE,
-    ROOT,
-    SCRATCH_SIZE,
-    STARTED,
     STEPPED,
     N,
-    arrays_in,
+    new_memory,
 )
 from observer.filter.leg_model import LANES
 from observer.filter.leg_observer import LegObserver, setup_of
-from observer.filter.leg_smoother import LegSmoother
+from observer.leg_smoother import LegSmoother
 from observer.offline import batch
 from observer.offline.batch import Columns
 from observer.offline.smooth_batch import run_smoothed
@@ -65,50 +59,44 @@ class Linear:
         self.noise = np.diag(process * random.uniform(0.2, 1.0, N))
         self.noise[6, 4] = 0.3 * process
         self.sensor = np.array((0.05, 0.08))
-        self.memory, self.scratch = np.zeros(MEMORY_SIZE), np.zeros(SCRATCH_SIZE)
-        self.points, self.work = np.zeros(POINTS_SIZE), np.zeros(WORK_SIZE)
+        (self.memory, self.points), self.work = new_memory(), np.zeros(WORK_SIZE)
         self.ring, self.random = np.zeros(RING_SIZE), random
-        self.memory[STARTED] = 1.0
-        self.memory[ROOT : ROOT + N * N] = np.eye(N).ravel()
+        self.mean, self.root = self.memory["mean"][0], self.memory["root"][0]
+        self.memory["started"] = 1.0
+        self.root[:] = np.eye(N)
         self.filtered, self.forecasts = [], []
 
-    @property
-    def mean(self):
-        return self.memory[:N]
-
-    @property
-    def root(self):
-        return self.memory[ROOT : ROOT + N * N].reshape(N, N)
-
     def begin(self):
-        self.memory[EVENT] = BEGAN
+        self.memory["event"] = BEGAN
         self._remember()
 
     def step(self, measured):
-        a = arrays_in(self.memory, self.scratch, self.points)
-        a.backup[:N], a.backup[N:] = self.mean, self.root.ravel()
-        a.noise[:] = self.noise
-        cdkf.spread(a.mean, a.root, cdkf.STEP, N, LANES, a.points)
-        a.points.reshape(N, LANES)[:] = self.transition @ a.points.reshape(N, LANES)
-        cdkf.compress(a.points, a.noise, cdkf.STEP, N, LANES, a.mean, a.root, a.work)
-        a.forecast[:N], a.forecast[N:] = self.mean, np.tril(self.root).ravel()
+        memory, mean, root = self.memory[0], self.mean, self.root
+        memory["backup_mean"], memory["backup_root"] = mean, root
+        memory["noise"] = self.noise
+        cdkf.spread(mean, root, cdkf.STEP, N, LANES, self.points)
+        points = self.points.reshape(N, LANES)
+        points[:] = self.transition @ points
+        work = memory["work"]
+        cdkf.compress(self.points, self.noise, cdkf.STEP, N, LANES, mean, root, work)
+        memory["forecast_mean"], memory["forecast_root"] = mean, np.tril(root)
         picks = np.array([0, 1])
-        innovation, root, gain = np.zeros(2), np.zeros((2, 2)), np.zeros((N, 2))
+        innovation, seen_root, gain = np.zeros(2), np.zeros((2, 2)), np.zeros((N, 2))
         std = np.concatenate((self.sensor, np.zeros(N - 2)))
-        cdkf.innovate(a.mean, a.root, picks, 2, measured, std, innovation, root, a.work)
-        cdkf.correct(a.mean, a.root, N, picks, 2, std, innovation, root, gain, a.work)
-        self.memory[EVENT] = STEPPED
-        self.forecasts.append((a.forecast[:N].copy(), self._covariance(a.forecast[N:])))
+        cdkf.innovate(mean, root, picks, 2, measured, std, innovation, seen_root, work)
+        cdkf.correct(mean, root, N, picks, 2, std, innovation, seen_root, gain, work)
+        self.memory["event"] = STEPPED
+        forecast = memory["forecast_mean"].copy()
+        self.forecasts.append((forecast, self._covariance(memory["forecast_root"])))
         self._remember()
 
-    def _covariance(self, flat):
-        root = np.tril(flat.reshape(N, N))
-        return root @ root.T
+    def _covariance(self, root):
+        return np.tril(root) @ np.tril(root).T
 
     def _remember(self):
-        self.filtered.append((self.mean.copy(), self._covariance(self.root.ravel())))
+        self.filtered.append((self.mean.copy(), self._covariance(self.root)))
         notes = np.zeros(NOTE_COUNT)
-        remember(self.ring, self.memory, self.scratch, self.points, notes, self.work)
+        remember(self.ring, self.memory, self.points, notes, self.work)
 
     def at(self, lag):
         out = np.zeros(SMOOTH_SIZE)
@@ -191,7 +179,7 @@ def test_older_than_the_lag_or_than_the_start_there_is_nothing():
 def test_nothing_of_after_a_new_start_goes_to_before():
     one = run_linear(2, 5)
     before = [one.at(lag) for lag in range(3)]
-    one.memory[:N] = 50.0
+    one.mean[:] = 50.0
     one.begin()
     one.step(one.random.normal(size=2))
 
@@ -203,7 +191,7 @@ def test_nothing_of_after_a_new_start_goes_to_before():
 
 def test_a_cycle_in_which_nothing_happened_is_the_one_beside_it():
     one = run_linear(4, 5)
-    one.memory[EVENT] = NOTHING
+    one.memory["event"] = NOTHING
     one._remember()
     one.step(one.random.normal(size=2))
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drives.canopen.bus_load import frame_bits_exact
+from drives.bringup.bus_load import frame_bits_exact
 
 
 @pytest.mark.rig_vcan

@@ -2,12 +2,10 @@
 
 import json
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from processes import Service
+from processes import Service, gaitd
 
 from daemon.ipc.record import Cause, Mode
 from daemon.ipc.ring_clip import FOLDER, kept_files
@@ -17,11 +15,6 @@ from daemon.ipc.transport import ASIDE_NAME, RING_NAME
 @pytest.fixture
 def walking(long_service):
     return long_service.bring(Mode.GAIT)
-
-
-def gaitd(*words: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "gaitd", *words]
-    return subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
 
 
 def state(service: Service) -> Path:

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import pytest
 from long_service import PATIENCE_S, LongService
-from processes import GAITD, Service
+from processes import Service
 from witnesses import Watch
 
 from daemon.ipc.record import Cause, Mode
-from gaitd_lab.processes import memory_folder
+from gaitd_lab.processes import GAITD, memory_folder
 
 CONFIGURATION_ERROR = 2
 FULL = Path("/dev/full")

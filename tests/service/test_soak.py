@@ -1,10 +1,9 @@
 """A quarter of a minute of `gaitd soak`, as a person runs it."""
 
 import json
-import subprocess
-import sys
 
 import pytest
+from processes import gaitd
 
 SEED = 3
 """Within its first seconds a process is halted, and nothing is killed."""
@@ -13,13 +12,7 @@ SEED = 3
 def soak(page, *words):
     """What it said, its exit code, and its page."""
     told = ["soak", "--minutes", "0.25", "--seed", str(SEED), "--json", "--report", str(page)]
-    ran = subprocess.run(
-        [sys.executable, "-m", "gaitd", *told, *words],
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    ran = gaitd(*told, *words, timeout=300)
     assert ran.stdout, ran.stderr
     return json.loads(ran.stdout), ran.returncode, page.read_text()
 

@@ -16,7 +16,6 @@ is counted in cycles, or measured by candump's stamps.
 import gc
 import json
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -29,6 +28,7 @@ import msgspec
 from processes import Service
 
 from daemon.preflight.load import load
+from gaitd_lab.processes import ManagedProcess
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PATIENCE_S = 600
@@ -38,14 +38,13 @@ TEMPLATE = "vcan.toml"
 WINDOW_MS = 5.0
 
 
-class Forked:
-    """A child that runs `gaitd WORDS`; of `subprocess.Popen` what `Service` uses."""
-
-    stdin = None
+class Forked(ManagedProcess):
+    """A child that runs `gaitd WORDS`, forked from this process instead of executed."""
 
     def __init__(self, words: list[str], log: Path) -> None:
         sys.stdout.flush()
-        self.returncode: int | None = None
+        self.name, self._log, self._begin = f"gaitd {words[0]}", log, 0
+        self.stdin = self.returncode = None
         self.pid = os.fork()
         if self.pid == 0:
             os._exit(_run(words, log))
@@ -56,7 +55,8 @@ class Forked:
             self.returncode = os.waitstatus_to_exitcode(status) if pid else None
         return self.returncode
 
-    def wait(self, within_s: float = PATIENCE_S) -> int:
+    def wait(self, timeout: float | None = PATIENCE_S) -> int:
+        within_s = timeout or PATIENCE_S
         end_s = time.monotonic() + within_s
         while self.poll() is None:
             if time.monotonic() > end_s:
@@ -68,12 +68,6 @@ class Forked:
     def send_signal(self, number: int) -> None:
         if self.poll() is None:
             os.kill(self.pid, number)
-
-    def terminate(self) -> None:
-        self.send_signal(signal.SIGTERM)
-
-    def kill(self) -> None:
-        self.send_signal(signal.SIGKILL)
 
 
 def _run(words: list[str], log: Path) -> int:
@@ -119,7 +113,7 @@ class Inside(Service):
         channel = self.channels.get(part, "vcan0")
         config.write_text(self.text.replace('"vcan0"', f'"{channel}"'))
         words = [part, "--config", str(config), *arguments]
-        self.parts[part] = Forked(words, self.folder / f"{part}.log")  # type: ignore[assignment]
+        self.parts[part] = Forked(words, self.folder / f"{part}.log")
         return self.parts[part]
 
     def wait(self, reached: Any, within_s: float = PATIENCE_S, poll_s: float = POLL_S) -> None:

@@ -9,9 +9,9 @@ import tomllib
 from pathlib import Path
 
 from gaitd.testing import service
+from gaitd_lab.processes import GAITD
 
 CONFIGS = Path(__file__).parents[2] / "configs"
-GAITD = service.GAITD
 
 
 class Service(service.Service):
@@ -29,13 +29,13 @@ class Service(service.Service):
 
     def ask(self, *words: str) -> subprocess.CompletedProcess[str]:
         """As a person does: by the command line."""
-        return subprocess.run(
-            [sys.executable, *GAITD, *words, "--config", str(self.config)],
-            capture_output=True,
-            text=True,
-            timeout=90,
-            check=False,
-        )
+        return gaitd(*words, "--config", str(self.config))
+
+
+def gaitd(*words: str, timeout: float = 90) -> subprocess.CompletedProcess[str]:
+    """A command as a process of its own."""
+    command = [sys.executable, *GAITD, *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False)
 
 
 def its_bus(template: Path) -> dict[str, str]:

@@ -2,11 +2,11 @@
 
 import math
 
-from daemon.core.safety.checks import NO_VERDICT, judge
+from daemon.core.safety.checks import NO_VERDICT, check
 from daemon.core.safety.effort_monitor import EffortWatch
-from daemon.core.safety.inputs import AxisInputs, LegInputs, ServiceInputs
+from daemon.core.safety.inputs import AxisInputs, LegInputs, SafetyInputs, ServiceInputs
+from daemon.core.safety.joints import Joint
 from daemon.core.safety.limits import AxisLimits, Categories, Thresholds
-from daemon.core.steps.joints import Joint
 from daemon.wire.causes import CHOSEN_CATEGORY
 from drives.signals import (
     DriveFeedback,
@@ -131,5 +131,5 @@ AXIS = AxisInputs(
 
 def harshest(service, axes, legs, thresholds, categories, *, driving):
     """The verdict of a cycle that is told."""
-    found = judge(service, axes, legs, thresholds, categories, driving=driving)
+    found = check(SafetyInputs(service, axes, legs, thresholds, categories, driving))
     return found[0] if found else NO_VERDICT

@@ -9,8 +9,8 @@ Pure: `state_file.py` reads and writes the file. Rules:
 3.  An unreadable file is not treated as a missing file: no encoder is accepted then.
 4.  A proof of a sign is valid for one drive and one transmission: another serial number, node,
     gear or sign makes it void.
-5.  A stop that was latched when the core ended is latched in the next one (`latching.py`). If the
-    file cannot be read, LAST_END_UNKNOWN is latched.
+5.  A stop that was latched when the core ended is latched in the next one (`latched_stop.py`). If
+    the file cannot be read, LAST_END_UNKNOWN is latched.
 """
 
 from typing import Final, NamedTuple

@@ -21,9 +21,20 @@ Rules:
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from enum import Enum
+from typing import Final, NamedTuple
 
+from daemon.core.exercises.excite import Excite
+from daemon.core.exercises.exercise import Exercise
+from daemon.core.exercises.gait import Gait
+from daemon.core.exercises.hand_guiding import HandGuiding
+from daemon.core.exercises.hold import Hold
+from daemon.core.exercises.homing import Homing
+from daemon.core.exercises.self_test import SelfTest
+from daemon.core.exercises.sign_test import SignTest
+from daemon.core.exercises.single_axis import SingleAxis
+from daemon.core.exercises.torque import Torque
+from daemon.core.modes.guards import GuardInputs
 from daemon.ipc.record import Mode, ModeRequest, RequestKind
 
 
@@ -116,16 +127,56 @@ _EVENT_OF_KIND = {
     RequestKind.RESET: Event.RESET,
 }
 
-_EVENT_OF_MODE = {
-    Mode.HOLD: Event.TO_HOLD,
-    Mode.GAIT: Event.TO_GAIT,
-    Mode.TORQUE: Event.TO_TORQUE,
-    Mode.EXCITE: Event.TO_EXCITE,
-    Mode.HAND_GUIDING: Event.TO_HAND_GUIDING,
-    Mode.SELF_TEST: Event.TO_SELF_TEST,
-    Mode.REFERENCE: Event.TO_REFERENCE,
-    Mode.COMMISSION: Event.TO_COMMISSION,
+
+class ModeRules(NamedTuple):
+    """What is particular to a mode that a client can request."""
+
+    event: Event
+    exercise: type[Exercise] | None = None
+    """What each leg does; None in the modes of a single axis."""
+    single_axis: type[SingleAxis] | None = None
+    by_torque: bool = False
+    """The drives are in torque mode, also where the drives' position loops follow a gait."""
+    needs_impedance: bool = False
+    """It is refused with guidance by position."""
+    takes_assist: bool = False
+    """A controller may add torque and reduce the stiffness of guidance."""
+    is_guided_motion: bool = False
+    """A reference moves the leg: effort against it may be a spasm."""
+    needs_self_test: bool = False
+    """It is refused while a self-test is due, because it moves a leg.
+
+    HAND_GUIDING does not need one: the patient may have to get out.
+    """
+
+
+MODES: Mapping[Mode, ModeRules] = {
+    Mode.HOLD: ModeRules(Event.TO_HOLD, Hold),
+    Mode.GAIT: ModeRules(
+        Event.TO_GAIT, Gait, takes_assist=True, is_guided_motion=True, needs_self_test=True
+    ),
+    Mode.TORQUE: ModeRules(
+        Event.TO_TORQUE,
+        Torque,
+        by_torque=True,
+        needs_impedance=True,
+        takes_assist=True,
+        needs_self_test=True,
+    ),
+    Mode.EXCITE: ModeRules(Event.TO_EXCITE, Excite, by_torque=True, needs_self_test=True),
+    Mode.HAND_GUIDING: ModeRules(Event.TO_HAND_GUIDING, HandGuiding, by_torque=True),
+    Mode.SELF_TEST: ModeRules(Event.TO_SELF_TEST, SelfTest, by_torque=True, is_guided_motion=True),
+    Mode.REFERENCE: ModeRules(Event.TO_REFERENCE, single_axis=Homing),
+    Mode.COMMISSION: ModeRules(Event.TO_COMMISSION, single_axis=SignTest),
 }
+"""The modes that a client can request; `Mode` has more, which the core enters by itself."""
+NO_RULES: Final = ModeRules(Event.STOP)
+"""For the modes that cannot be requested."""
+
+
+def rules_of(mode: Mode) -> ModeRules:
+    """The rules of a mode; nothing is allowed in one that cannot be requested."""
+    return MODES.get(mode, NO_RULES)
 
 
 class IllegalTransitionError(Exception):
@@ -147,44 +198,9 @@ def next_mode(mode: Mode, event: Event) -> Mode:
 def event_of(kind: RequestKind, wanted: ModeRequest) -> Event | None:
     """The event of a request; None if its mode cannot be requested."""
     if kind == RequestKind.MODE:
-        return _EVENT_OF_MODE.get(wanted.mode)
+        rules = MODES.get(wanted.mode)
+        return None if rules is None else rules.event
     return _EVENT_OF_KIND.get(kind)
-
-
-@dataclass(frozen=True, slots=True)
-class GuardInputs:
-    """Inputs of the guards, collected in the cycle of the request."""
-
-    mode: Mode
-    gateway_alive: bool
-    at_rest: bool
-    hand_switch_closed: bool
-    sto_released: bool
-    unreferenced: tuple[str, ...]
-    """Names of the axes without a valid position, with the reason."""
-    outside: tuple[str, ...]
-    """Names of the axes outside their range, and of the legs near their singularity."""
-    drives_powered: bool
-    """All drives are enabled and their static load has been compared."""
-    cadence_max_hz: float
-    scenarios: Mapping[str, float]
-    """Excite scenarios by name, with their longest duration in s."""
-    artificial: frozenset[str]
-    """Names of the scenarios with an artificial disturbance."""
-    patient_configured: bool
-    guidance: str
-    unproven: tuple[str, ...] = ()
-    """Names of the axes whose sign must be proven and is not."""
-    lease_held: bool = False
-    """A controller holds the lease, according to the gateway."""
-    inputs_unseen: tuple[str, ...] = ()
-    """The states of hand switch and STO still to be observed in the daily test, where required."""
-    self_test_due: str = ""
-    """The reason why a self-test must come before any motion; empty if none is due."""
-    unsampled: tuple[str, ...] = ()
-    """Names of the axes without a complete sample in this cycle: their standstill is unknown."""
-    lost: frozenset[str] = frozenset()
-    """Names of the axes whose drive is silent or got NMT stop: the next bring-up checks them."""
 
 
 def refusal(kind: RequestKind, wanted: ModeRequest, now: GuardInputs) -> str:
@@ -198,31 +214,18 @@ def refusal(kind: RequestKind, wanted: ModeRequest, now: GuardInputs) -> str:
         return _refuse_enable(now)
     if event == Event.RESET:
         return _refuse_reset(now)
-    if event in {Event.TO_REFERENCE, Event.TO_COMMISSION}:
+    if kind == RequestKind.DISABLE or wanted.mode == Mode.HOLD:
+        return ""
+    rules = MODES[wanted.mode]
+    if rules.exercise is None:
         return "" if wanted.witnessed else _refuse_preparation(now)
-    if event == Event.TO_TORQUE and now.guidance == "position":
+    if rules.needs_impedance and now.guidance == "position":
         return "assist is refused: with guidance 'position' the drives give the torque"
-    if event in _FROM_HOLD and not now.drives_powered:
+    if not now.drives_powered:
         return "the drives are not holding yet"
-    if event in _TESTED and now.self_test_due:
+    if rules.needs_self_test and now.self_test_due:
         return f"{now.self_test_due}: `gaitd self-test`"
-    if event == Event.TO_TORQUE:
-        return "" if now.lease_held else "mode torque needs a lease, and nobody holds one"
-    if event == Event.TO_GAIT:
-        return _refuse_gait(wanted, now)
-    if event == Event.TO_EXCITE:
-        return _refuse_excite(wanted, now)
-    return ""
-
-
-_FROM_HOLD = frozenset(
-    {Event.TO_GAIT, Event.TO_TORQUE, Event.TO_EXCITE, Event.TO_HAND_GUIDING, Event.TO_SELF_TEST}
-)
-_TESTED = frozenset({Event.TO_GAIT, Event.TO_TORQUE, Event.TO_EXCITE})
-"""Events that need a passed self-test because they move a leg.
-
-HAND_GUIDING does not need one: the patient may have to get out.
-"""
+    return rules.exercise.refuse(wanted, now)
 
 
 def _refuse_enable(now: GuardInputs) -> str:
@@ -276,37 +279,4 @@ def _refuse_reset(now: GuardInputs) -> str:
         return "the hand switch is open"
     if now.mode == Mode.FAULT and not now.sto_released:
         return "safe torque off is active"
-    return ""
-
-
-def _refuse_gait(wanted: ModeRequest, now: GuardInputs) -> str:
-    if not CADENCE_MIN_HZ <= wanted.cadence_hz <= now.cadence_max_hz:
-        allowed = f"{CADENCE_MIN_HZ:g} to {now.cadence_max_hz:g}"
-        return f"cadence_hz = {wanted.cadence_hz:g}, allowed {allowed}"
-    if not 0 < wanted.amplitude_ratio <= 1:
-        return f"amplitude_ratio = {wanted.amplitude_ratio:g}, allowed > 0 and <= 1"
-    if not 0 < wanted.duration_s <= DURATION_MAX_S:
-        return f"duration_s = {wanted.duration_s:g}, allowed > 0 and <= {DURATION_MAX_S:g}"
-    return ""
-
-
-CADENCE_MIN_HZ = 0.02
-"""Lowest cadence: a gait ends with a whole stride, which must not take longer than 50 s."""
-DURATION_MAX_S = 3600.0
-"""Longest gait of one request, s."""
-
-
-def _refuse_excite(wanted: ModeRequest, now: GuardInputs) -> str:
-    longest_s = now.scenarios.get(wanted.scenario)
-    if longest_s is None:
-        known = ", ".join(sorted(now.scenarios))
-        return f"scenario = {wanted.scenario!r}, configured are: {known}"
-    if not 0 < wanted.duration_s <= longest_s:
-        return f"duration_s = {wanted.duration_s:g}, allowed > 0 and <= {longest_s:g}"
-    if wanted.scenario in now.artificial and now.patient_configured:
-        return (
-            "an artificial disturbance is only for the empty machine, and a patient is configured"
-        )
-    if wanted.scenario in now.artificial and now.lease_held:
-        return "an artificial disturbance would mislead the controller that holds the lease"
     return ""

@@ -1,6 +1,5 @@
-"""Reference motion of a leg over time. Pure: each plan is a value that is advanced by a cycle.
+"""The shape of the gait, and the assist of a controller. Pure.
 
-Reading order: `leg_plan.py` (the plan of one leg in the core's state), `trajectory.py` (brake,
-hold, gait, excitation), `hand_guiding.py`, `self_test.py`, `single_axis.py` (homing and sign
-test), `assist.py` (assist from a controller's setpoints).
+`gait_shape.py` has the periodic reference and the poses of a leg; `assist.py` has the rules for a
+controller's setpoints. The exercises that use the shape are in `daemon/core/exercises`.
 """

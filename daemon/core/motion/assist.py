@@ -9,7 +9,7 @@ Rules:
 3. Assist in force follows the setpoint within limit, rate and power (`bounds.bound_assist`).
 4. Without an accepted and fresh setpoint, in a mode with assist, assist fades to zero within
    `stop.assist_fade_ms` from any value, and stiffness returns to full in the same time. The leg is
-   then braked from where it is (`leg_plan.hold_from`): it is not pulled back to a reference.
+   then braked from where it is (`steps/exercises.py`): it is not pulled back to a reference.
 5. Assist lapses when the setpoint in force has lost its lease or is stale; mode TORQUE lapses also
    when no first setpoint is received. The age is counted in cycles of the core, from `for_cycle`.
 
@@ -22,13 +22,11 @@ from typing import NamedTuple
 
 from daemon.core.safety import bounds
 from daemon.core.safety.limits import AxisLimits
-from daemon.ipc.record import Mode, Setpoint
+from daemon.ipc.record import Setpoint
 from daemon.wire.refusals import SetpointRefusal
 
 Pair = tuple[float, float]
 
-ASSISTED = frozenset({Mode.TORQUE, Mode.GAIT})
-"""Modes that take assist."""
 FULL_STIFFNESS = 1.0
 
 
@@ -49,7 +47,7 @@ class SetpointContext(NamedTuple):
     lease: int
     """The lease held according to the newest gateway state; 0: none."""
     cycle: int
-    mode: Mode
+    takes_assist: bool
     by_position: bool
     """Guidance is by the drives' own position loops."""
 
@@ -81,7 +79,7 @@ def judge(
     setpoint: Setpoint,
     last_seq: int,
     limits: tuple[AxisLimits, AxisLimits],
-    desk: SetpointContext,
+    context: SetpointContext,
     rules: AssistRules,
 ) -> SetpointRefusal:
     """Check a setpoint; NONE if it is accepted, else the reason to refuse it.
@@ -90,30 +88,32 @@ def judge(
         setpoint: as the gateway forwards it.
         last_seq: `seq` of the last accepted one of this leg and lease; -1: there is none.
         limits: limits of hip and slide.
-        desk: state of the core in this cycle.
+        context: state of the core in this cycle.
         rules: settings of limits.toml.
     """
-    return _by_sender(setpoint, last_seq, desk, rules) or _by_content(setpoint, limits, desk)
+    return _by_sender(setpoint, last_seq, context, rules) or _by_content(setpoint, limits, context)
 
 
 def _by_sender(
-    setpoint: Setpoint, last_seq: int, desk: SetpointContext, rules: AssistRules
+    setpoint: Setpoint, last_seq: int, context: SetpointContext, rules: AssistRules
 ) -> SetpointRefusal:
-    if desk.lease == 0:
+    if context.lease == 0:
         return SetpointRefusal.UNLEASED
-    if setpoint.lease != desk.lease:
+    if setpoint.lease != context.lease:
         return SetpointRefusal.WRONG_LEASE
     if setpoint.seq == last_seq:
         return SetpointRefusal.REPEATED
     if setpoint.seq < last_seq:
         return SetpointRefusal.REORDERED
-    if setpoint.for_cycle > desk.cycle:
+    if setpoint.for_cycle > context.cycle:
         return SetpointRefusal.AHEAD
-    return SetpointRefusal.NONE if is_fresh(setpoint, desk.cycle, rules) else SetpointRefusal.STALE
+    return (
+        SetpointRefusal.NONE if is_fresh(setpoint, context.cycle, rules) else SetpointRefusal.STALE
+    )
 
 
 def _by_content(
-    setpoint: Setpoint, limits: tuple[AxisLimits, AxisLimits], desk: SetpointContext
+    setpoint: Setpoint, limits: tuple[AxisLimits, AxisLimits], context: SetpointContext
 ) -> SetpointRefusal:
     wanted = wanted_si(setpoint)
     if not all(map(math.isfinite, (*wanted, setpoint.stiffness_ratio))):
@@ -121,9 +121,9 @@ def _by_content(
     inside = all(abs(one) <= of.assist_max_si for one, of in zip(wanted, limits, strict=True))
     if not inside or not 0.0 <= setpoint.stiffness_ratio <= FULL_STIFFNESS:
         return SetpointRefusal.OUT_OF_RANGE
-    if desk.by_position:
+    if context.by_position:
         return SetpointRefusal.GUIDANCE_IS_POSITION
-    if desk.mode not in ASSISTED and not is_neutral(setpoint):
+    if not context.takes_assist and not is_neutral(setpoint):
         return SetpointRefusal.WRONG_MODE
     return SetpointRefusal.NONE
 

@@ -11,20 +11,21 @@ from daemon.config.drive_plan import cycle_settings, drive_limits
 from daemon.config.limit_settings import Limits
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Commissioning, Reference, Trainer
+from daemon.core.core_config import CoreConfig
+from daemon.core.exercises.single_axis import HomingRules, PushRules, SingleAxis
 from daemon.core.modes.persistent_state import PersistentState, PoseRules, Wiring
 from daemon.core.motion.assist import AssistRules
-from daemon.core.motion.single_axis import OVER, Homing, HomingRules, Preparation, PushRules
-from daemon.core.motion.trajectory import gait_shape
+from daemon.core.motion.gait_shape import gait_shape
 from daemon.core.safety.limits import AxisLimits, Categories, Thresholds, hip_limits, slide_limits
 from daemon.core.safety.spasm import SpasmRules, SpasmWatch
 from daemon.core.safety.stop_sequence import StopRules
-from daemon.core.state import Axis, Core, CoreConfig, Leg
+from daemon.core.state import Axis, Core, Leg
 from daemon.ipc.transport import RingHeader
 from drives.bringup.plan import CycleSettings, DrivePlan, homing_plan, lonely_plan, plan
 from drives.cia402.profile import DriveDescription
 from drives.cia402.units import axis_scaling, expected_base
 from observer.filter.leg_observer import LegObserver
-from observer.filter.leg_smoother import LegSmoother
+from observer.leg_smoother import LegSmoother
 from observer.strides import StrideCounter
 
 NS_PER_MS = 1_000_000
@@ -46,15 +47,12 @@ class Plans:
     commissioning: Mapping[str, DrivePlan]
     """Plan of the axis whose sign is tested, by its name."""
 
-    def of(self, preparation: Preparation | None) -> tuple[DrivePlan, ...]:
+    def of(self, run: SingleAxis | None) -> tuple[DrivePlan, ...]:
         """The plans of all drives for the next homing or sign test, or the usual ones."""
-        if preparation is None or preparation.step in OVER:
+        if run is None or run.is_over:
             return self.usual
-        table = self.homing if isinstance(preparation, Homing) else self.commissioning
-        special = table[preparation.axis]
-        return tuple(
-            special if one.description.name == preparation.axis else one for one in self.usual
-        )
+        special = (self.homing if run.by_drive else self.commissioning)[run.axis]
+        return tuple(special if one.description.name == run.axis else one for one in self.usual)
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +161,7 @@ def _core_config(
     communication, stop = limits.communication, limits.stop
     return CoreConfig(
         period_ns=period_ms * NS_PER_MS,
+        period_s=period_ms * NS_PER_MS * 1e-9,
         thresholds=Thresholds(
             sample_age_max_cycles=communication.sample_age_max_cycles,
             heartbeat_timeout_ns=communication.heartbeat_timeout_ms * NS_PER_MS,

@@ -7,8 +7,8 @@ work. Beyond EXACT_MAX frames at a time the longest possible frame length is use
 from collections.abc import Sequence
 from typing import Final
 
+from drives.bringup.bus_load import frame_bits, frame_bits_exact
 from drives.canopen.bus import Frame
-from drives.canopen.bus_load import frame_bits, frame_bits_exact
 
 SPAN_NS: Final = 1_000_000_000
 EXACT_MAX: Final = 64

@@ -34,10 +34,11 @@ from daemon.core.runtime.grid import Grid, longest_part
 from daemon.core.runtime.loop_settings import ExitCode, LoopSettings, Seam
 from daemon.core.runtime.sync_window import Window
 from daemon.core.runtime.systemd import Supervision
+from daemon.core.safety.joints import is_at_rest
 from daemon.core.safety.stop_sequence import Step
 from daemon.core.state import Core
-from daemon.core.steps import impedance, poses, supervisor
-from daemon.core.steps.bring_up import bring_up_core, fail
+from daemon.core.steps import impedance, persistence, supervisor, wanted
+from daemon.core.steps.bring_up import bring_up_core
 from daemon.core.tick import Tick
 from daemon.ipc.cycle_timing import CyclePart, CycleTiming
 from daemon.ipc.record import Cause, CycleRecord, GatewayState, Mode
@@ -126,7 +127,7 @@ class Loop:
         try:
             while not (asked_to_end() and self.may_end()):
                 if asked_to_reload():
-                    self._core.events.append(NOTHING_RELOADED)
+                    self._core.report(NOTHING_RELOADED)
                 self.turn(shutdown=asked_to_end())
         except BringUpRefused:
             self._tell(cycle.rest(self._core, [], self._tick(self._grid.due_ns)))
@@ -197,7 +198,7 @@ class Loop:
         line, core, window = self._line, self._core, self._window
         window.begin()
         timing = replace(self._timing, lateness_ns=begun_ns - self._grid.due_ns, answer_ns=0)
-        core.events += line.take_notices()
+        self._report(line.take_notices())
         if not self._has_drives():
             self._timing = replace(timing, collect_ns=0, work_ns=0)
             return cycle.rest(core, levels, self._tick(begun_ns))
@@ -229,7 +230,7 @@ class Loop:
     def _sync_and_collect(self, sync_ns: int) -> list[Frame]:
         """Send SYNC (and heartbeat), and collect the drives' answers inside the window."""
         line, settings, drives = self._line, self._settings, self._core.drives
-        if supervisor.silenced(self._core) or drives is None:
+        if wanted.is_silenced(self._core) or drives is None:
             return []
         drives.feed_between(line.drain(), sync_ns)
         if line.is_off:
@@ -243,7 +244,7 @@ class Loop:
     def _send(self, outgoing: Sequence[Frame]) -> None:
         """Send commands while their cycle lasts, and NMT stop where a stop has escalated to it."""
         line, core = self._line, self._core
-        if supervisor.silenced(core):
+        if wanted.is_silenced(core):
             return
         deadline_ns = self._grid.end_ns - SEND_MARGIN_NS
         if any(axis.stop is not None and axis.stop.step > Step.HOLD for axis in core.axes):
@@ -253,7 +254,7 @@ class Loop:
             line.drop(outgoing)
         else:
             line.send(outgoing)
-        stopped = supervisor.nmt_stopped(core)
+        stopped = wanted.nmt_stopped(core)
         stops = [nmt_frame(NmtCommand.STOP, node) for node in stopped if node not in self._stopped]
         if not stops or line.send_urgent(stops, deadline_ns):
             self._stopped = stopped
@@ -267,9 +268,9 @@ class Loop:
         try:
             self._line.open()
         except BusError as error:
-            fail(core, Cause.BUS_DOWN, "", error.what)
+            supervisor.fail_bring_up(core, Cause.BUS_DOWN, "", error.what)
             return
-        plans = settings.plans.of(core.preparation)
+        plans = settings.plans.of(core.single_axis)
         port = self._line.port(requested=core.reset_cycles_left > 0, meanwhile=self._tell_meanwhile)
         for _ in bring_up_core(core, plans, port, settings.cycle):
             self._tell_meanwhile()
@@ -290,7 +291,7 @@ class Loop:
         late_ns = self._clock.now_ns() - self._grid.due_ns
         if late_ns < 0:
             return
-        self._core.events += self._line.take_notices()
+        self._report(self._line.take_notices())
         self._tell(cycle.rest(self._core, self._hear_levels(), self._tick(self._grid.due_ns)))
         if late_ns < self._settings.period_ns:
             self._supervision.feed()
@@ -323,8 +324,12 @@ class Loop:
 
     def _hear_levels(self) -> list[GatewayState]:
         levels = self._seam.levels()
-        self._core.events += self._seam.take_notices()
+        self._report(self._seam.take_notices())
         return levels
+
+    def _report(self, notices: Sequence[str]) -> None:
+        for notice in notices:
+            self._core.report(notice)
 
     def _tell(self, record: CycleRecord) -> None:
         self._seam.publish(record)
@@ -346,7 +351,7 @@ class Loop:
         )
         if missed > 1:
             name = part.name.lower().replace("_", " ")
-            self._core.events.append(
+            self._core.report(
                 f"{missed} cycles in a row had no time and were left out: late by the {name}"
             )
 
@@ -368,13 +373,14 @@ class Loop:
         states = {axis.feedback.power_state for axis in core.axes if axis.feedback is not None}
         if states - TORQUE_FREE:
             return self._power_off_cycles > POWER_OFF_CYCLES
-        if not poses.all_rest(core) and self._power_off_cycles <= SETTLE_CYCLES:
+        at_rest = all(is_at_rest(one.joint, one.limits) for one in core.axes if one.joint.known)
+        if not at_rest and self._power_off_cycles <= SETTLE_CYCLES:
             return False
         self._note_poses()
         return True
 
     def _note_poses(self) -> None:
-        poses.note(self._core, self._clock.utc_ns())
+        persistence.note_poses(self._core, self._clock.utc_ns())
         self._keep_notes()
 
     def _keep_notes(self) -> None:

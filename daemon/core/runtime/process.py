@@ -29,8 +29,8 @@ from daemon.system.bus_choice import BusChoice, choose_bus
 from daemon.system.journal import Journal
 from daemon.system.lock import directory_errors, hold
 from daemon.system.sd_notify import Notifier
+from drives.bringup.bus_load import BusLoad, bus_load
 from drives.canopen.bus import Bus
-from drives.canopen.bus_load import BusLoad, bus_load
 from drives.errors import BusError
 from simtime.wire import Role
 
@@ -140,7 +140,7 @@ def _run(
     is_real = has_watchdog or not is_simulated
     refused = realtime.prepare(cycle.realtime_priority, cycle.realtime_cpus) if is_real else []
     for line in (bus_load_line(settings, built), *refused):
-        built.core.events.append(line)
+        built.core.report(line)
         _say(log, line, WARNING if line in refused else INFORMATIONAL)
     try:
         wishes.wait()

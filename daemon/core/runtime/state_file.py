@@ -4,7 +4,7 @@ The file is one page of JSON, filled up with spaces. While the core runs, a writ
 cache, which outlives this process; the gateway flushes it to the disk
 (`recorder/state_file_sync.py`), and so does `close`. A power cut before that leaves an older page.
 An older pose disagrees with the encoder: the axis is referenced again. An older page from a time in
-which drives were enabled contains LAST_END_UNKNOWN (`latching.py`), and an unreadable page is
+which drives were enabled contains LAST_END_UNKNOWN (`latched_stop.py`), and an unreadable page is
 treated in the same way: no wrong pose is accepted, and no stop is lost.
 
 The first write after a flush may have to wait for the file system: 1 ms on an idle system, 100 ms

@@ -15,8 +15,8 @@ from typing import Final
 
 from daemon.core.runtime.loop_settings import ExitCode, Log, Supervisor
 from daemon.core.state import Axis, Core
-from daemon.core.steps import supervisor as conduct
-from daemon.core.steps.transition import describe
+from daemon.core.steps.status import describe
+from daemon.core.steps.wanted import is_silenced
 from daemon.ipc.record import Cause, CycleRecord, Mode, Verdict
 from drives.cia402.power_state import WITHOUT_POWER
 
@@ -134,7 +134,7 @@ def remains(core: Core, code: ExitCode, shutdown_effect: str) -> str:
         left = "was not touched" if core.verdict.cause == Cause.DRIVE_POWERED else "is not known"
         return f"ended without the drives: their power {left}{why}"
     powered = [axis for axis in core.axes if _is_powered(axis)]
-    if powered or conduct.silenced(core):
+    if powered or is_silenced(core):
         return f"ended, but not every drive showed that it is without power: {_seen(core)}{why}"
     braked = [axis.name for axis in core.axes if axis.limits.brake]
     brakes = f", {' and '.join(braked)} on the brake" if braked else ", no axis has a brake"

@@ -6,10 +6,10 @@ service are filled here, so that memory does not grow later.
 
 import numpy as np
 
-from daemon.core.motion import trajectory
+from daemon.core.motion import gait_shape
 from daemon.core.runtime.build import Built
 from daemon.core.safety import inverse_dynamics, stopping_path
-from drives.canopen.bus_load import fill_tables
+from drives.bringup.bus_load import fill_tables
 from observer.mechanism.mechanism import ratio_and_load
 
 STEPS = 20
@@ -20,10 +20,10 @@ def warm_up(built: Built) -> None:
     fill_tables()
     period_s = built.core.config.period_s
     for leg in built.core.legs:
-        angles = trajectory.gait_angles(leg.shape, 0.0, 0.0)
-        pose = trajectory.joints_of_angles(leg.parameters, angles)
-        trajectory.angles_of_joints(leg.parameters, pose)
-        load = trajectory.load_at(leg.parameters, pose)
+        angles = gait_shape.gait_angles(leg.shape, 0.0, 0.0)
+        pose = gait_shape.joints_of_angles(leg.parameters, angles)
+        gait_shape.angles_of_joints(leg.parameters, pose)
+        load = gait_shape.load_at(leg.parameters, pose)
         ratio_and_load(leg.parameters, *pose)
         stopping_path.least_ratio(
             leg.parameters, pose, (0.0, 0.0), (1.0, 1.0), stopping_path.REACTION_S

@@ -1,8 +1,8 @@
-"""Safety checks of one cycle: `judge` finds the reasons to stop (`bounds.py` bounds the commands).
+"""Safety checks of one cycle: `check` finds the reasons to stop (`bounds.py` bounds the commands).
 
 Rules:
 1. All checks use raw drive values (encoder differences, measured current, statusword, inputs,
-   ages). The observer may only add a stop (`_judge_leg`), never prevent one.
+   ages). The observer may only add a stop (`_check_leg`), never prevent one.
 2. A cause has one category: fixed by the design, or chosen in `limits.toml` (`Categories`).
 3. The harshest verdict of a cycle is published; of equals the first in the order of the checks
    below, which goes from operator actions to their consequences. Each axis is stopped by its own
@@ -16,11 +16,11 @@ The checks are the same for real and simulated drives.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 
-from daemon.core.safety.inputs import AxisInputs, LegInputs, ServiceInputs
-from daemon.core.safety.limits import Categories, Thresholds
-from daemon.core.steps.joints import jump_reach_si
+from daemon.core.safety.inputs import AxisInputs, LegInputs, SafetyInputs, ServiceInputs
+from daemon.core.safety.joints import jump_reach_si
+from daemon.core.safety.limits import Thresholds
 from daemon.ipc.record import Cause, Verdict
 from drives.signals import Input, NmtState, PowerState
 
@@ -57,63 +57,41 @@ def worse(latched: Verdict, found: Verdict) -> Verdict:
     return found if found.category > latched.category else latched
 
 
-def judge(
-    service: ServiceInputs,
-    axes: Sequence[AxisInputs],
-    legs: Sequence[LegInputs],
-    thresholds: Thresholds,
-    categories: Categories,
-    *,
-    driving: bool,
-) -> tuple[Verdict, ...]:
+def check(inputs: SafetyInputs) -> tuple[Verdict, ...]:
     """Run all checks; returns the harshest verdict of each axis, each leg and the service.
 
     The harshest verdict is first. Two axes may fail in the same cycle; each is then stopped by its
     own cause.
-
-    Args:
-        service: inputs of bus, gateway and core.
-        axes: inputs of every axis of every leg.
-        legs: inputs of every leg.
-        thresholds: thresholds of the checks.
-        categories: stop category of each cause.
-        driving: the drives are, or were just, enabled. While they are not, only the loss or the
-            fault of a drive counts, because there is no motion to stop.
     """
     found: dict[str, Verdict] = {}
-    for name, (cause, value, limit, detail) in _findings(service, axes, legs, thresholds, driving):
-        category = categories.of(cause)
+    for name, (cause, value, limit, detail) in _findings(inputs):
+        category = inputs.categories.of(cause)
         if category > found.get(name, NO_VERDICT).category:
             found[name] = Verdict(category, cause, name, value, limit, detail)
     return tuple(sorted(found.values(), key=lambda verdict: -verdict.category))
 
 
-def _findings(
-    service: ServiceInputs,
-    axes: Sequence[AxisInputs],
-    legs: Sequence[LegInputs],
-    thresholds: Thresholds,
-    driving: bool,
-) -> Iterator[tuple[str, Finding]]:
+def _findings(inputs: SafetyInputs) -> Iterator[tuple[str, Finding]]:
+    service, thresholds, driving = inputs.service, inputs.thresholds, inputs.driving
     if driving:
-        for finding in _judge_service(service, thresholds):
+        for finding in _check_service(service, thresholds):
             yield "", finding
-    for finding in _judge_bus(service):
+    for finding in _check_bus(service):
         yield "", finding
     checks = DRIVING_CHECKS if driving else RESTING_CHECKS
     mute = service.tx_dropped_in_a_row >= TX_DROPPED_MAX
-    for axis in axes:
-        for check in checks:
-            for finding in check(axis, thresholds):
+    for axis in inputs.axes:
+        for check_axis in checks:
+            for finding in check_axis(axis, thresholds):
                 if not (mute and finding[0] == Cause.DRIVE_SILENT):
                     yield axis.name, finding
     if driving:
-        for leg in legs:
-            for finding in _judge_leg(leg, thresholds):
+        for leg in inputs.legs:
+            for finding in _check_leg(leg, thresholds):
                 yield leg.name, finding
 
 
-def _judge_service(service: ServiceInputs, thresholds: Thresholds) -> Iterator[Finding]:
+def _check_service(service: ServiceInputs, thresholds: Thresholds) -> Iterator[Finding]:
     if service.stop_requested:
         yield Cause.STOP_REQUESTED, 0.0, 0.0, ""
     if service.shutdown_requested:
@@ -134,7 +112,7 @@ def _judge_service(service: ServiceInputs, thresholds: Thresholds) -> Iterator[F
         )
 
 
-def _judge_bus(service: ServiceInputs) -> Iterator[Finding]:
+def _check_bus(service: ServiceInputs) -> Iterator[Finding]:
     if service.bus_error:
         yield Cause.BUS_DOWN, 0.0, 0.0, service.bus_error
     if service.bus_off:
@@ -404,7 +382,7 @@ DRIVING_CHECKS: tuple[Check, ...] = (
 )
 
 
-def _judge_leg(leg: LegInputs, thresholds: Thresholds) -> Iterator[Finding]:
+def _check_leg(leg: LegInputs, thresholds: Thresholds) -> Iterator[Finding]:
     if leg.singularity_ratio < thresholds.singularity_stop_ratio:
         yield (
             Cause.SINGULARITY,

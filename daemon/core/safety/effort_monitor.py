@@ -21,8 +21,8 @@ Without power a drive's effort is zero for any target: then `gap` is the reading
 from typing import NamedTuple
 
 from daemon.core.safety.inverse_dynamics import Balance
+from daemon.core.safety.joints import Joint
 from daemon.core.safety.limits import AxisLimits
-from daemon.core.steps.joints import Joint
 
 SENT_COUNT = 3
 """Commands that a measured effort may belong to: two cycles of delay, and one late sample."""

@@ -1,10 +1,12 @@
 """Safety inputs of one cycle: the state of each axis, each leg, and the service."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from daemon.core.safety.effort_monitor import EffortWatch
-from daemon.core.safety.limits import AxisLimits
-from daemon.core.steps.joints import Joint
+from daemon.core.safety.joints import Joint
+from daemon.core.safety.limits import AxisLimits, Categories, Thresholds
 from drives.signals import DriveFeedback
 
 
@@ -85,3 +87,20 @@ class ServiceInputs:
     bus_off: bool
     bus_error: str
     tx_dropped_in_a_row: int
+
+
+class SafetyInputs(NamedTuple):
+    """All that the safety checks read in one cycle."""
+
+    service: ServiceInputs
+    axes: Sequence[AxisInputs]
+    """Every axis of every leg."""
+    legs: Sequence[LegInputs]
+    thresholds: Thresholds
+    categories: Categories
+    """Stop category of each cause."""
+    driving: bool
+    """The drives are, or were just, enabled.
+
+    While they are not, only the loss or the fault of a drive counts: there is no motion to stop.
+    """

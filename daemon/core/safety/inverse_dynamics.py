@@ -13,7 +13,7 @@ squared), some 2 N·m and 10 N, so a single cycle is not conclusive.
 
 from typing import NamedTuple
 
-from daemon.core.steps.joints import Joint
+from daemon.core.safety.joints import Joint
 from observer.jit import kernel
 from observer.mechanism.friction import FrictionParameters, static_friction
 from observer.mechanism.linkage import dynamics

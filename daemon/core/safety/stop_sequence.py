@@ -29,8 +29,9 @@ Rules:
 from enum import IntEnum
 from typing import NamedTuple
 
+from daemon.core.safety import joints
+from daemon.core.safety.joints import Joint
 from daemon.core.safety.limits import AxisLimits
-from daemon.core.steps.joints import Joint
 from daemon.ipc.record import StopCategory, Verdict
 from daemon.wire.causes import DOUBTFUL_FEEDBACK, LOST_DRIVE
 from drives.cia402.power_state import TORQUE_FREE
@@ -141,22 +142,22 @@ def advance(
 ) -> DriveStop:
     """The stop after this cycle, escalated if the drive has not obeyed."""
     if joint.fresh:  # without a new sample standstill is not known
-        at_rest = abs(joint.velocity_si) < limits.standstill_si_per_s
+        at_rest = joints.is_at_rest(joint, limits)
         stop = stop._replace(at_rest_cycles=stop.at_rest_cycles + 1 if at_rest else 0)
     unproven = feedback.power_state in _UNPROVEN
     stop = stop._replace(
-        has_rested=stop.has_rested or is_at_rest(stop, rules),
+        has_rested=stop.has_rested or is_resting(stop, rules),
         unproven_cycles=stop.unproven_cycles + 1 if unproven else 0,
     )
     if feedback.fresh and not _obeyed(stop, feedback, joint, limits, rules, cycle):
         step = Step(min(stop.step + 1, Step.SILENCE))
         return _further(stop._replace(disobeyed=True), step, joint, cycle)
-    if stop.step == Step.QUICK_STOP and limits.brake and is_at_rest(stop, rules):
+    if stop.step == Step.QUICK_STOP and limits.brake and is_resting(stop, rules):
         return _further(stop, Step.DISABLE, joint, cycle)
     return stop
 
 
-def is_at_rest(stop: DriveStop, rules: StopRules) -> bool:
+def is_resting(stop: DriveStop, rules: StopRules) -> bool:
     """True if the drive has stood still for long enough."""
     return stop.at_rest_cycles >= rules.standstill_cycles
 

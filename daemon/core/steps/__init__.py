@@ -1,9 +1,11 @@
 """The steps of a cycle that change the core's state, in the order of `cycle.py`.
 
-Reading order: `joints.py` and `sampling.py` (drive values into SI), `smoothing.py`, `monitors.py`
-(what is monitored over more than one cycle), `requests.py` and `supervisor.py` (requests and
-verdicts become modes and stops) with `transition.py` and `latching.py`; `exercises.py`,
-`exercise_progress.py`, `commissioning.py` (homing and sign tests), `daily_test.py`,
-`controllers.py` (a controller's setpoints); `impedance.py` and `targets.py` (the commands to each
-drive); `poses.py`; `bring_up.py` (from OFF to READY).
+Each is the only writer of its part of the state (`tests/daemon/core/test_state_writers.py`).
+Reading order: `sensing.py` (drive samples become joints) with `sampling.py`, `monitors.py` (what is
+monitored over more than one cycle), `estimation.py` (the observers), `controllers.py` (a
+controller's setpoints), `supervisor.py` (verdicts and requests become modes and stops) with
+`requests.py`, `exercises.py` (the exercise of each leg), `single_axis.py` (homing and sign tests)
+and `persistence.py` (what outlives the core), `impedance.py` and `targets.py` (the commands to each
+drive), `bring_up.py` (from OFF to READY). `wanted.py` and `status.py` only read: what each drive
+should do, and what is published about it.
 """

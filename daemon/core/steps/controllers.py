@@ -1,7 +1,7 @@
 """Setpoints of controllers: checked, put in force, and lapsed.
 
 `assist.py` has the rules for one leg; this file applies them to the state of the core, and reports
-to `supervisor.py` when assist has lapsed.
+to `supervisor.py` when assist has lapsed. It is the only writer of assist in the state.
 """
 
 import math
@@ -9,10 +9,11 @@ from dataclasses import replace
 
 import msgspec
 
+from daemon.core.modes.table import rules_of
 from daemon.core.motion import assist
-from daemon.core.motion.assist import ASSISTED, FULL_STIFFNESS, SetpointContext
-from daemon.core.motion.trajectory import TorquePlay
+from daemon.core.motion.assist import FULL_STIFFNESS, SetpointContext
 from daemon.core.state import Core, Leg
+from daemon.core.steps import wanted
 from daemon.ipc.record import Mode, Setpoint
 from daemon.wire.refusals import SetpointRefusal
 
@@ -20,10 +21,10 @@ LEASE_ENDED = "its lease has ended"
 GROWN_STALE = "its setpoints have grown stale"
 
 
-def hear(core: Core, cycle: int) -> None:
+def receive(core: Core, cycle: int) -> None:
     """Check the setpoints of the newest gateway state; each setpoint is checked once."""
-    by_position = core.config.gait.guidance == "position"
-    desk = SetpointContext(core.lease, cycle, core.mode, by_position)
+    takes_assist = rules_of(core.mode).takes_assist
+    context = SetpointContext(core.lease, cycle, takes_assist, core.config.by_position)
     # The assist of one lease holder must lapse before another holder may command.
     handed_over = {
         leg.name
@@ -33,14 +34,14 @@ def hear(core: Core, cycle: int) -> None:
     for leg in core.legs:
         if leg.assist.lease != core.lease:
             leg.assist = replace(leg.assist, lease=core.lease, seq=-1, accepted=None)
-        elif core.mode not in ASSISTED:
+        elif not takes_assist:
             leg.assist = replace(leg.assist, accepted=None)
     for setpoint in core.setpoints:
         if setpoint.leg not in handed_over:
-            _hear_one(core, setpoint, desk)
+            _receive_one(core, setpoint, context)
 
 
-def _hear_one(core: Core, setpoint: Setpoint, desk: SetpointContext) -> None:
+def _receive_one(core: Core, setpoint: Setpoint, context: SetpointContext) -> None:
     leg = next((leg for leg in core.legs if leg.name == setpoint.leg), None)
     if leg is None:
         core.setpoint_refused_count[SetpointRefusal.UNKNOWN_LEG] += 1
@@ -50,7 +51,7 @@ def _hear_one(core: Core, setpoint: Setpoint, desk: SetpointContext) -> None:
         return
     hip, slide = leg.axes
     limits = (hip.limits, slide.limits)
-    refusal = assist.judge(setpoint, leg.assist.seq, limits, desk, core.config.assist_rules)
+    refusal = assist.judge(setpoint, leg.assist.seq, limits, context, core.config.assist_rules)
     leg.assist = replace(leg.assist, judged=judged)
     if refusal == SetpointRefusal.NONE:
         core.setpoint_accepted_count += 1
@@ -66,11 +67,17 @@ def begin_torque(core: Core) -> None:
         leg.assist = replace(leg.assist, accepted=None)
 
 
-def lapse(core: Core, cycle: int) -> str:
-    """The reason why assist has lapsed; empty while it has not, or without assist."""
+def lapse(core: Core, cycle: int) -> bool:
+    """True if assist has lapsed in this cycle; its reason is in the record."""
+    reason = ""
     if core.mode == Mode.TORQUE:
-        return _lapse_of_torque(core, cycle)
-    return _lapse_of_gait(core, cycle) if core.mode == Mode.GAIT else ""
+        reason = _lapse_of_torque(core, cycle)
+    elif core.mode == Mode.GAIT:
+        reason = _lapse_of_gait(core, cycle)
+    if reason:
+        core.lapse_count += 1
+        core.lapse_reason = reason
+    return bool(reason)
 
 
 def _lapse_of_torque(core: Core, cycle: int) -> str:
@@ -93,22 +100,25 @@ def _lapse_of_gait(core: Core, cycle: int) -> str:
 
 
 def _waited_cycles(core: Core) -> int:
-    plan = core.legs[0].plan
-    elapsed_s = plan.elapsed_s if isinstance(plan, TorquePlay) else 0.0
+    exercise = core.legs[0].exercise
+    elapsed_s = 0.0 if exercise is None else exercise.elapsed_s
     return round(elapsed_s / core.config.period_s)
 
 
-def put_in_force(core: Core, leg: Leg, cycle: int, *, powered: bool) -> None:
-    """Advance the assist in force to the newest setpoint, or fade it out.
+def advance(core: Core, cycle: int) -> None:
+    """Advance the assist in force of each leg to the newest setpoint, or fade it out."""
+    for leg in core.legs:
+        _advance_leg(core, leg, cycle)
 
-    Assist is zero at once where no drive is enabled.
-    """
-    if not powered:
+
+def _advance_leg(core: Core, leg: Leg, cycle: int) -> None:
+    """Assist is zero at once where no drive is to be enabled."""
+    if not any(wanted.enable_wanted(core, axis) for axis in leg.axes):
         leg.assist = replace(leg.assist, effort_si=(0.0, 0.0), fade_si=None)
     hip, slide = leg.axes
     moved = assist.advance(
         leg.assist,
-        _wanted(core, leg, cycle),
+        _followed(core, leg, cycle),
         (hip.limits, slide.limits),
         (hip.joint.velocity_si, slide.joint.velocity_si),
         core.config.assist_rules,
@@ -123,10 +133,10 @@ def put_in_force(core: Core, leg: Leg, cycle: int, *, powered: bool) -> None:
     leg.stiffness_ratio = moved.stiffness_ratio
 
 
-def _wanted(core: Core, leg: Leg, cycle: int) -> Setpoint | None:
+def _followed(core: Core, leg: Leg, cycle: int) -> Setpoint | None:
     """The setpoint to follow in this cycle; mode TORQUE ignores its stiffness (no guidance)."""
     newest = leg.assist.accepted
-    if newest is None or core.mode not in ASSISTED:
+    if newest is None or not rules_of(core.mode).takes_assist:
         return None
     if not assist.is_fresh(newest, cycle, core.config.assist_rules):
         return None

@@ -1,101 +1,202 @@
-"""Start of hand guiding and self-test, and the check for room before a self-test.
+"""The exercise of each leg: begun by a request, advanced once a cycle, ended in a hold.
 
-Gait and excitation begin in `requests.py`; the motion of all four over time is in
-`trajectory.py`, `hand_guiding.py` and `self_test.py`.
+This file is the only writer of `exercise`, `reference` and `takes_over` of a leg.
 """
 
-from itertools import accumulate
-from typing import Final
-
-import numpy as np
-
-from daemon.core.motion import hand_guiding, leg_plan, self_test
-from daemon.core.motion.hand_guiding import ReleasePlay
-from daemon.core.motion.self_test import SelfTestPlay, Way
-from daemon.core.motion.trajectory import Pair
-from daemon.core.state import Core, Leg
-from observer.mechanism.friction import static_friction_of
-from observer.mechanism.mechanism import singularity_ratio
-
-WAY_POINTS: Final = 20
+from daemon.core.exercises.exercise import LegSample, LegStart, Reference
+from daemon.core.exercises.hold import Hold
+from daemon.core.modes.table import rules_of
+from daemon.core.motion.gait_shape import Pair
+from daemon.core.safety.limits import AxisLimits
+from daemon.core.state import Axis, Core, Leg
+from daemon.ipc.record import Mode, ModeRequest, Stage
+from drives.signals import OperationMode
 
 
-def begin_hand_guiding(core: Core) -> None:
-    """Begin hand guiding with every leg."""
-    rules = core.config.hand_guiding
-    for leg in core.legs:
-        leg.plan = ReleasePlay(
-            start=leg_plan.present(leg),
-            leg=leg.parameters,
-            guiding=hand_guiding.guiding_of(rules),
-            stretched_stop_ratio=core.config.thresholds.singularity_stop_ratio,
-            duration_s=rules.duration_max_s,
-        )
+def refusal(core: Core, wanted: Mode) -> str:
+    """The reason why there is no room for an exercise at the present pose; empty if there is."""
+    exercise = rules_of(wanted).exercise
+    return "" if exercise is None else exercise.may_begin(_starts(core), core.config)
 
 
-def begin_self_test(core: Core) -> None:
-    """Begin the self-test of each axis of each leg in turn.
+def begin(core: Core, wanted: ModeRequest) -> None:
+    """Begin the exercise of a mode with every leg; `refusal` has returned no reason."""
+    if wanted.mode == Mode.HOLD:
+        end(core)
+        return
+    exercise = rules_of(wanted.mode).exercise
+    if exercise is None:
+        raise RuntimeError(f"mode {wanted.mode.name} has no exercise: it was not refused")
+    begun = exercise.begin(_starts(core), wanted, core.config)
+    for leg, one in zip(core.legs, begun, strict=True):
+        leg.exercise, leg.takes_over = one, exercise.continues_effort
 
-    Requires that `refuse_self_test` returned an empty reason.
+
+def advance(core: Core, *, mode_changing: bool) -> None:
+    """Advance the exercise of each leg by one cycle, and publish changes of its stage.
+
+    `mode_changing`: a drive has not been sent the mode of operation of the exercise.
     """
-    rules = core.config.self_test
-    ways = [_ways(core, leg) for leg in core.legs]
-    waits_s = accumulate((self_test.total_s(one) for one in ways), initial=0.0)
-    for leg, its_ways, wait_s in zip(core.legs, ways, waits_s, strict=False):
-        leg.plan = SelfTestPlay(
-            start=leg_plan.present(leg),
-            ways=its_ways,
-            ratios=(rules.friction_min_ratio, rules.friction_max_ratio),
-            wait_s=wait_s,
-        )
-
-
-def refuse_self_test(core: Core) -> str:
-    """The reason why a self-test has no room at the present pose; empty if it has."""
     for leg in core.legs:
-        start = leg_plan.present(leg)
-        for index, axis in enumerate(leg.axes):
-            if _direction(core, leg, start, index) == 0.0:
-                return f"{axis.name} has no room to move a little: take the leg to another pose"
-    return ""
+        before = leg.exercise
+        if before is None:
+            continue
+        after = before.advance(_sample(leg, mode_changing=mode_changing), core.config.period_s)
+        leg.exercise = after
+        if after.stage is not before.stage and after.stage is not None:
+            core.report(f"{leg.name}: {core.mode.name.lower()} {after.stage.name.lower()}")
+            leg.takes_over = leg.takes_over or after.continues_effort_at_stages
 
 
-def _ways(core: Core, leg: Leg) -> tuple[Way, Way]:
-    start = leg_plan.present(leg)
-    return _way(core, leg, start, 0), _way(core, leg, start, 1)
+def is_over(core: Core) -> bool:
+    """True if the exercise is over: with the first leg, or with the last where they take turns."""
+    over = [leg.exercise is not None and leg.exercise.stage is Stage.OVER for leg in core.legs]
+    first = core.legs[0].exercise
+    return all(over) if first is not None and first.legs_in_turn else any(over)
 
 
-def _way(core: Core, leg: Leg, start: Pair, index: int) -> Way:
-    rules = core.config.self_test
-    speed_si = self_test.speeds(rules)[index]
-    return Way(
-        name=leg.axes[index].name,
-        distance_si=_direction(core, leg, start, index) * self_test.distances(rules)[index],
-        speed_si_per_s=speed_si,
-        friction_si=static_friction_of(leg.friction[index], speed_si),
-        load_tolerance_si=self_test.load_tolerances(rules)[index],
-    )
+def stage(core: Core) -> Stage | None:
+    """The stage of the first leg whose exercise is not over; None where there are no stages."""
+    stages = [None if leg.exercise is None else leg.exercise.stage for leg in core.legs]
+    return next((one for one in stages if one is not Stage.OVER), Stage.OVER)
 
 
-def _direction(core: Core, leg: Leg, start: Pair, index: int) -> float:
-    """Sign of the first direction with room for the whole way of one axis; 0 if there is none."""
-    distance_si = self_test.distances(core.config.self_test)[index]
-    for sign in (1.0, -1.0):
-        parts = (sign * distance_si * k / WAY_POINTS for k in range(WAY_POINTS + 1))
-        moved = (
-            (start[0] + p, start[1]) if index == 0 else (start[0], start[1] + p) for p in parts
+def text(core: Core) -> str:
+    """What happens in the exercise, for the operator; empty without stages."""
+    first = core.legs[0].exercise
+    if first is None or first.stage is None:
+        return ""
+    if first.legs_in_turn:
+        for leg in core.legs:
+            if leg.exercise is not None and leg.exercise.stage is Stage.PLAYING:
+                return leg.exercise.text()
+    return first.text()
+
+
+def update_references(core: Core) -> None:
+    """Update the reference of each leg from its exercise."""
+    for leg in core.legs:
+        leg.reference = reference_of(leg)
+
+
+def reference_of(leg: Leg) -> Reference | None:
+    """The reference of the leg's exercise in this cycle; None without an exercise."""
+    if leg.exercise is None:
+        return None
+    return leg.exercise.targets(_sample(leg, mode_changing=False))
+
+
+# --- hold -----------------------------------------------------------------------------------------
+
+
+def end(core: Core) -> None:
+    """Brake each leg and hold it: from its reference if it is fully guided, else from where it is.
+
+    A softly guided leg may be far from its reference; full stiffness must not pull it there. In
+    position mode the drives' own loops take over without a step of torque.
+    """
+    for leg in core.legs:
+        reference = leg.reference
+        fully = leg.stiffness_ratio * leg.spasm_ratio == 1.0
+        if reference is not None and reference.guided and fully:
+            leg.exercise = Hold.braking(reference.position, reference.velocity, _limits(leg))
+        else:
+            leg.exercise = Hold.braking(measured(leg), _speeds(leg), _limits(leg))
+        leg.takes_over = not core.config.by_position
+
+
+def brake(core: Core) -> None:
+    """Brake each leg from where it is: a stop does not first move to a reference."""
+    for leg in core.legs:
+        leg.exercise = Hold.braking(measured(leg), _speeds(leg), _limits(leg))
+
+
+def brake_and_hold(core: Core) -> None:
+    """Brake each leg from where it is, with the effort that was sent last."""
+    brake(core)
+    for leg in core.legs:
+        leg.takes_over = True
+
+
+def hold_here(core: Core) -> None:
+    """Hold each leg at its measured pose."""
+    for leg in core.legs:
+        leg.exercise = Hold.braking(measured(leg), (0.0, 0.0), _limits(leg))
+
+
+def clear(core: Core) -> None:
+    """No exercise: no drive is enabled."""
+    for leg in core.legs:
+        leg.exercise = None
+
+
+def reset(core: Core) -> None:
+    """Neither exercise nor reference: the drives have just been brought up."""
+    clear(core)
+    for leg in core.legs:
+        leg.reference = None
+
+
+def has_taken_over(core: Core) -> None:
+    """The command of this cycle has continued the effort of the last one."""
+    for leg in core.legs:
+        leg.takes_over = False
+
+
+# --- what an exercise reads -----------------------------------------------------------------------
+
+
+def measured(leg: Leg) -> Pair:
+    """Hip angle in rad and slide position in m from the raw encoders."""
+    hip, slide = leg.axes
+    return hip.joint.position_si, slide.joint.position_si
+
+
+def _speeds(leg: Leg) -> Pair:
+    hip, slide = leg.axes
+    return hip.joint.velocity_si, slide.joint.velocity_si
+
+
+def _limits(leg: Leg) -> tuple[AxisLimits, AxisLimits]:
+    hip, slide = leg.axes
+    return hip.limits, slide.limits
+
+
+def _starts(core: Core) -> list[LegStart]:
+    return [
+        LegStart(
+            name=leg.name,
+            axis_names=(leg.axes[0].name, leg.axes[1].name),
+            parameters=leg.parameters,
+            shape=leg.shape,
+            limits=_limits(leg),
+            friction=leg.friction,
+            phase_offset_strides=leg.phase_offset_strides,
+            pose=(
+                leg.reference.position
+                if leg.reference is not None and leg.reference.guided
+                else measured(leg)
+            ),
         )
-        if all(_has_room(core, leg, pose) for pose in moved):
-            return sign
-    return 0.0
+        for leg in core.legs
+    ]
 
 
-def _has_room(core: Core, leg: Leg, pose: Pair) -> bool:
-    inside = all(
-        axis.limits.position_min_si + axis.limits.soft_margin_si
-        <= position_si
-        <= axis.limits.position_max_si - axis.limits.soft_margin_si
-        for axis, position_si in zip(leg.axes, pose, strict=True)
+def _sample(leg: Leg, *, mode_changing: bool) -> LegSample:
+    hip, slide = leg.axes
+    return LegSample(
+        position=measured(leg),
+        velocity=_speeds(leg),
+        excess=(
+            hip.joint.effort_si - hip.gravity_si,
+            slide.joint.effort_si - slide.gravity_si,
+        ),
+        fresh=(hip.joint.fresh, slide.joint.fresh),
+        in_torque_mode=_in_torque_mode(hip) and _in_torque_mode(slide),
+        mode_changing=mode_changing,
     )
-    smallest = core.config.thresholds.singularity_stop_ratio
-    return inside and float(singularity_ratio(leg.parameters, np.array(pose))) > smallest
+
+
+def _in_torque_mode(axis: Axis) -> bool:
+    wanted, feedback = OperationMode.CYCLIC_SYNC_TORQUE, axis.feedback
+    return axis.mode_sent == wanted and feedback is not None and feedback.mode_display == wanted

@@ -20,10 +20,10 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from daemon.config.settings import Impedance
-from daemon.core.motion.trajectory import GaitPlay, Reference
+from daemon.core.exercises.exercise import Reference
 from daemon.core.safety import bounds, stop_sequence
 from daemon.core.state import Axis, Core, Leg
-from daemon.core.steps import commissioning, controllers, monitors, supervisor, targets
+from daemon.core.steps import exercises, monitors, single_axis, supervisor, targets, wanted
 from daemon.ipc.record import Cause, Verdict
 from drives.cia402.units import effort_to_permille, position_to_counts
 from drives.signals import DriveCommand, OperationMode, PowerRequest
@@ -50,13 +50,6 @@ class Target(NamedTuple):
     position_si: float
 
 
-def assist(core: Core, cycle: int) -> None:
-    """Update the assist in force of each leg from the controllers' setpoints, once a cycle."""
-    for leg in core.legs:
-        powered = any(supervisor.enable_wanted(core, axis) for axis in leg.axes)
-        controllers.put_in_force(core, leg, cycle, powered=powered)
-
-
 def command(core: Core, cycle: int) -> list[DriveCommand]:
     """Compute the command to every drive, in the order of the axes."""
     wishes = [wish for leg in core.legs for wish in _wishes(core, leg)]
@@ -71,11 +64,8 @@ def command(core: Core, cycle: int) -> list[DriveCommand]:
         supervisor.stop(core, verdict, cycle)
         sent = [Target(0.0, axis.position_sent_si) for axis in core.axes]
     for axis, mode, target in zip(core.axes, modes, sent, strict=True):
-        targets.note_motion(axis, target.position_si, core.config.period_s)
-        axis.mode_sent = mode
-        axis.effort_sent_si, axis.position_sent_si = target
-    for leg in core.legs:
-        leg.takes_over = False
+        targets.note_sent(axis, mode, *target, core.config.period_s)
+    exercises.has_taken_over(core)
     return [_command(core, axis) for axis in core.axes]
 
 
@@ -94,26 +84,25 @@ def blind_stop(core: Core) -> list[DriveCommand]:
 
 def _mode(core: Core, axis: Axis) -> OperationMode:
     """The mode to send; an enabled drive changes its mode only at rest."""
-    wanted = supervisor.mode_wanted(core, axis)
-    pushing = axis.reached_enabled and supervisor.enable_wanted(core, axis)
+    mode = wanted.mode_wanted(core, axis)
+    pushing = axis.reached_enabled and wanted.enable_wanted(core, axis)
     moving = axis.joint.still_cycles < STILL_CYCLES
-    return axis.mode_sent if pushing and moving else wanted
+    return axis.mode_sent if pushing and moving else mode
 
 
 def _wishes(core: Core, leg: Leg) -> tuple[AxisSetpoint, AxisSetpoint]:
     """Setpoints of the leg's plan for both axes; no effort where no drive is to be enabled."""
     hip, slide = leg.axes
-    if commissioning.in_work(core) is not None:
+    if single_axis.moving(core) is not None:
         return _preparing_wish(core, hip), _preparing_wish(core, slide)
     reference = leg.reference
-    if reference is None or not any(supervisor.enable_wanted(core, axis) for axis in leg.axes):
+    if reference is None or not any(wanted.enable_wanted(core, axis) for axis in leg.axes):
         return AxisSetpoint(0.0, hip.joint.position_si, 0.0), AxisSetpoint(
             0.0, slide.joint.position_si, 0.0
         )
     config = core.config
-    walking = isinstance(leg.plan, GaitPlay)
-    impedance = config.gait.impedance if walking else config.hold
-    gains = _gains(impedance, leg.stiffness_ratio * leg.spasm_ratio)
+    impedance = None if leg.exercise is None else leg.exercise.impedance
+    gains = _gains(impedance or config.hold, leg.stiffness_ratio * leg.spasm_ratio)
     (k0, d0), (k1, d1) = gains
     efforts = (
         _effort(hip, reference, 0, k0, d0) + leg.assist_si[0],
@@ -127,7 +116,7 @@ def _wishes(core: Core, leg: Leg) -> tuple[AxisSetpoint, AxisSetpoint]:
 
 
 def _preparing_wish(core: Core, axis: Axis) -> AxisSetpoint:
-    return AxisSetpoint(commissioning.target_effort_si(core, axis), axis.joint.position_si, 0.0)
+    return AxisSetpoint(single_axis.target_effort_si(core, axis), axis.joint.position_si, 0.0)
 
 
 def _effort(
@@ -170,11 +159,11 @@ def _bounded(
     bounded: list[Target] = []
     taking_over = [leg.takes_over for leg in core.legs for _ in leg.axes]
     for axis, wish, mode, takes_over in zip(core.axes, wishes, modes, taking_over, strict=True):
-        pushing = supervisor.enable_wanted(core, axis)
-        if core.preparation is not None:
+        pushing = wanted.enable_wanted(core, axis)
+        if core.single_axis is not None:
             target = _prepared(core, axis, wish, pushing=pushing)
         else:
-            leaving = supervisor.mode_wanted(core, axis) != OperationMode.CYCLIC_SYNC_TORQUE
+            leaving = wanted.mode_wanted(core, axis) != OperationMode.CYCLIC_SYNC_TORQUE
             ask = targets.Ask(mode, pushing, leaving, core.config.period_s, takes_over)
             target = _guided(axis, wish, ask, cycle)
         if target is None:
@@ -185,7 +174,7 @@ def _bounded(
 
 def _prepared(core: Core, axis: Axis, wish: AxisSetpoint, *, pushing: bool) -> Target | None:
     """Targets during a homing or sign test: the small effort of that test, present position."""
-    limits = commissioning.limits_in_force(core, axis)
+    limits = single_axis.limits_in_force(core, axis)
     last_si = axis.effort_sent_si if pushing else 0.0
     effort_si = bounds.bound(wish.effort_si, last_si, limits, core.config.period_s)
     if effort_si is None:
@@ -213,8 +202,8 @@ def _command(core: Core, axis: Axis) -> DriveCommand:
 def _power(core: Core, axis: Axis) -> PowerRequest:
     if axis.stop is not None:
         return stop_sequence.request(axis.stop.step)
-    if supervisor.enable_wanted(core, axis):
-        run = core.preparation
+    if wanted.enable_wanted(core, axis):
+        run = core.single_axis
         return PowerRequest.HOME if run is not None and run.searching else PowerRequest.ENABLE
     if core.reset_cycles_left > 0:
         # In every power state: one request is one edge of the controlword (`power_state.py`).

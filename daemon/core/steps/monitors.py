@@ -3,24 +3,43 @@
 This file combines `inverse_dynamics.py` (effort that the motion needs), `effort_monitor.py` (effort
 that the drive gives), `energy.py` (sums over a stride), `stopping_path.py` and `soft_limits.py`
 (where the leg would come to rest, and how deep it is in its margins), and `spasm.py` (the only one
-that reads the estimate). `checks.py` checks the results.
+that reads the estimate). `checks.py` checks the results. This file is the only writer of these
+sums and counts.
 """
 
-from daemon.core.motion.trajectory import GaitPlay
+from daemon.core.modes.table import rules_of
 from daemon.core.safety import effort_monitor, inverse_dynamics, soft_limits, stopping_path
 from daemon.core.safety.energy import stride_cycles
 from daemon.core.safety.spasm import STILL_CYCLES, softened
 from daemon.core.state import Axis, Core, Leg
-from daemon.core.steps import commissioning, supervisor
-from daemon.ipc.record import Mode, Stage
+from daemon.core.steps import single_axis, wanted
+from daemon.ipc.record import Stage
 from drives.cia402.power_state import TORQUE_FREE
 from drives.signals import OperationMode, PowerState
 from observer.filter.leg_observer import LegEstimate
 from observer.filter.status import Validity
 
 
-def watch_raw(core: Core, leg: Leg) -> None:
-    """Update all monitors of one leg that use only encoders and measured efforts."""
+def update(core: Core) -> None:
+    """Update all monitors that use only encoders and measured efforts."""
+    for leg in core.legs:
+        _update_leg(core, leg)
+
+
+def update_spasm(core: Core) -> None:
+    """Look for a spasm in the estimate of each leg, and soften guidance during one."""
+    for leg in core.legs:
+        if leg.estimate is not None:
+            _update_spasm(core, leg, leg.estimate)
+
+
+def clear_energy(core: Core) -> None:
+    """Begin with no energy: the drives are being enabled."""
+    for axis in core.axes:
+        axis.energy.clear()
+
+
+def _update_leg(core: Core, leg: Leg) -> None:
     hip, slide = leg.axes
     window_cycles = _window(core, leg)
     leg.balance = inverse_dynamics.follow(
@@ -32,7 +51,7 @@ def watch_raw(core: Core, leg: Leg) -> None:
             axis.joint,
             leg.balance,
             index,
-            commissioning.limits_in_force(core, axis),
+            single_axis.limits_in_force(core, axis),
             powered=axis.feedback is not None and axis.feedback.power_state not in TORQUE_FREE,
             free=_free(core, leg, axis),
             placed=_placed(core, leg),
@@ -44,7 +63,7 @@ def watch_raw(core: Core, leg: Leg) -> None:
 
 def _placed(core: Core, leg: Leg) -> bool:
     """True if the pose is known, and with it the effort that the mechanism needs on both axes."""
-    return all(one.referenced and not commissioning.is_homing(core, one) for one in leg.axes)
+    return all(one.referenced and not single_axis.is_homing(core, one) for one in leg.axes)
 
 
 def _free(core: Core, leg: Leg, axis: Axis) -> bool:
@@ -61,17 +80,13 @@ def _sum_up(leg: Leg, index: int, window_cycles: int) -> None:
     if leg.window_cycles != window_cycles:
         axis.energy.clear()
     axis.energy.take(joint.effort_si * joint.step_si if joint.fresh else 0.0)
-    if not _strides(leg):
+    exercise = leg.exercise
+    if exercise is None or exercise.stride_hz is None or exercise.stage is not Stage.PLAYING:
         axis.unexplained.clear()
     else:
         # At rest friction can be any value up to its law, so a mean residual has no meaning.
         moving = joint.still_cycles < STILL_CYCLES
         axis.unexplained.take(leg.balance.unexplained(index) if moving else 0.0)
-
-
-def _strides(leg: Leg) -> bool:
-    plan = leg.plan
-    return isinstance(plan, GaitPlay) and plan.stage == Stage.PLAYING
 
 
 def _look_ahead(core: Core, leg: Leg) -> None:
@@ -112,15 +127,11 @@ def slowed(leg: Leg, efforts: tuple[float, float]) -> tuple[float, float]:
     )
 
 
-GUIDED_MOTION = frozenset({Mode.GAIT, Mode.SELF_TEST})
-
-
-def watch_patient(core: Core, leg: Leg, estimate: LegEstimate) -> None:
-    """Look for a spasm in the estimate, and reduce the stiffness of guidance during one."""
+def _update_spasm(core: Core, leg: Leg, estimate: LegEstimate) -> None:
     for index, axis in enumerate(leg.axes):
         # Without guided motion, the person who moves the leg would look like a spasm. A sign
         # mismatch in the raw values has its own check.
-        guided = core.mode in GUIDED_MOTION and axis.watch.sign_mismatch_cycles == 0
+        guided = rules_of(core.mode).is_guided_motion and axis.watch.sign_mismatch_cycles == 0
         if estimate.validity[index] is Validity.BAD or not guided:
             axis.spasm.forget()
             continue
@@ -154,9 +165,9 @@ def stride_drift(leg: Leg, axis: Axis) -> float:
 
 
 def _window(core: Core, leg: Leg) -> int:
-    plan = leg.plan
-    if isinstance(plan, GaitPlay) and plan.stage in {Stage.PLAYING, Stage.ENDING}:
-        return stride_cycles(plan.cadence_hz, core.config.period_s)
+    stride_hz = None if leg.exercise is None else leg.exercise.stride_hz
+    if stride_hz is not None:
+        return stride_cycles(stride_hz, core.config.period_s)
     return core.config.thresholds.energy_window_cycles
 
 
@@ -169,6 +180,6 @@ def note_commands(core: Core) -> None:
             and feedback.power_state == PowerState.OPERATION_ENABLED
             and feedback.mode_display == OperationMode.CYCLIC_SYNC_TORQUE
             and axis.mode_sent == OperationMode.CYCLIC_SYNC_TORQUE
-            and supervisor.enable_wanted(core, axis)
+            and wanted.enable_wanted(core, axis)
         )
         axis.watch = effort_monitor.note_sent(axis.watch, axis.effort_sent_si, in_force=in_force)

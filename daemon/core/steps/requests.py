@@ -1,19 +1,16 @@
-"""Requests of clients: checked by the guards of `table.py`, executed, and answered."""
+"""Requests of clients: checked by the guards of `table.py`, and answered.
 
-from collections.abc import Sequence
-from dataclasses import replace
+The supervisor executes what is accepted. This file is the only writer of `request` and `result`.
+"""
 
 from daemon.core.inputs import CommandInputs
 from daemon.core.modes import table
-from daemon.core.modes.table import Event
-from daemon.core.motion import leg_plan, trajectory
-from daemon.core.motion.single_axis import OVER
-from daemon.core.motion.trajectory import Approach, ExcitePlay, GaitPlay, Pair, TorquePlay
-from daemon.core.safety import stop_sequence
+from daemon.core.modes.guards import GuardInputs
+from daemon.core.safety.joints import is_at_rest
 from daemon.core.safety.stop_sequence import Step
-from daemon.core.state import Axis, Core, Leg, Plan
-from daemon.core.steps import commissioning, controllers, exercises, latching
-from daemon.core.steps.transition import describe, enter
+from daemon.core.state import Axis, Core
+from daemon.core.steps import exercises, single_axis
+from daemon.core.steps.status import describe
 from daemon.ipc.record import (
     Cause,
     Mode,
@@ -22,7 +19,6 @@ from daemon.ipc.record import (
     Request,
     RequestKind,
     RequestResult,
-    Verdict,
 )
 from drives.signals import Input, PowerState
 
@@ -31,78 +27,38 @@ STALE_REQUEST_CYCLES = 100
 
 An older request was made for another situation. A request for a future cycle is refused too.
 """
-RESET_CYCLES = 100
-"""Longest duration of a requested fault reset."""
 
 
-def answer(core: Core, orders: CommandInputs, cycle: int, utc_ns: int) -> None:
-    """Check a new request and execute it; its outcome may be known now or later."""
+def receive(core: Core, orders: CommandInputs, cycle: int) -> Request | None:
+    """Check a new request; returns it if it is accepted. `finish` publishes its outcome."""
     request = orders.request
-    if orders.stop:
-        commissioning.cancel(core, "somebody asked to stop")
     if request is None:
-        return
+        return None
     if core.request is not None:
         core.result = RequestResult(request.id, Outcome.REFUSED, "another request is outstanding")
-        return
-    reason = table.refusal(request.kind, request.mode, _circumstances(core, cycle))
+        return None
+    reason = table.refusal(request.kind, request.mode, _guard_inputs(core, cycle))
     if not 0 <= cycle - request.for_cycle <= STALE_REQUEST_CYCLES:
         reason = f"made for cycle {request.for_cycle}, it is {cycle} now"
-    if orders.stop and (request.kind == RequestKind.ENABLE or _prepares(request)):
+    if orders.stop and (request.kind == RequestKind.ENABLE or is_of_single_axis(request)):
         reason = "somebody asked to stop at the same time"
     if not reason and request.kind == RequestKind.MODE:
-        reason = _refuse_way(core, request.mode.mode)
-    if not reason and _prepares(request):
-        reason = commissioning.refusal(core, request.mode)
+        reason = exercises.refusal(core, request.mode.mode)
+    if not reason and is_of_single_axis(request):
+        reason = single_axis.refusal(core, request.mode, cycle)
     if reason:
         core.result = RequestResult(request.id, Outcome.REFUSED, reason)
-        core.events.append(f"{request.kind.name.lower()} refused: {reason}")
-        return
+        core.report(f"{request.kind.name.lower()} refused: {reason}")
+        return None
     core.request = request
     core.result = RequestResult(request.id)
-    core.events.append(_requested(request.kind, request.mode))
-    if _prepares(request):
-        commissioning.ask(core, request.mode, cycle, utc_ns)
-    else:
-        _act(core, request.kind, request.mode, cycle)
+    core.report(_requested(request.kind, request.mode))
+    return request
 
 
-def _prepares(request: Request) -> bool:
-    return request.kind == RequestKind.MODE and request.mode.mode in commissioning.MODES
-
-
-def _refuse_way(core: Core, wanted: Mode) -> str:
-    """The reason why an exercise has no clear way from the present pose; empty if it has.
-
-    Gait and excitation begin with an approach to mid pose, a self-test at the present pose.
-    """
-    if wanted == Mode.SELF_TEST:
-        return exercises.refuse_self_test(core)
-    if wanted not in {Mode.GAIT, Mode.EXCITE}:
-        return ""
-    for leg, motion in zip(core.legs, _ways(core), strict=True):
-        if not trajectory.way_is_clear(
-            leg.parameters, motion, core.config.thresholds.singularity_stop_ratio
-        ):
-            return f"{leg.name}: there is no clear way from here to mid pose"
-    return ""
-
-
-def _ways(core: Core) -> list[Approach]:
-    """Approaches to mid pose, with one duration for all legs.
-
-    Legs that arrive together keep the phase offset of half a stride.
-    """
-    ways = [
-        trajectory.approach(leg.parameters, core.config.gait, leg_plan.present(leg), _mid_pose(leg))
-        for leg in core.legs
-    ]
-    duration_s = max(way.duration_s for way in ways)
-    return [replace(way, duration_s=duration_s) for way in ways]
-
-
-def _mid_pose(leg: Leg) -> Pair:
-    return trajectory.gait_angles(leg.shape, 0.0, 0.0)
+def is_of_single_axis(request: Request) -> bool:
+    """True if it requests a homing, a sign test or the confirmation of a sign test."""
+    return request.kind == RequestKind.MODE and request.mode.mode in single_axis.SINGLE_AXIS_MODES
 
 
 def _requested(kind: RequestKind, wanted: ModeRequest) -> str:
@@ -111,98 +67,7 @@ def _requested(kind: RequestKind, wanted: ModeRequest) -> str:
     return f"mode {wanted.mode.name.lower()} requested {wanted.axis}".rstrip()
 
 
-def _act(core: Core, kind: RequestKind, wanted: ModeRequest, cycle: int) -> None:
-    if kind == RequestKind.ENABLE:
-        enter(core, Event.ENABLE)
-        core.verdict = Verdict()
-        core.load_checked, core.load_settle_cycles = False, 0
-        for axis in core.axes:
-            axis.energy.clear()
-    elif kind == RequestKind.DISABLE:
-        core.disabling = True
-        enter(core, Event.DISABLE)
-        for leg in core.legs:
-            leg.plan = leg_plan.brake(leg)
-            for axis in leg.axes:
-                axis.stop = stop_sequence.begin(_milder_end(core), axis.joint, cycle)
-        commissioning.cancel(core, "somebody asked to disable")
-    elif kind == RequestKind.RESET:
-        enter(core, Event.RESET)
-        latching.clear(core)
-        core.drives = None
-        core.preparation = None
-        core.verdict = Verdict()
-        core.reset_cycles_left, core.reset_settle_cycles = RESET_CYCLES, 0
-    else:
-        _begin_exercise(core, wanted)
-
-
-def _milder_end(core: Core) -> Step:
-    """First step of a requested stop: hold both axes, or disable an axis that is enabled alone."""
-    return Step.HOLD if core.preparation is None else Step.DISABLE
-
-
-def _begin_exercise(core: Core, wanted: ModeRequest) -> None:
-    if wanted.mode == Mode.HAND_GUIDING:
-        exercises.begin_hand_guiding(core)
-    elif wanted.mode == Mode.SELF_TEST:
-        exercises.begin_self_test(core)
-    else:
-        for leg, plan in zip(core.legs, _plans(core, wanted), strict=True):
-            leg.plan = plan
-    for leg in core.legs:
-        by_torque = core.config.gait.guidance == "impedance"
-        leg.takes_over = wanted.mode not in {Mode.HOLD, Mode.EXCITE} or (
-            wanted.mode == Mode.HOLD and by_torque
-        )
-    if wanted.mode == Mode.TORQUE:
-        controllers.begin_torque(core)
-    event = table.event_of(RequestKind.MODE, wanted)
-    if event is not None:
-        enter(core, event)
-
-
-def _plans(core: Core, wanted: ModeRequest) -> Sequence[Plan]:
-    if wanted.mode == Mode.TORQUE:
-        return [TorquePlay() for _ in core.legs]
-    if wanted.mode not in {Mode.GAIT, Mode.EXCITE}:
-        return [leg_plan.hold_from(leg) for leg in core.legs]
-    plan = _gait if wanted.mode == Mode.GAIT else _excite
-    return [plan(core, leg, wanted, way) for leg, way in zip(core.legs, _ways(core), strict=True)]
-
-
-def _gait(core: Core, leg: Leg, wanted: ModeRequest, way: Approach) -> GaitPlay:
-    gait = core.config.gait
-    return GaitPlay(
-        leg=leg.parameters,
-        shape=leg.shape,
-        motion=way,
-        start=leg_plan.present(leg),
-        announce_s=gait.announce_s,
-        cadence_hz=wanted.cadence_hz,
-        amplitude_ratio=wanted.amplitude_ratio,
-        duration_s=wanted.duration_s,
-        ramp_strides=gait.ramp_strides,
-        phase_offset_strides=leg.phase_offset_strides,
-    )
-
-
-def _excite(core: Core, leg: Leg, wanted: ModeRequest, way: Approach) -> ExcitePlay:
-    scenario = core.config.excite[wanted.scenario]
-    middle = trajectory.joints_of_angles(leg.parameters, _mid_pose(leg))
-    return ExcitePlay(
-        leg=leg.parameters,
-        motion=way,
-        middle=middle,
-        middle_load=trajectory.load_at(leg.parameters, middle),
-        window=trajectory.excite_window(scenario),
-        torque=scenario.torque,
-        artificial=scenario.artificial,
-        duration_s=wanted.duration_s,
-    )
-
-
-def _circumstances(core: Core, cycle: int) -> table.GuardInputs:
+def _guard_inputs(core: Core, cycle: int) -> GuardInputs:
     config = core.config
     fresh = [axis for axis in core.axes if axis.feedback is not None and axis.joint.fresh]
     age_max_cycles = config.thresholds.sample_age_max_cycles
@@ -212,12 +77,10 @@ def _circumstances(core: Core, cycle: int) -> table.GuardInputs:
         for axis in core.axes
         if axis.feedback is not None and axis.feedback.sample_age_cycles <= age_max_cycles
     ]
-    return table.GuardInputs(
+    return GuardInputs(
         mode=core.mode,
         gateway_alive=cycle - core.level_cycle <= config.thresholds.gateway_silence_cycles,
-        at_rest=all(
-            abs(axis.joint.velocity_si) < axis.limits.standstill_si_per_s for axis in fresh
-        ),
+        at_rest=all(is_at_rest(axis.joint, axis.limits) for axis in fresh),
         hand_switch_closed=all(Input.HAND_SWITCH_CLOSED in one for one in inputs),
         sto_released=all(Input.STO_RELEASED in one for one in inputs),
         unreferenced=tuple(
@@ -259,7 +122,7 @@ def _outside(core: Core) -> tuple[str, ...]:
     return axes + tuple(leg.name for leg in core.legs if leg.singularity_ratio < stop_ratio)
 
 
-def finish_request(core: Core) -> None:
+def finish(core: Core) -> None:
     """Publish the outcome of the accepted request as soon as it is known."""
     if core.request is None:
         return
@@ -269,15 +132,15 @@ def finish_request(core: Core) -> None:
     # A newer request has replaced the result: no client waits for this one any more.
     if core.request.id == core.result.id:
         core.result = RequestResult(core.request.id, outcome, reason)
-    core.events.append(f"{core.request.kind.name.lower()} {outcome.name.lower()} {reason}".strip())
+    core.report(f"{core.request.kind.name.lower()} {outcome.name.lower()} {reason}".strip())
     core.request = None
 
 
 def _begun(core: Core, mode: Mode) -> tuple[Outcome, str]:
-    run = core.preparation
+    run = core.single_axis
     if core.mode == mode:
         return Outcome.DONE, ""
-    if run is None or run.step in OVER:
+    if run is None or run.is_over:
         return Outcome.REFUSED, run.why if run is not None else "the drives could not be prepared"
     return Outcome.PENDING, ""
 
@@ -286,7 +149,7 @@ def _outcome(core: Core, request: Request) -> tuple[Outcome, str]:
     kind = request.kind
     if core.verdict.cause != Cause.NONE:
         return Outcome.REFUSED, describe(core.verdict)
-    if _prepares(request) and not request.mode.witnessed:
+    if is_of_single_axis(request) and not request.mode.witnessed:
         return _begun(core, request.mode.mode)
     # The state that the drives show decides, not the command. A drive that keeps showing another
     # state soon causes a verdict.

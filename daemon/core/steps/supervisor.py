@@ -2,164 +2,168 @@
 
 `checks.py` finds verdicts, `table.py` has the mode transitions, `stop_sequence.py` brings one drive
 to rest. This file applies them to the state of the core, once a cycle, in that order.
+
+This file is the only writer of the mode and what belongs to it: the verdict, the stop of each axis,
+the counters of enabling and reset, and whether there are drives.
 """
 
 from collections.abc import Sequence
+from typing import Final
 
 from daemon.core.inputs import CommandInputs
-from daemon.core.modes.table import Event
-from daemon.core.motion import (
-    leg_plan,
-    self_test,
-    single_axis,
-)
-from daemon.core.motion.hand_guiding import ReleasePlay
-from daemon.core.motion.self_test import SelfTestPlay
-from daemon.core.motion.trajectory import TorquePlay
-from daemon.core.safety import (
-    stop_sequence,
-)
+from daemon.core.modes import latched_stop, table
+from daemon.core.modes.table import MODES, Event
+from daemon.core.safety import stop_sequence
 from daemon.core.safety.checks import worse
 from daemon.core.safety.stop_sequence import Step
-from daemon.core.state import Axis, Core, Plan, Play
+from daemon.core.state import Axis, Core
 from daemon.core.steps import (
-    commissioning,
     controllers,
-    daily_test,
-    exercise_progress,
-    latching,
+    exercises,
+    monitors,
+    persistence,
     requests,
+    sensing,
+    single_axis,
 )
-from daemon.core.steps.joints import Joint
-from daemon.core.steps.transition import describe, enter
-from daemon.ipc.record import Cause, Mode, Stage, Verdict
+from daemon.core.steps.status import describe
+from daemon.core.steps.wanted import is_driving, is_mode_changing
+from daemon.ipc.record import Cause, Mode, Request, RequestKind, Verdict
 from daemon.wire.causes import DOUBTFUL_FEEDBACK, LOST_DRIVE
-from drives.signals import OperationMode
+from drives.cia402.drive import DriveGroup
 
-LOAD_SETTLE_CYCLES = 50
+LOAD_SETTLE_CYCLES: Final = 50
 """Duration of the hold before the load at rest is compared with g(q)."""
-RESET_SETTLE_CYCLES = 20
+RESET_CYCLES: Final = 100
+"""Longest duration of a requested fault reset."""
+RESET_SETTLE_CYCLES: Final = 20
 """Cycles for which a drive must show no fault before a reset is done."""
-STOPPING_MAX_CYCLES = 300
+STOPPING_MAX_CYCLES: Final = 300
 """Longest duration of mode STOPPING.
 
 A leg that still moves afterwards moves without power: the mode is FAULT, the speed is published.
 """
 
-BY_TORQUE = frozenset({Mode.TORQUE, Mode.EXCITE, Mode.HAND_GUIDING, Mode.SELF_TEST})
-"""Modes in which the drives are in torque mode, independent of the guidance of a gait."""
-_BUS_CAUSES = frozenset({Cause.BUS_DOWN, Cause.TRANSMIT_QUEUE_FULL})
+_BUS_CAUSES: Final = frozenset({Cause.BUS_DOWN, Cause.TRANSMIT_QUEUE_FULL})
 """Causes after which bring-up is repeated automatically when no drive is enabled.
 
 Bus-off is not among them: the operator should check the bus first.
 """
 
 
-def change_mode(
+def supervise(
     core: Core, found: Sequence[Verdict], orders: CommandInputs, cycle: int, utc_ns: int
 ) -> None:
-    """Update mode, stops and plans from this cycle's verdicts, requests and time."""
+    """Update mode, stops and exercises from this cycle's verdicts, requests and time."""
     _take_verdicts(core, found, cycle)
-    daily_test.follow(core, utc_ns)
-    requests.answer(core, orders, cycle, utc_ns)
-    _move_on(core, cycle, utc_ns)
-    commissioning.move_on(core, cycle)
-    requests.finish_request(core)
-    latching.follow(core, utc_ns)
-    for leg in core.legs:
-        leg.reference = leg_plan.reference_of(core, leg)
+    persistence.check_day(core, utc_ns)
+    _take_request(core, orders, cycle, utc_ns)
+    _advance(core, cycle, utc_ns)
+    _advance_single_axis(core, cycle)
+    requests.finish(core)
+    persistence.update_latch(core, utc_ns)
+    exercises.update_references(core)
 
 
-# --- questions ------------------------------------------------------------------------------
+def rest(core: Core, orders: CommandInputs, cycle: int, utc_ns: int) -> None:
+    """Answer requests while there are no drives."""
+    _take_request(core, orders, cycle, utc_ns)
+    requests.finish(core)
+    persistence.update_latch(core, utc_ns)
 
 
-def driving(core: Core) -> bool:
-    """True if a drive is, or may still be, powered by the core's request."""
-    if core.mode.active or core.mode == Mode.STOPPING:
-        return True
-    held = {Step.HOLD, Step.QUICK_STOP}
-    return core.mode == Mode.FAULT and any(a.stop and a.stop.step in held for a in core.axes)
+def _change(core: Core, event: Event) -> None:
+    """Apply a row of the mode table: the only assignment of the mode.
+
+    Raises:
+        IllegalTransitionError: there is no such row: a programming error.
+    """
+    core.mode = table.next_mode(core.mode, event)
+    core.progress = ""
 
 
-def enable_wanted(core: Core, axis: Axis) -> bool:
-    """True if this drive should be enabled and produce torque."""
-    if axis.stop is not None:
-        return axis.stop.step == Step.HOLD
-    run = core.preparation
-    return core.mode.active and (run is None or run.axis == axis.name)
+def _enter(core: Core, event: Event) -> None:
+    """Apply a row of the mode table, and publish the change."""
+    before = core.mode
+    _change(core, event)
+    core.report(f"mode {before.name.lower()} -> {core.mode.name.lower()}: {event.value}")
 
 
-def mode_wanted(core: Core, axis: Axis) -> OperationMode:
-    """The mode of operation that this drive should be in; a stop does not change the mode."""
-    if axis.stop is not None:
-        return axis.mode_sent
-    if commissioning.is_homing(core, axis):
-        return OperationMode.HOMING
-    if core.mode in BY_TORQUE or core.preparation is not None:
-        return OperationMode.CYCLIC_SYNC_TORQUE
-    if core.config.gait.guidance == "impedance":
-        return OperationMode.CYCLIC_SYNC_TORQUE
-    return OperationMode.CYCLIC_SYNC_POSITION
+# --- requests -------------------------------------------------------------------------------
 
 
-def silenced(core: Core) -> bool:
-    """True in the last step of escalation: SYNC and heartbeat are no longer sent."""
-    return any(axis.stop is not None and axis.stop.step == Step.SILENCE for axis in core.axes)
+def _take_request(core: Core, orders: CommandInputs, cycle: int, utc_ns: int) -> None:
+    if orders.stop:
+        single_axis.cancel(core, "somebody asked to stop")
+    request = requests.receive(core, orders, cycle)
+    if request is not None:
+        _execute(core, request, cycle, utc_ns)
 
 
-def nmt_stopped(core: Core) -> tuple[int, ...]:
-    """Node ids of the drives to which NMT stop is sent."""
-    return tuple(a.node_id for a in core.axes if a.stop and a.stop.step >= Step.NMT_STOP)
+def _execute(core: Core, request: Request, cycle: int, utc_ns: int) -> None:
+    if requests.is_of_single_axis(request):
+        if single_axis.begin(core, request.mode, cycle, utc_ns) is not None:
+            _bring_up_anew(core)
+    elif request.kind == RequestKind.ENABLE:
+        _enter(core, Event.ENABLE)
+        core.verdict = Verdict()
+        core.load_checked, core.load_settle_cycles = False, 0
+        monitors.clear_energy(core)
+    elif request.kind == RequestKind.DISABLE:
+        core.disabling = True
+        _enter(core, Event.DISABLE)
+        exercises.brake(core)
+        # An axis that is enabled alone is disabled; else both axes hold first.
+        step = Step.HOLD if core.single_axis is None else Step.DISABLE
+        for axis in core.axes:
+            axis.stop = stop_sequence.begin(step, axis.joint, cycle)
+        single_axis.cancel(core, "somebody asked to disable")
+    elif request.kind == RequestKind.RESET:
+        _enter(core, Event.RESET)
+        persistence.clear_latch(core)
+        core.drives = None
+        single_axis.drop(core)
+        core.verdict = Verdict()
+        core.reset_cycles_left, core.reset_settle_cycles = RESET_CYCLES, 0
+    else:
+        exercises.begin(core, request.mode)
+        if request.mode.mode == Mode.TORQUE:
+            controllers.begin_torque(core)
+        _enter(core, MODES[request.mode.mode].event)
 
 
-def stage(core: Core) -> Stage | None:
-    """The stage of the exercise; None without an exercise, and in STOPPING and FAULT."""
-    if core.mode in {Mode.STOPPING, Mode.FAULT}:
-        return None
-    if core.mode == Mode.BRINGING_UP:
-        return Stage.PREPARING
-    if core.preparation is not None:
-        return single_axis.STAGE_OF[core.preparation.step]
-    if core.mode == Mode.HOLD:
-        return None if core.load_checked else Stage.PREPARING
-    stages = [_stage_of(leg.plan) for leg in core.legs]
-    return next((one for one in stages if one is not Stage.OVER), Stage.OVER)
+def _bring_up_anew(core: Core) -> None:
+    """Drop the drives, so that the loop brings them up again with the limits needed next."""
+    core.drives = None
+    _enter(core, Event.BRING_UP_ANEW)
+    persistence.clear_latch(core)  # called only in READY, where no verdict is latched
 
 
-def _stage_of(plan: Plan | None) -> Stage | None:
-    if isinstance(plan, TorquePlay):
-        return Stage.PLAYING
-    return plan.stage if isinstance(plan, Play) else None
-
-
-def progress(core: Core) -> str:
-    """One line of text for the operator about the present activity."""
-    if core.mode in {Mode.OFF, Mode.FAULT} and core.verdict.cause != Cause.NONE:
-        return describe(core.verdict)
-    plan = core.legs[0].plan
-    if core.mode.active and isinstance(plan, Play):
-        return f"{core.mode.name.lower()}: {_doing(core, plan)}"
-    if core.preparation is not None:
-        return f"{core.preparation.axis}: {core.preparation.step.value}"
-    if core.mode == Mode.HOLD and not core.load_checked:
-        return "enabling: the load at rest is being compared"
-    return core.progress or core.mode.name.lower().replace("_", " ")
-
-
-def _doing(core: Core, plan: Play) -> str:
-    if isinstance(plan, ReleasePlay) and plan.stage == Stage.PLAYING:
-        return f"the leg can be moved by hand for {plan.duration_s - plan.elapsed_s:.0f} s more"
-    for leg in core.legs:
-        if isinstance(leg.plan, SelfTestPlay) and leg.plan.stage == Stage.PLAYING:
-            return self_test.progress(leg.plan)
-    return f"{plan.stage.name.lower()} for {plan.elapsed_s:.0f} s"
+def _advance_single_axis(core: Core, cycle: int) -> None:
+    change = single_axis.advance(core, cycle)
+    if change is None:
+        return
+    if change.homed is not None:
+        sensing.take_home(change.homed)
+    if change.event is Event.BRING_UP_ANEW:
+        _bring_up_anew(core)
+        return
+    ended = change.event is Event.EXERCISE_OVER
+    if ended:
+        core.disabling = True
+    _enter(core, change.event)
+    if change.text:
+        core.report(change.text)
+    if ended:
+        for axis in core.axes:
+            axis.stop = stop_sequence.begin(Step.DISABLE, axis.joint, cycle)
 
 
 # --- verdicts -------------------------------------------------------------------------------
 
 
 def _take_verdicts(core: Core, found: Sequence[Verdict], cycle: int) -> None:
-    stopping_all = driving(core)
+    stopping_all = is_driving(core)
     for verdict in found:
         # Power that the core did not request is a reason to stop in every mode.
         if stopping_all or verdict.cause == Cause.UNEXPECTED_ENABLE:
@@ -173,15 +177,15 @@ def _take_resting_verdict(core: Core, found: Verdict) -> None:
     if found.cause in LOST_DRIVE or found.cause in _BUS_CAUSES:
         core.verdict = found
         core.drives = None
-        core.preparation = None
+        single_axis.drop(core)
         core.reset_cycles_left = 0
-        enter(core, Event.DRIVES_LOST)
+        _enter(core, Event.DRIVES_LOST)
     elif core.reset_cycles_left == 0:
         core.verdict = found
-        enter(core, Event.DRIVE_FAULTY)
+        _enter(core, Event.DRIVE_FAULTY)
     else:
         return
-    core.events.append(describe(found))
+    core.report(describe(found))
 
 
 def stop(core: Core, verdict: Verdict, cycle: int) -> None:
@@ -195,14 +199,14 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
             core, cycle, {axis.name: _first_step(core, verdict, axis) for axis in core.axes}
         )
         _hold_together(core, cycle)
-        core.events.append(f"stop {verdict.category.name}: {describe(verdict)}")
+        core.report(f"stop {verdict.category.name}: {describe(verdict)}")
         return
     if _takes_its_place(core.verdict, verdict):
         core.verdict = verdict
         core.disabling = False
-        core.events.append(f"stop {verdict.category.name}: {describe(verdict)}")
+        core.report(f"stop {verdict.category.name}: {describe(verdict)}")
     elif (verdict.cause, verdict.drive) not in core.causes_told:
-        core.events.append(f"also: {describe(verdict)}")
+        core.report(f"also: {describe(verdict)}")
     core.causes_told.add((verdict.cause, verdict.drive))
     for axis in core.axes:
         step = _first_step(core, verdict, axis)
@@ -236,49 +240,46 @@ def _hold_together(core: Core, cycle: int) -> None:
 def _first_step(core: Core, verdict: Verdict, axis: Axis) -> Step:
     """First stop step of an axis by category; an axis enabled alone begins with quick stop."""
     step = stop_sequence.possible(stop_sequence.first_step(verdict, axis.name), axis.feedback)
-    return step if core.preparation is None else max(step, Step.QUICK_STOP)
+    return step if core.single_axis is None else max(step, Step.QUICK_STOP)
 
 
 def _begin_stop(core: Core, cycle: int, steps: dict[str, Step]) -> None:
-    enter(core, Event.STOP)
-    for leg in core.legs:
-        leg.plan = leg_plan.brake(leg)
-        for axis in leg.axes:
-            axis.stop = stop_sequence.begin(steps[axis.name], axis.joint, cycle)
+    _enter(core, Event.STOP)
+    exercises.brake(core)
+    for axis in core.axes:
+        axis.stop = stop_sequence.begin(steps[axis.name], axis.joint, cycle)
 
 
 def lose_bus(core: Core, what: str) -> None:
     """Handle a lost bus: enabled drives stop by their own detection; the verdict is published."""
     verdict = Verdict(core.config.categories.of(Cause.BUS_DOWN), Cause.BUS_DOWN, detail=what)
-    core.events.append(describe(verdict))
+    core.report(describe(verdict))
     core.verdict = worse(core.verdict, verdict)
     core.drives = None
     core.disabling = False
-    core.preparation = None
+    single_axis.drop(core)
     core.reset_cycles_left = 0
+    sensing.lose_drives(core)
     for axis in core.axes:
-        axis.feedback, axis.stop, axis.joint = None, None, Joint()
-        axis.homed = False
+        axis.stop = None
     if core.mode.active:
-        enter(core, Event.STOP)
+        _enter(core, Event.STOP)
     if core.mode == Mode.STOPPING:
-        enter(core, Event.AT_REST_STOPPED)
+        _enter(core, Event.AT_REST_STOPPED)
     elif core.mode == Mode.READY:
-        enter(core, Event.DRIVES_LOST)
+        _enter(core, Event.DRIVES_LOST)
 
 
 # --- time -----------------------------------------------------------------------------------
 
 
-def _move_on(core: Core, cycle: int, utc_ns: int) -> None:
+def _advance(core: Core, cycle: int, utc_ns: int) -> None:
     """Advance exercises, stops and a fault reset by one cycle."""
     if core.mode == Mode.HOLD and not core.load_checked:
         _settle(core, cycle)
     _let_lapse(core, cycle)
-    changing = _changes_mode(core)
-    for leg in core.legs:
-        exercise_progress.advance(core, leg, changing=changing)
-    if core.mode.active and _exercise_is_over(core):
+    exercises.advance(core, mode_changing=is_mode_changing(core))
+    if core.mode.active and exercises.is_over(core):
         _end_exercise(core, cycle, utc_ns)
     if core.mode in {Mode.STOPPING, Mode.FAULT}:
         _advance_stops(core, cycle)
@@ -288,22 +289,16 @@ def _move_on(core: Core, cycle: int, utc_ns: int) -> None:
 
 def _let_lapse(core: Core, cycle: int) -> None:
     """If assist has lost its lease or its setpoints: brake from where the leg is, and hold."""
-    reason = controllers.lapse(core, cycle)
-    if not reason:
-        return
-    for leg in core.legs:
-        leg.plan, leg.takes_over = leg_plan.brake(leg), True
-    core.lapse_count += 1
-    core.lapse_reason = reason
-    enter(core, Event.LEASE_LAPSED)
+    if controllers.lapse(core, cycle):
+        exercises.brake_and_hold(core)
+        _enter(core, Event.LEASE_LAPSED)
 
 
 def _settle(core: Core, cycle: int) -> None:
     """After enabling, hold the leg where it is, then compare the load at rest with g(q)."""
     if not all(axis.reached_enabled for axis in core.axes):
         core.load_settle_cycles = 0
-        for leg in core.legs:
-            leg.plan = leg_plan.hold_at(leg, leg_plan.measured(leg), (0.0, 0.0))
+        exercises.hold_here(core)
         return
     core.load_settle_cycles += 1
     if core.load_settle_cycles < LOAD_SETTLE_CYCLES:
@@ -319,26 +314,13 @@ def _settle(core: Core, cycle: int) -> None:
     core.load_checked = True
 
 
-def _changes_mode(core: Core) -> bool:
-    """True if a drive has not yet been sent the mode wanted; all legs begin together."""
-    return any(axis.mode_sent != mode_wanted(core, axis) for axis in core.axes)
-
-
-def _exercise_is_over(core: Core) -> bool:
-    """True if the exercise is over: with the first leg, or in a self-test with the last one."""
-    over = [isinstance(leg.plan, Play) and leg.plan.stage == Stage.OVER for leg in core.legs]
-    return all(over) if core.mode == Mode.SELF_TEST else any(over)
-
-
 def _end_exercise(core: Core, cycle: int, utc_ns: int) -> None:
-    failed = daily_test.conclude(core, utc_ns) if core.mode == Mode.SELF_TEST else None
+    failed = persistence.conclude_self_test(core, utc_ns) if core.mode == Mode.SELF_TEST else None
     if failed is not None:
         stop(core, failed, cycle)
         return
-    for leg in core.legs:
-        # In position mode the drives' own loops take over without a step of torque.
-        leg.plan, leg.takes_over = leg_plan.hold_from(leg), core.config.gait.guidance == "impedance"
-    enter(core, Event.EXERCISE_OVER)
+    exercises.end(core)
+    _enter(core, Event.EXERCISE_OVER)
 
 
 def _advance_stops(core: Core, cycle: int) -> None:
@@ -364,7 +346,7 @@ def _report_disobedience(core: Core, axis: Axis, step: Step) -> None:
     verdict = Verdict(core.config.categories.of(cause), cause, axis.name, detail=detail)
     core.verdict = worse(core.verdict, verdict)
     core.disabling = False
-    core.events.append(describe(verdict))
+    core.report(describe(verdict))
 
 
 def _stopped(core: Core, cycle: int) -> bool:
@@ -377,20 +359,19 @@ def _stopped(core: Core, cycle: int) -> bool:
             continue
         unseen = axis.feedback.sample_age_cycles > age_max
         over = cycle - stopped.since_cycle > STOPPING_MAX_CYCLES
-        if not (stop_sequence.is_at_rest(stopped, rules) or unseen or over):
+        if not (stop_sequence.is_resting(stopped, rules) or unseen or over):
             return False
     return True
 
 
 def _come_to_rest(core: Core) -> None:
     if core.disabling:
-        enter(core, Event.AT_REST_WELL)
-        for leg in core.legs:
-            leg.plan = None
-            for axis in leg.axes:
-                axis.stop = None
+        _enter(core, Event.AT_REST_WELL)
+        exercises.clear(core)
+        for axis in core.axes:
+            axis.stop = None
     else:
-        enter(core, Event.AT_REST_STOPPED)
+        _enter(core, Event.AT_REST_STOPPED)
 
 
 def _await_reset(core: Core) -> None:
@@ -411,3 +392,67 @@ def power_off(core: Core, cycle: int) -> None:
     for axis in core.axes:
         if axis.stop is None or axis.stop.step < Step.DISABLE:
             axis.stop = stop_sequence.begin(Step.DISABLE, axis.joint, cycle)
+
+
+# --- bring-up -------------------------------------------------------------------------------------
+
+
+def begin_bring_up(core: Core) -> None:
+    """The loop begins to bring up the drives."""
+    _change(core, Event.BRING_UP_BEGUN)
+    core.report("bring-up begun")
+
+
+def show_progress(core: Core, text: str) -> None:
+    """Show the step of the bring-up."""
+    core.progress = text
+
+
+def take_drives(core: Core, drives: DriveGroup) -> None:
+    """All drives are up: READY, or FAULT where a stop is latched since an earlier start."""
+    core.drives = drives
+    for axis in core.axes:
+        axis.stop = None
+    core.verdict = Verdict()
+    core.load_checked = False
+    latched = _take_latch(core)
+    _change(core, Event.STILL_LATCHED if latched else Event.BRING_UP_DONE)
+
+
+def wait_for_reset(core: Core, drive: str, state: str, text: str) -> None:
+    """Enter FAULT because a drive still holds the leg; it holds until a reset is requested."""
+    cause = Cause.DRIVE_POWERED
+    core.verdict = Verdict(core.config.categories.of(cause), cause, drive, detail=state)
+    _change(core, Event.DRIVE_FAULTY)
+    single_axis.drop(core)
+    core.reset_cycles_left = 0
+    noted = latched_stop.verdict_of(core.notes.latched)
+    if noted is not None and noted.cause != Cause.LAST_END_UNKNOWN:
+        _take_latch(core)
+    core.report(text)
+
+
+def fail_bring_up(core: Core, cause: Cause, drive: str, detail: str) -> None:
+    """Return to OFF with a verdict; an event is published only if the verdict is a new one."""
+    if core.mode == Mode.BRINGING_UP:
+        _change(core, Event.DRIVES_LOST)
+    verdict = Verdict(core.config.categories.of(cause), cause, drive, detail=detail)
+    if verdict != core.verdict:
+        core.report(f"bring-up failed: {detail}")
+    core.verdict = verdict
+    single_axis.drop(core)
+    core.reset_cycles_left = 0
+    core.progress = ""
+    sensing.lose_homes(core)
+
+
+def _take_latch(core: Core) -> bool:
+    """Restore a latched verdict after a restart; returns True if there is one."""
+    noted = core.notes.latched
+    verdict = latched_stop.verdict_of(noted)
+    if noted is None or verdict is None:
+        return False
+    core.verdict = verdict
+    core.causes_told = {(verdict.cause, verdict.drive)}
+    core.report(f"latched since {latched_stop.since(noted.utc_ns)}: {describe(verdict)}")
+    return True

@@ -19,13 +19,16 @@ begins, so that no change of mode under power causes a jump of torque. The diffe
 target and leg fades in the same way when a stop begins in position mode, which brakes from where
 the leg is. A stop in torque mode does not wait for a fade: its torque goes to the braking value as
 fast as the rate limit allows.
+
+This file is the only writer of the commands in the state.
 """
 
 import math
 from typing import Final, NamedTuple
 
 from daemon.core.safety import bounds
-from daemon.core.state import Axis
+from daemon.core.safety.joints import is_at_rest
+from daemon.core.state import Axis, Core
 from drives.signals import OperationMode, PowerState
 
 FADE_S: Final = 0.2
@@ -74,7 +77,7 @@ def _guided_effort(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
     last_si = axis.effort_sent_si if axis.reached_enabled else axis.gravity_si
     before_si = last_si - wanted_si if ask.takes_over else axis.effort_offset_si
     axis.effort_offset_si = before_si if ask.takes_over else _faded(before_si, ask.dt_s)
-    if ask.leaving and abs(axis.joint.velocity_si) < axis.limits.standstill_si_per_s:
+    if ask.leaving and is_at_rest(axis.joint, axis.limits):
         return bounds.bound(axis.effort_mean_si, last_si, axis.limits, ask.dt_s)
     sent_si = bounds.bound(wanted_si + axis.effort_offset_si, last_si, axis.limits, ask.dt_s)
     if sent_si is not None:
@@ -125,14 +128,24 @@ def loop_distance(axis: Axis) -> float:
     return 0.0 if rested and state == PowerState.QUICK_STOP_ACTIVE else math.inf
 
 
-def note_motion(axis: Axis, position_si: float, dt_s: float) -> None:
-    """Update speed and acceleration of a followed target, before it replaces the last one."""
+def note_sent(
+    axis: Axis, mode: OperationMode, effort_si: float, position_si: float, dt_s: float
+) -> None:
+    """Store the command of this cycle, with speed and acceleration of a followed target."""
     if not _obeys_position(axis):
         axis.speed_sent_si = axis.acceleration_sent_si = 0.0
-        return
-    speed_si = (position_si - axis.position_sent_si) / dt_s
-    axis.acceleration_sent_si = (speed_si - axis.speed_sent_si) / dt_s
-    axis.speed_sent_si = speed_si
+    else:
+        speed_si = (position_si - axis.position_sent_si) / dt_s
+        axis.acceleration_sent_si = (speed_si - axis.speed_sent_si) / dt_s
+        axis.speed_sent_si = speed_si
+    axis.mode_sent = mode
+    axis.effort_sent_si, axis.position_sent_si = effort_si, position_si
+
+
+def reset(core: Core) -> None:
+    """No effort has been sent to the drives that have just been brought up."""
+    for axis in core.axes:
+        axis.effort_sent_si = 0.0
 
 
 def _faded(difference_si: float, dt_s: float) -> float:

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from situations import LIMITS
 
-from daemon.core.modes.table import TRANSITIONS, Event, GuardInputs, refusal
+from daemon.core.modes.guards import GuardInputs
+from daemon.core.modes.table import MODES, TRANSITIONS, Event, refusal, rules_of
 from daemon.core.motion.assist import (
-    ASSISTED,
     AssistRules,
     LegAssist,
     SetpointContext,
@@ -24,7 +24,7 @@ from daemon.wire.refusals import REFUSAL_TEXT, SetpointRefusal
 
 BOTH = (LIMITS, LIMITS)
 RULES = AssistRules(age_max_cycles=10, start_cycles=50, fade_cycles=20, stiffness_step_ratio=0.01)
-DESK = SetpointContext(lease=7, cycle=100, mode=Mode.TORQUE, by_position=False)
+DESK = SetpointContext(lease=7, cycle=100, takes_assist=True, by_position=False)
 REST = (0.0, 0.0)
 DT_S = 0.01
 
@@ -32,6 +32,10 @@ DT_S = 0.01
 def setpoint(**changes):
     fields = {"lease": 7, "seq": 5, "for_cycle": 99, "leg": "right"} | changes
     return Setpoint(**fields)
+
+
+def in_mode(mode):
+    return {"takes_assist": rules_of(mode).takes_assist}
 
 
 def reason(changes, last_seq=4, **desk):
@@ -62,11 +66,11 @@ def test_a_setpoint_of_the_holder_that_is_new_and_small_counts():
         ({"stiffness_ratio": 0.0}, {}, SetpointRefusal.NONE),
         ({"stiffness_ratio": 1.0 + 1e-9}, {}, SetpointRefusal.OUT_OF_RANGE),
         ({}, {"by_position": True}, SetpointRefusal.GUIDANCE_IS_POSITION),
-        ({}, {"mode": Mode.HOLD}, SetpointRefusal.NONE),
-        ({"hip_assist_nm": 0.1}, {"mode": Mode.HOLD}, SetpointRefusal.WRONG_MODE),
-        ({"slide_assist_n": 0.1}, {"mode": Mode.EXCITE}, SetpointRefusal.WRONG_MODE),
-        ({"stiffness_ratio": 0.9}, {"mode": Mode.HAND_GUIDING}, SetpointRefusal.WRONG_MODE),
-        ({"stiffness_ratio": 0.9}, {"mode": Mode.GAIT}, SetpointRefusal.NONE),
+        ({}, in_mode(Mode.HOLD), SetpointRefusal.NONE),
+        ({"hip_assist_nm": 0.1}, in_mode(Mode.HOLD), SetpointRefusal.WRONG_MODE),
+        ({"slide_assist_n": 0.1}, in_mode(Mode.EXCITE), SetpointRefusal.WRONG_MODE),
+        ({"stiffness_ratio": 0.9}, in_mode(Mode.HAND_GUIDING), SetpointRefusal.WRONG_MODE),
+        ({"stiffness_ratio": 0.9}, in_mode(Mode.GAIT), SetpointRefusal.NONE),
     ],
 )
 def test_what_is_wrong_with_a_setpoint_is_named(changes, desk, refusal):
@@ -111,7 +115,7 @@ def test_mode_torque_is_given_in_hold_under_a_lease_with_drives_that_go_by_torqu
 def test_only_assisted_modes_lapse_and_a_lapse_ends_in_hold():
     rows = {mode: to for (mode, event), to in TRANSITIONS.items() if event is Event.LEASE_LAPSED}
 
-    assert rows == dict.fromkeys(ASSISTED, Mode.HOLD)
+    assert rows == {mode: Mode.HOLD for mode, rules in MODES.items() if rules.takes_assist}
 
 
 def test_every_refusal_has_words_for_who_integrates():

@@ -9,11 +9,10 @@ from situations import FEEDBACK, JOINT
 
 from daemon.core.inputs import NO_ORDERS, CommandInputs
 from daemon.core.modes.persistent_state import PersistentState
-from daemon.core.motion import leg_plan
 from daemon.core.runtime.build import build
 from daemon.core.safety.stop_sequence import Step
 from daemon.core.state import Core
-from daemon.core.steps import controllers, impedance, supervisor
+from daemon.core.steps import controllers, exercises, impedance, supervisor, wanted
 from daemon.ipc.record import (
     Cause,
     Mode,
@@ -46,8 +45,7 @@ class Bench:
         self.show(PowerState.OPERATION_ENABLED)
         for axis in self.core.axes:
             axis.referenced = axis.reached_enabled = True
-        for leg in self.core.legs:
-            leg.plan = leg_plan.hold_at(leg, leg_plan.measured(leg), (0.0, 0.0))
+        exercises.hold_here(self.core)
 
     def show(self, state: PowerState, velocity_si: float = 0.0) -> None:
         for axis in self.core.axes:
@@ -57,7 +55,7 @@ class Bench:
     def turn(self, *found: Verdict, orders: CommandInputs = NO_ORDERS) -> None:
         self.cycle += 1
         self.core.level_cycle = self.cycle
-        supervisor.change_mode(self.core, found, orders, self.cycle, 0)
+        supervisor.supervise(self.core, found, orders, self.cycle, 0)
 
     def ask(self, kind: RequestKind) -> Outcome:
         self._request_id += 1
@@ -141,7 +139,7 @@ def test_a_stop_that_holds_under_power_is_judged_and_taken_further(bench, step):
 
     bench.turn(JUMPED)
 
-    assert supervisor.driving(bench.core)
+    assert wanted.is_driving(bench.core)
     assert bench.core.verdict == JUMPED
     assert bench.steps() == [Step.DISABLE, Step.QUICK_STOP]
 
@@ -190,13 +188,13 @@ def test_assist_in_force_is_not_taken_over_by_the_next_holder_of_the_lease(bench
     core.lease = NEXT_LEASE
     core.setpoints = (Setpoint(lease=NEXT_LEASE, seq=1, for_cycle=99, leg="right"),)
 
-    controllers.hear(core, 100)
+    controllers.receive(core, 100)
 
     assert leg.assist.accepted is None
     assert core.setpoint_accepted_count == 0
 
     leg.assist = replace(leg.assist, effort_si=(0.0, 0.0))
-    controllers.hear(core, 101)
+    controllers.receive(core, 101)
 
     assert leg.assist.accepted == core.setpoints[0]
 
@@ -207,6 +205,6 @@ def test_where_nothing_is_in_force_the_next_holder_is_heard_at_once(bench):
     leg.assist = replace(leg.assist, lease=FIRST_LEASE)
     core.setpoints = (Setpoint(lease=NEXT_LEASE, seq=1, for_cycle=99, leg="right"),)
 
-    controllers.hear(core, 100)
+    controllers.receive(core, 100)
 
     assert leg.assist.accepted == core.setpoints[0]

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from daemon.core.inputs import hear
+from daemon.core.inputs import receive
 from daemon.ipc.record import GatewayState, Outcome, Request, RequestKind, RequestResult, Setpoint
 
 CYCLE = 1000
@@ -37,45 +37,45 @@ def test_a_stop_in_any_datagram_of_a_burst_is_heard(core):
         core.stop_count = 2
         burst = [level(core.level_seq + 1 + n, stop_count=count) for n, count in enumerate(counts)]
 
-        assert hear(core, burst, CYCLE).stop
+        assert receive(core, burst, CYCLE).stop
         assert core.stop_count == 3
-        assert not hear(core, [level(core.level_seq + 1, stop_count=3)], CYCLE).stop
+        assert not receive(core, [level(core.level_seq + 1, stop_count=3)], CYCLE).stop
 
 
 def test_a_stop_in_an_earlier_datagram_is_heard_though_a_later_one_counts_lower(core):
-    assert hear(core, [level(51, stop_count=3), level(52, stop_count=2)], CYCLE).stop
+    assert receive(core, [level(51, stop_count=3), level(52, stop_count=2)], CYCLE).stop
 
 
 def test_the_first_level_of_all_only_tells_where_the_count_is(core):
     core.stop_count = None
 
-    assert not hear(core, [level(51, stop_count=9)], CYCLE).stop
+    assert not receive(core, [level(51, stop_count=9)], CYCLE).stop
     assert core.stop_count == 9
 
 
 def test_the_age_of_a_level_counts_from_the_cycle_that_it_answers(core):
-    hear(core, [level(51, for_cycle=CYCLE - 1)], CYCLE + 40)
+    receive(core, [level(51, for_cycle=CYCLE - 1)], CYCLE + 40)
     assert core.level_cycle == CYCLE - 1
 
-    hear(core, [level(52, for_cycle=CYCLE - 9)], CYCLE + 41)
+    receive(core, [level(52, for_cycle=CYCLE - 9)], CYCLE + 41)
     assert core.level_cycle == CYCLE - 1
 
 
 def test_a_level_for_a_cycle_that_has_not_been_counts_for_nothing_but_a_stop(core):
     ahead = level(51, for_cycle=CYCLE + 1, request=ENABLE, setpoints=(SETPOINT,), lease=5)
 
-    orders = hear(core, [ahead], CYCLE)
+    orders = receive(core, [ahead], CYCLE)
 
     assert orders == (False, None)
     assert (core.level_cycle, core.setpoints, core.lease) == (CYCLE - 1, (), 0)
-    assert hear(core, [level(52, for_cycle=CYCLE + 1, stop_count=3)], CYCLE).stop
-    assert hear(core, [level(51, request=ENABLE)], CYCLE).request == ENABLE
+    assert receive(core, [level(52, for_cycle=CYCLE + 1, stop_count=3)], CYCLE).stop
+    assert receive(core, [level(51, request=ENABLE)], CYCLE).request == ENABLE
 
 
 def test_the_newest_of_a_burst_counts_and_not_the_last(core):
     older, newest = level(51, lease=4), level(52, request=ENABLE, setpoints=(SETPOINT,), lease=5)
 
-    orders = hear(core, [newest, older], CYCLE)
+    orders = receive(core, [newest, older], CYCLE)
 
     assert orders.request == ENABLE
     assert (core.setpoints, core.lease) == ((SETPOINT,), 5)
@@ -83,12 +83,12 @@ def test_the_newest_of_a_burst_counts_and_not_the_last(core):
 
 def test_a_level_that_comes_again_asks_for_nothing_again(core):
     sent = level(51, request=ENABLE, setpoints=(SETPOINT,), lease=5)
-    assert hear(core, [sent, sent], CYCLE).request == ENABLE
+    assert receive(core, [sent, sent], CYCLE).request == ENABLE
     core.result = RequestResult(ENABLE.id, Outcome.DONE)
-    hear(core, [level(52, request=Request(9, RequestKind.DISABLE))], CYCLE)
+    receive(core, [level(52, request=Request(9, RequestKind.DISABLE))], CYCLE)
     core.result = RequestResult(9, Outcome.DONE)
 
-    orders = hear(core, [sent], CYCLE + 10)
+    orders = receive(core, [sent], CYCLE + 10)
 
     assert orders == (False, None)
     assert (core.setpoints, core.lease) == ((), 0)
@@ -97,33 +97,33 @@ def test_a_level_that_comes_again_asks_for_nothing_again(core):
 def test_an_older_level_may_stop_and_do_nothing_else(core):
     older = level(49, stop_count=3, request=ENABLE, setpoints=(SETPOINT,), lease=5)
 
-    orders = hear(core, [older], CYCLE)
+    orders = receive(core, [older], CYCLE)
 
     assert orders == (True, None)
     assert (core.setpoints, core.lease) == ((), 0)
 
 
 def test_an_older_level_does_not_make_the_next_one_a_stop(core):
-    assert not hear(core, [level(49, stop_count=1)], CYCLE).stop
-    assert not hear(core, [level(51, stop_count=2)], CYCLE).stop
+    assert not receive(core, [level(49, stop_count=1)], CYCLE).stop
+    assert not receive(core, [level(51, stop_count=2)], CYCLE).stop
 
 
 def test_a_gateway_that_counts_lower_than_is_known_stops_with_its_next_stop(core):
-    assert not hear(core, [level(51, stop_count=0)], CYCLE).stop
-    assert hear(core, [level(52, stop_count=1)], CYCLE).stop
+    assert not receive(core, [level(51, stop_count=0)], CYCLE).stop
+    assert receive(core, [level(52, stop_count=1)], CYCLE).stop
 
 
 @pytest.mark.parametrize("number", [0, 5, 7])
 def test_a_request_that_was_there_before_is_no_new_one(core, number):
     request = Request(number, RequestKind.ENABLE, CYCLE - 1)
 
-    assert hear(core, [level(51, request=request)], CYCLE).request is None
+    assert receive(core, [level(51, request=request)], CYCLE).request is None
 
 
 def test_of_another_core_only_a_stop_counts_and_its_numbers_hide_nothing_of_ours(core):
     foreign = level(10**9, core_boot_id="theirs", request=ENABLE, setpoints=(SETPOINT,), lease=5)
 
-    assert hear(core, [foreign], CYCLE) == (False, None)
+    assert receive(core, [foreign], CYCLE) == (False, None)
     assert (core.setpoints, core.lease) == ((), 0)
-    assert hear(core, [level(51, request=ENABLE)], CYCLE).request == ENABLE
-    assert hear(core, [level(10**9, core_boot_id="theirs", stop_count=3)], CYCLE).stop
+    assert receive(core, [level(51, request=ENABLE)], CYCLE).request == ENABLE
+    assert receive(core, [level(10**9, core_boot_id="theirs", stop_count=3)], CYCLE).stop

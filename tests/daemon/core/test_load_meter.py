@@ -4,8 +4,8 @@ import pytest
 from sessions import new_session
 
 from daemon.core.runtime.bus_load import EXACT_MAX, LoadMeter
+from drives.bringup.bus_load import frame_bits, frame_bits_exact
 from drives.canopen.bus import Frame
-from drives.canopen.bus_load import frame_bits, frame_bits_exact
 
 S = 1_000_000_000
 ALTERNATING = Frame(0x555, b"\x55" * 8)

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
+from daemon.core.modes.guards import GuardInputs
 from daemon.core.modes.table import (
     TRANSITIONS,
     Event,
-    GuardInputs,
     IllegalTransitionError,
     next_mode,
     refusal,

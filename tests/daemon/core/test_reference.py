@@ -1,6 +1,7 @@
 """What exercises ask for over time: inside speed and workspace, and without steps."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,30 +12,50 @@ from hypothesis import strategies as st
 from daemon.config.robot import leg_parameters
 from daemon.config.settings import Robot, Sinusoid, Trainer
 from daemon.config.strict import load_toml
-from daemon.core.motion import trajectory
-from daemon.core.motion.trajectory import ExcitePlay, GaitPlay, Hold
+from daemon.core.exercises.approach import Approach, approach, is_clear
+from daemon.core.exercises.excite import Excite
+from daemon.core.exercises.exercise import LegSample
+from daemon.core.exercises.gait import Gait, GaitPlan
+from daemon.core.exercises.hold import Hold
+from daemon.core.motion import gait_shape
 from daemon.ipc.record import Stage
 from observer.mechanism.mechanism import closes, singularity_ratio
 
 LEG = leg_parameters(load_toml(CONFIGS / "robot.toml", Robot))
 GAIT = load_toml(CONFIGS / "demo.toml", Trainer).gait
-SHAPE = trajectory.gait_shape(GAIT)
-MEAN = trajectory.gait_angles(SHAPE, 0.0, 0.0)
+SHAPE = gait_shape.gait_shape(GAIT)
+MEAN = gait_shape.gait_angles(SHAPE, 0.0, 0.0)
 DT_S = 0.01
+AT_REST = LegSample(
+    position=(0.1, 0.45),
+    velocity=(0.0, 0.0),
+    excess=(0.0, 0.0),
+    fresh=(True, True),
+    in_torque_mode=True,
+    mode_changing=False,
+)
+
+
+def at(position):
+    return AT_REST._replace(position=position)
 
 
 def gait_play(*, cadence_hz=0.5, duration_s=10.0, start=(0.1, 0.45)):
-    return GaitPlay(
-        leg=LEG,
-        shape=SHAPE,
-        motion=trajectory.approach(LEG, GAIT, start, MEAN),
-        start=start,
-        announce_s=GAIT.announce_s,
-        cadence_hz=cadence_hz,
-        amplitude_ratio=1.0,
-        duration_s=duration_s,
-        ramp_strides=GAIT.ramp_strides,
-        phase_offset_strides=0.0,
+    return Gait(
+        plan=GaitPlan(
+            leg=LEG,
+            shape=SHAPE,
+            impedance=GAIT.impedance,
+            way=approach(LEG, GAIT, start, MEAN),
+            start=start,
+            announce_s=GAIT.announce_s,
+            cadence_hz=cadence_hz,
+            amplitude_ratio=1.0,
+            duration_s=duration_s,
+            ramp_strides=GAIT.ramp_strides,
+            phase_offset_strides=0.0,
+            period_s=DT_S,
+        )
     )
 
 
@@ -42,8 +63,8 @@ def story(play):
     """All (play, reference) from the announcement to the end."""
     told = []
     while play.stage != Stage.OVER:
-        told.append((play, trajectory.gait_reference(play, DT_S)))
-        play = trajectory.advance_gait(play, DT_S)
+        told.append((play, play.targets(AT_REST)))
+        play = play.advance(AT_REST, DT_S)
     return told
 
 
@@ -104,7 +125,7 @@ def test_amplitude_and_cadence_rise_over_two_strides():
 def test_the_end_of_a_gait_is_its_mean_pose():
     _, last = story(gait_play())[-1]
 
-    assert last.position == pytest.approx(trajectory.joints_of_angles(LEG, MEAN), abs=2e-3)
+    assert last.position == pytest.approx(gait_shape.joints_of_angles(LEG, MEAN), abs=2e-3)
 
 
 @given(phase=st.floats(-3.0, 3.0), amplitude_ratio=st.floats(0.0, 1.0))
@@ -117,7 +138,7 @@ def test_gait_angles_are_the_fourier_series_of_the_file(phase, amplitude_ratio):
         )
         return math.radians(mean_deg + amplitude_ratio * sum(waves))
 
-    hip, knee = trajectory.gait_angles(SHAPE, phase, amplitude_ratio)
+    hip, knee = gait_shape.gait_angles(SHAPE, phase, amplitude_ratio)
 
     assert hip == pytest.approx(series(GAIT.hip_mean_deg, GAIT.hip_harmonics_deg), abs=1e-12)
     assert knee == pytest.approx(series(GAIT.knee_mean_deg, GAIT.knee_harmonics_deg), abs=1e-12)
@@ -126,15 +147,15 @@ def test_gait_angles_are_the_fourier_series_of_the_file(phase, amplitude_ratio):
 def test_the_second_leg_walks_half_a_stride_later():
     first = gait_play()
     for _ in range(1500):
-        first = trajectory.advance_gait(first, DT_S)
+        first = first.advance(AT_REST, DT_S)
 
-    second = trajectory.replace(first, phase_offset_strides=0.5)
+    second = replace(first, plan=replace(first.plan, phase_offset_strides=0.5))
 
-    assert (trajectory.gait_phase(second) - trajectory.gait_phase(first)) % 1 == pytest.approx(0.5)
+    assert (second.gait_phase - first.gait_phase) % 1 == pytest.approx(0.5)
 
 
 def test_without_a_stride_there_is_no_phase():
-    assert trajectory.gait_phase(gait_play()) == -1.0
+    assert gait_play().gait_phase == -1.0
 
 
 HIPS = st.floats(min_value=math.radians(-15), max_value=math.radians(38))
@@ -145,39 +166,37 @@ SLIDES = st.floats(min_value=0.05, max_value=0.9)
 @given(HIPS, SLIDES)
 def test_a_way_that_is_called_clear_is_reachable_everywhere(hip, slide):
     assume(closes(LEG, hip, slide))
-    motion = trajectory.approach(LEG, GAIT, (hip, slide), MEAN)
-    assume(trajectory.way_is_clear(LEG, motion, 0.15))
-    play = GaitPlay(
-        LEG, SHAPE, motion, (hip, slide), 0.0, 0.25, 1.0, 1.0, 2, 0.0, Stage.APPROACHING
-    )
+    motion = approach(LEG, GAIT, (hip, slide), MEAN)
+    assume(is_clear(LEG, motion, 0.15))
+    play = replace(gait_play(start=(hip, slide)), stage=Stage.APPROACHING)
 
     for part in np.linspace(0.01, 1, 17):
-        at = trajectory.replace(play, elapsed_s=part * motion.duration_s)
-        q = trajectory.gait_reference(at, DT_S).position
+        moved = replace(play, elapsed_s=part * motion.duration_s)
+        q = moved.targets(AT_REST).position
         assert singularity_ratio(LEG, np.array(q)) > 0.1
 
 
 def test_from_every_pose_of_the_gait_the_way_to_mid_pose_is_clear():
     for phase in np.linspace(0, 1, 50):
-        start = trajectory.joints_of_angles(LEG, trajectory.gait_angles(SHAPE, phase, 1.0))
-        assert trajectory.way_is_clear(LEG, trajectory.approach(LEG, GAIT, start, MEAN), 0.3)
+        start = gait_shape.joints_of_angles(LEG, gait_shape.gait_angles(SHAPE, phase, 1.0))
+        assert is_clear(LEG, approach(LEG, GAIT, start, MEAN), 0.3)
 
 
 def test_a_way_through_poses_that_cannot_be_reached_is_not_clear():
-    start = trajectory.joints_of_angles(LEG, MEAN)
-    far = trajectory.Approach(trajectory.angles_of_joints(LEG, start), (-0.25, 1.0), 1.0)
+    start = gait_shape.joints_of_angles(LEG, MEAN)
+    far = Approach(gait_shape.angles_of_joints(LEG, start), (-0.25, 1.0), 1.0)
 
-    assert not trajectory.way_is_clear(LEG, far, 0.15)
+    assert not is_clear(LEG, far, 0.15)
 
 
 @settings(derandomize=True)
 @given(st.floats(-3, 3), st.floats(-3, 3))
 def test_a_hold_brakes_with_its_deceleration_and_then_stays(v_hip, v_slide):
-    hold = Hold((0.2, 0.5), (v_hip, v_slide), (10.0, 20.0))
+    hold = Hold(start=(0.2, 0.5), start_velocity=(v_hip, v_slide), deceleration=(10.0, 20.0))
     refs = []
     for _ in range(60):
-        refs.append(trajectory.hold_reference(hold))
-        hold = trajectory.advance_hold(hold, DT_S)
+        refs.append(hold.targets(AT_REST))
+        hold = hold.advance(AT_REST, DT_S)
     velocities = np.array([ref.velocity for ref in refs])
 
     assert np.all(np.abs(np.diff(velocities, axis=0)) <= np.array([0.1, 0.2]) + 1e-12)
@@ -186,13 +205,13 @@ def test_a_hold_brakes_with_its_deceleration_and_then_stays(v_hip, v_slide):
 
 
 def excite_play(**change):
-    angles = trajectory.gait_angles(SHAPE, 0.0, 0.0)
-    middle = trajectory.joints_of_angles(LEG, angles)
-    play = ExcitePlay(
+    angles = gait_shape.gait_angles(SHAPE, 0.0, 0.0)
+    middle = gait_shape.joints_of_angles(LEG, angles)
+    play = Excite(
         leg=LEG,
-        motion=trajectory.approach(LEG, GAIT, (0.1, 0.45), angles),
+        way=approach(LEG, GAIT, (0.1, 0.45), angles),
         middle=middle,
-        middle_load=trajectory.load_at(LEG, middle),
+        middle_load=gait_shape.load_at(LEG, middle),
         window=(0.5, 0.4),
         torque=(
             Sinusoid(
@@ -209,15 +228,15 @@ def excite_play(**change):
         ),
         duration_s=5.0,
     )
-    return trajectory.replace(play, **change)
+    return replace(play, **change)
 
 
 def test_an_excitation_goes_to_mid_pose_and_settles_before_it_begins():
     play = excite_play()
     while play.stage == Stage.APPROACHING:
-        ref = trajectory.excite_reference(play, (0.1, 0.45))
+        ref = play.targets(at((0.1, 0.45)))
         assert ref.guided
-        play = trajectory.advance_excite(play, DT_S, play.middle)
+        play = play.advance(at(play.middle), DT_S)
 
     assert ref.position == pytest.approx(play.middle)
 
@@ -225,7 +244,7 @@ def test_an_excitation_goes_to_mid_pose_and_settles_before_it_begins():
 def test_an_excitation_is_torque_alone_about_the_load_of_mid_pose():
     play = excite_play(stage=Stage.PLAYING, elapsed_s=2.2)
 
-    ref = trajectory.excite_reference(play, (0.3, 0.6))
+    ref = play.targets(at((0.3, 0.6)))
 
     assert not ref.guided
     assert ref.load == play.middle_load
@@ -234,12 +253,12 @@ def test_an_excitation_is_torque_alone_about_the_load_of_mid_pose():
 
 
 def test_an_artificial_disturbance_begins_and_ends_with_its_times():
-    at = lambda t: trajectory.artificial_disturbance(excite_play(stage=Stage.PLAYING, elapsed_s=t))  # noqa: E731
+    after = lambda t: excite_play(stage=Stage.PLAYING, elapsed_s=t).artificial_si  # noqa: E731
 
-    assert at(0.99) == (0.0, 0.0)
-    assert at(1.5)[0] == pytest.approx(4 * math.sin(2 * math.pi * 0.35 * 0.5))
-    assert at(9.0) == (0.0, 0.0)
-    assert trajectory.artificial_disturbance(excite_play(elapsed_s=1.5)) == (0.0, 0.0)
+    assert after(0.99) == (0.0, 0.0)
+    assert after(1.5)[0] == pytest.approx(4 * math.sin(2 * math.pi * 0.35 * 0.5))
+    assert after(9.0) == (0.0, 0.0)
+    assert excite_play(elapsed_s=1.5).artificial_si == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(("axis", "distance"), [(0, 0.51), (0, -0.51), (1, 0.41), (1, -0.41)])
@@ -249,11 +268,11 @@ def test_an_excitation_is_over_when_an_axis_leaves_its_window(axis, distance):
     inside[axis] += 0.97 * distance
     outside[axis] += distance
 
-    assert trajectory.advance_excite(play, DT_S, tuple(inside)).stage == Stage.PLAYING
-    assert trajectory.advance_excite(play, DT_S, tuple(outside)).stage == Stage.OVER
+    assert play.advance(at(tuple(inside)), DT_S).stage == Stage.PLAYING
+    assert play.advance(at(tuple(outside)), DT_S).stage == Stage.OVER
 
 
 def test_an_excitation_is_over_when_its_time_is():
     play = excite_play(stage=Stage.PLAYING, elapsed_s=4.995)
 
-    assert trajectory.advance_excite(play, DT_S, play.middle).stage == Stage.OVER
+    assert play.advance(at(play.middle), DT_S).stage == Stage.OVER

@@ -19,10 +19,11 @@ from daemon.core.safety.checks import (
     NO_VERDICT,
     OBSERVER_BAD_MAX_CYCLES,
     TX_DROPPED_MAX,
-    judge,
+    check,
     worse,
 )
 from daemon.core.safety.effort_monitor import EffortWatch
+from daemon.core.safety.inputs import SafetyInputs
 from daemon.core.safety.limits import Categories
 from daemon.ipc.record import Cause, StopCategory, Verdict
 from drives.signals import Emergency, Input, NmtState, PowerState
@@ -350,7 +351,7 @@ def test_a_drive_that_our_frames_do_not_reach_is_not_taken_for_lost(dropped, cau
     service = replace(WELL, tx_dropped_in_a_row=dropped)
     unasked = with_feedback(sample_age_cycles=3)
 
-    found = judge(service, [unasked], [LEG], THRESHOLDS, CATEGORIES, driving=driving)
+    found = check(SafetyInputs(service, [unasked], [LEG], THRESHOLDS, CATEGORIES, driving=driving))
 
     assert [verdict.cause for verdict in found] == causes
 
@@ -359,7 +360,7 @@ def test_a_drive_that_says_something_else_is_lost_also_while_our_frames_do_not_l
     service = replace(WELL, tx_dropped_in_a_row=TX_DROPPED_MAX)
     rebooted = with_feedback(rebooted=True)
 
-    found = judge(service, [rebooted], [LEG], THRESHOLDS, CATEGORIES, driving=True)
+    found = check(SafetyInputs(service, [rebooted], [LEG], THRESHOLDS, CATEGORIES, driving=True))
 
     assert Cause.DRIVE_REBOOTED in [verdict.cause for verdict in found]
 
@@ -373,7 +374,7 @@ def test_hand_switch_and_sto_count_also_while_our_frames_do_not_leave(last):
         Input.STO_RELEASED: Cause.HAND_SWITCH_OPEN,
     }[last]
 
-    found = judge(service, [axis], [LEG], THRESHOLDS, CATEGORIES, driving=True)
+    found = check(SafetyInputs(service, [axis], [LEG], THRESHOLDS, CATEGORIES, driving=True))
 
     assert let_go in [verdict.cause for verdict in found]
 
@@ -383,7 +384,7 @@ def test_of_two_axes_that_fail_in_one_cycle_the_harsher_verdict_comes_first():
     harsh = replace(with_joint(step_si=1.0), name="right/slide")
 
     for axes in ([mild, harsh], [harsh, mild]):
-        found = judge(WELL, axes, [LEG], THRESHOLDS, CATEGORIES, driving=True)
+        found = check(SafetyInputs(WELL, axes, [LEG], THRESHOLDS, CATEGORIES, driving=True))
 
         assert [verdict.cause for verdict in found] == [
             Cause.ENCODER_JUMP,

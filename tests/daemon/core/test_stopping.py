@@ -74,7 +74,7 @@ def test_a_drive_that_follows_its_ramp_comes_to_rest_where_it_is_held():
     stopped = run(begun, STOPPING_DRIVE, ramp)
 
     assert stopped.step == Step.QUICK_STOP
-    assert stop_sequence.is_at_rest(stopped, RULES)
+    assert stop_sequence.is_resting(stopped, RULES)
     assert not stopped.disobeyed
 
 

@@ -188,11 +188,10 @@ def test_only_a_drive_that_holds_by_itself_has_a_distance_to_where_it_holds():
 def test_speed_and_acceleration_of_the_target_count_where_the_drive_goes_by_it():
     axis = axis_that(shows=CSP, sent=CSP)
     for target_si in (0.21, 0.23):
-        targets.note_motion(axis, target_si, DT_S)
-        axis.position_sent_si = target_si
+        targets.note_sent(axis, CSP, 0.0, target_si, DT_S)
 
     assert axis.speed_sent_si == pytest.approx(2.0)
     assert axis.acceleration_sent_si == pytest.approx(100.0)
     axis.feedback = replace(axis.feedback, mode_display=CST)
-    targets.note_motion(axis, 0.3, DT_S)
+    targets.note_sent(axis, CST, 0.0, 0.3, DT_S)
     assert (axis.speed_sent_si, axis.acceleration_sent_si) == (0.0, 0.0)

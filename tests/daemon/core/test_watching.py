@@ -19,8 +19,8 @@ from daemon.core.safety.effort_monitor import (
 )
 from daemon.core.safety.energy import STRIDE_MAX_CYCLES, StrideSum, stride_cycles
 from daemon.core.safety.inverse_dynamics import ROW, Balance, follow
+from daemon.core.safety.joints import Joint
 from daemon.core.safety.spasm import STILL_CYCLES, SpasmRules, SpasmWatch, softened
-from daemon.core.steps.joints import Joint
 from daemon.preflight.load import load
 from observer.mechanism.friction import static_friction_of
 from observer.mechanism.mechanism import coriolis, damping, gravity, mass_matrix

@@ -1,34 +1,26 @@
 """`gaitd gateway` as a process, and the commands that talk to it."""
 
 import json
-import os
-import re
-import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import command_line
 import pytest
+from processes import CONFIGS, gaitd
+
+from gaitd.testing.edits import edit
+from gaitd_lab.processes import GAITD, ManagedProcess
 
 realtime = pytest.mark.realtime
-CONFIGS = Path(__file__).parents[3] / "configs"
-
-
-def gaitd(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "gaitd", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
 
 
 def trainer_file(runtime: Path, listen: str) -> Path:
-    """The demonstration's file, with a seam and an endpoint of its own."""
-    text = (CONFIGS / "demo.toml").read_text()
-    text = re.sub(r"(?m)^listen = .*$", f'listen = ["{listen}"]', text)
-    text = re.sub(r"(?m)^runtime = .*$", f'runtime = "{runtime}"', text)
-    text = re.sub(r"(?m)^state = .*$", f'state = "{runtime}-state"', text)
+    """The demonstration's file, with a folder of records and an endpoint of its own."""
     file = runtime / "trainer.toml"
-    file.write_text(text)
+    file.write_bytes((CONFIGS / "demo.toml").read_bytes())
+    places = {"paths.runtime": str(runtime), "paths.state": f"{runtime}-state"}
+    edit(runtime, {file.name: {**places, "zenoh.listen": [listen]}})
     return file
 
 
@@ -37,14 +29,17 @@ def config(runtime):
     return trainer_file(runtime, f"unixsock-stream/{runtime}/zenoh.sock")
 
 
+def gateway(config):
+    words = (*GAITD, "gateway", "--config", str(config))
+    return ManagedProcess("gaitd gateway", words, config.with_suffix(".log"))
+
+
 @pytest.fixture
 def process(config, runtime, eventually):
-    command = [sys.executable, "-m", "gaitd", "gateway", "--config", str(config)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as started:
-        eventually((runtime / "zenoh.sock").exists, within_s=20)
-        yield started
-        if started.poll() is None:
-            started.kill()
+    started = gateway(config)
+    eventually((runtime / "zenoh.sock").exists, within_s=20)
+    yield started
+    started.end()
 
 
 def ask(name: str, config: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -80,15 +75,13 @@ def test_sigterm_ends_the_gateway_with_0_and_leaves_no_socket(process, runtime, 
     start_core()
     time.sleep(0.2)
 
-    process.send_signal(signal.SIGTERM)
     begun = time.monotonic()
-    _, log = process.communicate(timeout=10)
 
-    assert process.returncode == 0
+    assert process.end() == 0
     assert time.monotonic() - begun < 2.0
     assert not (runtime / "gateway.sock").exists()
     assert not (runtime / "zenoh.sock").exists()
-    assert 'text="core is running, mode hold"' in log
+    assert 'text="core is running, mode hold"' in process.output()
 
 
 @realtime
@@ -191,8 +184,6 @@ def test_a_gateway_that_was_killed_does_not_keep_the_next_one_from_starting(
     process.wait()
     assert (runtime / "zenoh.sock").exists()
 
-    command = [sys.executable, "-m", "gaitd", "gateway", "--config", str(config)]
-    with subprocess.Popen(command, env=os.environ) as second:
-        eventually(lambda: ask("status", config).returncode == 0, within_s=20)
-        second.send_signal(signal.SIGTERM)
-        assert second.wait(10) == 0
+    second = gateway(config)
+    eventually(lambda: ask("status", config).returncode == 0, within_s=20)
+    assert second.end() == 0

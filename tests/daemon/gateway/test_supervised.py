@@ -10,7 +10,7 @@ from daemon.config.trainer import load_trainer
 from daemon.gateway.process import serve
 from daemon.gateway.reload import Reload
 from daemon.system.clock import MonotonicClock
-from gaitd_lab.processes import free_ports
+from gaitd_lab.processes import free_port
 
 TURNS = 40
 """Of at most 20 ms: longer than the half second between two words."""
@@ -27,7 +27,7 @@ def told(tmp_path_factory):
         file = load_trainer(CONFIGS / "demo.toml")
         serve(
             "trainer",
-            [f"tcp/127.0.0.1:{free_ports(1)[0]}"],
+            [f"tcp/127.0.0.1:{free_port()}"],
             tmp_path,
             tmp_path / "state",
             MonotonicClock(),

@@ -5,8 +5,8 @@ import time
 import pytest
 
 from daemon.ipc.record import Cause, Mode
-from gaitd.testing.service import ServiceError
 from gaitd.testing.trainer import virtual_trainer
+from gaitd_lab.processes import ServiceError
 
 NODES = (5, 6)
 MASTER_HEARTBEAT, EMERGENCY = 0x701, 0x080

@@ -40,6 +40,11 @@ def jump_reach_si(joint: Joint, limits: AxisLimits, thresholds: Thresholds) -> f
     return thresholds.encoder_jump_ratio * limits.velocity_max_si * joint.elapsed_s
 
 
+def is_at_rest(joint: Joint, limits: AxisLimits) -> bool:
+    """True if the joint is slower than the limit of standstill, at its newest sample."""
+    return abs(joint.velocity_si) < limits.standstill_si_per_s
+
+
 STILL_COUNTS = 3
 """Noise of an encoder at rest; a joint that moves leaves this within a few samples."""
 

@@ -25,6 +25,7 @@ from typing import Final, NamedTuple
 from sim_drives.canopen.dictionary import ObjectDictionary
 from sim_drives.canopen.emergency import Errors
 from sim_drives.canopen.nmt import NmtState
+from sim_drives.canopen.objects import Object
 from sim_drives.cia402.drive import Drive
 from sim_drives.cia402.personality import Personality
 
@@ -34,7 +35,6 @@ BUS_OFF_CODE: Final = 0x8140
 EPOS4_BUS_OFF_CODE: Final = 0x81FD
 COLLISION_CODE: Final = 0x8150
 PDO_TIMEOUT_CODE: Final = 0x8250
-ERROR_BEHAVIOUR: Final = 0x1029
 PRE_OPERATIONAL_ON_ERROR: Final = 0
 STOPPED_ON_ERROR: Final = 2
 """1029h:1; the value 1 changes nothing."""
@@ -84,7 +84,7 @@ class Connection:
         self._drive.connection_lost(code)
         if not FAILURES[code].moves_nmt_state:
             return
-        behaviour = self._dictionary.value(ERROR_BEHAVIOUR, 1)
+        behaviour = self._dictionary.value(Object.ERROR_BEHAVIOUR, 1)
         if behaviour == STOPPED_ON_ERROR:
             self._enter(NmtState.STOPPED)
         elif behaviour == PRE_OPERATIONAL_ON_ERROR and self._state() is NmtState.OPERATIONAL:

@@ -12,12 +12,6 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from sim_drives.canopen.aborts import AbortCode, SdoAbortError
-from sim_drives.canopen.connection import (
-    FAILURES,
-    HEARTBEAT_LOST_CODE,
-    PDO_TIMEOUT_CODE,
-    Connection,
-)
 from sim_drives.canopen.dictionary import Entry, ObjectDictionary
 from sim_drives.canopen.emergency import Errors
 from sim_drives.canopen.heartbeat import HEARTBEAT_ID, HeartbeatConsumer, HeartbeatProducer
@@ -31,6 +25,7 @@ from sim_drives.canopen.nmt import (
     Service,
     command_for,
 )
+from sim_drives.canopen.objects import Object
 from sim_drives.canopen.pdo_channel import Values
 from sim_drives.canopen.pdo_receive import ReceivePdos
 from sim_drives.canopen.pdo_transmit import TransmitPdos
@@ -41,12 +36,18 @@ from sim_drives.canopen.timers import MILLISECOND, Timers
 from sim_drives.cia402.drive import Drive
 from sim_drives.cia402.personality import PERSONALITIES, Personality, commissioned
 from sim_drives.cia402.power_state import POWER_STAGE_ON
+from sim_drives.connection import (
+    FAILURES,
+    HEARTBEAT_LOST_CODE,
+    PDO_TIMEOUT_CODE,
+    Connection,
+)
 from sim_drives.frame import Frame
 from sim_drives.plant.port import Axis
 from sim_drives.settings import DriveSettings, FaultKind, PersonalityName
 
 RESET_COMMUNICATION_NS: Final = 5 * MILLISECOND
-MOTOR_DATA: Final = (0x3001, 0x6075, 0x6076)
+MOTOR_DATA: Final = (Object.EPOS4_MOTOR_DATA, Object.RATED_CURRENT, Object.RATED_TORQUE)
 CURRENT_LIMIT_SUB: Final = 2
 """3001h:02 may change at any time; the motor behind it is fixed."""
 EVERY_TPDO: Final = 0
@@ -134,7 +135,7 @@ class Node:
         )
         self.drive = Drive(settings, dictionary, axis, line, self.timers, self.errors)
         self.identity = {
-            sub: dictionary.value(0x1018, sub) for sub in (PRODUCT_CODE, SERIAL_NUMBER)
+            sub: dictionary.value(Object.IDENTITY, sub) for sub in (PRODUCT_CODE, SERIAL_NUMBER)
         }
         """Delivered values of 1018h by sub-index."""
         self._storage = Storage(dictionary, commissioned(settings), lambda: self._power_stage_on)
@@ -170,7 +171,7 @@ class Node:
     def _guard_objects(self) -> None:
         for index in MOTOR_DATA:
             self.dictionary.guard(index, self._judge_motor_data)
-        self.dictionary.watch(0x3001, lambda _: self._derive_rated_torque())
+        self.dictionary.watch(Object.EPOS4_MOTOR_DATA, lambda _: self._derive_rated_torque())
 
     # --- power and network management ---------------------------------------------------------
 
@@ -185,7 +186,7 @@ class Node:
         """Replace the drive by another one, with these sub-indices of 1018h, and power it on."""
         self.power_off()
         for subindex, value in identity.items():
-            self._storage.exchange((0x1018, subindex), value)
+            self._storage.exchange((Object.IDENTITY, subindex), value)
         self.power_on()
 
     def power_off(self) -> None:
@@ -393,5 +394,6 @@ class Node:
     def _derive_rated_torque(self) -> None:
         if self._settings.personality is not PersonalityName.EPOS4:
             return
-        nominal_ma, constant = (self.dictionary.value(0x3001, sub) for sub in (1, 5))
-        self.dictionary.put(0x6076, 0, nominal_ma * constant // 1000)
+        value = self.dictionary.value
+        nominal_ma, constant = (value(Object.EPOS4_MOTOR_DATA, sub) for sub in (1, 5))
+        self.dictionary.put(Object.RATED_TORQUE, 0, nominal_ma * constant // 1000)

@@ -10,15 +10,18 @@ where it is.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import ClassVar, Final, NamedTuple, Self
 
 import numpy as np
 
-from daemon.config.settings import HandGuiding
-from daemon.core.motion.trajectory import Pair, Reference
+from daemon.config.settings import HandGuiding as Settings
+from daemon.core.core_config import CoreConfig
+from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Reference
+from daemon.core.motion.gait_shape import Pair
 from daemon.core.safety.limits import AxisLimits
-from daemon.ipc.record import Stage
+from daemon.ipc.record import ModeRequest, Stage
 from observer.mechanism.mechanism import LegParameters, singularity_ratio
 
 STRETCHED_MARGIN_RATIO: Final = 2.0
@@ -37,22 +40,7 @@ class Guiding(NamedTuple):
     """Spring effort at a hard limit that leads back in."""
 
 
-@dataclass(frozen=True, slots=True)
-class ReleasePlay:
-    """The hand-guiding plan of one leg."""
-
-    start: Pair
-    """Pose held until the drives are in torque mode."""
-    leg: LegParameters
-    guiding: tuple[Guiding, Guiding]
-    stretched_stop_ratio: float
-    """|sin| of the angle between shank and shoe that stops the machine."""
-    duration_s: float
-    stage: Stage = Stage.PREPARING
-    elapsed_s: float = 0.0
-
-
-def guiding_of(rules: HandGuiding) -> tuple[Guiding, Guiding]:
+def guiding_of(rules: Settings) -> tuple[Guiding, Guiding]:
     """Settings of [hand_guiding] in the trainer file, for hip and slide."""
     return (
         Guiding(
@@ -70,35 +58,68 @@ def guiding_of(rules: HandGuiding) -> tuple[Guiding, Guiding]:
     )
 
 
-def advance_release(play: ReleasePlay, dt_s: float, *, ready: bool) -> ReleasePlay:
-    """Advance the plan by one cycle; `ready`: both drives are in torque mode."""
-    play = replace(play, elapsed_s=play.elapsed_s + dt_s)
-    if play.elapsed_s >= play.duration_s:
-        return replace(play, stage=Stage.OVER, elapsed_s=0.0)
-    if play.stage == Stage.PREPARING and ready:
-        return replace(play, stage=Stage.PLAYING, elapsed_s=0.0)
-    return play
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HandGuiding(Exercise):
+    """Hand guiding of one leg."""
 
+    # No step of torque from hold to hand guiding, which begins once the drives are in torque mode.
+    continues_effort_at_stages: ClassVar[bool] = True
 
-def release_reference(
-    play: ReleasePlay, position: Pair, velocity: Pair, limits: tuple[AxisLimits, AxisLimits]
-) -> Reference:
-    """Reference of hand guiding: the start pose at first, then damping and springs only.
+    start: Pair
+    """Pose held until the drives are in torque mode."""
+    leg: LegParameters
+    limits: tuple[AxisLimits, AxisLimits]
+    guiding: tuple[Guiding, Guiding]
+    stretched_stop_ratio: float
+    """|sin| of the angle between shank and shoe that stops the machine."""
+    duration_s: float
+    stage: Stage | None = Stage.PREPARING
 
-    Args:
-        play: the plan.
-        position: from the raw encoders, rad and m.
-        velocity: from encoder differences, rad/s and m/s.
-        limits: limits of both axes.
-    """
-    if play.stage == Stage.PREPARING:
-        return Reference(play.start, (0.0, 0.0), (0.0, 0.0), guided=True)
-    hip, slide = (
-        slowing(*axis) + leading_in(axis[0], axis[1], axis[3])
-        for axis in zip(play.guiding, position, velocity, limits, strict=True)
-    )
-    bent_nm, bent_n = bending(play, position)
-    return Reference(position, (0.0, 0.0), (hip + bent_nm, slide + bent_n), guided=False)
+    @classmethod
+    def begin(
+        cls, legs: Sequence[LegStart], wanted: ModeRequest, config: CoreConfig
+    ) -> Sequence[Exercise]:
+        """See `Exercise`."""
+        del wanted
+        return [
+            cls(
+                start=leg.pose,
+                leg=leg.parameters,
+                limits=leg.limits,
+                guiding=guiding_of(config.hand_guiding),
+                stretched_stop_ratio=config.thresholds.singularity_stop_ratio,
+                duration_s=config.hand_guiding.duration_max_s,
+            )
+            for leg in legs
+        ]
+
+    def advance(self, leg: LegSample, dt_s: float) -> Self:
+        """See `Exercise`; it begins once both drives are in torque mode."""
+        elapsed_s = self.elapsed_s + dt_s
+        if elapsed_s >= self.duration_s:
+            return replace(self, stage=Stage.OVER, elapsed_s=0.0)
+        if self.stage is Stage.PREPARING and leg.in_torque_mode:
+            return replace(self, stage=Stage.PLAYING, elapsed_s=0.0)
+        return replace(self, elapsed_s=elapsed_s)
+
+    def targets(self, leg: LegSample) -> Reference:
+        """The start pose at first, then damping and springs only."""
+        if self.stage is Stage.PREPARING:
+            return Reference(self.start, (0.0, 0.0), (0.0, 0.0), guided=True)
+        hip, slide = (
+            slowing(*axis) + leading_in(axis[0], axis[1], axis[3])
+            for axis in zip(self.guiding, leg.position, leg.velocity, self.limits, strict=True)
+        )
+        bent_nm, bent_n = bending(self.leg, self.guiding, self.stretched_stop_ratio, leg.position)
+        feedforward = hip + bent_nm, slide + bent_n
+        return Reference(leg.position, (0.0, 0.0), feedforward, guided=False)
+
+    def text(self) -> str:
+        """See `Exercise`."""
+        if self.stage is not Stage.PLAYING:
+            return Exercise.text(self)
+        left_s = self.duration_s - self.elapsed_s
+        return f"the leg can be moved by hand for {left_s:.0f} s more"
 
 
 def slowing(guiding: Guiding, position_si: float, velocity_si: float, limits: AxisLimits) -> float:
@@ -126,18 +147,22 @@ def leading_in(guiding: Guiding, position_si: float, limits: AxisLimits) -> floa
     return guiding.edge_si * (below_si - above_si) / limits.soft_margin_si
 
 
-def bending(play: ReleasePlay, position: Pair) -> Pair:
-    """Efforts away from the stretched pose, along the gradient of its distance; N·m, N."""
-    stop_ratio = play.stretched_stop_ratio
+def bending(
+    leg: LegParameters, guiding: tuple[Guiding, Guiding], stop_ratio: float, position: Pair
+) -> Pair:
+    """Efforts away from the stretched pose, along the gradient of its distance; N·m, N.
+
+    `stop_ratio` is the |sin| of the angle between shank and shoe that stops the machine.
+    """
     width = stop_ratio * (STRETCHED_MARGIN_RATIO - 1)
-    depth = (stop_ratio + width - _stretched(play.leg, position)) / width
+    depth = (stop_ratio + width - _stretched(leg, position)) / width
     if depth <= 0:
         return 0.0, 0.0
     slope = (
-        _slope(play.leg, position, (GRADIENT_STEP, 0.0)),
-        _slope(play.leg, position, (0.0, GRADIENT_STEP)),
+        _slope(leg, position, (GRADIENT_STEP, 0.0)),
+        _slope(leg, position, (0.0, GRADIENT_STEP)),
     )
-    edges = play.guiding[0].edge_si, play.guiding[1].edge_si
+    edges = guiding[0].edge_si, guiding[1].edge_si
     scale = min(edge_si / abs(one) for edge_si, one in zip(edges, slope, strict=True) if one != 0.0)
     return depth * scale * slope[0], depth * scale * slope[1]
 

@@ -22,8 +22,6 @@ from typing import Final
 from msgspec.structs import replace
 
 from daemon.core.modes.persistent_state import LatchedNote
-from daemon.core.state import Core
-from daemon.core.steps.transition import describe
 from daemon.ipc.record import Cause, Mode, StopCategory, Verdict, clipped
 
 DETAIL_BYTES_MAX: Final = 120
@@ -34,24 +32,19 @@ DRIVE_POWERED is not kept because the next bring-up finds a drive that holds the
 """
 
 
-def follow(core: Core, utc_ns: int) -> None:
-    """Update the latched verdict that a new core would find if this one ended now."""
-    noted = core.notes.latched
-    wanted = _wanted(core, noted, utc_ns)
-    if wanted is not noted:
-        core.notes = replace(core.notes, latched=wanted)
-
-
-def _wanted(core: Core, noted: LatchedNote | None, utc_ns: int) -> LatchedNote | None:
-    if core.mode.active:
+def updated(
+    noted: LatchedNote | None, mode: Mode, verdict: Verdict, utc_ns: int
+) -> LatchedNote | None:
+    """The latched verdict that a new core should find if this one ended now."""
+    if mode.active:
         return noted if noted is not None else _running(utc_ns)
-    if core.mode == Mode.READY:
+    if mode == Mode.READY:
         return None
-    if core.mode not in {Mode.STOPPING, Mode.FAULT}:
+    if mode not in {Mode.STOPPING, Mode.FAULT}:
         return noted
-    if core.verdict.cause not in _NOT_LATCHED:
-        return _note(core.verdict, noted, utc_ns)
-    ended = core.mode == Mode.FAULT and core.verdict.cause == Cause.SHUTDOWN
+    if verdict.cause not in _NOT_LATCHED:
+        return _note(verdict, noted, utc_ns)
+    ended = mode == Mode.FAULT and verdict.cause == Cause.SHUTDOWN
     return None if ended else noted
 
 
@@ -93,25 +86,8 @@ def verdict_of(noted: LatchedNote | None) -> Verdict | None:
     return Verdict(category, cause, noted.drive, value, limit, noted.detail)
 
 
-def take_over(core: Core) -> bool:
-    """Restore a latched verdict after a restart; returns True if there is one."""
-    noted = core.notes.latched
-    verdict = verdict_of(noted)
-    if noted is None or verdict is None:
-        return False
-    core.verdict = verdict
-    core.causes_told = {(verdict.cause, verdict.drive)}
-    core.events.append(f"latched since {_said(noted.utc_ns)}: {describe(verdict)}")
-    return True
-
-
-def clear(core: Core) -> None:
-    """Remove the latched verdict from the state file."""
-    if core.notes.latched is not None:
-        core.notes = replace(core.notes, latched=None)
-
-
-def _said(utc_ns: int) -> str:
+def since(utc_ns: int) -> str:
+    """The time of a latched stop as text."""
     if utc_ns == 0:
         return "before this start"
     return f"{datetime.fromtimestamp(utc_ns * 1e-9, UTC):%Y-%m-%d %H:%M:%S} UTC"

@@ -1,0 +1,44 @@
+"""Mode TORQUE: g(q) carries the leg, and a controller's assist moves it without guidance."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+from daemon.core.core_config import CoreConfig
+from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Reference
+from daemon.core.modes.guards import GuardInputs
+from daemon.ipc.record import ModeRequest, Stage
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Torque(Exercise):
+    """Ends with the lease of its controller only (`steps/controllers.py`)."""
+
+    stage: Stage | None = Stage.PLAYING
+
+    @classmethod
+    def refuse(cls, wanted: ModeRequest, now: GuardInputs) -> str:
+        """See `Exercise`."""
+        del wanted
+        return "" if now.lease_held else "mode torque needs a lease, and nobody holds one"
+
+    @classmethod
+    def begin(
+        cls, legs: Sequence[LegStart], wanted: ModeRequest, config: CoreConfig
+    ) -> Sequence[Exercise]:
+        """See `Exercise`."""
+        del wanted, config
+        return [cls() for _ in legs]
+
+    def advance(self, leg: LegSample, dt_s: float) -> Self:
+        """See `Exercise`."""
+        del leg
+        return replace(self, elapsed_s=self.elapsed_s + dt_s)
+
+    def targets(self, leg: LegSample) -> Reference:
+        """Reference at the measured pose, without stiffness or damping."""
+        return Reference(leg.position, (0.0, 0.0), (0.0, 0.0), guided=False)
+
+    def text(self) -> str:
+        """Nothing beside the mode: what happens is up to the controller."""
+        return ""

@@ -1,0 +1,118 @@
+"""What outlives the core: poses, proven signs, the daily test, and a latched stop.
+
+This file is the only writer of `notes` and of what is derived from it. The loop writes the state
+file when `notes` has changed.
+"""
+
+from msgspec.structs import replace
+
+from daemon.core.exercises.self_test import SelfTest, result_text
+from daemon.core.modes import daily_test, latched_stop
+from daemon.core.modes.daily_test import Drive
+from daemon.core.modes.persistent_state import SignProof, proven, with_pose, with_proof
+from daemon.core.safety.joints import is_at_rest
+from daemon.core.state import Axis, Core
+from daemon.ipc.record import Cause, Mode, Verdict
+
+
+def note_poses(core: Core, utc_ns: int) -> None:
+    """Store the pose of every axis that is referenced and at rest with a sample of this cycle."""
+    for axis in core.axes:
+        if axis.referenced and axis.joint.fresh and is_at_rest(axis.joint, axis.limits):
+            core.notes = with_pose(core.notes, axis.name, axis.joint.position_si, utc_ns)
+
+
+# --- latched stop ---------------------------------------------------------------------------------
+
+
+def update_latch(core: Core, utc_ns: int) -> None:
+    """Update the latched verdict that a new core would find if this one ended now."""
+    noted = core.notes.latched
+    latched = latched_stop.updated(noted, core.mode, core.verdict, utc_ns)
+    if latched is not noted:
+        core.notes = replace(core.notes, latched=latched)
+
+
+def clear_latch(core: Core) -> None:
+    """Remove the latched verdict from the state file."""
+    if core.notes.latched is not None:
+        core.notes = replace(core.notes, latched=None)
+
+
+# --- signs ----------------------------------------------------------------------------------------
+
+
+def prove_sign(core: Core, axis: Axis, proof: SignProof) -> None:
+    """Store the proof of an axis's sign."""
+    core.notes = with_proof(core.notes, axis.name, proof)
+    axis.sign_proven = True
+
+
+def check_signs(core: Core) -> None:
+    """Look up the proofs for the drives that have just been brought up."""
+    for axis in core.axes:
+        axis.sign_proven = proven(core.notes, axis.name, axis.wiring, axis.serial_number)
+
+
+# --- daily test -----------------------------------------------------------------------------------
+
+
+def check_day(core: Core, utc_ns: int) -> None:
+    """Check clock and inputs once a cycle, and update what the daily test still needs."""
+    _check_clock(core, utc_ns)
+    rules = core.config.self_test
+    drives = _drives(core) if not core.mode.active or rules.required == "daily" else []
+    if core.mode in {Mode.READY, Mode.FAULT}:
+        for drive in drives:
+            core.notes = daily_test.with_inputs(core.notes, drive, utc_ns)
+    if rules.required == "daily":
+        core.inputs_unseen = daily_test.unseen(core.notes, drives, utc_ns, rules.valid_h)
+        core.self_test_due = daily_test.due(
+            core.notes.self_test, drives, core.config.leg_digest, utc_ns, rules.valid_h
+        )
+
+
+def _drives(core: Core) -> list[Drive]:
+    return [
+        Drive(
+            axis.name,
+            axis.serial_number,
+            axis.feedback.inputs if axis.feedback is not None and axis.feedback.fresh else None,
+        )
+        for axis in core.axes
+    ]
+
+
+def _check_clock(core: Core, utc_ns: int) -> None:
+    notes = core.notes
+    clock = daily_test.check_clock(max(core.utc_newest_ns, notes.utc_newest_ns), utc_ns)
+    core.utc_newest_ns = clock.newest_utc_ns
+    if clock.back_s:
+        if notes.self_test is not None or notes.inputs:
+            core.report(
+                f"the clock went back by {clock.back_s:.0f} s: what was tested today counts no more"
+            )
+        core.notes = replace(notes, self_test=None, inputs={}, utc_newest_ns=utc_ns)
+    elif not core.mode.active and clock.newest_utc_ns - notes.utc_newest_ns > daily_test.NOTE_NS:
+        core.notes = replace(notes, utc_newest_ns=clock.newest_utc_ns)
+
+
+def conclude_self_test(core: Core, utc_ns: int) -> Verdict | None:
+    """Store and publish the findings of a finished self-test; returns a verdict if it failed."""
+    found = [
+        finding
+        for leg in core.legs
+        if isinstance(leg.exercise, SelfTest)
+        for finding in leg.exercise.findings()
+    ]
+    serial_numbers = {axis.name: axis.serial_number for axis in core.axes}
+    note = daily_test.note_of(found, serial_numbers, core.config.leg_digest, utc_ns)
+    core.notes = replace(core.notes, self_test=note)
+    for one in found:
+        core.report(result_text(one))
+    failed = next((one for one in found if one.fault), None)
+    if failed is None:
+        return None
+    cause = Cause.SELF_TEST_FAILED
+    category = core.config.categories.of(cause)
+    return Verdict(category, cause, failed.name, failed.value, failed.limit, failed.fault)

@@ -1,0 +1,184 @@
+"""Drive samples become joints: position, speed, effort, references, and the readiness of drives.
+
+This file is the only writer of these fields of `Axis` and `Leg`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+from daemon.core.modes.persistent_state import disagreement
+from daemon.core.safety import joints
+from daemon.core.safety.joints import Joint, jump_reach_si
+from daemon.core.state import Axis, Core, Leg
+from daemon.core.steps import single_axis, wanted
+from daemon.core.tick import Tick
+from drives.bringup.bringup import DriveReport
+from drives.bringup.plan import DrivePlan
+from drives.cia402.power_state import TORQUE_FREE
+from drives.cia402.units import axis_scaling, position_si
+from drives.signals import DriveFeedback, OperationMode, PowerState
+from observer.mechanism.mechanism import ratio_and_load
+
+_OFF: Final = frozenset(
+    {PowerState.NOT_READY_TO_SWITCH_ON, PowerState.SWITCH_ON_DISABLED, PowerState.FAULT}
+)
+"""States from which no single controlword enables power, so a delayed controlword cannot either."""
+
+
+def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
+    """Update the joints from the drive samples, and check their references and drive states."""
+    for axis, feedback in zip(core.axes, feedbacks, strict=True):
+        _report_overdue(core, axis, feedback)
+        axis.feedback = feedback
+        # Homing moves the origin of the position: that step must not count as motion.
+        moved = single_axis.moves_origin(core, axis, feedback)
+        before = Joint() if moved else axis.joint
+        axis.joint = joints.measure(before, feedback, axis.scaling, tick.sync_ns)
+        lost = _reference_lost(core, axis, feedback)
+        if lost and axis.referenced:
+            axis.referenced, axis.unreferenced_why = False, lost
+            core.report(f"{axis.name}: not referenced any more, {lost}")
+        # A silent drive may have lost its power, and with it its home position.
+        silent = feedback.sample_age_cycles > core.config.thresholds.sample_age_max_cycles
+        axis.homed = axis.homed and axis.referenced and not silent
+        _count_readiness(core, axis, feedback)
+        if feedback.fresh and not feedback.in_fault:
+            axis.error_found = ""
+    for leg in core.legs:
+        _place(leg)
+
+
+def _report_overdue(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
+    before = axis.feedback is not None and axis.feedback.temperature_overdue
+    if feedback.temperature_overdue and not before:
+        core.report(f"{axis.name}: its temperature is not measured any more")
+    elif before and not feedback.temperature_overdue:
+        core.report(f"{axis.name}: its temperature is measured again")
+
+
+def _reference_lost(core: Core, axis: Axis, feedback: DriveFeedback) -> str:
+    """The reason why the position of an axis is no longer valid; empty while it is valid."""
+    if feedback.rebooted:
+        return "its drive has rebooted"
+    if feedback.reference_lost:
+        return "its encoder is in error"
+    reach_si = jump_reach_si(axis.joint, axis.limits, core.config.thresholds)
+    jumped = axis.joint.elapsed_s > 0 and abs(axis.joint.step_si) > reach_si
+    return "its encoder jumped" if jumped else ""
+
+
+def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
+    state = feedback.power_state
+    if not wanted.enable_wanted(core, axis):
+        axis.seen_off = axis.seen_off or state in _OFF
+        held = axis.stop is not None and not axis.seen_off
+        powered = state not in TORQUE_FREE
+        axis.unasked_cycles = axis.unasked_cycles + 1 if powered and not held else 0
+        axis.reached_enabled, axis.unready_cycles = False, 0
+        return
+    axis.seen_off, axis.unasked_cycles = False, 0
+    ready = (
+        state == PowerState.OPERATION_ENABLED
+        and feedback.mode_display == axis.mode_sent
+        and (feedback.following or axis.mode_sent == OperationMode.HOMING)
+    )
+    axis.reached_enabled = axis.reached_enabled or ready
+    axis.unready_cycles = 0 if ready else axis.unready_cycles + 1
+
+
+def _place(leg: Leg) -> None:
+    """Compute holding load, singularity ratio and tracking error of a leg from raw encoders."""
+    hip, slide = leg.axes
+    if not all(axis.joint.known and axis.referenced for axis in leg.axes):
+        leg.singularity_ratio = 1.0
+        return
+    leg.singularity_ratio, hip_nm, slide_n = ratio_and_load(
+        leg.parameters, hip.joint.position_si, slide.joint.position_si
+    )
+    if leg.singularity_ratio > 0:
+        hip.gravity_si, slide.gravity_si = hip_nm, slide_n
+    reference = leg.reference
+    for index, axis in enumerate(leg.axes):
+        axis.tracking_si = axis.wanted_velocity_si = 0.0
+        if reference is not None and reference.guided:
+            axis.tracking_si = axis.joint.position_si - reference.position[index]
+            axis.wanted_velocity_si = reference.velocity[index]
+
+
+# --- between two windows, and without drives ------------------------------------------------------
+
+
+def peek(core: Core, feedbacks: Sequence[DriveFeedback]) -> None:
+    """Take the drive states of frames that came between two windows; the joints stay."""
+    for axis, feedback in zip(core.axes, feedbacks, strict=True):
+        axis.feedback = feedback
+
+
+def clear_news(core: Core) -> None:
+    """Without drives no new sample replaces the last one: each EMCY is recorded once."""
+    for axis in core.axes:
+        if axis.feedback is not None:
+            axis.feedback = replace(axis.feedback, news=())
+
+
+def alarms_checked(core: Core) -> None:
+    """All EMCY alarms up to now have been checked."""
+    for axis in core.axes:
+        if axis.feedback is not None:
+            axis.emergencies_seen = axis.feedback.alarm_count
+
+
+# --- references, bring-up and loss ----------------------------------------------------------------
+
+
+def take_home(axis: Axis) -> None:
+    """The axis has been homed: its position is valid."""
+    axis.homed = axis.referenced = True
+    axis.unreferenced_why = ""
+
+
+def lose_homes(core: Core) -> None:
+    """The state of the drives is unknown: each may have lost its power and its home position."""
+    for axis in core.axes:
+        axis.homed = False
+
+
+def lose_drives(core: Core) -> None:
+    """The bus is lost: nothing is known of drives and joints any more."""
+    for axis in core.axes:
+        axis.feedback, axis.joint = None, Joint()
+    lose_homes(core)
+
+
+def begin(core: Core, plans: Sequence[DrivePlan], reports: Sequence[DriveReport]) -> None:
+    """Begin with the drives that have just been brought up."""
+    for axis, plan, report in zip(core.axes, plans, reports, strict=True):
+        axis.scaling = axis_scaling(plan.description, report.base)
+        axis.serial_number = report.serial_number
+        axis.homed = axis.homed and not report.reference_lost
+        axis.unreferenced_why = _why_unreferenced(core, axis, plan, report)
+        axis.referenced = not axis.unreferenced_why
+        axis.joint = Joint()
+        axis.feedback = None
+        axis.reached_enabled, axis.unready_cycles, axis.unasked_cycles = False, 0, 0
+        axis.seen_off = True  # bring-up goes on with no drive that has power
+        axis.emergencies_seen = 0
+        code = report.error_code
+        axis.error_found = f"{code:04X}h {report.error_text}" if code else ""
+
+
+def _why_unreferenced(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> str:
+    """The reason why an axis is not referenced; empty if it is.
+
+    An axis is referenced if it is homed, or if its absolute encoder agrees with the noted pose.
+    """
+    if report.reference_lost:
+        return "its encoder is in error"
+    reports_homed = plan.description.profile.referenced_bit is not None
+    if axis.homed and (report.homed or not reports_homed):
+        return ""
+    if not report.absolute:
+        return "" if report.homed else "home it"
+    here_si = position_si(report.position_counts, axis.scaling)
+    return disagreement(core.notes, axis.name, here_si, axis.poses)

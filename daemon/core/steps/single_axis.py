@@ -1,0 +1,204 @@
+"""Homing and sign tests of one axis: request, start, progress and end in the core's state.
+
+    READY -> OFF, the drives brought up with the torque limit of the preparation -> READY
+          -> REFERENCE or COMMISSION, one axis enabled -> STOPPING -> READY
+          -> OFF, the drives brought up with their usual limits -> READY
+
+`exercises/homing.py` and `sign_test.py` have the sequence of one axis. A stop by a verdict ends in
+FAULT as in other modes; the reset after it brings the drives up with their usual limits.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from daemon.core.exercises.single_axis import AxisSample, AxisStart, SingleAxis
+from daemon.core.modes.persistent_state import prove
+from daemon.core.modes.table import MODES, Event
+from daemon.core.safety.joints import is_at_rest
+from daemon.core.safety.limits import AxisLimits
+from daemon.core.state import Axis, Core
+from daemon.core.steps import persistence
+from daemon.ipc.record import Mode, ModeRequest
+from drives.bringup.bringup import DriveReport
+from drives.cia402.power_state import homing_state
+from drives.signals import DriveFeedback, HomingState, OperationMode
+
+BEGIN_CYCLES = 500
+"""Longest delay from request to motion: a later motion would surprise the operator."""
+SINGLE_AXIS_MODES = frozenset(mode for mode, rules in MODES.items() if rules.single_axis)
+
+
+def moving(core: Core) -> SingleAxis | None:
+    """The homing or sign test under way in mode REFERENCE or COMMISSION; None if there is none."""
+    return core.single_axis if core.mode in SINGLE_AXIS_MODES else None
+
+
+def is_homing(core: Core, axis: Axis) -> bool:
+    """True if this axis is moved by its drive's own homing."""
+    run = core.single_axis
+    return run is not None and run.axis == axis.name and run.by_drive
+
+
+def moves_origin(core: Core, axis: Axis, feedback: DriveFeedback) -> bool:
+    """True if this sample is the first after a change of the position's origin by a homing."""
+    run = moving(core)
+    return run is not None and run.axis == axis.name and run.moves_origin(feedback)
+
+
+def limits_in_force(core: Core, axis: Axis) -> AxisLimits:
+    """The limits of an axis in force now; homing, sign test and hand guiding have their own."""
+    run = core.single_axis
+    if core.mode == Mode.HAND_GUIDING:
+        return axis.limits._replace(velocity_max_si=axis.limits.hand_guiding_speed_max_si)
+    if run is None or run.axis != axis.name:
+        return axis.limits
+    return run.limits(axis.limits, moving=moving(core) is not None)
+
+
+def axis_named(core: Core, name: str) -> Axis | None:
+    """The axis with this name; None if there is none."""
+    return next((axis for axis in core.axes if axis.name == name), None)
+
+
+# --- request --------------------------------------------------------------------------------------
+
+
+def refusal(core: Core, wanted: ModeRequest, cycle: int) -> str:
+    """The reason to refuse a homing, a sign test or its confirmation; empty if it is allowed."""
+    axis = axis_named(core, wanted.axis)
+    exercise = MODES[wanted.mode].single_axis
+    if axis is None or exercise is None:
+        known = ", ".join(axis.name for axis in core.axes)
+        return f"axis = {wanted.axis!r}, known are: {known}"
+    if wanted.witnessed:
+        nothing = f"{axis.name} has not been tested since the service's start"
+        return "" if axis.name in core.evidence else nothing
+    return exercise.may_begin(_start(core, axis, cycle))
+
+
+def begin(core: Core, wanted: ModeRequest, cycle: int, utc_ns: int) -> Event | None:
+    """Start an accepted request; returns BRING_UP_ANEW unless it confirms a sign test."""
+    axis = axis_named(core, wanted.axis)
+    exercise = MODES[wanted.mode].single_axis
+    if axis is None or exercise is None:
+        raise RuntimeError(f"there is no axis {wanted.axis!r}: the request was not refused")
+    if wanted.witnessed:
+        _confirm(core, axis, utc_ns)
+        return None
+    core.evidence.pop(axis.name, None)
+    core.single_axis = exercise.begin(_start(core, axis, cycle))
+    return Event.BRING_UP_ANEW
+
+
+def _start(core: Core, axis: Axis, cycle: int) -> AxisStart:
+    config = core.config
+    return AxisStart(
+        name=axis.name,
+        push=axis.push,
+        homing=axis.homing,
+        sign_proven=axis.sign_proven,
+        signs_must_be_proven=config.signs_must_be_proven,
+        cycle=cycle,
+        period_s=config.period_s,
+    )
+
+
+def _confirm(core: Core, axis: Axis, utc_ns: int) -> None:
+    test = core.evidence.pop(axis.name)
+    if test.moved_si is None:
+        raise RuntimeError(f"{axis.name}: a homing is no evidence of a sign")
+    proof = prove(axis.wiring, axis.serial_number, test.moved_si, utc_ns)
+    persistence.prove_sign(core, axis, proof)
+    core.report(f"{axis.name}: its sign is proven, {test.evidence}")
+
+
+def cancel(core: Core, why: str) -> None:
+    """Cancel the homing or sign test under way; the usual limits are restored afterwards."""
+    run = core.single_axis
+    if run is not None and not run.is_over:
+        core.single_axis = run.failed(why)
+        core.report(f"{run.axis}: failed: {why}")
+
+
+def drop(core: Core) -> None:
+    """No homing or sign test any more: the drives were lost or reset."""
+    core.single_axis = None
+
+
+def forget_other_drives(core: Core, reports: Sequence[DriveReport]) -> None:
+    """Drop the sign tests of axes that have another drive since; before `sensing.begin`."""
+    for axis, report in zip(core.axes, reports, strict=True):
+        if axis.serial_number != report.serial_number:
+            core.evidence.pop(axis.name, None)
+
+
+# --- time -----------------------------------------------------------------------------------------
+
+
+class Change(NamedTuple):
+    """A change of the mode that the supervisor makes for a homing or sign test."""
+
+    event: Event
+    text: str = ""
+    """Published after it."""
+    homed: Axis | None = None
+    """The axis whose position is valid from now on."""
+
+
+def advance(core: Core, cycle: int) -> Change | None:
+    """Run one cycle of a homing or sign test: begin it when the drives are up, end it when over."""
+    run = core.single_axis
+    axis = None if run is None else axis_named(core, run.axis)
+    if run is None or axis is None:
+        return None
+    if core.mode == Mode.READY:
+        return _begin_or_leave(core, axis, run, cycle)
+    if core.mode not in SINGLE_AXIS_MODES:
+        return None
+    core.single_axis = run = run.advance(_sample(axis))
+    return _end(core, axis, run) if run.is_over else None
+
+
+def _begin_or_leave(core: Core, axis: Axis, run: SingleAxis, cycle: int) -> Change | None:
+    if run.is_over:
+        core.single_axis = None
+        return Change(Event.BRING_UP_ANEW)
+    if cycle - run.requested_cycle > BEGIN_CYCLES:
+        cancel(core, "the drives and the leg were not ready in time: ask again")
+    elif all(_rests(one) for one in core.axes):
+        core.single_axis = run.enabling()
+        return Change(MODES[run.mode].event, f"{axis.name}: {run.title} begun")
+    return None
+
+
+def _sample(axis: Axis) -> AxisSample:
+    feedback, homing = axis.feedback, HomingState.NOT_STARTED
+    if feedback is not None and feedback.mode_display == OperationMode.HOMING:
+        homing = homing_state(feedback.statusword)
+    return AxisSample(
+        ready=axis.reached_enabled and axis.unready_cycles == 0,
+        homing=homing,
+        position_si=axis.joint.position_si,
+        at_rest=_rests(axis),
+    )
+
+
+def _rests(axis: Axis) -> bool:
+    return axis.joint.fresh and is_at_rest(axis.joint, axis.limits)
+
+
+def _end(core: Core, axis: Axis, run: SingleAxis) -> Change:
+    if run.why:
+        core.report(f"{axis.name}: failed: {run.why}")
+        return Change(Event.EXERCISE_OVER)
+    result = run.result()
+    if result.moved_si is not None:
+        core.evidence[axis.name] = result
+    core.report(f"{axis.name}: {result.text}")
+    return Change(Event.EXERCISE_OVER, homed=axis if result.homed else None)
+
+
+def target_effort_si(core: Core, axis: Axis) -> float:
+    """The effort for an axis during a homing or sign test: 0 for every other axis."""
+    run = moving(core)
+    return run.effort_si if run is not None and run.axis == axis.name else 0.0
