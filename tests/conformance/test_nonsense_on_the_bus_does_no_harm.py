@@ -207,4 +207,4 @@ def test_frames_that_are_nobody_s_change_nothing(warm_walk):
     fuzz.run(3.0)
 
     assert fuzz.stopped_at is None, fuzz.story()
-    assert fuzz.record.mode == Mode.GAIT
+    assert fuzz.session.record.mode == Mode.GAIT

@@ -6,7 +6,14 @@ import msgspec
 import pytest
 
 from daemon.core.modes.guards import GuardInputs
-from daemon.core.modes.table import TRANSITIONS, Event, event_of, refusal
+from daemon.core.modes.table import (
+    NO_RULES,
+    TRANSITIONS,
+    Event,
+    event_of,
+    refusal,
+    rules_of,
+)
 from daemon.ipc.record import Mode, ModeRequest, RequestKind
 
 ALL_WELL = GuardInputs(
@@ -137,6 +144,12 @@ def test_every_event_has_words_of_its_own():
 def test_a_request_asks_for_its_event_whatever_mode_it_names(kind, event):
     for mode in Mode:
         assert event_of(kind, ModeRequest(mode)) is event
+
+
+def test_a_mode_that_the_core_enters_by_itself_has_no_rules():
+    by_itself = [mode for mode in Mode if rules_of(mode) is NO_RULES]
+
+    assert by_itself == [Mode.OFF, Mode.BRINGING_UP, Mode.READY, Mode.STOPPING, Mode.FAULT]
 
 
 def test_one_can_ask_for_hold_for_an_exercise_for_a_preparation_and_for_no_other_mode():
