@@ -26,8 +26,8 @@ def effort_std(leg: Leg) -> tuple[float, float]:
         axis.acceleration_sent_si if axis.torque_sampling is not TorqueSampling.FILTERED else 0.0
         for axis in leg.axes
     ]
-    placed = leg.singularity_ratio > 0 and all(axis.referenced for axis in leg.axes)
-    if not any(acceleration) or not placed:
+    pose_known = leg.singularity_ratio > 0 and all(axis.referenced for axis in leg.axes)
+    if not any(acceleration) or not pose_known:
         return 0.0, 0.0  # no acceleration was sent, or the pose is not known
     pose = np.array([axis.joint.position_si for axis in leg.axes])
     hip_nm, slide_n = mass_matrix(leg.parameters, pose) @ np.array(acceleration)
