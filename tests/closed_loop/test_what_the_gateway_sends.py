@@ -81,7 +81,7 @@ def test_an_enable_that_comes_with_a_stop_is_refused(warm_ready):
     answer = warm_ready.request(RequestKind.ENABLE)
 
     assert answer.outcome == Outcome.REFUSED
-    assert answer.reason == "somebody asked to stop at the same time"
+    assert answer.reason == "a stop was requested at the same time"
     assert warm_ready.record.mode == Mode.READY
 
 

@@ -249,7 +249,7 @@ def reload() -> Seen:
     bring(Mode.READY)
     before = pid(CORE), pid(GATEWAY)
     run("systemctl", "reload", CORE, GATEWAY)
-    said = ("asked to reload: the core", "reloaded: ")
+    said = ("reload requested: the core", "reloaded: ")
     wait(lambda: all(one in journal(GATEWAY) for one in said), "a word of it from each half")
     return {"same_processes": (pid(CORE), pid(GATEWAY)) == before}
 

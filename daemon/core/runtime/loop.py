@@ -60,7 +60,7 @@ SETTLE_CYCLES: Final = 150
 """Longest time at shutdown until the leg is at rest; its pose is checked at the next start."""
 STOP_WITHOUT_FEEDBACK_CYCLES: Final = 50
 RELOAD_REFUSED: Final = (
-    "asked to reload: the core takes nothing new while it runs. With nobody in the machine: "
+    "reload requested: the core changes nothing while it runs. With the machine empty: "
     "systemctl restart gaitd-core"
 )
 """At most EVENT_LENGTH_MAX long. The reason is in docs/running.md."""

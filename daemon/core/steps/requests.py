@@ -41,7 +41,7 @@ def receive(core: Core, command_inputs: CommandInputs, cycle: int) -> Request | 
     if not 0 <= cycle - request.for_cycle <= STALE_REQUEST_CYCLES:
         reason = f"made for cycle {request.for_cycle}, it is {cycle} now"
     if command_inputs.stop and (request.kind == RequestKind.ENABLE or is_of_single_axis(request)):
-        reason = "somebody asked to stop at the same time"
+        reason = "a stop was requested at the same time"
     if not reason and request.kind == RequestKind.MODE:
         reason = exercises.refusal(core, request.mode.mode)
     if not reason and is_of_single_axis(request):

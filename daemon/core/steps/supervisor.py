@@ -94,7 +94,7 @@ def _enter(core: Core, event: Event) -> None:
 
 def _take_request(core: Core, command_inputs: CommandInputs, cycle: int, utc_ns: int) -> None:
     if command_inputs.stop:
-        single_axis.cancel(core, "somebody asked to stop")
+        single_axis.cancel(core, "a stop was requested")
     request = requests.receive(core, command_inputs, cycle)
     if request is not None:
         _execute(core, request, cycle, utc_ns)
@@ -117,7 +117,7 @@ def _execute(core: Core, request: Request, cycle: int, utc_ns: int) -> None:
         step = Step.HOLD if core.single_axis is None else Step.DISABLE
         for axis in core.axes:
             axis.stop = stop_sequence.begin(step, axis.joint, cycle)
-        single_axis.cancel(core, "somebody asked to disable")
+        single_axis.cancel(core, "disabling was requested")
     elif request.kind == RequestKind.RESET:
         _enter(core, Event.RESET)
         persistence.clear_latch(core)

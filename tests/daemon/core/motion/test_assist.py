@@ -81,7 +81,7 @@ def test_what_is_wrong_with_a_setpoint_is_named(changes, desk, refusal):
     ("changes", "said"),
     [
         ({}, ""),
-        ({"lease_held": False}, "nobody holds one"),
+        ({"lease_held": False}, "no client holds one"),
         ({"drives_powered": False}, "not holding yet"),
         ({"guidance": "position"}, "guidance 'position'"),
         ({"mode": Mode.READY}, "not possible in mode ready"),
