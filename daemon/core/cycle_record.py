@@ -51,7 +51,7 @@ def record(core: Core, tick: Tick) -> CycleRecord:
         events=events,
         request=replace(core.result, reason=clipped(core.result.reason)),
         progress=clipped(status.progress(core)),
-        gateway_age_cycles=tick.cycle - core.level_cycle,
+        gateway_age_cycles=tick.cycle - core.gateway_state_cycle,
         stop_count=core.stop_count or 0,
         gait_phase=_phase(core.legs[0]),
         drives=tuple([_drive(axis, age_max) for axis in core.axes]),

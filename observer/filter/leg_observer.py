@@ -236,7 +236,7 @@ class LegObserver:
 
     @property
     def buffers(self) -> tuple[Any, Vector]:
-        """Memory and points after the last cycle, for `smoother.remember`."""
+        """Memory and points after the last cycle, for `smoother.store`."""
         return self._memory, self._points
 
     def warm_up(self) -> None:

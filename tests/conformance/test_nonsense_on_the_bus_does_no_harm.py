@@ -12,7 +12,7 @@ import struct
 from itertools import product
 
 import pytest
-from babbler import Babbler, heartbeat, network, process_data
+from random_frames import Babbler, heartbeat, network, process_data
 from sessions import CONFIGS, elmo_drives, generic_drives, new_session
 
 from daemon.config.drive_plan import drive_limits

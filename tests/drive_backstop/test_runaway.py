@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from rogue import NODES, Rogue
+from rogue_master import NODES, Rogue
 from sessions import changed_configs, elmo_drives, elsewhere, generic_drives, new_session
 
 from daemon.config.bundle import Settings

@@ -43,5 +43,5 @@ def warm_up(built: Built) -> None:
                 unreferenced=False,
                 artificial=False,
             )
-            leg.smoother.take(estimate, load, period_s)
+            leg.smoother.add(estimate, load, period_s)
         leg.strides.warm_up()

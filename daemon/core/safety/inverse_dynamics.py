@@ -26,7 +26,7 @@ ROW = 3
 """Number of samples of both axes in a row that the inverse dynamics need."""
 
 
-class Balance(NamedTuple):
+class InverseDynamics(NamedTuple):
     """The terms of (6) for one leg, about the sample before the newest one."""
 
     samples_in_a_row: int = 0
@@ -50,7 +50,7 @@ class Balance(NamedTuple):
         """True if the terms are of the newest cycle; else they are older."""
         return self.samples_in_a_row >= ROW
 
-    def unexplained(self, axis: int) -> float:
+    def residual(self, axis: int) -> float:
         """Residual of one axis: effort beyond motion, load and friction, N·m or N."""
         explained = self.load[axis] + self.inertia[axis] + self.friction[axis]
         return self.effort[axis] - explained
@@ -63,12 +63,12 @@ class Balance(NamedTuple):
         return self.effort[axis] - self.load[axis] - self.coupled[axis]
 
 
-def follow(
-    before: Balance,
+def evaluate(
+    before: InverseDynamics,
     leg: tuple[float, ...],
     frictions: tuple[tuple[float, ...], tuple[float, ...]],
     joints: tuple[Joint, Joint],
-) -> Balance:
+) -> InverseDynamics:
     """The inverse dynamics after this cycle's samples.
 
     Args:
@@ -98,7 +98,7 @@ def follow(
         (hip.velocity_si - before.velocity[0]) / hip.elapsed_s,
         (slide.velocity_si - before.velocity[1]) / slide.elapsed_s,
     )
-    return Balance(
+    return InverseDynamics(
         samples_in_a_row=count,
         position=position,
         velocity=velocity,

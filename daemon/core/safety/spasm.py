@@ -40,12 +40,12 @@ class SpasmWatch:
         self.cycles = 0
         """Duration of the spasm in cycles; 0: there is none."""
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Reset the detector: there is no usable estimate, or no guided motion."""
         self._lately.clear()
         self.rise_si, self.cycles = 0.0, 0
 
-    def take(
+    def update(
         self,
         effort_si: float,
         speed_si: float,

@@ -44,8 +44,8 @@ def estimate(core: Core, tick: Tick) -> None:
             near_limit=leg.zone.entered,
         )
         _update_drift(core, leg, tick.dt_s)
-        sample = leg.smoother.take(found, leg.effort_used, tick.dt_s)
-        leg.stride = None if sample is None else leg.strides.take(sample)
+        sample = leg.smoother.add(found, leg.effort_used, tick.dt_s)
+        leg.stride = None if sample is None else leg.strides.add(sample)
         leg.stride_count += leg.stride is not None
         bad = Validity.BAD in found.validity
         leg.observer_bad_cycles = leg.observer_bad_cycles + 1 if bad else 0

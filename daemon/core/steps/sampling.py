@@ -24,8 +24,8 @@ def effort_std(leg: Leg) -> tuple[float, float]:
     """Standard deviation of this cycle's efforts about their means over the cycle: N·m, N."""
     hip, slide = leg.axes
     acceleration = _missed_si(hip), _missed_si(slide)
-    placed = leg.singularity_ratio > 0 and hip.referenced and slide.referenced
-    if acceleration == (0.0, 0.0) or not placed:
+    pose_known = leg.singularity_ratio > 0 and hip.referenced and slide.referenced
+    if acceleration == (0.0, 0.0) or not pose_known:
         return 0.0, 0.0  # no acceleration was sent, or the pose is not known
     pose = np.array((hip.joint.position_si, slide.joint.position_si))
     hip_nm, slide_n = mass_matrix(leg.parameters, pose) @ np.array(acceleration)
