@@ -11,7 +11,6 @@ from sessions import (
 )
 from stopping_faults import FAULTS
 
-from daemon.core import cycle
 from daemon.core.steps import monitors
 from daemon.ipc.record import Cause, Mode
 from observer.filter.status import Status, Validity
@@ -170,7 +169,7 @@ def blind(session, monkeypatch):
     leg = session.core.legs[0]
     constant = plausible(leg.observer.step((0.24, 0.59), (0.0, 0.0), 0.01))
     monkeypatch.setattr(type(leg.observer), "step", lambda *_, **__: constant)
-    monkeypatch.setattr(cycle, "look_back", lambda *_: None)
+    monkeypatch.setattr(type(leg.smoother), "add", lambda *_: None)
     return session
 
 

@@ -313,7 +313,7 @@ def test_a_full_disk_is_said_once_and_counted_and_said_when_it_is_well_again(roo
 
     assert [(one.what, one.reason) for one in said] == [("black box", "No space left on device")]
     assert room.disk.failed_count == 2
-    assert [one.reason for one in room.disk.troubles()] == [""]
+    assert [one.reason for one in room.disk.errors()] == [""]
     assert len(room.files()) == 1
     assert [path.suffix for path in room.folder.iterdir()] == [".ring"]
 

@@ -269,7 +269,7 @@ def test_a_disk_that_is_full_loses_nothing_when_it_has_room_again(book):
             book.ask("enable", b'{"client": "display"}')
             book.turn()
             book.disk.settle()
-        assert [one.what for one in book.disk.troubles()] == ["request log"]
+        assert [one.what for one in book.disk.errors()] == ["request log"]
         # Not more often than once a second.
         assert book.disk.failed_count == 1
     book.turn(2000)

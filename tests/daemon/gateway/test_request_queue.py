@@ -137,7 +137,7 @@ def test_the_level_carries_the_lease_and_the_newest_setpoint_of_each_leg(desk):
     level = desk.gateway_state(setpoints, 7)
 
     assert (level.setpoints, level.lease) == (setpoints, 7)
-    assert (desk.level().setpoints, desk.level().lease) == ((), 0)
+    assert (desk.gateway_state().setpoints, desk.gateway_state().lease) == ((), 0)
 
 
 STEPS = st.lists(
