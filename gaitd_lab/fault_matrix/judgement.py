@@ -17,9 +17,9 @@ from typing import Final
 
 from daemon.ipc.record import Cause, Mode, StopCategory
 from gaitd_lab.fault_matrix.cell import Found
-from gaitd_lab.fault_matrix.exceptions import law
 from gaitd_lab.fault_matrix.expected import DETECTION_CYCLES, Law, Resting
 from gaitd_lab.fault_matrix.modes import COLUMNS, Group
+from gaitd_lab.fault_matrix.pairs import law_of
 
 STOP_HIP_DEG: Final = 8.9
 """plant.toml's stop is 3 deg behind the limit. Its spring k is deflected by a patient's weight with
@@ -42,7 +42,7 @@ RESTING_MODES: Final = {
 
 def broken(found: Found) -> list[str]:
     """Return the laws that a cell violates; none for a good cell."""
-    right = law(found.fault, found.mode, found.axis)
+    right = law_of(found.cell, found.exit_code)
     column = COLUMNS[found.mode]
     said = [*_process(found, right), *_enabling(found)]
     if column.mode in {Mode.STOPPING, Mode.FAULT}:
@@ -85,7 +85,7 @@ def _causes(found: Found, right: Law) -> Iterator[str]:
 def _stays_stopped(found: Found, right: Law) -> Iterator[str]:
     """Check a machine already stopped: it stays so, and a new cause is an expected one."""
     ended = right.exit_code is not None
-    if found.final_mode != Mode.FAULT.name and not ended:
+    if found.final_mode != Mode.FAULT.name and not ended and not _is_let_go(found):
         yield f"in mode {found.final_mode}, right is FAULT"
     allowed = {one.name for one in right.causes | right.later} | {
         Cause.STOP_REQUESTED.name,
@@ -135,9 +135,9 @@ def _stopping(found: Found, right: Law) -> Iterator[str]:
 
 def _reaction(found: Found, right: Law) -> Iterator[str]:
     if right.by_drives:
-        if found.left_cycles is None or found.left_cycles > DETECTION_CYCLES:
-            seen = found.left_cycles
-            yield f"the drives stopped after {seen} cycles, right is {DETECTION_CYCLES:g}"
+        most, seen = DETECTION_CYCLES + right.delay_cycles, found.left_cycles
+        if seen is None or seen > most:
+            yield f"the drives stopped after {seen} cycles, right is {most:g}"
         return
     if found.told_cycles is None:
         yield "no frame told both drives to stop"
@@ -148,8 +148,7 @@ def _reaction(found: Found, right: Law) -> Iterator[str]:
 def _place(found: Found, right: Law) -> Iterator[str]:
     ended = right.exit_code is not None
     without_power = found.category == StopCategory.S0.name
-    let_go = without_power and found.final_mode == Mode.STOPPING.name  # FAULT comes after 3 s
-    if found.final_mode != Mode.FAULT.name and not ended and not let_go:
+    if found.final_mode != Mode.FAULT.name and not ended and not _is_let_go(found):
         yield f"in mode {found.final_mode} at the end, right is FAULT"
     led = COLUMNS[found.mode].mode == Mode.HAND_GUIDING
     held = not without_power and not led
@@ -166,6 +165,11 @@ def _place(found: Found, right: Law) -> Iterator[str]:
             f"the slide was {found.beyond_slide_mm:g} mm beyond its limit,"
             f" {STOP_SLIDE_MM:g} is its stop"
         )
+
+
+def _is_let_go(found: Found) -> bool:
+    """True if the leg still moves without power: FAULT comes after 3 s."""
+    return found.category == StopCategory.S0.name and found.final_mode == Mode.STOPPING.name
 
 
 def _names(names: set[str]) -> str:
