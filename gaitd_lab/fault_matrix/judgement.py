@@ -127,7 +127,7 @@ def _stopping(found: Found, right: Law) -> Iterator[str]:
     if found.category not in {one.name for one in right.categories}:
         categories = {one.name for one in right.categories}
         yield f"category {found.category}, right is {_names(categories)}"
-    if not found.together:
+    if not (found.together or right.may_part):
         yield "the axes were not told to stop between the same two SYNCs"
     yield from _reaction(found, right)
     yield from _place(found, right)
@@ -155,12 +155,12 @@ def _place(found: Found, right: Law) -> Iterator[str]:
     stopped = min((one for one in (found.told_cycles, found.left_cycles) if one), default=0.0)
     if held and (found.rest_cycles is None or found.rest_cycles - stopped > REST_CYCLES):
         yield f"at rest after {found.rest_cycles} cycles, right is {REST_CYCLES:g}"
-    if found.beyond_hip_deg > STOP_HIP_DEG:
+    if found.beyond_hip_deg > STOP_HIP_DEG * right.beyond_ratio:
         yield (
             f"the hip was {found.beyond_hip_deg:g} deg beyond its limit,"
             f" {STOP_HIP_DEG:g} is its stop"
         )
-    if found.beyond_slide_mm > STOP_SLIDE_MM:
+    if found.beyond_slide_mm > STOP_SLIDE_MM * right.beyond_ratio:
         yield (
             f"the slide was {found.beyond_slide_mm:g} mm beyond its limit,"
             f" {STOP_SLIDE_MM:g} is its stop"

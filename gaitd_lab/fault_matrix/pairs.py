@@ -52,6 +52,8 @@ CONSEQUENCES: Final = frozenset(
     {Cause.STOP_NOT_OBEYED, Cause.DRIVE_FAULT, Cause.EMERGENCY, Cause.DRIVE_LEFT_ENABLED, *LOST}
 )
 """Causes that a second fault may add to the stop of the first one."""
+BEYOND_RATIO: Final = 1.2
+"""For a joint that a patient pushes into its stop while its drive has lost its power."""
 SLACK_CYCLES: Final = 6.0
 """Time by which a second fault may delay the detection of the first: it may take its samples."""
 
@@ -169,6 +171,8 @@ def both(laws: tuple[Law, Law], mode: str, offset_cycles: int, exit_code: int | 
         ),
         by_drives=any(one.by_drives for one in laws),
         delay_cycles=float(offset_cycles),
+        may_part=any(one.by_drives for one in laws),
+        beyond_ratio=BEYOND_RATIO,
         may_go_on=all(one.may_go_on for one in stopping),
         resting=Resting.UNTOUCHED if untouched else Resting.EITHER,
         ends_in=ends_in | COLUMNS[mode].goes_to if ends_in else ends_in,

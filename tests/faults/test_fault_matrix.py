@@ -133,6 +133,20 @@ def test_a_pair_must_stop_if_one_of_its_faults_must_and_may_end_with_the_code_of
         pairs.fault_named("silent+nothing_known@1")
 
 
+def test_an_alarm_during_a_delay_of_the_core_is_a_quick_stop_and_not_at_once_one_not_obeyed(
+    warm_process,
+):
+    late = [
+        Cell(f"overrun_6{relation}emcy_1xxx_told@2", "hold", axis)
+        for relation in (pairs.SAME, pairs.OTHER)
+        for axis in AXES
+    ]
+
+    for one in play_part(DEMO, late, SEED):
+        assert one.category == "S1"
+        assert "STOP_NOT_OBEYED" not in one.causes
+
+
 def test_a_cell_alone_is_played_bit_for_bit_as_among_others(warm_process):
     cell = Cell("hand_switch", "hold", "right/slide")
 
